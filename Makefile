@@ -1,0 +1,73 @@
+# armgate: every command of the house. `make` lists them.
+
+PYTHON ?= python3
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
+PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help install demo test lint coverage clean
+
+help:  ## list the commands
+	@echo "armgate: a gate between experimental controllers and robot arms"
+	@echo
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo
+	@echo "ARGS are handed on:  make demo ARGS=\"--duration 10\"   make test ARGS=\"tests/protocol -x\""
+	@echo "PYTHON names the interpreter (3.11 or newer):  make install PYTHON=python3.12"
+
+install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the cell's libraries and the plots
+	@echo "armgate: installed; try $(BIN)/armgate --help"
+
+demo: $(VENV)/.installed  ## run the demo: daemon, leader and follower, about a minute
+	@$(BIN)/armgate demo $(ARGS)
+
+test: $(VENV)/.tested  ## run the tests
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.linted  ## check style, types and who imports whom
+	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \
+		echo "$$f: remove it; armgate is a namespace, and this file hides the other portions" >&2; exit 1; fi; done
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo
+
+coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
+	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)
+
+clean:  ## remove .venv, caches and build products (runs/ stays)
+	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* coverage.xml
+	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	find $(PORTIONS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A stamp says that a step was finished, so an interrupted one is done again.
+
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "armgate needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." >&2; \
+		echo "Name another one: make install PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "armgate needs Python's venv with pip, which '$(PYTHON)' lacks." >&2; \
+		echo "On Debian or Ubuntu: sudo apt-get install python3-venv" >&2; exit 1; }
+	@$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.made pyproject.toml
+	@echo "armgate: installing into $(VENV) (the first time takes a minute or two)"
+	@$(PIP) install --editable ".[cell,plots]"
+	@touch $@
+
+$(VENV)/.tested: $(VENV)/.installed
+	@echo "armgate: installing what the tests need"
+	@$(PIP) install --editable ".[cell,plots,test]"
+	@touch $@
+
+$(VENV)/.linted: $(VENV)/.installed
+	@echo "armgate: installing the linters"
+	@$(PIP) install --editable ".[cell,plots,lint]"
+	@touch $@
