@@ -1,0 +1,62 @@
+"""A wheel holds what the folders hold: all four portions, their data files, the licence and the commands."""
+
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("protocol", "sim", "server", "client")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    out = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out)]
+    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = out.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def source_files(folder: str) -> set[str]:
+    files = (path for path in (ROOT / folder / "armgate").rglob("*") if path.is_file())
+    return {path.relative_to(ROOT / folder).as_posix() for path in files if "__pycache__" not in path.parts}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_every_file_of_a_portion_is_in_the_wheel(wheel: zipfile.ZipFile, folder: str) -> None:
+    files = source_files(folder)
+    assert any(name.endswith(".py") for name in files)
+    assert files - set(wheel.namelist()) == set()
+
+
+def test_the_wheel_holds_nothing_else(wheel: zipfile.ZipFile) -> None:
+    ours = set().union(*map(source_files, FOLDERS))
+    others = {name for name in wheel.namelist() if ".dist-info/" not in name} - ours
+    assert others == set()
+
+
+def test_the_wheel_carries_licence_and_commands(wheel: zipfile.ZipFile) -> None:
+    info = f"armgate-{PROJECT['version']}.dist-info"
+    assert "Apache License" in wheel.read(f"{info}/licenses/LICENSE").decode()
+    points = wheel.read(f"{info}/entry_points.txt").decode()
+    for name, target in PROJECT["entry-points"]["armgate.commands"].items():
+        assert f"{name} = {target}" in points
+
+
+def test_the_wheel_imports_without_the_sources(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    wheel.extractall(tmp_path)
+    # An editable install keeps the sources on the path: they would stand in for what the wheel lacks.
+    path = f"sys.path = [{str(tmp_path)!r}, *(p for p in sys.path if not p.startswith({str(ROOT)!r}))]"
+    modules = "armgate.protocol, armgate.client, armgate.cell.config, armgate.daemon, armgate.apps.cli"
+    script = f"import sys; {path}; import {modules}; print(armgate.protocol.__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
