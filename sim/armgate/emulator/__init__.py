@@ -1,0 +1,6 @@
+"""What stands in for hardware: the emulated robot and the clocks that make it tick."""
+
+from armgate.emulator.clock import Instant, Lateness, VirtualClock, WallClock
+from armgate.emulator.robot import EmulatedRobot
+
+__all__ = ["EmulatedRobot", "Instant", "Lateness", "VirtualClock", "WallClock"]

@@ -1,0 +1,66 @@
+"""The link to an emulated robot, in the daemon's own process."""
+
+from collections.abc import Sequence
+
+from armgate.cell.events import Joints, Plan, PlanAnswer, Rebase, Tick
+from armgate.emulator import EmulatedRobot
+from armgate.links.player import PlanPlayer
+
+
+class EmulatedLink:
+    """Plays plans to an `EmulatedRobot`; a `ClockedLink`.
+
+    At a tick the robot has followed the setpoint of the tick before for one period; that is what it measures.
+    Then the increment of this tick moves the setpoint.
+
+    Args:
+        robot: The robot's name.
+        start: The daemon's start id.
+        q0: Position and setpoint at tick 0, rad or m per joint.
+        period: Time between two ticks, s.
+        lag: Time constant with which the robot follows, s.
+    """
+
+    def __init__(self, robot: str, start: str, q0: Sequence[float], period: float, lag: float) -> None:
+        self._name = robot
+        self._player = PlanPlayer(robot, start)
+        self._robot = EmulatedRobot(q0, period, lag)
+        self._setpoint: Joints = self._robot.q
+        self._rest: Joints = (0.0,) * len(self._setpoint)
+
+    @property
+    def robot(self) -> str:
+        """The robot's name."""
+        return self._name
+
+    @property
+    def remaining(self) -> int:
+        """How many increments are still to be played if nothing else comes; 0 at rest."""
+        return self._player.remaining
+
+    def offer(self, plan: Plan) -> PlanAnswer:
+        """Replace the held plan by compare-and-swap (see `PlanPlayer.offer`)."""
+        return self._player.offer(plan)
+
+    def rebase(self, rebase: Rebase) -> None:
+        """Drop the plan and take ``rebase.setpoint`` as the commanded position."""
+        self._player.rebase(rebase.resets)
+        self._setpoint = rebase.setpoint
+
+    def advance(self, time: float) -> Tick:
+        """Let the robot tick once at daemon time ``time``, s."""
+        first = self._player.tick < 0
+        q = self._robot.q if first else self._robot.step(self._setpoint)
+        played = self._player.play()
+        increment = self._rest if played.increment is None else played.increment
+        self._setpoint = tuple(s + d for s, d in zip(self._setpoint, increment, strict=True))
+        return Tick(
+            robot=self._name,
+            tick=self._player.tick,
+            time=time,
+            q=q,
+            setpoint=self._setpoint,
+            increment=increment,
+            plan=played.key,
+            index=played.index,
+        )

@@ -1,0 +1,105 @@
+"""Plays plans: the part of a link that decides which increment the robot takes at a tick.
+
+A plan replaces the held one by compare-and-swap and comes into force at exactly one tick. Whatever is lost or
+comes too late, the held plan runs out, and every plan ends at rest.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from armgate.cell.events import Joints, Plan, PlanAnswer, PlanKey
+
+_REMEMBERED = 64
+"""Answers kept for plans that are sent again; a repetition is never older than some ticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What was played at a tick: the increment (None at rest), its plan, its index there."""
+
+    increment: Joints | None = None
+    key: PlanKey | None = None
+    index: int = -1
+
+
+class PlanPlayer:
+    """Holds the plan of one robot and counts its ticks.
+
+    Args:
+        robot: The robot's name.
+        start: The daemon's start id; a plan of another start is none of ours.
+    """
+
+    def __init__(self, robot: str, start: str) -> None:
+        self._robot = robot
+        self._start = start
+        self._resets = 0
+        self._tick = -1
+        self._held: Plan | None = None
+        self._next: Plan | None = None
+        self._last = Played()
+        self._answers: OrderedDict[Plan, PlanAnswer] = OrderedDict()
+
+    @property
+    def tick(self) -> int:
+        """Number of the last tick, -1 before the first."""
+        return self._tick
+
+    @property
+    def remaining(self) -> int:
+        """How many increments are still to be played if nothing else comes."""
+        if self._next is not None:
+            return len(self._next.increments)
+        return 0 if self._held is None else len(self._held.increments) - 1 - self._last.index
+
+    def offer(self, plan: Plan) -> PlanAnswer:
+        """Take ``plan`` over for the next tick if it was made for what is played now.
+
+        Returns:
+            Accepted, or why not: ``mismatch`` (another daemon start, reset count or last increment played, or
+            the tick is already taken by another plan), ``late`` (its tick has passed), ``early`` (its tick is
+            not the next one). The same plan again gets the same answer and changes nothing.
+        """
+        known = self._answers.get(plan)
+        if known is not None:
+            return known
+        reason = self._objection(plan.key)
+        if not reason:
+            self._next = plan
+        return self._remember(plan, PlanAnswer(self._robot, plan.key, not reason, reason))
+
+    def play(self) -> Played:
+        """Go to the next tick and play what is due there; nothing once the plan has run out."""
+        self._tick += 1
+        if self._next is not None:
+            self._held, self._next, index = self._next, None, 0
+        else:
+            index = self._last.index + 1
+        if self._held is None or index >= len(self._held.increments):
+            self._held, self._last = None, Played()
+        else:
+            self._last = Played(self._held.increments[index], self._held.key, index)
+        return self._last
+
+    def rebase(self, resets: int) -> None:
+        """Drop the plan and what waits; plans made before are refused from now on."""
+        self._resets = resets
+        self._held = self._next = None
+        self._last = Played()
+
+    def _objection(self, key: PlanKey) -> str:
+        if key.start != self._start or key.resets != self._resets:
+            return "mismatch"
+        if key.target <= self._tick:
+            return "late"
+        if key.target > self._tick + 1:
+            return "early"
+        if key.last_played != self._last.index or self._next is not None:
+            return "mismatch"
+        return ""
+
+    def _remember(self, plan: Plan, answer: PlanAnswer) -> PlanAnswer:
+        self._answers[plan] = answer
+        if len(self._answers) > _REMEMBERED:
+            self._answers.popitem(last=False)
+        return answer

@@ -1,0 +1,44 @@
+"""A kinematic robot that follows its setpoint with a first-order lag."""
+
+import math
+from collections.abc import Sequence
+
+from armgate.cell.events import Joints
+
+
+class EmulatedRobot:
+    """What stands in for an arm and its drives: the measured position runs after the setpoint.
+
+    Between two cycles the setpoint is held, so the lag has an exact solution (no integration step):
+
+        q(k+1) = q(k) + (1 − exp(−T/τ)) · (setpoint(k) − q(k)),    τ = 0: q(k+1) = setpoint(k)
+
+    Args:
+        q0: Position at the first cycle, rad or m per joint.
+        period: T, the time between two cycles, s.
+        lag: τ, the time constant, s; 0 for a robot that follows at once.
+
+    Raises:
+        ValueError: If the period is not positive or the lag is negative.
+    """
+
+    def __init__(self, q0: Sequence[float], period: float, lag: float) -> None:
+        if not period > 0.0:
+            raise ValueError(f"period {period}: expected a time above 0 s")
+        if not (lag >= 0.0 and math.isfinite(lag)):
+            raise ValueError(f"lag {lag}: expected a time of 0 s or more")
+        self._q: Joints = tuple(q0)
+        self._gain = 1.0 if lag == 0.0 else -math.expm1(-period / lag)
+
+    @property
+    def q(self) -> Joints:
+        """The measured position at the present cycle."""
+        return self._q
+
+    def step(self, setpoint: Joints) -> Joints:
+        """Let one period pass with ``setpoint`` held; return the position at its end."""
+        if self._gain == 1.0:
+            self._q = setpoint
+        else:
+            self._q = tuple(q + self._gain * (s - q) for q, s in zip(self._q, setpoint, strict=True))
+        return self._q
