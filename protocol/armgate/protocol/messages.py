@@ -1,8 +1,8 @@
 """The messages of protocol version 1: the one place where their form is written.
 
-A message is a msgpack map with a ``type`` and the fields of one model below. Models are strict: a text is not a
-number, a bool is not a number, an int is accepted where a float is meant. Unknown keys are ignored. Every list,
-text and map is bounded. SPEC.md, the vectors and the JSON Schema are drawn from here.
+A message is a msgpack map with a ``type`` and the fields of one model below. Models are strict: a text is
+not a number, a bool is not a number, an int is accepted where a float is meant. Unknown keys are ignored.
+Every list, text and map is bounded. SPEC.md, the vectors and the JSON Schema are drawn from here.
 
 Units: rad and m for joints (by the joint's type), m for points, s for times. Points and placements of the
 surroundings are in the world frame; a quaternion is x, y, z, w.
@@ -124,7 +124,7 @@ class Pass(Message):
 
 
 class Subscribe(Request):
-    """Asks for the state: at every n-th tick of the named robots (None: all), with these fields (None: all)."""
+    """Asks for the state: at every n-th tick of these robots, with these fields (None: all)."""
 
     type: Literal["subscribe"] = "subscribe"
     every: Annotated[int, Field(ge=0, le=10_000)] = 1
@@ -443,7 +443,8 @@ CLIENT_MESSAGES: tuple[type[Message], ...] = (
     Hello, Describe, Asset, Acquire, Release, Command, Pass, Subscribe, Signal, Stop, Reset, Ping, Bye,
 )  # fmt: skip
 SERVER_MESSAGES: tuple[type[Message], ...] = (
-    Welcome, Description, Chunk, Lease, Verdict, State, Subscribed, Signaled, Stopped, Resumed, Pong, Error, Bye,
+    Welcome, Description, Chunk, Lease, Verdict, State, Subscribed,
+    Signaled, Stopped, Resumed, Pong, Error, Bye,
 )  # fmt: skip
 
 

@@ -1,0 +1,187 @@
+"""Messages to bytes and back.
+
+``encode(message) -> frame`` and ``decode(payload, catalogue) -> message``; ``unpack`` is the bounded msgpack
+reader alone. What stands on the wire is what was set: ``encode`` writes ``type`` and the fields given to the
+model, also those given as None, and leaves out all others. So an entry's ``holder: nil`` (nobody) differs
+from no ``holder`` at all (not subscribed), see ``model_fields_set``.
+
+Sizes are bounded where bytes enter: ``MAX_DEPTH`` of nesting, ``MAX_MAP`` keys, ``MAX_ARRAY`` items (server
+to client) or ``MAX_ARRAY_INBOUND`` (client to server), ``MAX_STR`` bytes of text, ``MAX_CHUNK`` bytes of
+binary data.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgpack
+from pydantic import ValidationError
+
+from armgate.protocol.errors import ErrorCode, LocalProtocolError, RemoteProtocolError, as_name
+from armgate.protocol.framing import OUTBOUND_LIMIT, frame
+from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message
+
+MAX_DEPTH = 8
+MAX_MAP = 128
+MAX_ARRAY = MAX_BODIES
+MAX_ARRAY_INBOUND = 256
+MAX_STR = 4096
+_SHOWN = 40
+_CONTAINERS = frozenset((tuple, dict))
+_SECRET = "token"  # noqa: S105 (the name of the field)
+
+
+def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
+    """The frame of ``message``.
+
+    Raises:
+        LocalProtocolError: A value has no form on the wire, or the frame would be beyond ``limit``.
+    """
+    about = message.type
+    try:
+        fields = message.model_dump(exclude_unset=True, warnings=False)
+        payload: bytes = msgpack.packb({"type": about, **fields})
+    except (TypeError, ValueError, OverflowError) as error:
+        text = f"{about}: cannot be encoded: {error}"
+        raise LocalProtocolError(ErrorCode.INVALID_MESSAGE, text, about=about) from error
+    if len(payload) > limit:
+        text = f"{about}: {len(payload)} bytes; the peer accepts at most {limit}"
+        raise LocalProtocolError(ErrorCode.FRAME_TOO_LARGE, text, about=about)
+    return frame(payload)
+
+
+def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: int = MAX_ARRAY) -> Message:
+    """The message in ``payload``.
+
+    Args:
+        payload: What a frame held.
+        catalogue: The models by ``type`` that the sender may use (``Catalogue.client`` or ``.server``).
+        max_array: The longest array accepted.
+
+    Raises:
+        RemoteProtocolError: Fatal if the payload is not a well-formed map within the bounds; not fatal if the
+            type is unknown or the fields do not validate.
+    """
+    fields = unpack(payload, max_array)
+    kind = fields.get("type")
+    if not isinstance(kind, str):
+        text = f"type: expected a text, got {_shown(kind)}"
+        raise RemoteProtocolError(ErrorCode.INVALID_MESSAGE, text, re=_count(fields.get("id"), 31))
+    model = catalogue.get(kind)
+    if model is None:
+        known = ", ".join(catalogue)
+        text = f"no message of type {_cut(kind)} here; known: {known}"
+        raise RemoteProtocolError(
+            ErrorCode.UNKNOWN_TYPE, text, about=as_name(kind), re=_count(fields.get("id"), 31)
+        )
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        raise _invalid(kind, fields, error) from None
+
+
+def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
+    """The map in ``payload``, its arrays as tuples.
+
+    Raises:
+        RemoteProtocolError: Fatal: not msgpack, not one map, beyond a bound, a key twice or not a text, an
+            extension type, text that is not UTF-8.
+    """
+    try:
+        value = msgpack.unpackb(
+            payload,
+            raw=False,
+            use_list=False,
+            strict_map_key=True,
+            object_pairs_hook=_unique,
+            ext_hook=_no_extension,
+            max_str_len=MAX_STR,
+            max_bin_len=MAX_CHUNK,
+            max_array_len=max_array,
+            max_map_len=MAX_MAP,
+            max_ext_len=0,
+        )
+    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+        raise _malformed(
+            f"not within the bounds of msgpack here: {str(error) or type(error).__name__}"
+        ) from None
+    if not isinstance(value, dict):
+        raise _malformed(f"expected a map, got {_kind(value)}")
+    _check_depth(value)
+    return value
+
+
+def _malformed(text: str) -> RemoteProtocolError:
+    return RemoteProtocolError(ErrorCode.MALFORMED, text[:200])
+
+
+def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a key stands twice in one map")
+    if found and set(map(type, found)) != {str}:
+        raise ValueError("a key is not a text")
+    return found
+
+
+def _no_extension(code: int, data: bytes) -> object:
+    raise ValueError(f"extension type {code} is not accepted")
+
+
+def _check_depth(value: dict[str, Any]) -> None:
+    # Level by level: most items are numbers, and this is the cheapest way past them.
+    level: list[Any] = [value]
+    for _ in range(MAX_DEPTH):
+        level = [item for part in level for item in _items(part) if type(item) in _CONTAINERS]
+        if not level:
+            return
+    raise _malformed(f"nested deeper than {MAX_DEPTH}")
+
+
+def _items(part: Any) -> Iterable[Any]:
+    return part.values() if type(part) is dict else part
+
+
+def _invalid(kind: str, fields: dict[str, Any], error: ValidationError) -> RemoteProtocolError:
+    problems = error.errors(include_url=False, include_context=False)
+    first = problems[0]
+    where = kind + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in first["loc"])
+    text = f"{where}: {first['msg'][:160]}"
+    if first["type"] != "missing":
+        text += f"; got {_kind(first['input']) if _SECRET in first['loc'] else _shown(first['input'])}"
+    if len(problems) > 1:
+        text += f" (and {len(problems) - 1} more)"
+    seq = _count(fields.get("seq"), 63) if kind == "command" else None
+    return RemoteProtocolError(
+        ErrorCode.INVALID_MESSAGE, text, about=kind, seq=seq, re=_count(fields.get("id"), 31)
+    )
+
+
+def _count(value: object, bits: int) -> int | None:
+    return value if type(value) is int and 0 <= value < 2**bits else None
+
+
+_KINDS = {
+    bool: "a bool",
+    int: "an integer",
+    float: "a number",
+    str: "a text",
+    bytes: "binary data",
+    tuple: "an array",
+    dict: "a map",
+}
+
+
+def _kind(value: object) -> str:
+    return "nil" if value is None else _KINDS.get(type(value), type(value).__name__)
+
+
+def _shown(value: object) -> str:
+    # Only scalars are shown: a map or an array may hold anything, also secrets.
+    if value is None or isinstance(value, (tuple, dict, bytes)):
+        return _kind(value)
+    return f"{_kind(value)} {_cut(value)}"
+
+
+def _cut(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "…"

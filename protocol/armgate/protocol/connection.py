@@ -1,0 +1,232 @@
+"""One connection's conversation, without I/O, for either side.
+
+Who speaks when is one table, ``TRANSITIONS``: (state, sender, event) → state, where an event is a message's
+type, and a fatal error counts as ``fatal``. The table does not know which side it runs on.
+
+Use, on both sides::
+
+    connection = Connection(Side.SERVER)
+    for item in connection.receive(data):        # messages and refusals, in order
+        if isinstance(item, Refusal):
+            write(connection.send(item.error))   # (server) tells the peer; close after a fatal one
+        else: ...
+    write(connection.send(message))
+    connection.receive_eof()
+
+On the client side a refusal is not sent: there is no error message from client to server.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from armgate.protocol import versions as v
+from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode
+from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
+from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
+from armgate.protocol.messages import (
+    CLIENT_MESSAGES,
+    SERVER_MESSAGES,
+    Catalogue,
+    Error,
+    Hello,
+    Message,
+    Welcome,
+)
+
+
+class Side(Enum):
+    """Which end of the connection."""
+
+    CLIENT = "client"
+    SERVER = "server"
+
+    @property
+    def other(self) -> "Side":
+        """The peer's side."""
+        return Side.SERVER if self is Side.CLIENT else Side.CLIENT
+
+
+class ConnectionState(Enum):
+    """Where the conversation is."""
+
+    AWAIT_HELLO = "await_hello"
+    AWAIT_WELCOME = "await_welcome"
+    READY = "ready"
+    CLIENT_LEAVING = "client_leaving"
+    """The client said bye; what the server still sends is read until it closes."""
+    SERVER_LEAVING = "server_leaving"
+    """The server said bye; what the client had already sent may still arrive."""
+    FAILED = "failed"
+    """A fatal fault was found in what the peer sent: nothing more is read, the fatal error may be sent."""
+    CLOSED = "closed"
+
+
+_State = ConnectionState
+Key = tuple[ConnectionState, Side, str]
+
+
+def _types(messages: Iterable[type[Message]], *left_out: str) -> list[str]:
+    return [name for m in messages if (name := m.model_fields["type"].default) not in left_out]
+
+
+def _table() -> dict[Key, ConnectionState]:
+    client, server = Side.CLIENT, Side.SERVER
+    from_client = _types(CLIENT_MESSAGES, "hello", "bye")
+    from_server = _types(SERVER_MESSAGES, "welcome", "bye")
+    table: dict[Key, ConnectionState] = {
+        (_State.AWAIT_HELLO, client, "hello"): _State.AWAIT_WELCOME,
+        (_State.AWAIT_WELCOME, server, "welcome"): _State.READY,
+        (_State.FAILED, client, "bye"): _State.CLOSED,
+        (_State.FAILED, server, "fatal"): _State.CLOSED,
+    }
+    for state in (_State.AWAIT_HELLO, _State.AWAIT_WELCOME, _State.READY):
+        table[state, client, "bye"] = _State.CLIENT_LEAVING
+        table[state, server, "bye"] = _State.SERVER_LEAVING
+        table[state, server, "fatal"] = _State.CLOSED
+    for state in (_State.READY, _State.SERVER_LEAVING):
+        table |= {(state, client, kind): state for kind in from_client}
+    for state in (_State.READY, _State.CLIENT_LEAVING):
+        table |= {(state, server, kind): state for kind in from_server}
+    table[_State.CLIENT_LEAVING, server, "fatal"] = _State.CLOSED
+    table[_State.CLIENT_LEAVING, server, "bye"] = _State.CLOSED
+    table[_State.SERVER_LEAVING, client, "bye"] = _State.CLOSED
+    return table
+
+
+TRANSITIONS: dict[Key, ConnectionState] = _table()
+"""All that may be said: what is not in here may not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Something that the peer sent and that is of no effect; ``error`` is what it is told."""
+
+    error: Error
+
+    @property
+    def fatal(self) -> bool:
+        """Whether nothing more is read from this connection."""
+        return self.error.fatal
+
+
+class Connection:
+    """The conversation over one stream of bytes.
+
+    Attributes:
+        role: The side that this object plays.
+        state: Where the conversation is.
+        version: The version spoken, None before it is known (server: hello, client: welcome).
+        hello: The hello sent or received, None before.
+    """
+
+    def __init__(self, role: Side, versions: tuple[int, ...] = v.VERSIONS) -> None:
+        self.role = role
+        self.versions = versions
+        self.state = ConnectionState.AWAIT_HELLO
+        self.version: int | None = None
+        self.hello: Hello | None = None
+        server = role is Side.SERVER
+        self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
+        self._catalogue = Catalogue.client if server else Catalogue.server
+        self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
+
+    def receive(self, data: bytes) -> list[Message | Refusal]:
+        """Takes bytes from the peer and returns what they complete, in order.
+
+        After a fatal refusal, and once closed, nothing more is read: later bytes are dropped. The caller
+        owes the peer ``send(refusal.error)`` for each refusal (server side), and must close after a fatal
+        one.
+        """
+        found: list[Message | Refusal] = []
+        if self._deaf:
+            return found
+        self._decoder.push(data)
+        while not self._deaf:
+            try:
+                payload = self._decoder.pop()
+                if payload is None:
+                    break
+                found.append(self._accept(payload))
+            except ProtocolError as error:
+                found.append(self._refuse(error))
+        return found
+
+    def receive_eof(self) -> list[Message | Refusal]:
+        """The peer sends no more: the connection is closed; a frame that was cut off is a refusal."""
+        cut = self._decoder.buffered and not self._deaf
+        self.state = ConnectionState.CLOSED
+        if not cut:
+            return []
+        text = f"the stream ended after {self._decoder.buffered} bytes of a frame"
+        return [Refusal(RemoteProtocolError(ErrorCode.TRUNCATED, text).message())]
+
+    def send(self, message: Message, frame: bytes | None = None) -> bytes:
+        """The bytes of ``message``, to be written in this order.
+
+        Args:
+            message: What to say.
+            frame: Its frame where it is known already (one state to many observers); it is not encoded again.
+
+        Raises:
+            LocalProtocolError: It may not be said now, or has no form within the limit; nothing has changed.
+        """
+        following = TRANSITIONS.get((self.state, self.role, _event(message)))
+        if following is None:
+            text = f"{message.type}: the {self.role.value} may not send this in state {self.state.value}"
+            raise LocalProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
+        if frame is None:
+            frame = encode(message, self._outgoing_limit)
+        self._note(message, following)
+        return frame
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more can be said or read."""
+        return self.state is ConnectionState.CLOSED
+
+    @property
+    def _deaf(self) -> bool:
+        return self.state in (ConnectionState.FAILED, ConnectionState.CLOSED)
+
+    @property
+    def _outgoing_limit(self) -> int:
+        if self.role is Side.SERVER:
+            return OUTBOUND_LIMIT
+        return HANDSHAKE_LIMIT if self.state is ConnectionState.AWAIT_HELLO else INBOUND_LIMIT
+
+    def _accept(self, payload: bytes) -> Message:
+        message = decode(payload, self._catalogue, self._max_array)
+        following = TRANSITIONS.get((self.state, self.role.other, _event(message)))
+        if following is None:
+            text = f"{message.type}: not allowed from the {self.role.other.value} in state {self.state.value}"
+            raise RemoteProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
+        self._agree(message)
+        self._note(message, following)
+        return message
+
+    def _agree(self, message: Message) -> None:
+        if isinstance(message, Hello):
+            self.version = v.choose(self.versions, message.versions)
+        elif isinstance(message, Welcome):
+            v.check_choice(message.version, message.versions, message.client_versions, self.versions)
+            self.version = message.version
+
+    def _note(self, message: Message, following: ConnectionState) -> None:
+        if isinstance(message, Hello):
+            self.hello = message
+        elif isinstance(message, Welcome) and self.role is Side.SERVER:
+            self._decoder.limit = INBOUND_LIMIT
+        self.state = following
+
+    def _refuse(self, error: ProtocolError) -> Refusal:
+        # Before the welcome nothing can be left out: the peers would disagree about where they are.
+        if self.state in (ConnectionState.AWAIT_HELLO, ConnectionState.AWAIT_WELCOME):
+            error.fatal = True
+        if error.fatal:
+            self.state = ConnectionState.FAILED
+        return Refusal(error.message())
+
+
+def _event(message: Message) -> str:
+    return "fatal" if isinstance(message, Error) and message.fatal else message.type

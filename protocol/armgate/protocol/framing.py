@@ -1,0 +1,86 @@
+"""Frames: a 4-byte big-endian length, then that many bytes of payload.
+
+``frame(payload) -> bytes`` writes one, :class:`FrameDecoder` cuts a stream into payloads. Limits are checked
+on the length alone, before any payload is kept: ``HANDSHAKE_LIMIT`` (to the server, before it has said
+welcome), ``INBOUND_LIMIT`` (to the server), ``OUTBOUND_LIMIT`` (to the client).
+"""
+
+from armgate.protocol.errors import ErrorCode, RemoteProtocolError
+
+HEADER = 4
+HANDSHAKE_LIMIT = 4 * 1024
+INBOUND_LIMIT = 64 * 1024
+OUTBOUND_LIMIT = 1024 * 1024
+
+
+def frame(payload: bytes) -> bytes:
+    """One frame around ``payload``."""
+    return len(payload).to_bytes(HEADER, "big") + payload
+
+
+class FrameDecoder:
+    """Cuts a stream of bytes into payloads; feeding it byte by byte equals feeding it whole.
+
+    Between two calls it keeps less than one frame within the limit. After an error it is of no more use and
+    raises the same error again.
+
+    Attributes:
+        limit: The longest payload accepted; may be changed between two frames.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self._buffer = bytearray()
+        self._error: RemoteProtocolError | None = None
+
+    @property
+    def buffered(self) -> int:
+        """How many bytes of an unfinished frame are kept."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Takes bytes in and returns all payloads that are now complete.
+
+        Raises:
+            RemoteProtocolError: A length is 0 or beyond the limit.
+        """
+        self.push(data)
+        payloads = []
+        while (payload := self.pop()) is not None:
+            payloads.append(payload)
+        return payloads
+
+    def push(self, data: bytes) -> None:
+        """Takes bytes in; ``pop`` until it gives None before the next push."""
+        if self._error is None:
+            self._buffer += data
+
+    def pop(self) -> bytes | None:
+        """The next complete payload, None if there is none yet.
+
+        Raises:
+            RemoteProtocolError: A length is 0 or beyond the limit.
+        """
+        if self._error is not None:
+            raise self._error
+        if len(self._buffer) < HEADER:
+            return None
+        length = int.from_bytes(self._buffer[:HEADER], "big")
+        self._check(length)
+        end = HEADER + length
+        if len(self._buffer) < end:
+            return None
+        payload = bytes(memoryview(self._buffer)[HEADER:end])
+        del self._buffer[:end]
+        return payload
+
+    def _check(self, length: int) -> None:
+        if 0 < length <= self.limit:
+            return
+        self._buffer.clear()
+        if length == 0:
+            self._error = RemoteProtocolError(ErrorCode.EMPTY_FRAME, "a frame of length 0")
+        else:
+            text = f"a frame of {length} bytes; at most {self.limit} are accepted here"
+            self._error = RemoteProtocolError(ErrorCode.FRAME_TOO_LARGE, text)
+        raise self._error
