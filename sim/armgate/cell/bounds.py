@@ -1,0 +1,131 @@
+"""The bounds and the start of one robot: the URDF's limits with the configuration's tighter ones over them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.cell.config import CellConfig, JointConfig
+from armgate.cell.gantry import GANTRY_JOINTS
+from armgate.cell.model import Joint, RobotModel
+from armgate.cell.source import Path_
+from armgate.cell.units import UNITS, Quantity
+
+Array = NDArray[np.float64]
+
+RAMP = 0.25
+"""Default acceleration and deceleration: full speed within this time, s (equal for all joints of a robot, so that a
+fast wrist does not drag a slow axis through a long stop)."""
+
+_DIMENSIONS = {"revolute": "angle", "prismatic": "length"}
+
+
+@dataclass(frozen=True, eq=False)
+class JointBounds:
+    """Bounds of a robot's joints, (n,) each, read-only; rad or m, per s, per s²."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    deceleration: Array
+
+
+def joint_bounds(config: CellConfig, robot: str, model: RobotModel) -> JointBounds:
+    """The bounds of a robot.
+
+    Raises:
+        ConfigError: An unknown joint, a wrong unit, or a bound that is not tighter than the URDF's.
+    """
+    given = config.robots[robot].joints
+    names = [joint.name for joint in model.joints]
+    for name in given:
+        if name not in names:
+            text = f"robot {robot} has no joint {name!r}; expected one of {', '.join(names)}"
+            raise config.error(("robots", robot, "joints", name), text)
+    rows = [tuple(_of_joint(config, robot, joint)) for joint in model.joints]
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    for column in columns:
+        column.setflags(write=False)
+    return JointBounds(**{field.name: column for field, column in zip(fields(JointBounds), columns, strict=True)})
+
+
+def start_position(config: CellConfig, robot: str, model: RobotModel) -> Array:
+    """Where a robot starts; outside its limits is allowed (the gate then lets it retreat only).
+
+    Raises:
+        ConfigError: Another number of values than joints, or a wrong unit.
+    """
+    start, path = config.robots[robot].start, ("robots", robot, "start")
+    if len(start) != model.n:
+        names = ", ".join(joint.name for joint in model.joints)
+        raise config.error(path, f"{len(start)} values; expected {model.n}, one for each of {names}")
+    values = [
+        _value(config, (*path, i), given, joint, "")
+        for i, (given, joint) in enumerate(zip(start, model.joints, strict=True))
+    ]
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+def _of_joint(config: CellConfig, robot: str, joint: Joint) -> Iterator[float]:
+    """Lower, upper, velocity, acceleration, deceleration of one joint."""
+    path = ("robots", robot, "joints", joint.name)
+    own = config.robots[robot].joints.get(joint.name, JointConfig())
+    lower = joint.lower if own.lower is None else _value(config, (*path, "lower"), own.lower, joint, "")
+    upper = joint.upper if own.upper is None else _value(config, (*path, "upper"), own.upper, joint, "")
+    _check_limits(config, path, joint, lower, upper)
+    yield lower
+    yield upper
+    velocity = _velocity(config, path, own, joint)
+    yield velocity
+    ramp = _gantry_acceleration(config, robot, joint) or velocity / RAMP
+    yield ramp if own.acceleration is None else _positive(config, (*path, "acceleration"), own.acceleration, joint)
+    if own.deceleration is not None:
+        yield _positive(config, (*path, "deceleration"), own.deceleration, joint)
+    else:
+        yield np.inf if "deceleration" in own.model_fields_set else ramp
+
+
+def _check_limits(config: CellConfig, path: Path_, joint: Joint, lower: float, upper: float) -> None:
+    if lower < joint.lower:
+        text = f"{lower:g} is looser than the URDF's {joint.lower:g}; expected the same or more"
+        raise config.error((*path, "lower"), text)
+    if upper > joint.upper:
+        text = f"{upper:g} is looser than the URDF's {joint.upper:g}; expected the same or less"
+        raise config.error((*path, "upper"), text)
+    if lower >= upper:
+        raise config.error(path, f"lower {lower:g} is not below upper {upper:g}; expected room in between")
+
+
+def _velocity(config: CellConfig, path: Path_, own: JointConfig, joint: Joint) -> float:
+    if own.velocity is None:
+        return joint.velocity
+    path = (*path, "velocity")
+    velocity = _value(config, path, own.velocity, joint, "/s")
+    if not 0.0 < velocity <= joint.velocity:
+        text = f"{velocity:g} is not possible; expected more than 0 and at most the URDF's {joint.velocity:g}"
+        raise config.error(path, text)
+    return velocity
+
+
+def _gantry_acceleration(config: CellConfig, robot: str, joint: Joint) -> float | None:
+    gantry = config.robots[robot].gantry
+    return gantry.acceleration if gantry is not None and joint.name in GANTRY_JOINTS else None
+
+
+def _positive(config: CellConfig, path: Path_, given: Quantity, joint: Joint) -> float:
+    value = _value(config, path, given, joint, "/s²")
+    if value <= 0.0:
+        raise config.error(path, f"{value:g} is not possible; expected more than 0")
+    return value
+
+
+def _value(config: CellConfig, path: Path_, given: Quantity, joint: Joint, per: str) -> float:
+    dimension = _DIMENSIONS[joint.kind] + per
+    if not given.fits(dimension):
+        text = f"{given.given!r} does not fit joint {joint.name}, which is {joint.kind}; expected {UNITS[dimension]}"
+        raise config.error(path, text)
+    return given.value

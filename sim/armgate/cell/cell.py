@@ -1,0 +1,210 @@
+"""The cell: robots and surroundings under one gate, built from a configuration."""
+
+import hashlib
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.cell.bounds import joint_bounds, start_position
+from armgate.cell.config import CellConfig, RobotConfig
+from armgate.cell.errors import ModelError
+from armgate.cell.gantry import add_body, add_frame, add_gantry
+from armgate.cell.model import RobotModel
+from armgate.cell.pairs import Body, Pair, PairKind, collect_bodies, collect_pairs
+from armgate.cell.source import Path_
+from armgate.cell.urdf import parse_xml, read_urdf
+
+__all__ = ["Body", "Cell", "Pair", "PairKind", "Robot", "build_cell"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One robot of the cell.
+
+    Attributes:
+        name: Its name in the cell.
+        model: Its kinematics and bodies, base included.
+        urdf: The composed URDF: arm, gantry, extra frames and bodies.
+        period: Of its clock, s.
+        lower: Joint limits, (n,), read-only, rad or m.
+        upper: Joint limits, (n,), read-only, rad or m.
+        velocity: Largest speeds, (n,), read-only, per s.
+        acceleration: Largest accelerations, (n,), read-only, per s².
+        deceleration: Decelerations of a stop, (n,), read-only, per s²; inf: no bound, the joint stops at once.
+        start: Where it starts, (n,), read-only.
+        lag_window: Declared transport delay of its link, s.
+        q_tolerance: Rounding of the measured q, rad or m.
+        tool: Name of the frame of its working point.
+        camera: Name of its camera's frame, if it has one.
+        config: What it was built from.
+    """
+
+    name: str
+    model: RobotModel
+    urdf: str
+    period: float
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    deceleration: Array
+    start: Array
+    lag_window: float
+    q_tolerance: float
+    tool: str
+    camera: str | None
+    config: RobotConfig
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Robots and surroundings under one gate.
+
+    Attributes:
+        name: Its name.
+        config: What it was built from.
+        robots: In the order of the configuration.
+        bodies: The robots' first, robot by robot, then the surroundings.
+        pairs: Which bodies must stay apart.
+        hash: SHA-256 of the resolved configuration and URDFs, the same on every machine: neither paths nor where
+            the cell is served enter.
+    """
+
+    name: str
+    config: CellConfig
+    robots: tuple[Robot, ...]
+    bodies: tuple[Body, ...]
+    pairs: tuple[Pair, ...]
+    hash: str
+
+    @property
+    def surroundings(self) -> tuple[Body, ...]:
+        """The bodies that belong to no robot."""
+        return tuple(body for body in self.bodies if body.robot is None)
+
+    def robot_index(self, name: str) -> int:
+        """Index of the robot of this name.
+
+        Raises:
+            ModelError: There is none.
+        """
+        names = [robot.name for robot in self.robots]
+        if name not in names:
+            raise ModelError(f"there is no robot {name!r} in cell {self.name!r}; expected one of {', '.join(names)}")
+        return names.index(name)
+
+    def robot(self, name: str) -> Robot:
+        """The robot of this name.
+
+        Raises:
+            ModelError: There is none.
+        """
+        return self.robots[self.robot_index(name)]
+
+
+def build_cell(config: CellConfig) -> Cell:
+    """Builds the cell: reads the URDFs, adds gantries, frames and bodies, and checks what needs the models.
+
+    Raises:
+        ConfigError: A URDF is refused, or a value does not fit its robot; the text names file, line and key.
+    """
+    robots = tuple(_robot(config, name) for name in config.robots)
+    models = [robot.model for robot in robots]
+    bodies = collect_bodies(config, models)
+    pairs = collect_pairs(config, models, bodies)
+    return Cell(config.name, config, robots, bodies, pairs, _hash(config, robots))
+
+
+def _robot(config: CellConfig, name: str) -> Robot:
+    own = config.robots[name]
+    urdf = _composed(config, name)
+    with _blaming(config, ("robots", name, "urdf")):
+        model = RobotModel.from_urdf(urdf, own.base.placement)
+    _check_frames(config, name, model)
+    bounds = joint_bounds(config, name, model)
+    return Robot(
+        name=name,
+        model=model,
+        urdf=urdf,
+        period=own.period,
+        lower=bounds.lower,
+        upper=bounds.upper,
+        velocity=bounds.velocity,
+        acceleration=bounds.acceleration,
+        deceleration=bounds.deceleration,
+        start=start_position(config, name, model),
+        lag_window=own.lag_window,
+        q_tolerance=own.q_tolerance,
+        tool=own.tool,
+        camera=own.camera,
+        config=own,
+    )
+
+
+def _composed(config: CellConfig, name: str) -> str:
+    own, path, key = config.robots[name], config.urdf_path(name), ("robots", name, "urdf")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise config.error(key, f"{path} cannot be read: {error.strerror}; expected a URDF file") from error
+    except UnicodeDecodeError as error:
+        raise config.error(key, f"{path} is not UTF-8; expected a URDF file") from error
+    try:
+        read_urdf(text)
+        robot = parse_xml(text)
+    except ModelError as error:
+        raise config.error(key, f"{path}: {error}") from error
+    _add_parts(config, name, robot)
+    ET.indent(robot)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _add_parts(config: CellConfig, name: str, robot: ET.Element) -> None:
+    """Adds gantry, frames and bodies, one by one so that an error can name the one to blame."""
+    own, key = config.robots[name], ("robots", name)
+    if own.gantry is not None:
+        with _blaming(config, (*key, "gantry")):
+            add_gantry(robot, own.gantry)
+    for frame, frame_config in own.frames.items():
+        with _blaming(config, (*key, "frames", frame)):
+            add_frame(robot, frame, frame_config)
+    for body, body_config in own.bodies.items():
+        with _blaming(config, (*key, "bodies", body)):
+            add_body(robot, body, body_config)
+
+
+@contextmanager
+def _blaming(config: CellConfig, path: Path_) -> Iterator[None]:
+    try:
+        yield
+    except ModelError as error:
+        raise config.error(path, str(error)) from error
+
+
+def _check_frames(config: CellConfig, name: str, model: RobotModel) -> None:
+    own = config.robots[name]
+    for key, frame in (("tool", own.tool), ("camera", own.camera)):
+        if frame is not None and frame not in model.frame_names:
+            known = ", ".join(model.frame_names)
+            raise config.error(("robots", name, key), f"there is no frame {frame!r}; expected one of {known}")
+
+
+def _hash(config: CellConfig, robots: tuple[Robot, ...]) -> str:
+    """Over values, not texts: comments, units, paths, line ends and where the cell is served do not change it."""
+    resolved = config.model_dump(mode="json", exclude={"server": True})
+    for robot in robots:
+        own = resolved["robots"][robot.name]
+        own["urdf"] = robot.urdf
+        own["start"] = robot.start.tolist()
+        bounds = (robot.lower, robot.upper, robot.velocity, robot.acceleration, robot.deceleration)
+        own["joints"] = [[repr(float(value)) for value in bound] for bound in bounds]
+    text = json.dumps(resolved, sort_keys=True, separators=(",", ":"))
+    order = json.dumps([robot.name for robot in robots])
+    return hashlib.sha256(f"{order}\n{text}".encode()).hexdigest()

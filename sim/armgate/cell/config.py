@@ -1,0 +1,311 @@
+"""The configuration of a cell: strict models, read from overlaid YAML files.
+
+Lengths and angles are numbers in m and rad or texts with a unit (``50 mm``, ``-94 deg``); whether a joint's values
+are angles or lengths is only known with its URDF, so they stay ``Quantity`` here and are checked in ``build_cell``.
+Unknown keys are refused. Needs no robot model: a machine without pinocchio can read and check these files.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import yaml
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PrivateAttr,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
+
+from armgate.cell.errors import ConfigError
+from armgate.cell.explain import explained
+from armgate.cell.names import NAME
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Kind, Shape, shape_from
+from armgate.cell.source import Node, Path_, dotted, read_tree
+from armgate.cell.units import Quantity, quantity, to_si
+
+MAX_ROBOTS = 32
+MAX_SURROUNDINGS = 1024
+
+
+def _si(dimension: str) -> BeforeValidator:
+    return BeforeValidator(lambda given: to_si(given, dimension))
+
+
+Name = Annotated[str, StringConstraints(pattern=NAME)]
+Length = Annotated[float, _si("length")]
+Size = Annotated[Length, Field(gt=0.0)]
+Angle = Annotated[float, _si("angle")]
+Duration = Annotated[float, _si("time")]
+Period = Annotated[Duration, Field(gt=0.0)]
+Speed = Annotated[float, _si("length/s"), Field(gt=0.0)]
+Acceleration = Annotated[float, _si("length/s²"), Field(gt=0.0)]
+JointValue = Annotated[
+    Quantity,
+    BeforeValidator(quantity),
+    PlainSerializer(lambda read: read.given, return_type=float | str),
+]
+"""A joint's position, speed or acceleration: its dimension is checked when the joint is known."""
+
+
+class Part(BaseModel):
+    """What all parts share: strict, immutable, no unknown keys, no NaN and no infinity."""
+
+    model_config = ConfigDict(
+        strict=True, frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+
+
+class Pose(Part):
+    """A place: origin [m] and URDF's roll, pitch, yaw [rad]."""
+
+    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+
+    @property
+    def placement(self) -> Placement:
+        """The same as a placement."""
+        return Placement.from_rpy(self.xyz, self.rpy)
+
+
+class ShapeConfig(Part):
+    """Exactly one shape by its sizes [m]: ``{box: [x, y, z]}``, ``{capsule: [radius, length]}`` …"""
+
+    sphere: Size | None = None
+    capsule: tuple[Size, Size] | None = None
+    cylinder: tuple[Size, Size] | None = None
+    box: tuple[Size, Size, Size] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if len(self._given()) != 1:
+            raise ValueError(f"{len(self._given())} shapes; expected exactly one of sphere, capsule, cylinder, box")
+        return self
+
+    def _given(self) -> dict[Kind, tuple[float, ...]]:
+        sphere = None if self.sphere is None else (self.sphere,)
+        sizes: dict[Kind, tuple[float, ...] | None] = {
+            "sphere": sphere, "capsule": self.capsule, "cylinder": self.cylinder, "box": self.box,
+        }
+        return {kind: size for kind, size in sizes.items() if size is not None}
+
+    @property
+    def shape(self) -> Shape:
+        """The shape."""
+        ((kind, size),) = self._given().items()
+        return shape_from(kind, size)
+
+
+class SurroundingConfig(Pose):
+    """A body that stands still in the world."""
+
+    shape: ShapeConfig
+
+
+class FrameConfig(Pose):
+    """An extra frame, fixed in the frame of the link ``parent``."""
+
+    parent: Name
+
+
+class BodyConfig(Pose):
+    """An extra body, fixed in the frame of the link ``link``."""
+
+    link: Name
+    shape: ShapeConfig
+
+
+Range = tuple[Length, Length]
+
+
+class TravelConfig(Part):
+    """From where to where the carriage may go along each axis of the gantry's frame, m."""
+
+    x: Range
+    y: Range
+    z: Range
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for axis, (lower, upper) in (("x", self.x), ("y", self.y), ("z", self.z)):
+            if lower >= upper:
+                raise ValueError(f"{axis} goes from {lower:g} to {upper:g}; expected the lower end first")
+        return self
+
+
+class GantryConfig(Part):
+    """A three-axis gantry whose joints X, Y, Z are the carriage's place in the gantry's frame, m.
+
+    Attributes:
+        travel: The joint limits.
+        speed: Of each axis, m/s.
+        acceleration: And deceleration, m/s²; None: the default of every joint.
+        height: Underside of rails and bridge, m.
+        span: Between the centre lines of both rails, m.
+        beam: Edge of the square section of rails, posts and bridge, m.
+        column: Edge of the square section of the vertical column, m.
+        mount: The arm's root link in the frame of the carriage, which is the lower end of the column.
+    """
+
+    travel: TravelConfig
+    speed: Speed = 1.0
+    acceleration: Acceleration | None = None
+    height: Size = 3.5
+    span: Size = 4.6
+    beam: Size = 0.3
+    column: Size = 0.2
+    mount: Pose = Pose()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.travel.z[1] >= self.height:
+            raise ValueError(
+                f"the carriage's travel ends at {self.travel.z[1]:g} m, in the bridge; "
+                f"expected travel.z below height ({self.height:g} m)"
+            )
+        inside = self.span / 2 - self.beam - self.column / 2
+        if max(-self.travel.y[0], self.travel.y[1]) >= inside:
+            raise ValueError(
+                f"the carriage's travel {self.travel.y} runs into a rail; "
+                f"expected travel.y within ±{inside:g} m or a larger span"
+            )
+        return self
+
+
+class JointConfig(Part):
+    """Own bounds of one joint, tighter than the URDF's; what is left out is taken from there.
+
+    ``acceleration`` and ``deceleration`` default to velocity / 0.25 s; ``deceleration: null`` means no bound.
+    """
+
+    lower: JointValue | None = None
+    upper: JointValue | None = None
+    velocity: JointValue | None = None
+    acceleration: JointValue | None = None
+    deceleration: JointValue | None = None
+
+
+class EmulatedLinkConfig(Part):
+    """An emulated robot that follows its setpoint with a first-order lag [s]; 0: at once."""
+
+    kind: Literal["emulated"] = "emulated"
+    lag: Annotated[Duration, Field(ge=0.0)] = 0.03
+
+
+class RobotConfig(Part):
+    """One robot of the cell; see ``configs/demo.yaml``."""
+
+    urdf: str
+    base: Pose = Pose()
+    gantry: GantryConfig | None = None
+    frames: dict[Name, FrameConfig] = {}
+    bodies: dict[Name, BodyConfig] = {}
+    tool: Name = "tool0"
+    camera: Name | None = None
+    start: tuple[JointValue, ...]
+    period: Period = 0.012
+    joints: dict[Name, JointConfig] = {}
+    ignore_pairs: tuple[tuple[Name, Name], ...] = ()
+    lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
+    q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-4
+    link: EmulatedLinkConfig = EmulatedLinkConfig()
+
+
+class WallClockConfig(Part):
+    """Robots tick by the clock on the wall."""
+
+    kind: Literal["wall"] = "wall"
+
+
+class LockstepClockConfig(Part):
+    """Time passes when every participant has sent its commands or a pass; a silent one is dropped after ``grace``."""
+
+    kind: Literal["lockstep"]
+    participants: Annotated[tuple[Name, ...], Field(min_length=1)]
+    grace: Period = 10.0
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if len(set(self.participants)) != len(self.participants):
+            raise ValueError("a participant is named twice; expected every name once")
+        return self
+
+
+class ServerConfig(Part):
+    """Where and how the daemon serves; port 0 takes any free one.
+
+    Attributes:
+        host: Address to listen on.
+        port: Port to listen on.
+        lease_ttl: How long a lease lives without a sign of life from its holder, s.
+        max_connections: How many clients there may be at once.
+        signal_rate: How many signals a client may send per second on average.
+        handshake_timeout: How long a new connection may take to say hello, s.
+        send_buffer: Bytes of answers and verdicts that may wait for a slow client before it is closed.
+    """
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 7411
+    lease_ttl: Period = 1.0
+    max_connections: Annotated[int, Field(ge=1, le=4096)] = 64
+    signal_rate: Annotated[float, Field(gt=0.0)] = 200.0
+    handshake_timeout: Period = 5.0
+    send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
+
+
+class CellConfig(Part):
+    """The whole cell."""
+
+    armgate: Literal[1]
+    name: Name
+    stop_distance: Size = 0.05
+    self_distance: Size = 0.02
+    response: Literal["stop", "slow"] = "stop"
+    max_age_ticks: Annotated[int, Field(ge=1, le=1000)] = 3
+    robots: Annotated[dict[Name, RobotConfig], Field(min_length=1, max_length=MAX_ROBOTS)]
+    surroundings: Annotated[dict[Name, SurroundingConfig], Field(max_length=MAX_SURROUNDINGS)] = {}
+    clock: Annotated[WallClockConfig | LockstepClockConfig, Field(discriminator="kind")] = WallClockConfig()
+    server: ServerConfig = ServerConfig()
+
+    _tree: Node | None = PrivateAttr(default=None)
+
+    def error(self, path: Path_, text: str) -> ConfigError:
+        """A ``ConfigError`` about the value under these keys, with its file and line where they are known."""
+        if self._tree is None:
+            return ConfigError(f"{dotted(path)}: {text}", path=dotted(path))
+        mark = self._tree.locate(path)
+        return ConfigError(f"{mark}: {dotted(path)}: {text}", mark.file, mark.line, dotted(path))
+
+    def urdf_path(self, robot: str) -> Path:
+        """The file that holds a robot's URDF: relative paths count from the file in which they stand."""
+        given = Path(self.robots[robot].urdf)
+        if self._tree is None:
+            return given
+        return self._tree.locate(("robots", robot, "urdf")).file.parent / given
+
+
+def load_config(paths: Sequence[Path]) -> CellConfig:
+    """Reads a configuration; later files overlay earlier ones.
+
+    Raises:
+        ConfigError: A file cannot be read, is malformed, or a value is not what was expected; the text names
+            file, line, key and expectation of every finding.
+    """
+    tree = read_tree(paths)
+    try:
+        config = CellConfig.model_validate(tree.plain())
+    except ValidationError as error:
+        raise explained(error, tree, CellConfig) from error
+    config._tree = tree
+    return config
+
+
+def dump_config(config: CellConfig) -> str:
+    """The configuration as one YAML file, defaults spelt out; paths stay as they were given."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)

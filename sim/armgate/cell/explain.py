@@ -1,0 +1,119 @@
+"""Turns pydantic's findings into sentences with file, line, key and what was expected."""
+
+import difflib
+from collections.abc import Iterator
+from typing import get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from armgate.cell.errors import ConfigError
+from armgate.cell.names import NAME_TEXT
+from armgate.cell.source import Node, Path_, dotted
+
+MAX_FINDINGS = 10
+
+_TEXTS = {
+    "missing": "the key is missing; expected it here",
+    "model_type": "{input} is no mapping; expected 'key: value' lines",
+    "model_attributes_type": "{input} is no mapping; expected 'key: value' lines",
+    "dict_type": "{input} is no mapping; expected 'name: …' lines",
+    "tuple_type": "{input} is no list; expected [a, b, …]",
+    "string_type": "{input} is no text; expected a text",
+    "int_type": "{input} is no whole number; expected a whole number",
+    "int_from_float": "{input} is no whole number; expected a whole number",
+    "float_type": "{input} is no number; expected a number",
+    "finite_number": "{input} is not finite; expected a finite number",
+    "greater_than": "{input} is too small; expected more than {gt}",
+    "greater_than_equal": "{input} is too small; expected at least {ge}",
+    "less_than_equal": "{input} is too large; expected at most {le}",
+    "literal_error": "{input} is not possible; expected {expected}",
+    "union_tag_invalid": "kind {tag!r} is not possible; expected one of {expected_tags}",
+    "union_tag_not_found": "the key 'kind' is missing; expected it here",
+    "string_pattern_mismatch": "{input} cannot be a name; expected " + NAME_TEXT,
+    "too_short": "{actual_length} entries; expected at least {min_length}",
+    "too_long": "{actual_length} entries; expected at most {max_length}",
+}
+
+
+def explained(error: ValidationError, tree: Node, model: type[BaseModel]) -> ConfigError:
+    """One ``ConfigError`` for all findings, a line each; file, line and path are the first one's."""
+    details = error.errors(include_url=False)
+    places = [_place(detail["loc"], tree) for detail in details]
+    lines = [f"{tree.locate(path)}: {dotted(path)}: {_text(d, path, model)}" for d, path in zip(details, places, strict=True)]
+    if len(lines) > MAX_FINDINGS:
+        lines = [*lines[:MAX_FINDINGS], f"… and {len(lines) - MAX_FINDINGS} more"]
+    mark = tree.locate(places[0])
+    return ConfigError("\n".join(lines), mark.file, mark.line, dotted(places[0]))
+
+
+def _place(loc: Path_, tree: Node) -> Path_:
+    """The location without the steps that pydantic adds inside (names of validators, tags of unions)."""
+    path: list[str | int] = []
+    node: Node | None = tree
+    for number, step in enumerate(loc):
+        child = None if node is None else _child(node, step)
+        if child is not None or number == len(loc) - 1 and _may_lack(node, step):
+            path.append(step)
+            node = child or node
+    return tuple(path)
+
+
+def _child(node: Node, step: str | int) -> Node | None:
+    if isinstance(node.value, dict):
+        return node.value.get(str(step))
+    if isinstance(node.value, tuple) and isinstance(step, int) and 0 <= step < len(node.value):
+        return node.value[step]
+    return None
+
+
+def _may_lack(node: Node | None, step: str | int) -> bool:
+    return node is not None and isinstance(node.value, (dict, tuple)) and step != "[key]"
+
+
+def _text(detail: ErrorDetails, path: Path_, model: type[BaseModel]) -> str:
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "extra_forbidden":
+        return _unknown_key(str(path[-1]), _known_keys(model, path[:-1]))
+    if kind in _TEXTS:
+        return _TEXTS[kind].format(input=_shown(detail["input"]), **context)
+    return f"{detail['msg']} (got {_shown(detail['input'])})"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _unknown_key(key: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"unknown key {key!r}; {hint}expected one of {', '.join(known)}"
+
+
+def _known_keys(model: type[BaseModel], path: Path_) -> list[str]:
+    """Which keys the models under this path know, found by following the path through the annotations."""
+    front: list[object] = [model]
+    for step in path:
+        front = [inner for outer in front for inner in _inside(outer, step)]
+    return [key for inner in front for cls in _models(inner) for key in cls.model_fields]
+
+
+def _inside(annotation: object, step: str | int) -> list[object]:
+    for cls in _models(annotation):
+        field = cls.model_fields.get(str(step))
+        if field is not None:
+            return [field.annotation]
+    # A mapping or list of models: the step is a name or an index in it, the models are its arguments.
+    return [part for part in get_args(annotation) if list(_models(part))]
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    """The models that this annotation may hold directly: itself, or the members of a union."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif getattr(annotation, "__origin__", None) is None:
+        for part in get_args(annotation):
+            yield from _models(part)

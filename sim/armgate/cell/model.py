@@ -1,0 +1,235 @@
+"""Kinematics of one robot: pinocchio's model with our strict reading of the URDF around it.
+
+The one place of this package that calls pinocchio. World frame means: the robot's base placement is included.
+A model keeps pinocchio's work space, so one object must not be used by two threads at once.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from armgate.cell.errors import ModelError
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Shape
+from armgate.cell.urdf import Urdf, read_urdf, without_bodies
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One moving joint; limits in rad or m, speed per s, from the URDF."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"]
+    lower: float
+    upper: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class ModelBody:
+    """A body of a robot.
+
+    Attributes:
+        name: Unique in the robot.
+        link: The link that carries it.
+        joint: Index of the joint that carries the link, -1 for the base.
+        shape: Its shape.
+        placement: In the frame of that joint; in the world for the base.
+    """
+
+    name: str
+    link: str
+    joint: int
+    shape: Shape
+    placement: Placement
+
+
+@dataclass(frozen=True)
+class _Frame:
+    joint: int
+    placement: Placement
+
+
+def _frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+class RobotModel:
+    """A robot with ``n`` joints: where its frames and bodies are and how they move.
+
+    Attributes:
+        n: Number of joints.
+        joints: In the order of q.
+        lower, upper, velocity: Limits and speeds of the joints, (n,), read-only.
+        base: The base in the world.
+        bodies: The bodies, in the order of the URDF's links.
+        frame_names: The links; each has a frame.
+        parents: Index of each joint's parent joint, -1 for the base.
+        chain: Which joints move each body, (bodies, n), bool, read-only.
+        pin_model, pin_data: Pinocchio's, base included.
+    """
+
+    def __init__(self, urdf: Urdf, pin_model: Any, base: Placement) -> None:
+        self.base = base
+        self.pin_model = pin_model
+        self.pin_data = pin_model.createData()
+        self.n: int = pin_model.nv
+        by_name = {joint.name: joint for joint in urdf.joints}
+        self.joints = tuple(_joint(by_name[name]) for name in list(pin_model.names)[1:])
+        self.lower: Array = _frozen([joint.lower for joint in self.joints])
+        self.upper: Array = _frozen([joint.upper for joint in self.joints])
+        self.velocity: Array = _frozen([joint.velocity for joint in self.joints])
+        self.parents: tuple[int, ...] = tuple(int(parent) - 1 for parent in list(pin_model.parents)[1:])
+        self._frames = _link_frames(urdf, pin_model)
+        self.frame_names: tuple[str, ...] = tuple(self._frames)
+        self.bodies = tuple(self._model_body(body) for body in urdf.bodies)
+        self.chain: NDArray[np.bool_] = _frozen(
+            np.array([self._moved_by(body.joint) for body in self.bodies]).reshape(-1, self.n), bool
+        )
+        self._body_joints = np.array([body.joint + 1 for body in self.bodies], dtype=np.intp)
+        self._body_R = np.array([body.placement.R for body in self.bodies]).reshape(-1, 3, 3)
+        self._body_t = np.array([body.placement.t for body in self.bodies]).reshape(-1, 3, 1)
+
+    @classmethod
+    def from_urdf(cls, text: str, base: Placement) -> "RobotModel":
+        """The model of a URDF text that stands at ``base`` in the world.
+
+        Raises:
+            ModelError: The URDF is refused (see ``armgate.cell.urdf``), or no joint can move.
+        """
+        urdf = read_urdf(text)
+        if all(joint.kind == "fixed" for joint in urdf.joints):
+            raise ModelError("the robot has no joint that moves; expected at least one revolute or prismatic joint")
+        pin_model = pin.buildModelFromXML(without_bodies(text))
+        _move_root(pin_model, base)
+        return cls(urdf, pin_model, base)
+
+    def _model_body(self, body: Any) -> ModelBody:
+        frame = self._frames[body.link]
+        return ModelBody(body.name, body.link, frame.joint, body.shape, frame.placement @ body.placement)
+
+    def _moved_by(self, joint: int) -> list[bool]:
+        moved = [False] * self.n
+        while joint >= 0:
+            moved[joint] = True
+            joint = self.parents[joint]
+        return moved
+
+    def body_placements(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Where all bodies are at q: rotations (bodies, 3, 3) and centres (bodies, 3) [m] in the world.
+
+        Raises:
+            ModelError: q has not ``n`` numbers.
+        """
+        data = self.pin_data
+        pin.forwardKinematics(self.pin_model, data, self._checked(q))
+        joints = np.array([oMi.homogeneous for oMi in data.oMi])[self._body_joints]
+        R = joints[:, :3, :3]
+        t = R @ self._body_t
+        t += joints[:, :3, 3:]
+        return R @ self._body_R, t[:, :, 0]
+
+    def frame(self, q: ArrayLike, name: str) -> Placement:
+        """Where a link's frame is at q, in the world.
+
+        Raises:
+            ModelError: There is no such frame, or q has not ``n`` numbers.
+        """
+        frame = self._frame(name)
+        pin.forwardKinematics(self.pin_model, self.pin_data, self._checked(q))
+        oMi = self.pin_data.oMi[frame.joint + 1]
+        return Placement(oMi.rotation, oMi.translation) @ frame.placement
+
+    def frame_jacobian(self, q: ArrayLike, name: str) -> Array:
+        """J (6, n): linear, then angular velocity of a frame per joint speed, world axes, at the frame's origin.
+
+        Raises:
+            ModelError: There is no such frame, or q has not ``n`` numbers.
+        """
+        frame = self._frame(name)
+        jacobian = self._joint_jacobian(q, frame.joint)
+        if frame.joint >= 0:
+            oMi = self.pin_data.oMi[frame.joint + 1]
+            jacobian[:3] += _cross_columns(jacobian[3:], oMi.rotation @ frame.placement.t)
+        return jacobian
+
+    def point_jacobian(self, q: ArrayLike, joint_index: int, point_world: ArrayLike) -> Array:
+        """J (3, n): velocity of the point that is carried by a joint (-1: the base) and now at ``point_world`` [m].
+
+        Raises:
+            ModelError: There is no such joint, or q has not ``n`` numbers.
+        """
+        if not -1 <= joint_index < self.n:
+            raise ModelError(f"there is no joint {joint_index}; expected -1 (base) to {self.n - 1}")
+        jacobian = self._joint_jacobian(q, joint_index)
+        arm = np.asarray(point_world, dtype=np.float64) - self.pin_data.oMi[joint_index + 1].translation
+        return jacobian[:3] + _cross_columns(jacobian[3:], arm)
+
+    def frame_joint(self, name: str) -> int:
+        """Index of the joint that carries a frame, -1 for the base.
+
+        Raises:
+            ModelError: There is no such frame.
+        """
+        return self._frame(name).joint
+
+    def _joint_jacobian(self, q: ArrayLike, joint: int) -> Array:
+        checked = self._checked(q)
+        pin.computeJointJacobians(self.pin_model, self.pin_data, checked)
+        if joint < 0:
+            return np.zeros((6, self.n))
+        jacobian: Array = pin.getJointJacobian(
+            self.pin_model, self.pin_data, joint + 1, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return jacobian
+
+    def _frame(self, name: str) -> _Frame:
+        try:
+            return self._frames[name]
+        except KeyError:
+            known = ", ".join(self._frames)
+            raise ModelError(f"there is no frame {name!r}; expected one of {known}") from None
+
+    def _checked(self, q: ArrayLike) -> Array:
+        array = np.asarray(q, dtype=np.float64)
+        if array.shape != (self.n,):
+            raise ModelError(f"q has the shape {array.shape}; expected {self.n} numbers")
+        return array
+
+
+def _joint(joint: Any) -> Joint:
+    return Joint(joint.name, joint.kind, joint.lower, joint.upper, joint.velocity)
+
+
+def _move_root(pin_model: Any, base: Placement) -> None:
+    """Puts the base in front of everything that hangs on the universe, joints and frames."""
+    root = pin.SE3(np.array(base.R), np.array(base.t))
+    for joint in range(1, pin_model.njoints):
+        if pin_model.parents[joint] == 0:
+            pin_model.jointPlacements[joint] = root * pin_model.jointPlacements[joint]
+    for number in range(1, pin_model.nframes):
+        frame = pin_model.frames[number]
+        if frame.parentJoint == 0:
+            frame.placement = root * frame.placement
+
+
+def _link_frames(urdf: Urdf, pin_model: Any) -> dict[str, _Frame]:
+    frames = {}
+    for link in urdf.links:
+        frame = pin_model.frames[pin_model.getFrameId(link, pin.FrameType.BODY)]
+        placement = Placement(frame.placement.rotation, frame.placement.translation)
+        frames[link] = _Frame(int(frame.parentJoint) - 1, placement)
+    return frames
+
+
+def _cross_columns(columns: Array, arm: Array) -> Array:
+    """``columns × arm`` for each column of a (3, n) matrix: what rotations add at the end of ``arm``."""
+    crossed: Array = np.cross(columns, arm, axisa=0, axisb=0, axisc=0)
+    return crossed

@@ -1,0 +1,133 @@
+"""Bodies of a cell, and which of them must stay apart."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+from armgate.cell.config import CellConfig
+from armgate.cell.model import ModelBody, RobotModel
+from armgate.cell.names import MAX_NAME
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Shape
+
+PairKind = Literal["self", "robots", "surroundings"]
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body of the cell.
+
+    Attributes:
+        name: ``FR/link_3``, or a surrounding's name.
+        robot: Index of its robot, None for a surrounding.
+        index: Its index in that robot's ``model.bodies``, or in ``cell.surroundings``.
+        shape: Its shape.
+        placement: In its joint's frame (as ``ModelBody``), or in the world.
+    """
+
+    name: str
+    robot: int | None
+    index: int
+    shape: Shape
+    placement: Placement
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two bodies that must stay at least ``limit`` [m] apart.
+
+    ``a`` and ``b`` are indices into ``cell.bodies``: a's robot comes first, or a is nearer to the base, or b is a
+    surrounding.
+    """
+
+    a: int
+    b: int
+    limit: float
+    kind: PairKind
+
+
+def collect_bodies(config: CellConfig, models: Sequence[RobotModel]) -> tuple[Body, ...]:
+    """The bodies of all robots, robot by robot, then the surroundings.
+
+    Raises:
+        ConfigError: A robot's and its body's name are too long together.
+    """
+    bodies = []
+    for robot, (name, model) in enumerate(zip(config.robots, models, strict=True)):
+        for index, body in enumerate(model.bodies):
+            full = f"{name}/{body.name}"
+            if len(full) > MAX_NAME:
+                text = f"the body's name {full!r} is too long; expected at most {MAX_NAME} characters"
+                raise config.error(("robots", name), text)
+            bodies.append(Body(full, robot, index, body.shape, body.placement))
+    for index, (name, body_config) in enumerate(config.surroundings.items()):
+        bodies.append(Body(name, None, index, body_config.shape.shape, body_config.placement))
+    return tuple(bodies)
+
+
+def collect_pairs(config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body]) -> tuple[Pair, ...]:
+    """All pairs that must stay apart.
+
+    Left out are pairs that cannot move against each other, bodies of one robot on the same joint or on neighbouring
+    ones (they overlap where the joint is), and what ``ignore_pairs`` names.
+
+    Raises:
+        ConfigError: ``ignore_pairs`` names neither a link nor a body of its robot.
+    """
+    ignored = [_ignored(config, name, model) for name, model in zip(config.robots, models, strict=True)]
+    return tuple(_pairs(config, models, bodies, ignored))
+
+
+def _pairs(
+    config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body], ignored: list[set[frozenset[int]]]
+) -> Iterator[Pair]:
+    for a, b in combinations(range(len(bodies)), 2):
+        first, second = bodies[a], bodies[b]
+        if not (_moves(models, first) or _moves(models, second)):
+            continue
+        if second.robot is None:
+            yield Pair(a, b, config.stop_distance, "surroundings")
+        elif first.robot != second.robot:
+            yield Pair(a, b, config.stop_distance, "robots")
+        elif frozenset((first.index, second.index)) not in ignored[second.robot]:
+            yield from _self_pair(config, models[second.robot], a, b, (first, second))
+
+
+def _self_pair(config: CellConfig, model: RobotModel, a: int, b: int, both: tuple[Body, Body]) -> Iterator[Pair]:
+    joint_a, joint_b = (model.bodies[body.index].joint for body in both)
+    if joint_a == joint_b or _parent(model, joint_a) == joint_b or _parent(model, joint_b) == joint_a:
+        return
+    a, b = (a, b) if joint_a < joint_b else (b, a)
+    yield Pair(a, b, config.self_distance, "self")
+
+
+def _parent(model: RobotModel, joint: int) -> int | None:
+    return None if joint < 0 else model.parents[joint]
+
+
+def _moves(models: Sequence[RobotModel], body: Body) -> bool:
+    return body.robot is not None and models[body.robot].bodies[body.index].joint >= 0
+
+
+def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset[int]]:
+    """Pairs of body indices that ``ignore_pairs`` names."""
+    ignored = set()
+    for number, names in enumerate(config.robots[robot].ignore_pairs):
+        first, second = (
+            _named(config, ("robots", robot, "ignore_pairs", number, i), name, model) for i, name in enumerate(names)
+        )
+        ignored.update(frozenset((a, b)) for a in first for b in second)
+    return ignored
+
+
+def _named(config: CellConfig, path: tuple[str | int, ...], name: str, model: RobotModel) -> list[int]:
+    found = [index for index, body in enumerate(model.bodies) if name in (body.name, body.link)]
+    if not found:
+        raise config.error(path, f"no link with a body, and no body, is called {name!r}; expected {_known(model.bodies)}")
+    return found
+
+
+def _known(bodies: Sequence[ModelBody]) -> str:
+    names = dict.fromkeys(name for body in bodies for name in (body.link, body.name))
+    return "one of " + ", ".join(names)
