@@ -1,0 +1,10 @@
+"""The System Integrity Module's judgement: pure, deterministic, without clock, socket or randomness.
+
+``Gate.step(event)`` takes ticks, commands, acknowledgements, stops and lease changes and returns verdicts and plans.
+"""
+
+from armgate.integrity.clearance import start_clearances
+from armgate.integrity.gate import Gate, RobotView
+from armgate.integrity.replay import replay
+
+__all__ = ["Gate", "RobotView", "replay", "start_clearances"]

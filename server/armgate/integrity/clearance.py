@@ -1,0 +1,335 @@
+"""Clearance of occupancies: certified, for every timing, and as cheap as the near pairs are few.
+
+For every pair a lower bound of the distance of the occupancies that the robots *hold* is kept, and the direction that
+proved it. A new occupancy goes through four stages, each only for the pairs that the one before left open:
+
+1. the kept bound less the growth of the occupancy: Σ_j R_j·|C′ − C|_j, one product for all pairs;
+2. the swept slab with the kept direction: no engine is asked while it still separates;
+3. the engine, at the nodes that bind, for a new direction of the whole slab;
+4. subdivision of both occupancies into cells, each with its own direction.
+
+Stages 3 and 4 share one small budget per command. Used up, the pair counts as too near.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armgate.cell.cell import Cell
+from armgate.cell.events import Nearest, Point
+from armgate.integrity.certificate import Budget, Certifier, Proof
+from armgate.integrity.groups import ChainGroup, Group, groups_of
+from armgate.integrity.swept import Array, Index, Space, Swept
+
+MARGIN = 1e-9
+"""What every bound is lowered by for floating-point rounding, m."""
+
+_REFRESHES = 16
+_SURVEY_BUDGET = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """The pair that an occupancy comes too near to, and what could be proven of it."""
+
+    pair: int
+    lb: float
+    need: float
+    points: tuple[Point, Point] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Lower bounds of all of a robot's pairs for a new occupancy, or the first pair that binds it."""
+
+    lb: Array
+    binding: Binding | None
+
+
+class Clearance:
+    """Keeps what is proven of the held occupancies and judges new ones."""
+
+    def __init__(self, cell: Cell) -> None:
+        self.cell = cell
+        self.space = Space(cell)
+        self.certifier = Certifier(cell)
+        self.groups = tuple(groups_of(self.space, i) for i in range(len(cell.robots)))
+        self.pairs_of = tuple(
+            np.unique(np.concatenate([g.ids for g in gs])) if gs else np.zeros(0, np.intp)
+            for gs in self.groups
+        )
+        self.limits = np.array([p.limit for p in cell.pairs])
+        self.bound = np.full(len(cell.pairs), -np.inf)
+        self.held: list[list[Swept]] = [[] for _ in cell.robots]
+        self._n = np.tile(np.array([0.0, 0.0, 1.0]), (len(cell.pairs), 1))
+
+    # --- the held occupancies ------------------------------------------------------------------------------
+
+    def hold(self, robot: int, swept: Sequence[Swept]) -> None:
+        """Reserves these occupancies for a robot; the kept bounds must already hold for them."""
+        self.held[robot] = list(swept)
+
+    def prove_held(self, robot: int, pair: int, budget: Budget) -> Binding:
+        """Proves anew what can be proven of one pair of the held occupancies, and keeps the better bound."""
+        group, k = self._find(robot, pair)
+        lowest, points = np.inf, None
+        for mine in self.held[robot]:
+            lb, seen = self._pursue(group, k, robot, mine, float(self.limits[pair]), budget)
+            lowest, points = min(lowest, lb), _ordered(group, k, seen) or points
+        self.bound[pair] = max(self.bound[pair], lowest)
+        return Binding(pair, float(self.bound[pair]), float(self.limits[pair]), points)
+
+    def survey(self, robot: int) -> None:
+        """Proves anew all pairs of a robot's held occupancies: at its first tick, and after what was held is void."""
+        self.bound[self.pairs_of[robot]] = -np.inf
+        for group in self.groups[robot]:
+            if group.other is not None and not self.held[group.other]:
+                continue
+            every = np.arange(len(group.ids))
+            for n in (self._kept_n(group, every), self._between(group, robot)):
+                lb = np.min([self._slab(group, robot, mine, every, n) for mine in self.held[robot]], axis=0)
+                better = lb > self.bound[group.ids]
+                self._n[group.ids[better]] = n[better] * group.sign[better, None]
+                self.bound[group.ids] = np.maximum(self.bound[group.ids], lb)
+        for pair in self.pairs_of[robot]:
+            if self.known(int(pair)) and self.bound[pair] < self.limits[pair]:
+                self.prove_held(robot, int(pair), Budget(_SURVEY_BUDGET))
+
+    def known(self, pair: int) -> bool:
+        """Says whether the positions of both bodies of a pair are known."""
+        robots = (self.cell.bodies[k].robot for k in (self.cell.pairs[pair].a, self.cell.pairs[pair].b))
+        return all(r is None or bool(self.held[r]) for r in robots)
+
+    # --- a new occupancy -----------------------------------------------------------------------------------
+
+    def judge(self, robot: int, new: Swept, step: Array | None, need: Array, budget: Budget) -> Judgement:
+        """Judges a new occupancy of one robot against everything that the others hold.
+
+        Args:
+            robot: Its index.
+            new: The occupancy to judge.
+            step: By how much it extends the held one per joint; None if the kept bounds say nothing of it.
+            need: The distance that each pair must keep, m, (pairs of the cell,).
+            budget: Engine evaluations left for this command.
+        """
+        lb = self.bound.copy()
+        for group in self.groups[robot]:
+            here = self._kept(group, robot, step)
+            left = np.flatnonzero(here < need[group.ids])
+            if len(left):
+                here[left] = np.maximum(
+                    here[left], self._slab(group, robot, new, left, self._kept_n(group, left))
+                )
+            lb[group.ids] = here
+            for k in np.flatnonzero(here < need[group.ids]):
+                pair = int(group.ids[k])
+                proven, points = self._pursue(group, int(k), robot, new, float(need[pair]), budget)
+                lb[pair] = max(lb[pair], proven)
+                if lb[pair] < need[pair]:
+                    return Judgement(
+                        lb, Binding(pair, float(lb[pair]), float(need[pair]), _ordered(group, int(k), points))
+                    )
+        return Judgement(lb, None)
+
+    def point_bound(self, robot: int, pair: int, q: Sequence[float]) -> float:
+        """Returns a tight lower bound of one pair with the robot standing at ``q``, the others as they hold."""
+        group, k = self._find(robot, pair)
+        still = self._still(robot, q)
+        sides = self._others(group, robot, still)
+        return min(
+            self.certifier.prove(group, k, still, side, (0, m)).lb
+            for side in sides
+            for m in range(len(side.R))
+        )
+
+    # --- for the state -------------------------------------------------------------------------------------
+
+    def nearest(
+        self, robot: int, measured: Sequence[Sequence[float] | Array | None], count: int
+    ) -> dict[int, Nearest]:
+        """Returns the nearest pairs (by index) of a robot at the measured positions, by margin; the nearest refreshed.
+
+        A kept direction proves little for a pair that turned since: the lowest bounds are asked again of the engine
+        until the lowest is a fresh one, so that the first entry (and the first that is not a self pair) is tight.
+        """
+        still = {i: self._still(i, q) for i, q in enumerate(measured) if q is not None}
+        rows: dict[int, tuple[float, Proof | None]] = {}
+        for group in self.groups[robot]:
+            side = self._still_side(group, still)
+            if side is None:
+                continue
+            every = np.arange(len(group.ids))
+            lb, _, _ = group.slab(still[robot], side, every, self._kept_n(group, every))
+            rows.update({int(p): (float(x), None) for p, x in zip(group.ids, lb, strict=True)})
+        for _ in range(_REFRESHES):
+            stale = [p for p in self._lowest(rows) if rows[p][1] is None]
+            if not stale:
+                break
+            group, k = self._find(robot, stale[0])
+            side = self._still_side(group, still)
+            assert side is not None
+            proof = self.certifier.prove(group, k, still[robot], side, (0, 0))
+            self._keep_n(group, k, proof.n)
+            rows[stale[0]] = (proof.lb, proof)
+        order = sorted(rows, key=lambda p: (rows[p][0] - self.limits[p], p))
+        wanted = sorted({*order[:count], *self._lowest(rows)}, key=order.index)
+        return {p: self._nearest(robot, p, *rows[p]) for p in wanted}
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Returns the names of a pair's bodies."""
+        p = self.cell.pairs[pair]
+        return self.cell.bodies[p.a].name, self.cell.bodies[p.b].name
+
+    # --- the stages ----------------------------------------------------------------------------------------
+
+    def _kept(self, group: Group, robot: int, step: Array | None) -> Array:
+        if step is None:
+            return np.full(len(group.ids), -np.inf)
+        return np.asarray(self.bound[group.ids] - group.growth(self.space, robot, step))
+
+    def _slab(self, group: Group, robot: int, new: Swept, sel: Index, n: Array) -> Array:
+        lb = [group.slab(new, side, sel, n)[0] for side in self._others(group, robot, new)]
+        return np.asarray(np.min(lb, axis=0) - MARGIN) if lb else np.full(len(sel), -np.inf)
+
+    def _pursue(
+        self, group: Group, k: int, robot: int, new: Swept, need: float, budget: Budget
+    ) -> tuple[float, tuple[Point, Point] | None]:
+        """Stages 3 and 4 for one pair: a new direction for the whole, then cells; the best bound and its points."""
+        best, points = -np.inf, None
+        n = self._kept_n(group, np.array([k]))
+        for _ in range(2):
+            worst = min(
+                ((*group.slab(new, side, np.array([k]), n), side) for side in self._others(group, robot, new)),
+                key=lambda row: float(row[0][0]), default=None,
+            )  # fmt: skip
+            if worst is None or not budget.take():
+                return best, points
+            proof = self.certifier.prove(group, k, new, worst[3], (int(worst[1][0]), int(worst[2][0])))
+            n, points = proof.n[None, :], proof.points
+            lb = float(self._slab(group, robot, new, np.array([k]), n)[0])
+            if lb > best:
+                best = lb
+                self._keep_n(group, k, proof.n)
+            if best >= need:
+                return best, points
+            if proof.lb < need - MARGIN:
+                return best, points
+        sides = self._others(group, robot, new)
+        proven = all(self._cells(group, k, robot, new, side, need, budget) for side in sides)
+        return (need, points) if proven else (best, points)
+
+    def _cells(
+        self, group: Group, k: int, robot: int, new: Swept, side: Swept, need: float, budget: Budget
+    ) -> bool:
+        """Halves segments until every cell of both occupancies is proven, or one is not, or the budget ends."""
+        stack = [(a, b) for a in _segments(new.nodes) for b in _segments(side.nodes)]
+        moving = None if group.other is None or isinstance(group, ChainGroup) else group.other
+        while stack:
+            a, b = stack.pop()
+            if not budget.take():
+                return False
+            middle = self.space.sweep_nodes(robot, a.mean(axis=0)[None, :], np.zeros_like(new.tube))
+            other = side if moving is None else self.space.sweep_nodes(
+                moving, b.mean(axis=0)[None, :], np.zeros_like(side.tube)
+            )  # fmt: skip
+            proof = self.certifier.prove(group, k, middle, other, (0, 0))
+            if proof.lb < need:
+                return False
+            mine = self.space.sweep_nodes(robot, a, new.tube)
+            theirs = side if moving is None else self.space.sweep_nodes(moving, b, side.tube)
+            lb = float(group.slab(mine, theirs, np.array([k]), proof.n[None, :])[0][0]) - MARGIN
+            if lb < need:
+                stack.extend(self._halve(robot, moving, a, b))
+        return True
+
+    def _halve(self, robot: int, moving: int | None, a: Array, b: Array) -> list[tuple[Array, Array]]:
+        way_a = float((self.space.motion[robot] @ np.abs(np.ptp(a, axis=0))).max())
+        way_b = (
+            0.0 if moving is None else float((self.space.motion[moving] @ np.abs(np.ptp(b, axis=0))).max())
+        )
+        if way_a >= way_b:
+            return [(half, b) for half in _halves(a)]
+        return [(a, half) for half in _halves(b)]
+
+    # --- who stands at the other side ----------------------------------------------------------------------
+
+    def _others(self, group: Group, robot: int, new: Swept) -> list[Swept]:
+        if group.other is None:
+            return [self.space.static]
+        return [new] if group.other == robot else self.held[group.other]
+
+    def _still(self, robot: int, q: Sequence[float] | Array) -> Swept:
+        nodes = np.array([q], dtype=np.float64)
+        return self.space.sweep_nodes(robot, nodes, np.zeros(nodes.shape[1]))
+
+    def _still_side(self, group: Group, still: dict[int, Swept]) -> Swept | None:
+        return self.space.static if group.other is None else still.get(group.other)
+
+    def _between(self, group: Group, robot: int) -> Array:
+        """Directions from centre to centre at the first node: the first guess for pairs far from each other."""
+        mine = self.held[robot][0]
+        side = self._others(group, robot, mine)[0]
+        v = side.t[0, group.theirs] - mine.t[0, group.mine]
+        if isinstance(group, ChainGroup):
+            v = mine.t[0, group.theirs] - mine.t[0, group.mine]
+            v = np.einsum("pji,pj->pi", mine.R[0, group.mine], v)
+        length = np.linalg.norm(v, axis=1, keepdims=True)
+        return np.where(length > MARGIN, v / np.maximum(length, MARGIN), np.array([0.0, 0.0, 1.0]))
+
+    def _find(self, robot: int, pair: int) -> tuple[Group, int]:
+        for group in self.groups[robot]:
+            at = np.flatnonzero(group.ids == pair)
+            if len(at):
+                return group, int(at[0])
+        raise LookupError(f"robot {robot} takes no part in pair {pair}")
+
+    def _kept_n(self, group: Group, sel: Index) -> Array:
+        return np.asarray(self._n[group.ids[sel]] * group.sign[sel, None])
+
+    def _keep_n(self, group: Group, k: int, n: Array) -> None:
+        self._n[group.ids[k]] = n * group.sign[k]
+
+    def _lowest(self, rows: dict[int, tuple[float, Proof | None]]) -> list[int]:
+        """The pairs with the smallest margin: of all, and of those that are not self pairs."""
+
+        def margin(p: int) -> tuple[float, int]:
+            return rows[p][0] - self.limits[p], p
+
+        others = [p for p in rows if self.cell.pairs[p].kind != "self"]
+        return [min(some, key=margin) for some in (list(rows), others) if some]
+
+    def _nearest(self, robot: int, pair: int, lb: float, proof: Proof | None) -> Nearest:
+        points = None
+        if proof is not None:
+            group, k = self._find(robot, pair)
+            points = _ordered(group, k, proof.points)
+        return Nearest(self.names(pair), lb, float(self.limits[pair]), points)
+
+
+def start_clearances(cell: Cell) -> list[Nearest]:
+    """Returns the clearances at the start positions, nearest first: of each robot the nearest pairs, tight."""
+    clearance = Clearance(cell)
+    start = [r.start for r in cell.robots]
+    found: dict[int, Nearest] = {}
+    for i in range(len(start)):
+        found |= clearance.nearest(i, start, _REFRESHES)
+    return sorted(found.values(), key=lambda n: n.distance - n.limit)
+
+
+def _ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
+    """The witness points in the pair's own order."""
+    if points is None or group.sign[k] > 0:
+        return points
+    return points[1], points[0]
+
+
+def _segments(nodes: Array) -> list[Array]:
+    return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
+
+
+def _halves(segment: Array) -> list[Array]:
+    if len(segment) == 1:
+        return [segment]
+    middle = segment.mean(axis=0)
+    return [np.stack([segment[0], middle]), np.stack([middle, segment[1]])]

@@ -1,0 +1,103 @@
+"""The distance engines: they suggest a direction, the support functions prove the distance.
+
+coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to 0.6 mm.
+python-fcl, another implementation, is asked when the proof falls short of what coal claims. Measured, python-fcl
+alone over-reports by up to 43 mm for cylinders: neither engine is ever believed.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import coal
+import fcl
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+
+Array = NDArray[np.float64]
+_TOLERANCE = 1e-8
+_TOUCHING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """What an engine says of two bodies: signed distance, unit direction from a to b, witness points (world)."""
+
+    distance: float
+    normal: Array
+    points: tuple[Array, Array]
+
+
+class Engine(Protocol):
+    """Suggests the direction in which two bodies are farthest apart."""
+
+    def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
+        """Asks for bodies ``a`` and ``b`` (indices) at poses (R, t) in one common frame."""
+
+
+class CoalEngine:
+    """coal with GJK and EPA tolerance 1e-8; signed distance in penetration."""
+
+    def __init__(self, shapes: tuple[Shape, ...]) -> None:
+        self._shapes = [_coal_shape(s) for s in shapes]
+        self._request = coal.DistanceRequest()
+        self._request.gjk_tolerance = _TOLERANCE
+        self._request.epa_tolerance = _TOLERANCE
+        self._result = coal.DistanceResult()
+
+    def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
+        """Asks coal; its normal is taken where the bodies touch and points give no direction."""
+        self._result.clear()
+        place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
+        d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, self._result)
+        p, q = self._result.getNearestPoint1().copy(), self._result.getNearestPoint2().copy()
+        return Suggestion(float(d), _direction(p, q, float(d), self._result.normal), (p, q))
+
+
+class FclEngine:
+    """python-fcl: unsigned distance only, asked for a second opinion on separated bodies."""
+
+    def __init__(self, shapes: tuple[Shape, ...]) -> None:
+        self._shapes = [_fcl_shape(s) for s in shapes]
+
+    def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
+        """Asks python-fcl with a fresh result: a reused one keeps the old minimum."""
+        result = fcl.DistanceResult()
+        one = fcl.CollisionObject(self._shapes[a], fcl.Transform(*pose_a))
+        two = fcl.CollisionObject(self._shapes[b], fcl.Transform(*pose_b))
+        d = float(fcl.distance(one, two, fcl.DistanceRequest(enable_nearest_points=True), result))
+        p, q = (np.asarray(x, dtype=np.float64) for x in result.nearest_points)
+        return Suggestion(d, _direction(p, q, d, pose_b[1] - pose_a[1]), (p, q))
+
+
+def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
+    v = q - p if distance > _TOUCHING else np.array(fallback, dtype=np.float64)
+    length = float(np.sqrt(v @ v))
+    if not np.isfinite(length) or length < _TOUCHING:
+        return np.array([0.0, 0.0, 1.0])
+    return np.asarray(v / length, dtype=np.float64)
+
+
+def _coal_shape(shape: Shape) -> Any:
+    match shape:
+        case Sphere(radius=r):
+            return coal.Sphere(r)
+        case Capsule(radius=r, length=length):
+            return coal.Capsule(r, length)
+        case Cylinder(radius=r, length=length):
+            return coal.Cylinder(r, length)
+        case Box(x=x, y=y, z=z):
+            return coal.Box(x, y, z)
+
+
+def _fcl_shape(shape: Shape) -> Any:
+    match shape:
+        case Sphere(radius=r):
+            return fcl.Sphere(r)
+        case Capsule(radius=r, length=length):
+            return fcl.Capsule(r, length)
+        case Cylinder(radius=r, length=length):
+            return fcl.Cylinder(r, length)
+        case Box(x=x, y=y, z=z):
+            return fcl.Box(x, y, z)

@@ -1,0 +1,383 @@
+"""The gate: events in, verdicts and plans out. Pure and deterministic: the event log is the replay.
+
+The invariant: at every moment the occupancies of all robots are inside the joint limits and clear of each other, of
+themselves and of the surroundings by at least the stop distance, for every timing. A command is admitted if and only
+if its robot's new occupancy keeps the invariant against those that the others hold. So robots may run on independent
+clocks, commands are judged one at a time, and whatever is lost, every robot can rest safely.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armgate.cell.cell import Cell
+from armgate.cell.events import (
+    Cause,
+    Command,
+    GateEvent,
+    GateOutput,
+    Joints,
+    LeaseChange,
+    LinkChange,
+    LinkState,
+    Nearest,
+    Outcome,
+    Plan,
+    PlanAnswer,
+    PlanKey,
+    Reason,
+    Rebase,
+    Reset,
+    ResetAnswer,
+    Stop,
+    Stopped,
+    Tick,
+    Verdict,
+)
+from armgate.integrity.admission import inadmissible
+from armgate.integrity.clearance import Clearance
+from armgate.integrity.judge import Decision, Judge
+from armgate.integrity.occupancy import deviation, settle_measured
+from armgate.integrity.robot import Reserved, RobotState, robot_state
+from armgate.integrity.swept import Array
+
+_NEAREST = 3
+_SAME = 1e-9
+"""How far the link's setpoint may differ from the gate's own sum, rad or m: rounding only."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """What the state tells of one robot."""
+
+    tick: int
+    time: float
+    q: Joints
+    setpoint: Joints
+    stop_end: Joints
+    nearest: tuple[Nearest, ...]
+    least_clearance: float | None
+    applied_seq: int | None
+    stops: tuple[int, ...]
+    link: LinkState
+    late: int
+    verdict: Verdict | None
+    counts: dict[str, int]
+
+
+class Gate:
+    """Judges what robots are asked to do.
+
+    Args:
+        cell: The cell.
+        start: The daemon's start id; goes into the plans' keys.
+    """
+
+    def __init__(self, cell: Cell, start: str) -> None:
+        self._cell = cell
+        self._start = start
+        self._clearance = Clearance(cell)
+        self._judge = Judge(self._clearance, cell.config.response)
+        self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
+        # Bounds proven for plans that their links have not answered yet, all pairs of the cell, by robot.
+        self._staged: dict[int, Array] = {}
+        self._stops: dict[int, tuple[int, ...]] = {}
+        self._next_stop = 1
+
+    def step(self, event: GateEvent) -> list[GateOutput]:
+        """Takes one event and returns what follows from it.
+
+        Raises:
+            ModelError: The event names an unknown robot.
+        """
+        return _HANDLERS[type(event)](self, event)
+
+    def view(self, robot: str) -> RobotView:
+        """Returns what the state tells of a robot.
+
+        Raises:
+            ModelError: There is no such robot.
+        """
+        s = self._of(robot)
+        furthest = s.next or s.main
+        return RobotView(
+            tick=max(s.tick, 0),
+            time=s.time,
+            q=s.measured,
+            setpoint=s.setpoint,
+            stop_end=furthest.occupied.end if furthest else (),
+            nearest=s.nearest,
+            least_clearance=s.least,
+            applied_seq=s.applied_seq,
+            stops=tuple(s.stops),
+            link=s.link,
+            late=s.late,
+            verdict=s.verdict,
+            counts=dict(s.counts),
+        )
+
+    def warnings(self) -> tuple[str, ...]:
+        """Returns what is worth saying beside the robots' entries."""
+        asked, gaps = self._clearance.certifier.queries, self._clearance.certifier.gaps
+        if gaps * _GAP_RATE <= asked:
+            return ()
+        return (f"distance engine: {gaps} of {asked} answers fell short of their proof",)
+
+    # --- the clock -----------------------------------------------------------------------------------------
+
+    def _tick(self, event: Tick) -> list[GateOutput]:
+        s = self._of(event.robot)
+        if s.tick < 0:
+            return self._first_tick(s, event)
+        fault = self._resolve(s, event)
+        occupied = [r.occupied for r in s.reserved]
+        settled = settle_measured(event.q, occupied, s.robot.q_tolerance)
+        strayed = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
+        if settled is None and fault is None:
+            fault = f"{s.name} measured {strayed:.4g} rad or m off its stop path"
+        if event.rebased:
+            s.residue = s.reserved
+        s.take_tick(event, event.q if settled is None else settled)
+        if s.resting:
+            s.residue = ()
+        self._reserve(s)
+        if event.rebased:
+            self._clearance.survey(s.index)
+        out = self._fault(s, fault, strayed) if fault is not None else []
+        self._report(s)
+        return out
+
+    def _first_tick(self, s: RobotState, event: Tick) -> list[GateOutput]:
+        s.take_tick(event, event.q)
+        self._reserve(s)
+        self._clearance.survey(s.index)
+        self._report(s)
+        return []
+
+    def _resolve(self, s: RobotState, event: Tick) -> str | None:
+        """Follows what the link played; returns what contradicts it, None if nothing does."""
+        if s.pending is not None:
+            if event.plan == s.pending.key:
+                self._take_over(s)
+            elif event.tick >= s.pending.key.target:
+                self._drop_pending(s)
+        if event.rebased:
+            s.held, s.played = None, -1
+            return None
+        if event.plan is None:
+            s.held, s.played = None, -1
+        elif s.held is None or event.plan != s.held.key or event.index != s.played + 1:
+            return f"{s.name}'s link plays a plan that the gate has not given it"
+        else:
+            s.played = event.index
+            if event.index == 0:
+                s.applied_seq = s.held.seq
+        expected = tuple(q + u for q, u in zip(s.setpoint, event.increment, strict=True))
+        if any(abs(a - b) > _SAME for a, b in zip(expected, event.setpoint, strict=True)):
+            return f"{s.name}'s link reports a setpoint that its increments do not add up to"
+        return None
+
+    def _reserve(self, s: RobotState) -> None:
+        """Reserves what the robot may still pass along the held plan."""
+        occupied = s.occupancy_to(s.end)
+        s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
+        self._hold(s)
+
+    def _hold(self, s: RobotState) -> None:
+        self._clearance.hold(s.index, [r.swept for r in s.reserved])
+
+    def _report(self, s: RobotState) -> None:
+        measured = [r.measured if r.tick >= 0 else None for r in self._robots]
+        nearest = self._clearance.nearest(s.index, measured, _NEAREST)
+        s.nearest = tuple(nearest.values())
+        for pair, near in nearest.items():
+            if near.points is not None and self._cell.pairs[pair].kind != "self":
+                s.least = near.distance if s.least is None else min(s.least, near.distance)
+
+    # --- commands ------------------------------------------------------------------------------------------
+
+    def _command(self, event: Command) -> list[GateOutput]:
+        s = self._of(event.robot)
+        reason = inadmissible(event, s, self._cell.config.max_age_ticks) or self._unknown(s)
+        if reason is not None:
+            return [self._verdict(s, event, None, Outcome.REFUSED, s.remaining, 0.0, (reason,))]
+        decision = self._judge.decide(event.dq, s, self._robots)
+        outcome = _outcome(event.dq, decision)
+        s.slot = s.tick + 1
+        verdict = self._verdict(
+            s, event, s.slot, outcome, decision.increments, decision.beta, decision.reasons
+        )
+        if outcome is Outcome.REFUSED:
+            return [verdict]
+        key = PlanKey(self._start, s.resets, s.slot, s.played)
+        s.pending = Plan(s.name, key, event.seq, decision.increments)
+        self._stage(s, decision)
+        return [verdict, s.pending]
+
+    def _unknown(self, s: RobotState) -> Reason | None:
+        missing = [r.name for r in self._robots if r.tick < 0]
+        if not missing:
+            return None
+        return Reason(Cause.LINK, f"the position of {', '.join(missing)} is not known yet: wait for its link")
+
+    def _verdict(
+        self,
+        s: RobotState,
+        command: Command,
+        target: int | None,
+        outcome: Outcome,
+        increments: tuple[Joints, ...],
+        beta: float,
+        reasons: tuple[Reason, ...],
+    ) -> Verdict:
+        dq = increments[0] if increments else s.zeros
+        setpoint = tuple(q + u for q, u in zip(s.setpoint, dq, strict=True)) if s.setpoint else s.zeros
+        told = () if outcome is Outcome.ADMITTED else reasons
+        s.verdict = Verdict(s.name, command.seq, command.based_on, target, outcome, beta, dq, setpoint, told)
+        key = f"{outcome.value}:{told[0].cause.value}" if told else outcome.value
+        s.counts[key] = s.counts.get(key, 0) + 1
+        return s.verdict
+
+    def _stage(self, s: RobotState, decision: Decision) -> None:
+        """Reserves the new occupancy beside the old one until the link has answered."""
+        if decision.occupied is None or decision.swept is None or decision.lb is None:
+            return
+        ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
+        for staged in self._staged.values():
+            staged[ids] = np.minimum(staged[ids], decision.lb[ids])
+        self._staged[s.index] = decision.lb.copy()
+        bound[ids] = np.minimum(bound[ids], decision.lb[ids])
+        s.next = Reserved(decision.occupied, decision.swept)
+        self._hold(s)
+
+    def _answer(self, event: PlanAnswer) -> list[GateOutput]:
+        s = self._of(event.robot)
+        if s.pending is None or event.key != s.pending.key:
+            return []
+        if event.accepted:
+            self._take_over(s)
+        else:
+            s.late += event.reason == "late"
+            self._drop_pending(s)
+        return []
+
+    def _take_over(self, s: RobotState) -> None:
+        """The link has the new plan: the old occupancy is free again."""
+        s.held, s.played, s.pending = s.pending, -1, None
+        s.main, s.next = s.next or s.main, None
+        self._hold(s)
+        staged = self._staged.pop(s.index, None)
+        if staged is not None and not s.residue:
+            ids = self._clearance.pairs_of[s.index]
+            self._clearance.bound[ids] = staged[ids]
+
+    def _drop_pending(self, s: RobotState) -> None:
+        """The link keeps the old plan; the bounds stay at the lower of both, which holds for it too."""
+        s.pending, s.next = None, None
+        self._staged.pop(s.index, None)
+        self._hold(s)
+
+    # --- leases, stops, links ------------------------------------------------------------------------------
+
+    def _lease(self, event: LeaseChange) -> list[GateOutput]:
+        s = self._of(event.robot)
+        s.fence, s.share = event.fence, event.speed
+        return []
+
+    def _stop(self, event: Stop) -> list[GateOutput]:
+        return [self._raise_stop([self._of(r) for r in event.robots], event.reason, event.by)]
+
+    def _raise_stop(self, robots: list[RobotState], reason: str, by: str) -> Stopped:
+        stop, self._next_stop = self._next_stop, self._next_stop + 1
+        self._stops[stop] = tuple(s.index for s in robots)
+        for s in robots:
+            s.stops.append(stop)
+        return Stopped(stop, tuple(s.name for s in robots), reason, by)
+
+    def _reset(self, event: Reset) -> list[GateOutput]:
+        if event.stop not in self._stops:
+            return [ResetAnswer(event.stop, False, "unknown")]
+        robots = [self._robots[i] for i in self._stops[event.stop]]
+        if not all(s.tick >= 0 and s.resting for s in robots):
+            return [ResetAnswer(event.stop, False, "moving")]
+        del self._stops[event.stop]
+        out: list[GateOutput] = [ResetAnswer(event.stop, True)]
+        for s in robots:
+            s.stops.remove(event.stop)
+            if not s.stops:
+                out.append(self._rebase(s))
+        return out
+
+    def _rebase(self, s: RobotState) -> Rebase:
+        """The setpoint becomes the measured q; what was proven of a robot that faulted is proven anew."""
+        s.held, s.played, s.resets = None, -1, s.resets + 1
+        s.setpoint, s.last, s.q = s.measured, s.zeros, s.measured
+        s.slot = s.tick
+        s.history.clear()
+        s.residue, s.strayed = (), 0.0
+        self._reserve(s)
+        if s.faulted:
+            s.faulted = False
+            self._clearance.survey(s.index)
+        return Rebase(s.name, s.setpoint, s.resets)
+
+    def _link(self, event: LinkChange) -> list[GateOutput]:
+        s = self._of(event.robot)
+        s.link = event.state
+        if event.state not in (LinkState.LOST, LinkState.FAULTED):
+            return []
+        reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
+        return [self._raise_stop([s], reason, "gate")]
+
+    def _fault(self, s: RobotState, reason: str, strayed: float) -> list[GateOutput]:
+        """Stops a robot that is not where it can be, and whoever's stop path may now meet it; nobody else.
+
+        Its occupancy starts from what was measured, widened by as much as it has strayed in all.
+        """
+        s.strayed += strayed
+        self._reserve(s)
+        self._clearance.survey(s.index)
+        out: list[GateOutput] = []
+        if not s.faulted:
+            out.append(self._raise_stop([s], reason, "gate"))
+        s.faulted = True
+        for other in self._met_by(s):
+            if not other.stops:
+                out.append(
+                    self._raise_stop([other], f"its stop path may meet {s.name}, which faulted", "gate")
+                )
+        return out
+
+    def _met_by(self, s: RobotState) -> list[RobotState]:
+        cell, bound, limits = self._cell, self._clearance.bound, self._clearance.limits
+        met = set()
+        for pair in self._clearance.pairs_of[s.index]:
+            if bound[pair] < limits[pair]:
+                p = cell.pairs[pair]
+                met |= {cell.bodies[p.a].robot, cell.bodies[p.b].robot}
+        return [r for r in self._robots if r.index in met and r is not s]
+
+    def _of(self, robot: str) -> RobotState:
+        return self._robots[self._cell.robot_index(robot)]
+
+
+_GAP_RATE = 1000
+"""One gap in so many engine queries is worth a warning."""
+
+_HANDLERS: dict[type, Callable[[Gate, Any], list[GateOutput]]] = {
+    Tick: Gate._tick,
+    Command: Gate._command,
+    PlanAnswer: Gate._answer,
+    LeaseChange: Gate._lease,
+    Stop: Gate._stop,
+    Reset: Gate._reset,
+    LinkChange: Gate._link,
+}
+
+
+def _outcome(dq: Joints, decision: Decision) -> Outcome:
+    if decision.increments[0] == dq or not decision.reasons:
+        return Outcome.ADMITTED
+    return Outcome.REFUSED if decision.beta == 0.0 else Outcome.LIMITED

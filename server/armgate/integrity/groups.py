@@ -1,0 +1,149 @@
+"""The pairs of one robot, sorted by what stands at the other side: another robot, what never moves, or itself.
+
+The two sides of a pair move at their own time, so for one direction each is bounded alone. Only two bodies of one
+chain move together: their pair is seen from the nearer body, where nothing but the joints between them moves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.cell.cell import Body, Cell, Pair
+from armgate.integrity.support import support
+from armgate.integrity.swept import Array, Index, Space, Swept
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """P pairs of one robot with one other side.
+
+    Attributes:
+        other: Index of the other robot (the robot itself for bodies on different branches), None for what never moves.
+        ids: Indices into the cell's pairs, (P,).
+        mine: The robot's bodies, indices into its model's bodies, (P,).
+        theirs: The other side's bodies: of its model, or of the cell for what never moves, (P,).
+        sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
+        limit: Distance to keep, m, (P,).
+        shape_mine, shape_theirs: The bodies' indices in the cell, (P,).
+        rows_mine, rows_theirs: Their support parameters, (P, 5).
+    """
+
+    other: int | None
+    ids: Index
+    mine: Index
+    theirs: Index
+    sign: Array
+    limit: Array
+    shape_mine: Index
+    shape_theirs: Index
+    rows_mine: Array
+    rows_theirs: Array
+
+    def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
+        """Returns lower bounds of the distance for all timings of both sides, (P',), and the nodes that bind.
+
+        lb = −max n·x over mine − max (−n)·x over theirs.
+
+        Args:
+            mine: The robot's occupancy.
+            theirs: The other side's.
+            sel: Which of the group's pairs, (P',).
+            n: Directions from mine to theirs, world frame, (P', 3).
+        """
+        near, node = mine.reach(self.rows_mine[sel], self.mine[sel], n)
+        far, other = theirs.reach(self.rows_theirs[sel], self.theirs[sel], -n)
+        return -near - far, node, other
+
+    def growth(self, space: Space, robot: int, step: Array) -> Array:
+        """Returns by how much the distance can shrink when joints move by at most ``step``, (P,)."""
+        return np.asarray((space.motion[robot] @ step)[self.mine])
+
+
+@dataclass(frozen=True, slots=True)
+class ChainGroup(Group):
+    """Pairs of two bodies of one chain; ``mine`` is the body nearer to the base, directions are in its frame.
+
+    ``between_motion`` (P, n) and ``between_bend`` (P, n, n) count only the joints between the two bodies.
+    """
+
+    between_motion: Array
+    between_bend: Array
+
+    def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
+        """The same, both bodies at one time, directions in the nearer body's frame; ``theirs`` is not used."""
+        del theirs
+        base_R, base_t = mine.R[:, self.mine[sel]], mine.t[:, self.mine[sel]]
+        tip_R, tip_t = mine.R[:, self.theirs[sel]], mine.t[:, self.theirs[sel]]
+        world = np.einsum("mpij,pj->mpi", base_R, n)
+        local = np.einsum("mpji,mpj->mpi", tip_R, -world)
+        along = support(self.rows_theirs[sel], local) - np.einsum("mpj,mpj->mp", tip_t - base_t, world)
+        node = np.argmax(along, axis=0)
+        lb = -support(self.rows_mine[sel], n) - along.max(axis=0) - self._stray(mine, sel)
+        return lb, node, node
+
+    def growth(self, space: Space, robot: int, step: Array) -> Array:
+        """The same, by the joints between the two bodies only."""
+        del space, robot
+        return np.asarray(self.between_motion @ step)
+
+    def _stray(self, mine: Swept, sel: Index) -> Array:
+        stray = self.between_motion[sel] @ mine.tube
+        if len(mine.deltas):
+            curl = np.einsum("si,pij,sj->sp", mine.deltas, self.between_bend[sel], mine.deltas)
+            stray = stray + curl.max(axis=0) / 8.0
+        return np.asarray(stray)
+
+
+def groups_of(space: Space, robot: int) -> tuple[Group, ...]:
+    """Returns the groups of all pairs in which a robot takes part."""
+    by_side: dict[tuple[bool, int | None], list[tuple[int, Body, Body, float]]] = {}
+    for k, pair in enumerate(space.cell.pairs):
+        side = _side_of(space.cell, pair, robot)
+        if side is not None:
+            by_side.setdefault(side[:2], []).append((k, *side[2:]))
+    return tuple(
+        _build(space, robot, other, members, chained) for (chained, other), members in by_side.items()
+    )
+
+
+def _side_of(cell: Cell, pair: Pair, robot: int) -> tuple[bool, int | None, Body, Body, float] | None:
+    a, b = cell.bodies[pair.a], cell.bodies[pair.b]
+    if robot not in (a.robot, b.robot):
+        return None
+    if a.robot == b.robot and _moves(cell, a):
+        chain = cell.robots[robot].model.chain
+        return bool(np.all(chain[a.index] <= chain[b.index])), robot, a, b, 1.0
+    mine, theirs, sign = (a, b, 1.0) if a.robot == robot and _moves(cell, a) else (b, a, -1.0)
+    if mine.robot != robot or not _moves(cell, mine):
+        return None
+    return False, theirs.robot if _moves(cell, theirs) else None, mine, theirs, sign
+
+
+def _moves(cell: Cell, body: Body) -> bool:
+    return body.robot is not None and cell.robots[body.robot].model.bodies[body.index].joint >= 0
+
+
+def _build(
+    space: Space, robot: int, other: int | None, members: list[tuple[int, Body, Body, float]], chained: bool
+) -> Group:
+    cell = space.cell
+    ids = np.array([m[0] for m in members], dtype=np.intp)
+    mine = np.array([m[1].index for m in members], dtype=np.intp)
+    at = {id(b): k for k, b in enumerate(cell.bodies)}
+    shape_mine = np.array([at[id(m[1])] for m in members], dtype=np.intp)
+    shape_theirs = np.array([at[id(m[2])] for m in members], dtype=np.intp)
+    theirs = shape_theirs if other is None else np.array([m[2].index for m in members], dtype=np.intp)
+    common = (
+        other, ids, mine, theirs,
+        np.array([m[3] for m in members]),
+        np.array([cell.pairs[k].limit for k in ids]),
+        shape_mine, shape_theirs, space.rows[shape_mine], space.rows[shape_theirs],
+    )  # fmt: skip
+    if not chained:
+        return Group(*common)
+    chain = cell.robots[robot].model.chain
+    between: NDArray[np.float64] = (chain[theirs] & ~chain[mine]).astype(np.float64)
+    motion = space.motion[robot][theirs] * between
+    bend = space.bend[robot][theirs] * between[:, :, None] * between[:, None, :]
+    return ChainGroup(*common, motion, bend)

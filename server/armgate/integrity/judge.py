@@ -1,0 +1,126 @@
+"""Judges one wish: what the robot's own bounds leave of it, then clearance; one way to reduce, everywhere.
+
+u = u_b + β(u_wanted − u_b). ``stop``: clearance takes the β that the bounds left, or 0. ``slow``: the largest of a few β that
+is proven, found by the secant of the binding pair's margin; all trials share one budget.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armgate.cell.events import Cause, Joints, Reason
+from armgate.integrity.braking import stop_increments
+from armgate.integrity.certificate import Budget
+from armgate.integrity.clearance import Binding, Clearance
+from armgate.integrity.limits import Wish, blend, shape_wish, stays_inside
+from armgate.integrity.occupancy import Occupancy
+from armgate.integrity.retreat import Demand, Retreat
+from armgate.integrity.robot import RobotState, end_of
+from armgate.integrity.swept import Array, Swept
+
+BUDGET = 32
+"""Engine evaluations that one command may cost."""
+
+_TRIALS = 2
+_SECANT = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The increments to play, β, what bound them; the occupancy and bounds proven, None if u_b is kept."""
+
+    increments: tuple[Joints, ...]
+    beta: float
+    reasons: tuple[Reason, ...]
+    occupied: Occupancy | None = None
+    swept: Swept | None = None
+    lb: Array | None = None
+
+
+class Judge:
+    """Decides about wishes; keeps nothing but the floors of retreats."""
+
+    def __init__(self, clearance: Clearance, response: str) -> None:
+        self._clearance = clearance
+        self._retreat = Retreat(clearance)
+        self._slow = response == "slow"
+
+    def decide(self, dq: Joints, state: RobotState, states: list[RobotState]) -> Decision:
+        """Decides about the wish ``dq`` of a command that may be judged."""
+        bounds = state.limits_now()
+        wish = shape_wish(dq, state.last, state.brake, state.setpoint, bounds, state.share)
+        if wish.u == state.brake:
+            return Decision(self._braking(state), wish.beta, wish.reasons)
+        demand = self._retreat.demand(state, states)
+        if demand.forbidden is not None:
+            return self._refuse(state, wish, demand.forbidden)
+        return self._clear(wish, state, demand)
+
+    def _clear(self, wish: Wish, state: RobotState, demand: Demand) -> Decision:
+        """Tries the wish; in ``slow`` mode also less of it."""
+        budget = Budget(BUDGET)
+        beta, binding = 1.0, None
+        for _ in range(_TRIALS + 1 if self._slow and not demand.violated else 1):
+            u = blend(state.brake, wish.u, beta)
+            if stays_inside(u, state.setpoint, state.limits_now()) is not None:
+                break
+            decided = self._try(u, wish, beta, state, demand, budget)
+            if isinstance(decided, Decision):
+                reasons = decided.reasons
+                if binding is not None:
+                    reasons = (*reasons, self._reason(binding))
+                return replace(decided, reasons=reasons)
+            binding = decided
+            beta = self._secant(beta, binding)
+        assert binding is not None
+        return self._refuse(state, wish, binding)
+
+    def _try(
+        self, u: Joints, wish: Wish, beta: float, state: RobotState, demand: Demand, budget: Budget
+    ) -> Decision | Binding:
+        increments = stop_increments(u, state.bounds.decel) or (state.zeros,)
+        end = end_of(state.setpoint, increments)
+        occupied = state.occupancy_to(end)
+        swept = self._clearance.space.sweep(state.index, occupied)
+        judged = self._clearance.judge(state.index, swept, self._step(state, end), demand.need, budget)
+        if judged.binding is not None:
+            return judged.binding
+        if (demand.violated or any(map(any, state.outside))) and not self._retreat.widens(
+            state, end, demand.violated
+        ):
+            return self._no_widening(demand)
+        total = wish.beta * beta
+        return Decision(increments, total, wish.reasons, occupied, swept, judged.lb)
+
+    def _secant(self, beta: float, binding: Binding) -> float:
+        """Where the binding pair's margin, linear between the held path and the wish, would be used up."""
+        held = self._clearance.bound[binding.pair] - binding.need
+        tried = binding.lb - binding.need
+        if not np.isfinite(tried) or held <= 0.0:
+            return 0.5 * beta
+        return float(_SECANT * beta * held / (held - tried))
+
+    def _step(self, state: RobotState, end: Joints) -> Array | None:
+        if len(state.reserved) != 1:
+            return None
+        return np.abs(np.subtract(end, state.reserved[0].occupied.end))
+
+    def _braking(self, state: RobotState) -> tuple[Joints, ...]:
+        return state.remaining or (state.zeros,)
+
+    def _refuse(self, state: RobotState, wish: Wish, binding: Binding) -> Decision:
+        return Decision(self._braking(state), 0.0, (*wish.reasons, self._reason(binding)))
+
+    def _no_widening(self, demand: Demand) -> Binding:
+        pair = demand.violated[0] if demand.violated else -1
+        lb = float(self._clearance.bound[pair]) if demand.violated else 0.0
+        return Binding(pair, lb, lb, None)
+
+    def _reason(self, binding: Binding) -> Reason:
+        if binding.pair < 0:
+            return Reason(Cause.JOINT_LIMIT, "outside its joint limits: only motion back inside is allowed")
+        a, b = self._clearance.names(binding.pair)
+        limit = float(self._clearance.limits[binding.pair])
+        text = f"{a} and {b}: {1e3 * binding.lb:.1f} mm could be proven on the way to rest, {1e3 * limit:.1f} mm must be kept"
+        value = binding.lb if np.isfinite(binding.lb) else None
+        return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=binding.points)
