@@ -23,9 +23,17 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
+def files_below(folder: Path) -> set[str]:
+    files = (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(folder).as_posix() for path in files}
+
+
 def source_files(folder: str) -> set[str]:
-    files = (path for path in (ROOT / folder / "armgate").rglob("*") if path.is_file())
-    return {path.relative_to(ROOT / folder).as_posix() for path in files if "__pycache__" not in path.parts}
+    return {f"armgate/{name}" for name in files_below(ROOT / folder / "armgate")}
+
+
+def config_files() -> set[str]:
+    return {f"armgate/apps/configs/{name}" for name in files_below(ROOT / "configs")}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -35,8 +43,13 @@ def test_every_file_of_a_portion_is_in_the_wheel(wheel: zipfile.ZipFile, folder:
     assert files - set(wheel.namelist()) == set()
 
 
+def test_the_cells_of_the_demo_are_in_the_wheel(wheel: zipfile.ZipFile) -> None:
+    assert "armgate/apps/configs/demo.yaml" in config_files()
+    assert config_files() - set(wheel.namelist()) == set()
+
+
 def test_the_wheel_holds_nothing_else(wheel: zipfile.ZipFile) -> None:
-    ours = set().union(*map(source_files, FOLDERS))
+    ours = config_files().union(*map(source_files, FOLDERS))
     others = {name for name in wheel.namelist() if ".dist-info/" not in name} - ours
     assert others == set()
 
