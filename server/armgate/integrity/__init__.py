@@ -3,8 +3,8 @@
 ``Gate.step(event)`` takes ticks, commands, acknowledgements, stops and lease changes and returns verdicts and plans.
 """
 
-from armgate.integrity.clearance import start_clearances
 from armgate.integrity.gate import Gate, RobotView
+from armgate.integrity.nearest import start_clearances
 from armgate.integrity.replay import replay
 
 __all__ = ["Gate", "RobotView", "replay", "start_clearances"]

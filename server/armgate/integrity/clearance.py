@@ -17,15 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import Nearest, Point
-from armgate.integrity.certificate import Budget, Certifier, Proof
+from armgate.cell.events import Point
+from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.groups import ChainGroup, Group, groups_of
 from armgate.integrity.swept import Array, Index, Space, Swept
 
 MARGIN = 1e-9
 """What every bound is lowered by for floating-point rounding, m."""
 
-_REFRESHES = 16
 _SURVEY_BUDGET = 64
 
 
@@ -72,11 +71,11 @@ class Clearance:
 
     def prove_held(self, robot: int, pair: int, budget: Budget) -> Binding:
         """Proves anew what can be proven of one pair of the held occupancies, and keeps the better bound."""
-        group, k = self._find(robot, pair)
+        group, k = self.find(robot, pair)
         lowest, points = np.inf, None
         for mine in self.held[robot]:
             lb, seen = self._pursue(group, k, robot, mine, float(self.limits[pair]), budget)
-            lowest, points = min(lowest, lb), _ordered(group, k, seen) or points
+            lowest, points = min(lowest, lb), ordered(group, k, seen) or points
         self.bound[pair] = max(self.bound[pair], lowest)
         return Binding(pair, float(self.bound[pair]), float(self.limits[pair]), points)
 
@@ -87,7 +86,7 @@ class Clearance:
             if group.other is not None and not self.held[group.other]:
                 continue
             every = np.arange(len(group.ids))
-            for n in (self._kept_n(group, every), self._between(group, robot)):
+            for n in (self.kept_n(group, every), self._between(group, robot)):
                 lb = np.min([self._slab(group, robot, mine, every, n) for mine in self.held[robot]], axis=0)
                 better = lb > self.bound[group.ids]
                 self._n[group.ids[better]] = n[better] * group.sign[better, None]
@@ -119,7 +118,7 @@ class Clearance:
             left = np.flatnonzero(here < need[group.ids])
             if len(left):
                 here[left] = np.maximum(
-                    here[left], self._slab(group, robot, new, left, self._kept_n(group, left))
+                    here[left], self._slab(group, robot, new, left, self.kept_n(group, left))
                 )
             lb[group.ids] = here
             for k in np.flatnonzero(here < need[group.ids]):
@@ -128,53 +127,20 @@ class Clearance:
                 lb[pair] = max(lb[pair], proven)
                 if lb[pair] < need[pair]:
                     return Judgement(
-                        lb, Binding(pair, float(lb[pair]), float(need[pair]), _ordered(group, int(k), points))
+                        lb, Binding(pair, float(lb[pair]), float(need[pair]), ordered(group, int(k), points))
                     )
         return Judgement(lb, None)
 
     def point_bound(self, robot: int, pair: int, q: Sequence[float]) -> float:
         """Returns a tight lower bound of one pair with the robot standing at ``q``, the others as they hold."""
-        group, k = self._find(robot, pair)
-        still = self._still(robot, q)
+        group, k = self.find(robot, pair)
+        still = self.still(robot, q)
         sides = self._others(group, robot, still)
         return min(
             self.certifier.prove(group, k, still, side, (0, m)).lb
             for side in sides
             for m in range(len(side.R))
         )
-
-    # --- for the state -------------------------------------------------------------------------------------
-
-    def nearest(
-        self, robot: int, measured: Sequence[Sequence[float] | Array | None], count: int
-    ) -> dict[int, Nearest]:
-        """Returns the nearest pairs (by index) of a robot at the measured positions, by margin; the nearest refreshed.
-
-        A kept direction proves little for a pair that turned since: the lowest bounds are asked again of the engine
-        until the lowest is a fresh one, so that the first entry (and the first that is not a self pair) is tight.
-        """
-        still = {i: self._still(i, q) for i, q in enumerate(measured) if q is not None}
-        rows: dict[int, tuple[float, Proof | None]] = {}
-        for group in self.groups[robot]:
-            side = self._still_side(group, still)
-            if side is None:
-                continue
-            every = np.arange(len(group.ids))
-            lb, _, _ = group.slab(still[robot], side, every, self._kept_n(group, every))
-            rows.update({int(p): (float(x), None) for p, x in zip(group.ids, lb, strict=True)})
-        for _ in range(_REFRESHES):
-            stale = [p for p in self._lowest(rows) if rows[p][1] is None]
-            if not stale:
-                break
-            group, k = self._find(robot, stale[0])
-            side = self._still_side(group, still)
-            assert side is not None
-            proof = self.certifier.prove(group, k, still[robot], side, (0, 0))
-            self._keep_n(group, k, proof.n)
-            rows[stale[0]] = (proof.lb, proof)
-        order = sorted(rows, key=lambda p: (rows[p][0] - self.limits[p], p))
-        wanted = sorted({*order[:count], *self._lowest(rows)}, key=order.index)
-        return {p: self._nearest(robot, p, *rows[p]) for p in wanted}
 
     def names(self, pair: int) -> tuple[str, str]:
         """Returns the names of a pair's bodies."""
@@ -197,7 +163,7 @@ class Clearance:
     ) -> tuple[float, tuple[Point, Point] | None]:
         """Stages 3 and 4 for one pair: a new direction for the whole, then cells; the best bound and its points."""
         best, points = -np.inf, None
-        n = self._kept_n(group, np.array([k]))
+        n = self.kept_n(group, np.array([k]))
         for _ in range(2):
             worst = min(
                 ((*group.slab(new, side, np.array([k]), n), side) for side in self._others(group, robot, new)),
@@ -210,7 +176,7 @@ class Clearance:
             lb = float(self._slab(group, robot, new, np.array([k]), n)[0])
             if lb > best:
                 best = lb
-                self._keep_n(group, k, proof.n)
+                self.keep_n(group, k, proof.n)
             if best >= need:
                 return best, points
             if proof.lb < need - MARGIN:
@@ -259,12 +225,10 @@ class Clearance:
             return [self.space.static]
         return [new] if group.other == robot else self.held[group.other]
 
-    def _still(self, robot: int, q: Sequence[float] | Array) -> Swept:
+    def still(self, robot: int, q: Sequence[float] | Array) -> Swept:
+        """Returns a robot's bodies with the robot standing at ``q``."""
         nodes = np.array([q], dtype=np.float64)
         return self.space.sweep_nodes(robot, nodes, np.zeros(nodes.shape[1]))
-
-    def _still_side(self, group: Group, still: dict[int, Swept]) -> Swept | None:
-        return self.space.static if group.other is None else still.get(group.other)
 
     def _between(self, group: Group, robot: int) -> Array:
         """Directions from centre to centre at the first node: the first guess for pairs far from each other."""
@@ -277,47 +241,24 @@ class Clearance:
         length = np.linalg.norm(v, axis=1, keepdims=True)
         return np.where(length > MARGIN, v / np.maximum(length, MARGIN), np.array([0.0, 0.0, 1.0]))
 
-    def _find(self, robot: int, pair: int) -> tuple[Group, int]:
+    def find(self, robot: int, pair: int) -> tuple[Group, int]:
+        """Returns the group of a robot's pair and its place there."""
         for group in self.groups[robot]:
             at = np.flatnonzero(group.ids == pair)
             if len(at):
                 return group, int(at[0])
         raise LookupError(f"robot {robot} takes no part in pair {pair}")
 
-    def _kept_n(self, group: Group, sel: Index) -> Array:
+    def kept_n(self, group: Group, sel: Index) -> Array:
+        """Returns the kept directions of some of a group's pairs, mine to theirs, (P', 3)."""
         return np.asarray(self._n[group.ids[sel]] * group.sign[sel, None])
 
-    def _keep_n(self, group: Group, k: int, n: Array) -> None:
+    def keep_n(self, group: Group, k: int, n: Array) -> None:
+        """Keeps a better direction for a group's k-th pair."""
         self._n[group.ids[k]] = n * group.sign[k]
 
-    def _lowest(self, rows: dict[int, tuple[float, Proof | None]]) -> list[int]:
-        """The pairs with the smallest margin: of all, and of those that are not self pairs."""
 
-        def margin(p: int) -> tuple[float, int]:
-            return rows[p][0] - self.limits[p], p
-
-        others = [p for p in rows if self.cell.pairs[p].kind != "self"]
-        return [min(some, key=margin) for some in (list(rows), others) if some]
-
-    def _nearest(self, robot: int, pair: int, lb: float, proof: Proof | None) -> Nearest:
-        points = None
-        if proof is not None:
-            group, k = self._find(robot, pair)
-            points = _ordered(group, k, proof.points)
-        return Nearest(self.names(pair), lb, float(self.limits[pair]), points)
-
-
-def start_clearances(cell: Cell) -> list[Nearest]:
-    """Returns the clearances at the start positions, nearest first: of each robot the nearest pairs, tight."""
-    clearance = Clearance(cell)
-    start = [r.start for r in cell.robots]
-    found: dict[int, Nearest] = {}
-    for i in range(len(start)):
-        found |= clearance.nearest(i, start, _REFRESHES)
-    return sorted(found.values(), key=lambda n: n.distance - n.limit)
-
-
-def _ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
+def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
     """The witness points in the pair's own order."""
     if points is None or group.sign[k] > 0:
         return points

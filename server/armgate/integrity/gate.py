@@ -39,6 +39,7 @@ from armgate.cell.events import (
 from armgate.integrity.admission import inadmissible
 from armgate.integrity.clearance import Clearance
 from armgate.integrity.judge import Decision, Judge
+from armgate.integrity.nearest import NearestPairs
 from armgate.integrity.occupancy import deviation, settle_measured
 from armgate.integrity.robot import Reserved, RobotState, robot_state
 from armgate.integrity.swept import Array
@@ -79,6 +80,7 @@ class Gate:
         self._cell = cell
         self._start = start
         self._clearance = Clearance(cell)
+        self._nearest = NearestPairs(self._clearance)
         self._judge = Judge(self._clearance, cell.config.response)
         self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
         # Bounds proven for plans that their links have not answered yet, all pairs of the cell, by robot.
@@ -190,7 +192,7 @@ class Gate:
 
     def _report(self, s: RobotState) -> None:
         measured = [r.measured if r.tick >= 0 else None for r in self._robots]
-        nearest = self._clearance.nearest(s.index, measured, _NEAREST)
+        nearest = self._nearest.find(s.index, measured, _NEAREST)
         s.nearest = tuple(nearest.values())
         for pair, near in nearest.items():
             if near.points is not None and self._cell.pairs[pair].kind != "self":
@@ -236,7 +238,7 @@ class Gate:
         setpoint = tuple(q + u for q, u in zip(s.setpoint, dq, strict=True)) if s.setpoint else s.zeros
         told = () if outcome is Outcome.ADMITTED else reasons
         s.verdict = Verdict(s.name, command.seq, command.based_on, target, outcome, beta, dq, setpoint, told)
-        key = f"{outcome.value}:{told[0].cause.value}" if told else outcome.value
+        key = f"{outcome.value}:{told[-1].cause.value}" if told else outcome.value  # the last check that bound it
         s.counts[key] = s.counts.get(key, 0) + 1
         return s.verdict
 
