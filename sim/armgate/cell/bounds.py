@@ -1,4 +1,4 @@
-"""The bounds and the start of one robot: the URDF's limits with the configuration's tighter ones over them."""
+"""Bounds and start of one robot: the URDF's limits with the configuration's tighter ones over them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -15,8 +15,9 @@ from armgate.cell.units import UNITS, Quantity
 Array = NDArray[np.float64]
 
 RAMP = 0.25
-"""Default acceleration and deceleration: full speed within this time, s (equal for all joints of a robot, so that a
-fast wrist does not drag a slow axis through a long stop)."""
+"""Default acceleration and deceleration: full speed within this time, s.
+
+Equal for all joints, so that a fast wrist does not drag a slow axis through a long stop."""
 
 _DIMENSIONS = {"revolute": "angle", "prismatic": "length"}
 
@@ -48,7 +49,9 @@ def joint_bounds(config: CellConfig, robot: str, model: RobotModel) -> JointBoun
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     for column in columns:
         column.setflags(write=False)
-    return JointBounds(**{field.name: column for field, column in zip(fields(JointBounds), columns, strict=True)})
+    return JointBounds(
+        **{field.name: column for field, column in zip(fields(JointBounds), columns, strict=True)}
+    )
 
 
 def start_position(config: CellConfig, robot: str, model: RobotModel) -> Array:
@@ -82,7 +85,11 @@ def _of_joint(config: CellConfig, robot: str, joint: Joint) -> Iterator[float]:
     velocity = _velocity(config, path, own, joint)
     yield velocity
     ramp = _gantry_acceleration(config, robot, joint) or velocity / RAMP
-    yield ramp if own.acceleration is None else _positive(config, (*path, "acceleration"), own.acceleration, joint)
+    yield (
+        ramp
+        if own.acceleration is None
+        else _positive(config, (*path, "acceleration"), own.acceleration, joint)
+    )
     if own.deceleration is not None:
         yield _positive(config, (*path, "deceleration"), own.deceleration, joint)
     else:
@@ -126,6 +133,6 @@ def _positive(config: CellConfig, path: Path_, given: Quantity, joint: Joint) ->
 def _value(config: CellConfig, path: Path_, given: Quantity, joint: Joint, per: str) -> float:
     dimension = _DIMENSIONS[joint.kind] + per
     if not given.fits(dimension):
-        text = f"{given.given!r} does not fit joint {joint.name}, which is {joint.kind}; expected {UNITS[dimension]}"
-        raise config.error(path, text)
+        text = f"{given.given!r} does not fit joint {joint.name}, which is {joint.kind}"
+        raise config.error(path, f"{text}; expected {UNITS[dimension]}")
     return given.value

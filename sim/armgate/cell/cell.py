@@ -37,7 +37,7 @@ class Robot:
         upper: Joint limits, (n,), read-only, rad or m.
         velocity: Largest speeds, (n,), read-only, per s.
         acceleration: Largest accelerations, (n,), read-only, per s².
-        deceleration: Decelerations of a stop, (n,), read-only, per s²; inf: no bound, the joint stops at once.
+        deceleration: Decelerations of a stop, (n,), read-only, per s²; inf: no bound.
         start: Where it starts, (n,), read-only.
         lag_window: Declared transport delay of its link, s.
         q_tolerance: Rounding of the measured q, rad or m.
@@ -73,8 +73,8 @@ class Cell:
         robots: In the order of the configuration.
         bodies: The robots' first, robot by robot, then the surroundings.
         pairs: Which bodies must stay apart.
-        hash: SHA-256 of the resolved configuration and URDFs, the same on every machine: neither paths nor where
-            the cell is served enter.
+        hash: SHA-256 of the resolved configuration and URDFs, the same on every machine: neither paths nor
+            where the cell is served enter.
     """
 
     name: str
@@ -97,7 +97,9 @@ class Cell:
         """
         names = [robot.name for robot in self.robots]
         if name not in names:
-            raise ModelError(f"there is no robot {name!r} in cell {self.name!r}; expected one of {', '.join(names)}")
+            raise ModelError(
+                f"there is no robot {name!r} in cell {self.name!r}; expected one of {', '.join(names)}"
+            )
         return names.index(name)
 
     def robot(self, name: str) -> Robot:
@@ -149,7 +151,7 @@ def _robot(config: CellConfig, name: str) -> Robot:
 
 
 def _composed(config: CellConfig, name: str) -> str:
-    own, path, key = config.robots[name], config.urdf_path(name), ("robots", name, "urdf")
+    path, key = config.urdf_path(name), ("robots", name, "urdf")
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -197,7 +199,7 @@ def _check_frames(config: CellConfig, name: str, model: RobotModel) -> None:
 
 
 def _hash(config: CellConfig, robots: tuple[Robot, ...]) -> str:
-    """Over values, not texts: comments, units, paths, line ends and where the cell is served do not change it."""
+    """Over values, not texts: comments, units, paths and where the cell is served do not change it."""
     resolved = config.model_dump(mode="json", exclude={"server": True})
     for robot in robots:
         own = resolved["robots"][robot.name]

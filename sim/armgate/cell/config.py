@@ -1,8 +1,8 @@
 """The configuration of a cell: strict models, read from overlaid YAML files.
 
-Lengths and angles are numbers in m and rad or texts with a unit (``50 mm``, ``-94 deg``); whether a joint's values
-are angles or lengths is only known with its URDF, so they stay ``Quantity`` here and are checked in ``build_cell``.
-Unknown keys are refused. Needs no robot model: a machine without pinocchio can read and check these files.
+Lengths and angles are numbers in m and rad or texts with a unit (``50 mm``, ``-94 deg``). Whether a joint's
+values are angles or lengths is only known with its URDF, so they stay ``Quantity`` here and are checked in
+``build_cell``. Unknown keys are refused. Needs no robot model: a machine without pinocchio can read them.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ class Pose(Part):
 
 
 class ShapeConfig(Part):
-    """Exactly one shape by its sizes [m]: ``{box: [x, y, z]}``, ``{capsule: [radius, length]}`` …"""
+    """Exactly one shape with its sizes [m], as ``{box: [x, y, z]}`` or ``{capsule: [radius, length]}``."""
 
     sphere: Size | None = None
     capsule: tuple[Size, Size] | None = None
@@ -85,13 +85,18 @@ class ShapeConfig(Part):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if len(self._given()) != 1:
-            raise ValueError(f"{len(self._given())} shapes; expected exactly one of sphere, capsule, cylinder, box")
+            raise ValueError(
+                f"{len(self._given())} shapes; expected exactly one of sphere, capsule, cylinder, box"
+            )
         return self
 
     def _given(self) -> dict[Kind, tuple[float, ...]]:
         sphere = None if self.sphere is None else (self.sphere,)
         sizes: dict[Kind, tuple[float, ...] | None] = {
-            "sphere": sphere, "capsule": self.capsule, "cylinder": self.cylinder, "box": self.box,
+            "sphere": sphere,
+            "capsule": self.capsule,
+            "cylinder": self.cylinder,
+            "box": self.box,
         }
         return {kind: size for kind, size in sizes.items() if size is not None}
 
@@ -224,7 +229,7 @@ class WallClockConfig(Part):
 
 
 class LockstepClockConfig(Part):
-    """Time passes when every participant has sent its commands or a pass; a silent one is dropped after ``grace``."""
+    """Time passes when every participant has commanded or passed; a silent one is dropped after ``grace``."""
 
     kind: Literal["lockstep"]
     participants: Annotated[tuple[Name, ...], Field(min_length=1)]

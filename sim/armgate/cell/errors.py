@@ -1,8 +1,8 @@
 """What can be wrong with a cell.
 
-    CellError
-    ├── ConfigError   a configuration file; knows file, line and key
-    └── ModelError    a robot description, or a question about a model that it cannot answer
+CellError
+├── ConfigError   a configuration file; knows file, line and key
+└── ModelError    a robot description, or a question about a model that it cannot answer
 """
 
 from pathlib import Path

@@ -107,7 +107,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class PlanAnswer:
-    """A link's answer to a plan: taken over, or not and why (``late``, ``early``, ``mismatch``, ``inactive``)."""
+    """A link's answer to a plan: taken, or not and why (``late``, ``early``, ``mismatch``, ``inactive``)."""
 
     robot: str
     key: PlanKey
@@ -158,7 +158,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class LeaseChange:
-    """Who may command a robot: the holder's fence (None: nobody) and speed bound, a fraction of the cell's."""
+    """Who may command a robot: the holder's fence (None: nobody) and speed bound, a share of the cell's."""
 
     robot: str
     fence: int | None
@@ -245,7 +245,7 @@ class ResetAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Rebase:
-    """The link shall drop its plan and take ``setpoint`` as the commanded position; ``resets`` is the new count."""
+    """The link shall drop its plan and take ``setpoint`` as commanded; ``resets`` is the new count."""
 
     robot: str
     setpoint: Joints
@@ -262,8 +262,8 @@ GateOutput = Verdict | Plan | Stopped | ResetAnswer | Rebase
 class Nearest:
     """How near two bodies are at the measured positions.
 
-    ``distance`` is a certified lower bound; ``points`` are the witness points (world frame, m) where an engine
-    was asked, None where only the bound is known.
+    ``distance`` is a certified lower bound; ``points`` are the witness points (world frame, m) where an
+    engine was asked, None where only the bound is known.
     """
 
     pair: tuple[str, str]

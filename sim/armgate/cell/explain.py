@@ -40,7 +40,10 @@ def explained(error: ValidationError, tree: Node, model: type[BaseModel]) -> Con
     """One ``ConfigError`` for all findings, a line each; file, line and path are the first one's."""
     details = error.errors(include_url=False)
     places = [_place(detail["loc"], tree) for detail in details]
-    lines = [f"{tree.locate(path)}: {dotted(path)}: {_text(d, path, model)}" for d, path in zip(details, places, strict=True)]
+    lines = [
+        f"{tree.locate(path)}: {dotted(path)}: {_text(d, path, model)}"
+        for d, path in zip(details, places, strict=True)
+    ]
     if len(lines) > MAX_FINDINGS:
         lines = [*lines[:MAX_FINDINGS], f"… and {len(lines) - MAX_FINDINGS} more"]
     mark = tree.locate(places[0])
@@ -53,7 +56,7 @@ def _place(loc: Path_, tree: Node) -> Path_:
     node: Node | None = tree
     for number, step in enumerate(loc):
         child = None if node is None else _child(node, step)
-        if child is not None or number == len(loc) - 1 and _may_lack(node, step):
+        if child is not None or (number == len(loc) - 1 and _may_lack(node, step)):
             path.append(step)
             node = child or node
     return tuple(path)

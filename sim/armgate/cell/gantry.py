@@ -1,9 +1,9 @@
 """Adds to an arm's URDF what the configuration does: a gantry, frames and bodies. The result is one URDF.
 
-The gantry's joints X, Y, Z are the place of its carriage in the gantry's frame, so with the gantry's base at the
-world's origin they read as world coordinates. The carriage is the lower end of a vertical column; the arm's root
-link is fixed to it by ``mount``. The column is one solid piece that rises above the bridge (a telescope takes less
-room, so this is on the safe side).
+The gantry's joints X, Y, Z are the place of its carriage in the gantry's frame, so with the gantry's base at
+the world's origin they read as world coordinates. The carriage is the lower end of a vertical column; the
+arm's root link is fixed to it by ``mount``. The column is one solid piece that rises above the bridge (a
+telescope takes less room, so this is on the safe side).
 """
 
 import xml.etree.ElementTree as ET
@@ -33,7 +33,7 @@ def add_frame(robot: ET.Element, name: str, frame: "FrameConfig") -> None:
     """
     _require_link(robot, frame.parent)
     _add_link(robot, name)
-    _add_joint(robot, f"{name}_mount", "fixed", frame.parent, name, frame)
+    _add_joint(robot, f"{name}_mount", "fixed", frame.parent, name, pose=frame)
     _check(robot)
 
 
@@ -69,7 +69,7 @@ def add_gantry(robot: ET.Element, gantry: "GantryConfig") -> None:
         ET.SubElement(joint, "axis", xyz=_text(axis))
         limits = {"lower": travel[0], "upper": travel[1], "velocity": gantry.speed, "effort": 0.0}
         ET.SubElement(joint, "limit", {key: _text((value,)) for key, value in limits.items()})
-    _add_joint(robot, "gantry_mount", "fixed", GANTRY_LINKS[-1], arm_root, gantry.mount)
+    _add_joint(robot, "gantry_mount", "fixed", GANTRY_LINKS[-1], arm_root, pose=gantry.mount)
     _check(robot)
 
 
@@ -145,7 +145,7 @@ def _require_link(robot: ET.Element, name: str) -> ET.Element:
 
 
 def _add_joint(
-    robot: ET.Element, name: str, kind: str, parent: str, child: str, pose: "Pose | None" = None
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, *, pose: "Pose | None" = None
 ) -> ET.Element:
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent)

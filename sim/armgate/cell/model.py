@@ -106,7 +106,9 @@ class RobotModel:
         """
         urdf = read_urdf(text)
         if all(joint.kind == "fixed" for joint in urdf.joints):
-            raise ModelError("the robot has no joint that moves; expected at least one revolute or prismatic joint")
+            raise ModelError(
+                "the robot has no joint that moves; expected at least one revolute or prismatic joint"
+            )
         pin_model = pin.buildModelFromXML(without_bodies(text))
         _move_root(pin_model, base)
         return cls(urdf, pin_model, base)
@@ -148,7 +150,7 @@ class RobotModel:
         return Placement(oMi.rotation, oMi.translation) @ frame.placement
 
     def frame_jacobian(self, q: ArrayLike, name: str) -> Array:
-        """J (6, n): linear, then angular velocity of a frame per joint speed, world axes, at the frame's origin.
+        """J (6, n): linear, then angular velocity of a frame per joint speed; world axes, at its origin.
 
         Raises:
             ModelError: There is no such frame, or q has not ``n`` numbers.
@@ -161,7 +163,7 @@ class RobotModel:
         return jacobian
 
     def point_jacobian(self, q: ArrayLike, joint_index: int, point_world: ArrayLike) -> Array:
-        """J (3, n): velocity of the point that is carried by a joint (-1: the base) and now at ``point_world`` [m].
+        """J (3, n): velocity of the point at ``point_world`` [m] that a joint (-1: the base) carries.
 
         Raises:
             ModelError: There is no such joint, or q has not ``n`` numbers.

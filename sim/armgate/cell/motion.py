@@ -1,9 +1,10 @@
 """How far bodies can move: bounds that hold at every position within the limits, computed once.
 
-Take a body b and a revolute joint j that moves it. A point of b moves by its distance from j's axis per rad. Seen
-from j's frame the next frame of the chain is at a fixed offset (or, behind a prismatic joint, on a segment), of which
-only the part across the axis counts; behind that any joint may turn the rest anywhere, so offsets add up as lengths,
-and at the end stands the point of b that is farthest from its own joint's origin.
+A point of body b moves by its distance from joint j's axis per rad of j. To bound that distance, walk the
+chain from b back to j. The body's points as seen from its own joint's parent lie on circles around that
+joint's axis (or on a segment along it), whose farthest distance has a closed form. From there on any joint may
+turn the rest anywhere, so offsets between joints add up as lengths; of the first one, which is fixed in j's
+frame, only the part across j's axis counts.
 """
 
 import numpy as np
@@ -17,51 +18,75 @@ Array = NDArray[np.float64]
 def motion_bounds(model: RobotModel, lower: Array | None = None, upper: Array | None = None) -> Array:
     """R (bodies, n): the farthest that any point of body b can move per unit of joint j, m/rad or m/m.
 
-    0 where j does not move b, 1 for prismatic j. Only the travel of prismatic joints behind revolute ones enters
-    from the limits; ``lower`` and ``upper`` (n,) replace the URDF's, for a robot that starts outside of them.
+    0 where j does not move b, 1 for prismatic j. Of the limits only the travel of prismatic joints behind
+    revolute ones enters; ``lower`` and ``upper`` (n,) widen it for a robot that is outside of its limits.
     """
-    low = model.lower if lower is None else np.minimum(lower, model.lower)
-    high = model.upper if upper is None else np.maximum(upper, model.upper)
+    travel = _Travel(model, lower, upper)
     R = np.zeros((len(model.bodies), model.n))
     for b, body in enumerate(model.bodies):
-        for j in np.flatnonzero(model.chain[b]):
-            R[b, j] = 1.0 if _is_prismatic(model, j) else _reach(model, body, int(j), low, high)
+        for j in map(int, np.flatnonzero(model.chain[b])):
+            R[b, j] = 1.0 if _is_prismatic(model, j) else _reach(travel, body, j)
     return R
 
 
 def bend_bounds(model: RobotModel, lower: Array | None = None, upper: Array | None = None) -> Array:
     """G (bodies, n, n): a bound of |∂²x/∂q_i∂q_j| for every point x of body b, at every q within the limits.
 
-    With i the one nearer to the base: ∂²x/∂q_i∂q_j = ω_i × ∂x/∂q_j if i is revolute, so at most R[b, j]; 0 if i is
-    prismatic. Arguments as in ``motion_bounds``.
+    With i the one nearer to the base: ∂²x/∂q_i∂q_j = ω_i × ∂x/∂q_j if i is revolute, so at most R[b, j];
+    0 if i is prismatic. Arguments as in ``motion_bounds``.
     """
     R = motion_bounds(model, lower, upper)
     G = np.zeros((len(model.bodies), model.n, model.n))
     for b in range(len(model.bodies)):
-        moving = np.flatnonzero(model.chain[b])
+        moving = [int(j) for j in np.flatnonzero(model.chain[b])]
         for i in moving:
-            if _is_prismatic(model, i):
-                continue
-            for j in moving[moving >= i]:
-                G[b, i, j] = G[b, j, i] = R[b, j]
+            if not _is_prismatic(model, i):
+                for j in moving[moving.index(i) :]:
+                    G[b, i, j] = G[b, j, i] = R[b, j]
     return G
+
+
+class _Travel:
+    """Axes and offsets of the joints; an offset behind a prismatic joint has the two ends of its travel."""
+
+    def __init__(self, model: RobotModel, lower: Array | None, upper: Array | None) -> None:
+        self.model = model
+        low = model.lower if lower is None else np.minimum(lower, model.lower)
+        high = model.upper if upper is None else np.maximum(upper, model.upper)
+        self.axes = [_axis(model, j) for j in range(model.n)]
+        self.rotations, self.offsets = [], []
+        for j in range(model.n):
+            placement = model.pin_model.jointPlacements[j + 1]
+            origin, direction = np.array(placement.translation), placement.rotation @ self.axes[j]
+            ends = (low[j], high[j]) if _is_prismatic(model, j) else (0.0,)
+            self.rotations.append(np.array(placement.rotation))
+            self.offsets.append([origin + float(end) * direction for end in ends])
 
 
 def _is_prismatic(model: RobotModel, joint: int) -> bool:
     return model.joints[joint].kind == "prismatic"
 
 
-def _reach(model: RobotModel, body: ModelBody, joint: int, low: Array, high: Array) -> float:
+def _axis(model: RobotModel, joint: int) -> Array:
+    """The joint's axis in its own frame: the column of pinocchio's motion subspace (linear, angular)."""
+    subspace: Array = np.asarray(model.pin_model.joints[joint + 1].createData().S, dtype=np.float64).reshape(
+        6
+    )
+    return subspace[:3] if _is_prismatic(model, joint) else subspace[3:]
+
+
+def _reach(travel: _Travel, body: ModelBody, joint: int) -> float:
     """Farthest distance of a point of ``body`` from the axis of the revolute ``joint``, m."""
-    across = np.eye(3) - np.outer(axis := _axis(model, joint), axis)
-    path = _path(model, joint, body.joint)
+    axis = travel.axes[joint]
+    across = np.eye(3) - np.outer(axis, axis)
+    path = _path(travel.model, joint, body.joint)
     if not path:
         return _farthest(body, across)
-    first = max(float(np.linalg.norm(across @ offset)) for offset in _offsets(model, path[0], low, high))
-    rest = sum(
-        max(float(np.linalg.norm(offset)) for offset in _offsets(model, k, low, high)) for k in path[1:]
-    )
-    return first + rest + _farthest(body, np.eye(3))
+    tail = _swung(travel, body, path[-1])
+    if len(path) == 1:
+        return min(tail, _longest(travel, path[0], across) + _farthest(body, np.eye(3)))
+    between = sum(_longest(travel, k, np.eye(3)) for k in path[1:-1])
+    return _longest(travel, path[0], across) + between + tail
 
 
 def _path(model: RobotModel, joint: int, last: int) -> list[int]:
@@ -73,26 +98,34 @@ def _path(model: RobotModel, joint: int, last: int) -> list[int]:
     return path[::-1]
 
 
-def _axis(model: RobotModel, joint: int) -> Array:
-    """The joint's axis in its own frame: what its unit speed moves, by pinocchio's motion subspace."""
-    data = model.pin_model.joints[joint + 1].createData()
-    subspace = np.asarray(data.S).reshape(6)
-    return subspace[3:] if model.joints[joint].kind == "revolute" else subspace[:3]
+def _longest(travel: _Travel, joint: int, projection: Array) -> float:
+    """Length of the joint's offset in its parent joint's frame after a projection, m.
 
-
-def _offsets(model: RobotModel, joint: int, low: Array, high: Array) -> list[Array]:
-    """Ends of the segment on which the joint's frame lies in its parent joint's frame (norms are convex on it)."""
-    placement = model.pin_model.jointPlacements[joint + 1]
-    origin = np.array(placement.translation)
-    if not _is_prismatic(model, joint):
-        return [origin]
-    direction = placement.rotation @ _axis(model, joint)
-    return [origin + float(value) * direction for value in (low[joint], high[joint])]
+    Norms are convex, so on a segment of travel an end is the farthest.
+    """
+    return max(float(np.linalg.norm(projection @ offset)) for offset in travel.offsets[joint])
 
 
 def _farthest(body: ModelBody, projection: Array) -> float:
-    """Farthest distance of the body's points from its joint's origin, after a projection, m."""
+    """Farthest distance of the body's points from its joint's origin after a projection, m."""
     core = body.placement.apply(np.array(body.shape.core)) @ projection.T
     by_core = float(np.linalg.norm(core, axis=1).max()) + body.shape.core_radius
     by_ball = float(np.linalg.norm(projection @ body.placement.t)) + body.shape.bounding_radius
     return min(by_core, by_ball)
+
+
+def _swung(travel: _Travel, body: ModelBody, joint: int) -> float:
+    """Farthest distance of the points of a body on ``joint`` from its parent joint's origin, m.
+
+    Turning p about the unit axis a at the offset o: max |o + p(θ)|² = |o|² + |p|² + 2 (o·a p·a + |o⊥||p⊥|).
+    """
+    points = body.placement.apply(np.array(body.shape.core)) @ travel.rotations[joint].T
+    if _is_prismatic(travel.model, joint):
+        norms = [np.linalg.norm(points + offset, axis=1).max() for offset in travel.offsets[joint]]
+        return float(max(norms)) + body.shape.core_radius
+    (offset,), axis = travel.offsets[joint], travel.rotations[joint] @ travel.axes[joint]
+    along_o, along_p = float(offset @ axis), points @ axis
+    across_o = float(np.linalg.norm(offset - along_o * axis))
+    across_p = np.linalg.norm(points - np.outer(along_p, axis), axis=1)
+    farthest = float(np.hypot(along_o + along_p, across_o + across_p).max()) + body.shape.core_radius
+    return min(farthest, float(np.linalg.norm(offset)) + _farthest(body, np.eye(3)))

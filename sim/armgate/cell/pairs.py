@@ -37,8 +37,8 @@ class Body:
 class Pair:
     """Two bodies that must stay at least ``limit`` [m] apart.
 
-    ``a`` and ``b`` are indices into ``cell.bodies``: a's robot comes first, or a is nearer to the base, or b is a
-    surrounding.
+    ``a`` and ``b`` are indices into ``cell.bodies``: a's robot comes first, or a is nearer to the base, or
+    b is a surrounding.
     """
 
     a: int
@@ -66,11 +66,13 @@ def collect_bodies(config: CellConfig, models: Sequence[RobotModel]) -> tuple[Bo
     return tuple(bodies)
 
 
-def collect_pairs(config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body]) -> tuple[Pair, ...]:
+def collect_pairs(
+    config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body]
+) -> tuple[Pair, ...]:
     """All pairs that must stay apart.
 
-    Left out are pairs that cannot move against each other, bodies of one robot on the same joint or on neighbouring
-    ones (they overlap where the joint is), and what ``ignore_pairs`` names.
+    Left out are pairs that cannot move against each other, bodies of one robot on the same joint or on
+    neighbouring ones (they overlap where the joint is), and what ``ignore_pairs`` names.
 
     Raises:
         ConfigError: ``ignore_pairs`` names neither a link nor a body of its robot.
@@ -80,7 +82,10 @@ def collect_pairs(config: CellConfig, models: Sequence[RobotModel], bodies: Sequ
 
 
 def _pairs(
-    config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body], ignored: list[set[frozenset[int]]]
+    config: CellConfig,
+    models: Sequence[RobotModel],
+    bodies: Sequence[Body],
+    ignored: list[set[frozenset[int]]],
 ) -> Iterator[Pair]:
     for a, b in combinations(range(len(bodies)), 2):
         first, second = bodies[a], bodies[b]
@@ -94,7 +99,9 @@ def _pairs(
             yield from _self_pair(config, models[second.robot], a, b, (first, second))
 
 
-def _self_pair(config: CellConfig, model: RobotModel, a: int, b: int, both: tuple[Body, Body]) -> Iterator[Pair]:
+def _self_pair(
+    config: CellConfig, model: RobotModel, a: int, b: int, both: tuple[Body, Body]
+) -> Iterator[Pair]:
     joint_a, joint_b = (model.bodies[body.index].joint for body in both)
     if joint_a == joint_b or _parent(model, joint_a) == joint_b or _parent(model, joint_b) == joint_a:
         return
@@ -112,10 +119,11 @@ def _moves(models: Sequence[RobotModel], body: Body) -> bool:
 
 def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset[int]]:
     """Pairs of body indices that ``ignore_pairs`` names."""
-    ignored = set()
+    ignored: set[frozenset[int]] = set()
     for number, names in enumerate(config.robots[robot].ignore_pairs):
         first, second = (
-            _named(config, ("robots", robot, "ignore_pairs", number, i), name, model) for i, name in enumerate(names)
+            _named(config, ("robots", robot, "ignore_pairs", number, i), name, model)
+            for i, name in enumerate(names)
         )
         ignored.update(frozenset((a, b)) for a in first for b in second)
     return ignored
@@ -124,7 +132,9 @@ def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset
 def _named(config: CellConfig, path: tuple[str | int, ...], name: str, model: RobotModel) -> list[int]:
     found = [index for index, body in enumerate(model.bodies) if name in (body.name, body.link)]
     if not found:
-        raise config.error(path, f"no link with a body, and no body, is called {name!r}; expected {_known(model.bodies)}")
+        raise config.error(
+            path, f"no link with a body, and no body, is called {name!r}; expected {_known(model.bodies)}"
+        )
     return found
 
 

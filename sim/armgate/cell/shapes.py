@@ -25,7 +25,9 @@ class Primitive:
     def __post_init__(self) -> None:
         for size in self.size:
             if not (math.isfinite(size) and size > 0.0):
-                raise ModelError(f"a {self.kind} cannot have the size {size}; expected a positive number of metres")
+                raise ModelError(
+                    f"a {self.kind} cannot have the size {size}; expected a positive number of metres"
+                )
 
     @property
     def size(self) -> tuple[float, ...]:

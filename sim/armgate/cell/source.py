@@ -32,7 +32,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Node:
-    """A value of the tree: a mapping, a sequence or a scalar, and where it (for a key's value: the key) stands."""
+    """A value of the tree (a mapping, a sequence or a scalar), where it stands, and where its keys do."""
 
     value: "dict[str, Node] | tuple[Node, ...] | Scalar"
     mark: Mark
@@ -85,13 +85,15 @@ def _overlay(below: Node, above: Node) -> Node:
 def _read_file(path: Path) -> Node:
     text = _read_text(path)
     try:
-        root = yaml.compose(text, Loader=_CoreLoader)  # noqa: S506  (nodes only, nothing is constructed)
+        root = yaml.compose(text, Loader=_CoreLoader)
     except yaml.MarkedYAMLError as error:
         raise _yaml_error(path, error) from error
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}: not YAML: {error}", path) from error
     if root is None:
-        raise ConfigError(f"{path}:1: the file is empty; expected a mapping that begins with 'armgate: 1'", path, 1)
+        raise ConfigError(
+            f"{path}:1: the file is empty; expected a mapping that begins with 'armgate: 1'", path, 1
+        )
     if not isinstance(root, yaml.MappingNode):
         text = "not a mapping; expected 'key: value' lines that begin with 'armgate: 1'"
         raise ConfigError(f"{path}:1: {text}", path, 1)
@@ -110,7 +112,9 @@ def _read_text(path: Path) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{path}:{line}: not UTF-8; expected the file to be saved as UTF-8", path, line) from error
+        raise ConfigError(
+            f"{path}:{line}: not UTF-8; expected the file to be saved as UTF-8", path, line
+        ) from error
 
 
 def _yaml_error(path: Path, error: yaml.MarkedYAMLError) -> ConfigError:
@@ -121,7 +125,7 @@ def _yaml_error(path: Path, error: yaml.MarkedYAMLError) -> ConfigError:
 
 
 class _Converter:
-    """Turns composed nodes of one file into our tree, within a bounded number of nodes (aliases can multiply)."""
+    """Turns the nodes of one file into our tree, within a bounded number (aliases can multiply)."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -130,7 +134,9 @@ class _Converter:
     def convert(self, node: yaml.Node, path: Path_, around: tuple[int, ...]) -> Node:
         self._count += 1
         if self._count > MAX_NODES:
-            raise self._error(node, path, f"more than {MAX_NODES} values; expected a smaller file or fewer aliases")
+            raise self._error(
+                node, path, f"more than {MAX_NODES} values; expected a smaller file or fewer aliases"
+            )
         if id(node) in around:
             raise self._error(node, path, "the alias refers to a value that holds it; expected no loops")
         around = (*around, id(node))

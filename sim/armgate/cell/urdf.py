@@ -1,8 +1,9 @@
 """Reads a robot description (URDF) strictly: what is not supported is refused by name, never mangled.
 
-Supported: trees of ``revolute``, ``prismatic`` and ``fixed`` joints, and collision bodies of ``<sphere radius>``,
-``<box size>``, ``<cylinder radius length>`` and, beyond the standard, ``<capsule radius length>`` (the length
-without its caps, axis along z). Visuals, inertias and everything else that a gate does not need are ignored.
+Supported: trees of ``revolute``, ``prismatic`` and ``fixed`` joints, and collision bodies of
+``<sphere radius>``, ``<box size>``, ``<cylinder radius length>`` and, beyond the standard,
+``<capsule radius length>`` (the length without its caps, axis along z). Visuals, inertias and everything else
+that a gate does not need are ignored.
 """
 
 import math
@@ -17,6 +18,7 @@ from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape, shape_from
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
+_KINDS: dict[str, JointKind] = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 _SIZES = {"sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length")}
 
 
@@ -139,7 +141,9 @@ def _name(element: ET.Element, what: str) -> str:
     return name
 
 
-def _numbers(element: ET.Element, attribute: str, count: int, where: str, default: str | None = None) -> list[float]:
+def _numbers(
+    element: ET.Element, attribute: str, count: int, where: str, default: str | None = None
+) -> list[float]:
     text = element.get(attribute, default)
     if text is None:
         raise ModelError(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
@@ -148,7 +152,9 @@ def _numbers(element: ET.Element, attribute: str, count: int, where: str, defaul
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise ModelError(f"{where}: {attribute}={text!r} in <{element.tag}>; expected {count} finite number(s)")
+        raise ModelError(
+            f"{where}: {attribute}={text!r} in <{element.tag}>; expected {count} finite number(s)"
+        )
     return values
 
 
@@ -157,7 +163,9 @@ def _origin(element: ET.Element, where: str) -> Placement:
     if origin is None:
         return Placement.identity()
     zeros = "0 0 0"
-    return Placement.from_rpy(_numbers(origin, "xyz", 3, where, zeros), _numbers(origin, "rpy", 3, where, zeros))
+    return Placement.from_rpy(
+        _numbers(origin, "xyz", 3, where, zeros), _numbers(origin, "rpy", 3, where, zeros)
+    )
 
 
 # --- joints -----------------------------------------------------------------------------------------------
@@ -177,13 +185,12 @@ def _joint(element: ET.Element, links: tuple[str, ...]) -> UrdfJoint:
 
 
 def _joint_kind(element: ET.Element, where: str) -> JointKind:
-    kind = element.get("type")
-    if kind == "revolute" or kind == "prismatic" or kind == "fixed":  # noqa: PLR1714  (narrows the type)
-        return kind
+    kind = element.get("type", "")
+    if kind in _KINDS:
+        return _KINDS[kind]
+    hint = "expected revolute, prismatic or fixed"
     if kind == "continuous":
         hint = "make it revolute with finite limits"
-    else:
-        hint = "expected revolute, prismatic or fixed"
     raise ModelError(f"{where}: type {kind!r} is not supported; {hint}")
 
 
@@ -242,7 +249,9 @@ def _shape(element: ET.Element, where: str) -> Shape:
         raise ModelError(f"{where}: expected one <geometry> with one shape in it")
     shape = geometry[0]
     if shape.tag == "mesh":
-        raise ModelError(f"{where}: meshes are not in this version; expected sphere, capsule, cylinder or box")
+        raise ModelError(
+            f"{where}: meshes are not in this version; expected sphere, capsule, cylinder or box"
+        )
     if shape.tag == "box":
         size = _numbers(shape, "size", 3, where)
     elif shape.tag in _SIZES:
