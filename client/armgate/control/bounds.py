@@ -1,0 +1,120 @@
+"""What the gate lets through, as a controller that wants to be let through sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.control.weights import Vector
+
+# Stays this much, relatively, inside the bounds that the gate computes on its side from the same figures.
+SLACK = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class IncrementBounds:
+    """Bounds on the increments of one robot, each (n,), rad or m.
+
+    Attributes:
+        step: |dq| at most.
+        change: the increment differs from the one before by at most this.
+        lower: of the setpoint.
+        upper: of the setpoint.
+    """
+
+    step: Vector
+    change: Vector
+    lower: Vector
+    upper: Vector
+
+    @classmethod
+    def from_rates(
+        cls,
+        *,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike,
+        period: float,
+        deceleration: ArrayLike | None = None,
+        speed: float = 1.0,
+        margin: float = 2e-4,
+    ) -> IncrementBounds:
+        """From a robot's rates as its description gives them.
+
+        Args:
+            lower: joint limits, rad or m.
+            upper: the same, upper.
+            velocity: rad/s or m/s.
+            acceleration: rad/s² or m/s².
+            period: of the robot's clock, s.
+            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. Where it is the tighter one it
+                bounds speeding up too, so that whatever speed is reached can be shed.
+            speed: share of the velocity that the lease allows.
+            margin: kept from the joint limits, rad or m: the measured position counts for them too.
+
+        Raises:
+            ValueError: if the arrays differ in length or a rate is not positive.
+        """
+        low, high, rate, gain = (np.array(v, dtype=np.float64) for v in (lower, upper, velocity, acceleration))
+        shed = np.full_like(gain, np.inf) if deceleration is None else np.array(deceleration, dtype=np.float64)
+        if not low.shape == high.shape == rate.shape == gain.shape == shed.shape or low.ndim != 1:
+            raise ValueError("expected limits, velocity and accelerations of one length")
+        if not (period > 0.0 and 0.0 < speed <= 1.0 and (rate > 0.0).all() and (gain > 0.0).all() and (shed > 0.0).all()):
+            raise ValueError("expected a positive period, rates and accelerations, and a speed in (0, 1]")
+        inside = 1.0 - SLACK
+        return cls(
+            step=rate * (inside * speed * period),
+            change=np.minimum(gain, shed) * (inside * period * period),
+            lower=low + margin,
+            upper=high - margin,
+        )
+
+    def braked(self, dq: Vector) -> Vector:
+        """The increment after `dq` on the quickest straight stop: `dq` shortened along its own direction."""
+        return dq * max(0.0, 1.0 - self._decay(dq))
+
+    def stop(self, dq: Vector) -> float:
+        """S: on the quickest straight stop the robot goes on by S · dq after the increment `dq`."""
+        decay = self._decay(dq)
+        if decay >= 1.0:
+            return 0.0
+        ticks = floor(1.0 / decay)
+        return ticks - 0.5 * decay * ticks * (ticks + 1)
+
+    def _decay(self, dq: Vector) -> float:
+        moving = np.abs(dq) > 1e-15
+        return float((self.change[moving] / np.abs(dq[moving])).min()) if moving.any() else np.inf
+
+    def admits(self, dq: Vector, setpoint: Vector) -> bool:
+        """Whether the increment and the stop after it stay within the joint limits."""
+        way = (1.0 + self.stop(dq)) * dq
+        ahead = np.where(dq > 0.0, self.upper - setpoint, setpoint - self.lower)
+        return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
+
+    def within(self, wanted: Vector, last: Vector, setpoint: Vector) -> Vector:
+        """The increment nearest to `wanted` that can follow `last` at `setpoint` and can be stopped after, (n,).
+
+        Joint by joint: no longer than the step, than what the limits leave with braking, and no other change than
+        the acceleration allows. Where that leaves no stop within the limits, less of the way from the braking
+        increment, which always has one.
+        """
+        u = np.clip(wanted, -self.step, self.step)
+        share = 1.0 / (1.0 + self.stop(u))
+        u = np.clip(u, share * np.minimum(self.lower - setpoint, 0.0), share * np.maximum(self.upper - setpoint, 0.0))
+        u = np.clip(u, last - self.change, last + self.change)
+        return u if self.admits(u, setpoint) else self._blend(self.braked(last), u, setpoint)
+
+    def _blend(self, safe: Vector, wanted: Vector, setpoint: Vector) -> Vector:
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            if self.admits(safe + middle * (wanted - safe), setpoint):
+                low = middle
+            else:
+                high = middle
+        blended: Vector = safe + low * (wanted - safe)
+        return blended

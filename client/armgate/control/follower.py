@@ -1,0 +1,198 @@
+"""The follower: one increment a tick that keeps the camera on the leader."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.control.bounds import IncrementBounds
+from armgate.control.integrate import Ended, Scheme, integrate
+from armgate.control.law import CameraLaw
+from armgate.control.predict import Predictor
+from armgate.control.repulsion import Emergency, Obstacles
+from armgate.control.shaping import RESERVE, braking_way, shape_chord
+from armgate.control.view import view_errors
+from armgate.control.weights import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the follower knows at a tick of its robot.
+
+    Attributes:
+        time: of the tick, s.
+        setpoint: its own, (n,), rad or m; where (17) starts.
+        last: the increment that led to it, (n,).
+        q: measured, (n,).
+        target: p, the newest measured position of the leader's tool (3,), m, or None while none is known.
+        target_time: when that was measured, s, on the clock of `time`.
+        distance: d_r, the wanted view distance, m.
+        obstacles: the leader's spheres and the floor.
+    """
+
+    time: float
+    setpoint: Vector
+    last: Vector
+    q: Vector
+    target: ArrayLike | None
+    target_time: float
+    distance: float
+    obstacles: Obstacles
+
+
+@dataclass(frozen=True, slots=True)
+class FollowStep:
+    """What to do in this tick, and how it goes.
+
+    Attributes:
+        dq: the increment to send, (n,); within the bounds, and stoppable within the joint limits.
+        why: what decided its length, in words.
+        angle: measured view angle error, rad; None while no target is known.
+        distance: measured distance error ‖p − x‖ − d_r, m; None while no target is known.
+        repulsion: whether an obstacle pushes.
+        emergency: whether (13) has replaced (9).
+        gap: least distance to an obstacle's bounding sphere, m (inf: no obstacles).
+        focus: the target as predicted for the time at which dq takes effect, (3,), m; None if none is fresh.
+        steps: Runge-Kutta steps made.
+    """
+
+    dq: Vector
+    why: str
+    angle: float | None
+    distance: float | None
+    repulsion: bool
+    emergency: bool
+    gap: float
+    focus: Vector | None
+    steps: int
+
+
+class Follower:
+    """Camera law, prediction, on-line scheme and shaping put together.
+
+    Args:
+        law: of the robot that carries the camera.
+        bounds: of its increments, as the gate applies them.
+        period: of its clock, s.
+        ahead: how long after `Situation.time` an increment sent in answer shows in the measured position, s: the
+            delay of the loop and the robot's lag.
+        scheme: how (16) is integrated.
+        predictor: of the target; the default takes velocity and acceleration into account.
+        stale: a target older than this, s, has vanished: the follower slows to rest.
+        predict: False leaves the target where it was measured, as the paper does.
+    """
+
+    def __init__(
+        self,
+        law: CameraLaw,
+        bounds: IncrementBounds,
+        *,
+        period: float,
+        ahead: float,
+        scheme: Scheme | None = None,
+        predictor: Predictor | None = None,
+        stale: float = 0.1,
+        predict: bool = True,
+    ) -> None:
+        if not (period > 0.0 and ahead >= 0.0 and stale > 0.0):
+            raise ValueError(f"expected period > 0, ahead ≥ 0, stale > 0; got {period}, {ahead}, {stale}")
+        if len(bounds.step) != law.model.n:
+            raise ValueError(f"expected bounds for {law.model.n} joints, got {len(bounds.step)}")
+        self._law = law
+        self._bounds = bounds
+        self._period = period
+        self._ahead = ahead
+        self._scheme = Scheme() if scheme is None else scheme
+        self._predictor = Predictor() if predictor is None else predictor
+        self._stale = stale
+        self._predict = predict
+        self._emergency = Emergency(law.gains)
+        # Far enough to see what has to be braked for at full speed.
+        self._reach = braking_way(bounds.step, RESERVE * bounds.change)
+
+    def step(self, now: Situation) -> FollowStep:
+        """The increment for the situation `now`.
+
+        Raises:
+            ValueError: if positions or increments have the wrong length or are not finite.
+        """
+        self._check(now)
+        if now.target is not None:
+            self._predictor.update(now.target_time, now.target)
+        gap = self._law.least_gap(now.setpoint, now.obstacles)
+        emergency = self._emergency.update(gap)
+        age = np.inf if self._predictor.time is None else now.time - self._predictor.time
+        if age > self._stale:
+            return self._rest(now, age, gap)
+        focus, velocity = self._focus(age)
+        return self._follow(now, focus, velocity, gap, emergency)
+
+    def _focus(self, age: float) -> tuple[Vector, Vector]:
+        if self._predict:
+            return self._predictor.predict(age + self._ahead)
+        return self._predictor.predict(0.0)[0], np.zeros(3)
+
+    def _follow(self, now: Situation, focus: Vector, velocity: Vector, gap: float, emergency: bool) -> FollowStep:
+        law, q = self._law, now.setpoint
+        goal = law.goal(focus, now.distance, now.obstacles, emergency)
+        run = integrate(lambda at: law(at, goal), q, self._reach, self._scheme)
+        induced = np.zeros_like(q) if emergency else law.induced(q, goal, velocity) * self._period
+        wanted = shape_chord(run.q - q, induced, self._bounds.step, self._bounds.change)
+        dq = self._bounds.within(wanted, now.last, q)
+        angle, distance = self._errors(now)
+        return FollowStep(
+            dq=dq,
+            why=_reason(run.ended, emergency, bool(np.abs(dq - wanted).max() > 1e-9)),
+            angle=angle,
+            distance=distance,
+            repulsion=gap < law.gains.reach,
+            emergency=emergency,
+            gap=gap,
+            focus=focus,
+            steps=run.steps,
+        )
+
+    def _rest(self, now: Situation, age: float, gap: float) -> FollowStep:
+        lost = "no position of the leader yet" if age == np.inf else f"no fresh position of the leader for {age:.2f} s"
+        angle, distance = self._errors(now)
+        return FollowStep(
+            dq=self._bounds.within(self._bounds.braked(now.last), now.last, now.setpoint),
+            why=f"{lost}: slowing to rest",
+            angle=angle,
+            distance=distance,
+            repulsion=gap < self._law.gains.reach,
+            emergency=self._emergency.active,
+            gap=gap,
+            focus=None,
+            steps=0,
+        )
+
+    def _errors(self, now: Situation) -> tuple[float | None, float | None]:
+        if now.target is None:
+            return None, None
+        return view_errors(self._law.model, self._law.frame, now.q, now.target, now.distance)
+
+    def _check(self, now: Situation) -> None:
+        n = self._law.model.n
+        for name, value in (("setpoint", now.setpoint), ("last", now.last), ("q", now.q)):
+            if value.shape != (n,) or not np.isfinite(value).all():
+                raise ValueError(f"{name}: expected {n} finite numbers, got {value}")
+        if not (np.isfinite(now.time) and np.isfinite(now.distance) and now.distance > 0.0):
+            raise ValueError(f"expected a finite time and a distance > 0, got {now.time} and {now.distance}")
+
+
+_ENDED = {
+    Ended.CONVERGED: "reaches the optimum",
+    Ended.BOUND: "on the way to the optimum",
+    Ended.BUDGET: "budget of steps used up",
+}
+
+
+def _reason(ended: Ended, emergency: bool, bounded: bool) -> str:
+    parts = ["emergency: obstacle avoidance alone"] if emergency else []
+    parts.append(_ENDED[ended])
+    if bounded:
+        parts.append("acceleration or joint limit bounds it")
+    return ", ".join(parts)

@@ -1,0 +1,40 @@
+"""The numbers of the camera law in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Gains and ranges of the camera law; the letters are the paper's.
+
+    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so what counts is
+    the proportion of the gains to each other, not their size.
+
+    Attributes:
+        task: k_p of (9), 1/s.
+        distance: k of (14), 1/(m·s)·rad, per metre of distance error and metre of lever.
+        roll: k_c of (15), 1/s.
+        repulsion: η, the strength of (12). The paper leaves it at 1, with other radii.
+        reach: ρ0 of (12), m. Bounding spheres farther than this from each other do not push.
+        contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart, finitely.
+        push: no pair of spheres pushes harder than this.
+        limit: c of the joint limit weights, see `weights.limit_weights`.
+        roll_fade: the roll control fades out between these angles of the view axis from the vertical, rad.
+        emergency_on: (13) replaces (9) when a pair of spheres is nearer than this, m …
+        emergency_off: … and (9) comes back when all are farther than this, m.
+    """
+
+    task: float = 5.0
+    distance: float = 5.0
+    roll: float = 5.0
+    repulsion: float = 0.01
+    reach: float = 0.3
+    contact: float = 0.02
+    push: float = 20.0
+    limit: float = 0.02
+    roll_fade: tuple[float, float] = (radians(5.0), radians(15.0))
+    emergency_on: float = 0.03
+    emergency_off: float = 0.10

@@ -1,0 +1,77 @@
+"""Where a point will be: an α-β-γ filter over its stamped positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.control.weights import Vector
+
+
+class Predictor:
+    """Estimates position, velocity and acceleration of a point and extrapolates them.
+
+    With the residual e of a new position against the one predicted for its time, dt after the one before,
+
+        p ← p + α e,      v ← v + β e / dt,      a ← a + γ e / dt²
+
+    (Kalata 1984, with γ standing for his γ/2). γ = 0 gives the α-β filter, which takes the velocity as constant.
+
+    Args:
+        alpha: share of the residual that goes into the position, (0, 1].
+        beta: into the velocity.
+        gamma: into the acceleration.
+        gap: after a pause longer than this, s, the past tells nothing: the filter starts anew.
+    """
+
+    def __init__(self, alpha: float = 0.5, beta: float = 0.18, gamma: float = 0.02, gap: float = 0.2) -> None:
+        if not (0.0 < alpha <= 1.0 and beta >= 0.0 and gamma >= 0.0):
+            raise ValueError(f"expected 0 < alpha ≤ 1, beta ≥ 0, gamma ≥ 0; got {alpha}, {beta}, {gamma}")
+        self._alpha, self._beta, self._gamma, self._gap = alpha, beta, gamma, gap
+        self._time: float | None = None
+        self._p = self._v = self._a = np.zeros(3)
+
+    @property
+    def time(self) -> float | None:
+        """The stamp of the newest position, s, or None before the first."""
+        return self._time
+
+    @property
+    def velocity(self) -> Vector:
+        """The velocity at the newest position, m/s."""
+        return self._v
+
+    def update(self, time: float, point: ArrayLike) -> None:
+        """Take in the point (3,), m, as it was at `time`, s. One that is not newer than the last is ignored.
+
+        Raises:
+            ValueError: if time or point is not finite or the point has not three coordinates.
+        """
+        p = np.asarray(point, dtype=np.float64)
+        if p.shape != (3,) or not (np.isfinite(p).all() and np.isfinite(time)):
+            raise ValueError(f"expected a time and three finite coordinates, got {time} and {point}")
+        if self._time is not None and time <= self._time:
+            return
+        if self._time is None or time - self._time > self._gap:
+            self._time, self._p, self._v, self._a = time, p, np.zeros(3), np.zeros(3)
+            return
+        dt = time - self._time
+        expected, v = self._ahead(dt)
+        e = p - expected
+        self._time = time
+        self._p = expected + self._alpha * e
+        self._v = v + (self._beta / dt) * e
+        self._a = self._a + (self._gamma / (dt * dt)) * e
+
+    def predict(self, ahead: float) -> tuple[Vector, Vector]:
+        """Position (3,), m, and velocity (3,), m/s, `ahead` s after the newest position.
+
+        Raises:
+            ValueError: before the first position.
+        """
+        if self._time is None:
+            raise ValueError("no position seen yet: call update first")
+        return self._ahead(ahead)
+
+    def _ahead(self, dt: float) -> tuple[Vector, Vector]:
+        return self._p + dt * self._v + (0.5 * dt * dt) * self._a, self._v + dt * self._a

@@ -1,0 +1,49 @@
+"""From the way to go to the increment of this tick: the braking-aware chord.
+
+The integrated law gives the chord D = q^r − q from the setpoint to where the reference came. Robots with bounded
+acceleration that take the largest step towards the optimum each tick overshoot it and cycle. A joint that is D away and
+sheds at most a per tick arrives at rest if it goes no faster than
+
+    u(D) = ½ (−a + √(a² + 8 a D)),
+
+since braking from u, in steps of a, takes u (u + a) / 2a. The chord is scaled as a whole, so that every joint obeys.
+A moving target leaves the optimum moving by u_ff a tick: then the chord less u_ff is what is to be braked for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armgate.control.weights import Vector
+
+# Plans to brake with this part of the acceleration bound; the rest is for what the plan does not know.
+RESERVE = 0.7
+
+
+def braking_increment(way: Vector, change: Vector) -> Vector:
+    """u(D) for ways D ≥ 0 and changes a > 0 of the increment per tick, (n,), rad or m."""
+    u: Vector = 0.5 * (np.sqrt(change * (change + 8.0 * way)) - change)
+    return u
+
+
+def braking_way(increment: Vector, change: Vector) -> Vector:
+    """D from which a joint with this increment just comes to rest, the inverse of `braking_increment`, (n,)."""
+    way: Vector = increment * (increment + change) / (2.0 * change)
+    return way
+
+
+def shape_chord(chord: Vector, induced: Vector, step: Vector, change: Vector) -> Vector:
+    """The increment to take along `chord`, (n,), rad or m.
+
+    Args:
+        chord: D = q^r − q.
+        induced: u_ff, the increment by which the target's own motion moves the optimum each tick.
+        step: increment bounds.
+        change: bounds on the change of the increment per tick.
+    """
+    rest = chord - induced
+    limit = np.minimum(braking_increment(np.abs(rest), RESERVE * change), np.maximum(step - np.abs(induced), 0.0))
+    moving = np.abs(rest) > 1e-15
+    share = min(1.0, float((limit[moving] / np.abs(rest[moving])).min())) if moving.any() else 1.0
+    u: Vector = induced + share * rest
+    return u

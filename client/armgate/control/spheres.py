@@ -1,0 +1,102 @@
+"""Bounding spheres of a robot, built from the bodies of its model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil, hypot, sqrt
+
+import numpy as np
+
+from armgate.cell.model import RobotModel
+from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.control.weights import Vector
+
+# A row of spheres along a body is as much thicker than the body as keeps the row short: at this ratio a row has a
+# sphere every 1.5 radii.
+STRETCH = 1.25
+# No body has more spheres than this; a long thin one gets thicker ones.
+MOST = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Spheres:
+    """Spheres that together cover the moving bodies of a robot; those of its base are left out.
+
+    Attributes:
+        model: whose bodies they cover.
+        bodies: for each sphere the index of its body in `model.bodies`, (k,).
+        joints: the joint that carries it, (k,), ≥ 0.
+        offsets: its centre in the body's own frame, (k, 3), m.
+        radii: (k,), m.
+    """
+
+    model: RobotModel
+    bodies: tuple[int, ...]
+    joints: tuple[int, ...]
+    offsets: Vector
+    radii: Vector
+
+    @classmethod
+    def of(cls, model: RobotModel) -> Spheres:
+        """The spheres of all bodies of `model` that a joint moves."""
+        rows = [
+            (index, body.joint, offset, radius)
+            for index, body in enumerate(model.bodies)
+            if body.joint >= 0
+            for offset, radius in cover(body.shape)
+        ]
+        return cls(
+            model,
+            tuple(row[0] for row in rows),
+            tuple(row[1] for row in rows),
+            np.array([row[2] for row in rows]).reshape(-1, 3),
+            np.array([row[3] for row in rows]),
+        )
+
+    def centres(self, q: Vector) -> Vector:
+        """Their centres in the world at q ((n,), rad or m), (k, 3), m."""
+        R, t = self.model.body_placements(q)
+        index = list(self.bodies)
+        return np.einsum("kij,kj->ki", R[index], self.offsets) + t[index]
+
+    def in_joint(self, sphere: int) -> Vector:
+        """The centre of one sphere in the frame of its joint, (3,), m."""
+        placement = self.model.bodies[self.bodies[sphere]].placement
+        point: Vector = placement.R @ self.offsets[sphere] + placement.t
+        return point
+
+
+def cover(shape: Shape) -> Iterator[tuple[tuple[float, float, float], float]]:
+    """Spheres (centre in the shape's frame, radius) that together contain the shape.
+
+    A row along its longest axis. Between two centres 2h apart spheres of radius √(c² + h²) cover a cross section of
+    radius c. Round ends need a sphere in their own centre, flat ones have the outer centres h inside.
+    """
+    match shape:
+        case Sphere(radius):
+            yield (0.0, 0.0, 0.0), radius
+        case Capsule(radius, length):
+            h = 0.5 * length / _count(length, radius)
+            yield from _row(2, 0.5 * length, h, radius)
+        case Cylinder(radius, length):
+            h = 0.5 * length / _count(length, radius)
+            yield from _row(2, 0.5 * length - h, h, radius)
+        case Box(x, y, z):
+            sides = (x, y, z)
+            longest = int(np.argmax(sides))
+            across = 0.5 * hypot(*(side for axis, side in enumerate(sides) if axis != longest))
+            h = 0.5 * sides[longest] / _count(sides[longest], across)
+            yield from _row(longest, 0.5 * sides[longest] - h, h, across)
+
+
+def _count(length: float, across: float) -> int:
+    return min(max(ceil(0.5 * length / (across * sqrt(STRETCH**2 - 1.0))), 1), MOST)
+
+
+def _row(axis: int, end: float, h: float, across: float) -> Iterator[tuple[tuple[float, float, float], float]]:
+    count = round(end / h) + 1
+    for i in range(count):
+        centre = [0.0, 0.0, 0.0]
+        centre[axis] = -end + 2.0 * h * i
+        yield (centre[0], centre[1], centre[2]), hypot(across, h)

@@ -1,0 +1,46 @@
+"""Sub-tasks of the null space that concern the camera alone: view distance (14) and roll (15)."""
+
+from __future__ import annotations
+
+from math import asin, atan2, hypot
+
+from armgate.control.vectors import V3
+
+
+def distance_force(ray: V3, distance: float, wanted: float, k: float) -> V3:
+    """The force on the lens whose Jᵀ is F_d of (14): −k (d_r − ‖x − p‖) along the ray to the target.
+
+    It is −∇ of ½ k (d_r − ‖x − p‖)², vanishes at the wanted distance, and draws the camera in when it is too far.
+
+    Args:
+        ray: unit vector from lens to target.
+        distance: ‖x − p‖, m.
+        wanted: d_r, m.
+        k: gain.
+    """
+    pull = -k * (wanted - distance)
+    return pull * ray[0], pull * ray[1], pull * ray[2]
+
+
+def roll_angle(e1: V3, e2: V3) -> float:
+    """φ = Atan2(R_32, R_31) of (15), rad: from the camera's up-vector e1 to the world's, about the view axis."""
+    return atan2(e2[2], e1[2])
+
+
+def roll_rate(e1: V3, e2: V3, spin: float, fade: tuple[float, float], k_c: float) -> float:
+    """Speed of the last joint that turns the camera upright, (15), rad/s.
+
+    Args:
+        e1: the camera's up-vector, world axes.
+        e2: the camera's second axis.
+        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 where the joint turns against the view axis, as A6 of a KR16
+            with its camera looking along the flange does, and the printed sign of (15) holds; −1 the other way round.
+        fade: angles of the view axis from the vertical, rad, between which the control fades in: looking straight up
+            or down there is no "up" in the picture, and close to that a small motion turns φ fast.
+        k_c: gain.
+    """
+    off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))
+    share = (off_vertical - fade[0]) / (fade[1] - fade[0])
+    share = min(max(share, 0.0), 1.0)
+    smooth = share * share * (3.0 - 2.0 * share)
+    return -k_c * spin * smooth * roll_angle(e1, e2)
