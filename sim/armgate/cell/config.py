@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 
 import yaml
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -27,15 +28,22 @@ from armgate.cell.explain import explained
 from armgate.cell.names import NAME
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Kind, Shape, shape_from
-from armgate.cell.source import Node, Path_, dotted, read_tree
+from armgate.cell.source import Node, Path_, finding, read_tree
 from armgate.cell.units import Quantity, quantity, to_si
 
+VERSION = 1
 MAX_ROBOTS = 32
 MAX_SURROUNDINGS = 1024
 
 
 def _si(dimension: str) -> BeforeValidator:
     return BeforeValidator(lambda given: to_si(given, dimension))
+
+
+def _version(version: int) -> int:
+    if version != VERSION:
+        raise ValueError(f"version {version} of the configuration is not known; expected {VERSION}")
+    return version
 
 
 Name = Annotated[str, StringConstraints(pattern=NAME)]
@@ -267,7 +275,7 @@ class ServerConfig(Part):
 class CellConfig(Part):
     """The whole cell."""
 
-    armgate: Literal[1]
+    armgate: Annotated[int, AfterValidator(_version)]
     name: Name
     stop_distance: Size = 0.05
     self_distance: Size = 0.02
@@ -282,10 +290,7 @@ class CellConfig(Part):
 
     def error(self, path: Path_, text: str) -> ConfigError:
         """A ``ConfigError`` about the value under these keys, with its file and line where they are known."""
-        if self._tree is None:
-            return ConfigError(f"{dotted(path)}: {text}", path=dotted(path))
-        mark = self._tree.locate(path)
-        return ConfigError(f"{mark}: {dotted(path)}: {text}", mark.file, mark.line, dotted(path))
+        return finding(None if self._tree is None else self._tree.locate(path), path, text)
 
     def urdf_path(self, robot: str) -> Path:
         """The file that holds a robot's URDF: relative paths count from the file in which they stand."""

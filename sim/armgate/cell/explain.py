@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from armgate.cell.errors import ConfigError
 from armgate.cell.names import NAME_TEXT
-from armgate.cell.source import Node, Path_, dotted
+from armgate.cell.source import Node, Path_, finding
 
 MAX_FINDINGS = 10
 
@@ -39,26 +39,29 @@ _TEXTS = {
 def explained(error: ValidationError, tree: Node, model: type[BaseModel]) -> ConfigError:
     """One ``ConfigError`` for all findings, a line each; file, line and path are the first one's."""
     details = error.errors(include_url=False)
-    places = [_place(detail["loc"], tree) for detail in details]
-    lines = [
-        f"{tree.locate(path)}: {dotted(path)}: {_text(d, path, model)}"
-        for d, path in zip(details, places, strict=True)
+    paths = [_path(detail, tree) for detail in details]
+    findings = [
+        finding(tree.locate(path), path, _text(detail, path, model))
+        for detail, path in zip(details, paths, strict=True)
     ]
-    if len(lines) > MAX_FINDINGS:
-        lines = [*lines[:MAX_FINDINGS], f"… and {len(lines) - MAX_FINDINGS} more"]
-    mark = tree.locate(places[0])
-    return ConfigError("\n".join(lines), mark.file, mark.line, dotted(places[0]))
+    lines = [str(each) for each in findings[:MAX_FINDINGS]]
+    if len(findings) > MAX_FINDINGS:
+        lines.append(f"… and {len(findings) - MAX_FINDINGS} more")
+    first = findings[0]
+    return ConfigError("\n".join(lines), first.file, first.line, first.path)
 
 
-def _place(loc: Path_, tree: Node) -> Path_:
-    """The location without the steps that pydantic adds inside (names of validators, tags of unions)."""
+def _path(detail: ErrorDetails, tree: Node) -> Path_:
+    """Where in the tree: pydantic's location without the steps that it adds (validators, tags of unions)."""
     path: list[str | int] = []
     node: Node | None = tree
-    for number, step in enumerate(loc):
+    for step in detail["loc"]:
         child = None if node is None else _child(node, step)
-        if child is not None or (number == len(loc) - 1 and _may_lack(node, step)):
+        if child is not None:
             path.append(step)
-            node = child or node
+            node = child
+    if detail["type"] == "missing":
+        path.append(detail["loc"][-1])
     return tuple(path)
 
 
@@ -70,23 +73,27 @@ def _child(node: Node, step: str | int) -> Node | None:
     return None
 
 
-def _may_lack(node: Node | None, step: str | int) -> bool:
-    return node is not None and isinstance(node.value, (dict, tuple)) and step != "[key]"
-
-
 def _text(detail: ErrorDetails, path: Path_, model: type[BaseModel]) -> str:
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
     if kind == "extra_forbidden":
-        return _unknown_key(str(path[-1]), _known_keys(model, path[:-1]))
+        return _unknown_key(str(path[-1]), _known_keys(model, detail["loc"][:-1]))
+    if kind == "missing" and isinstance(path[-1], int):
+        return "an entry is missing; expected it here"
     if kind in _TEXTS:
-        return _TEXTS[kind].format(input=_shown(detail["input"]), **context)
+        numbers = {
+            key: _shown(value) if isinstance(value, float) else value for key, value in context.items()
+        }
+        return _TEXTS[kind].format(input=_shown(detail["input"]), **numbers)
     return f"{detail['msg']} (got {_shown(detail['input'])})"
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    """As it could stand in a file, and not too long."""
+    text = (
+        f"{value:g}" if isinstance(value, float) else repr(list(value) if isinstance(value, tuple) else value)
+    )
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -106,6 +113,8 @@ def _known_keys(model: type[BaseModel], path: Path_) -> list[str]:
 
 def _inside(annotation: object, step: str | int) -> list[object]:
     for cls in _models(annotation):
+        if "kind" in cls.model_fields and step in get_args(cls.model_fields["kind"].annotation):
+            return [cls]  # the tag of a union of models
         field = cls.model_fields.get(str(step))
         if field is not None:
             return [field.annotation]

@@ -2,9 +2,9 @@
 
 A point of body b moves by its distance from joint j's axis per rad of j. To bound that distance, walk the
 chain from b back to j. The body's points as seen from its own joint's parent lie on circles around that
-joint's axis (or on a segment along it), whose farthest distance has a closed form. From there on any joint may
-turn the rest anywhere, so offsets between joints add up as lengths; of the first one, which is fixed in j's
-frame, only the part across j's axis counts.
+joint's axis (or on a segment along it), whose farthest distance has a closed form. From there on any joint
+may turn the rest anywhere, so offsets between joints add up as lengths; of the first one, which is fixed in
+j's frame, only the part across j's axis counts.
 """
 
 import numpy as np

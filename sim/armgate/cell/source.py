@@ -88,15 +88,19 @@ def _read_file(path: Path) -> Node:
         root = yaml.compose(text, Loader=_CoreLoader)
     except yaml.MarkedYAMLError as error:
         raise _yaml_error(path, error) from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: not YAML: {error}", path) from error
+    except yaml.reader.ReaderError as error:
+        mark = Mark(path, text.count("\n", 0, error.position) + 1)
+        what = f"the character {chr(error.character)!r} is not allowed; remove it"
+        raise finding(mark, (), what) from error
+    except RecursionError as error:
+        raise finding(Mark(path, 1), (), "nested too deeply; expected a flatter file") from error
     if root is None:
-        raise ConfigError(
-            f"{path}:1: the file is empty; expected a mapping that begins with 'armgate: 1'", path, 1
+        raise finding(
+            Mark(path, 1), (), "the file is empty; expected a mapping that begins with 'armgate: 1'"
         )
     if not isinstance(root, yaml.MappingNode):
-        text = "not a mapping; expected 'key: value' lines that begin with 'armgate: 1'"
-        raise ConfigError(f"{path}:1: {text}", path, 1)
+        what = "not a mapping; expected 'key: value' lines that begin with 'armgate: 1'"
+        raise finding(Mark(path, 1), (), what)
     return _Converter(path).convert(root, (), ())
 
 
@@ -111,17 +115,15 @@ def _read_text(path: Path) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ConfigError(
-            f"{path}:{line}: not UTF-8; expected the file to be saved as UTF-8", path, line
-        ) from error
+        mark = Mark(path, data.count(b"\n", 0, error.start) + 1)
+        raise finding(mark, (), "not UTF-8; expected the file to be saved as UTF-8") from error
 
 
 def _yaml_error(path: Path, error: yaml.MarkedYAMLError) -> ConfigError:
     mark = error.problem_mark or error.context_mark
     line = 1 if mark is None else mark.line + 1
     what = ", ".join(part for part in (error.context, error.problem) if part)
-    return ConfigError(f"{path}:{line}: not YAML: {what}", path, line)
+    return finding(Mark(path, line), (), f"not YAML: {what}")
 
 
 class _Converter:
@@ -179,8 +181,7 @@ class _Converter:
         return Mark(self._path, node.start_mark.line + 1)
 
     def _error(self, node: yaml.Node, path: Path_, text: str) -> ConfigError:
-        mark = self._mark(node)
-        return ConfigError(f"{mark}: {dotted(path)}: {text}", mark.file, mark.line, dotted(path))
+        return finding(self._mark(node), path, text)
 
 
 class _CoreLoader(yaml.SafeLoader):
@@ -204,3 +205,10 @@ _resolve("float", r"^(?:[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$", "-+.")
 def dotted(path: Path_) -> str:
     """Keys and indices as people write them: ``robots.FR.start.2``."""
     return ".".join(str(step) for step in path)
+
+
+def finding(mark: Mark | None, path: Path_, text: str) -> ConfigError:
+    """A ``ConfigError`` about the value under ``path``, which stands at ``mark`` (None: in no file)."""
+    where = ": ".join(part for part in ("" if mark is None else str(mark), dotted(path)) if part)
+    file, line = (None, None) if mark is None else (mark.file, mark.line)
+    return ConfigError(f"{where}: {text}" if where else text, file, line, dotted(path))
