@@ -1,5 +1,6 @@
-"""The checks before any geometry: may this command be judged at all? In this order, the first that fails refuses.
+"""The checks before any geometry: may this command be judged at all?
 
+In this order; the first that fails refuses:
 lease and fence → not stopped → link ready → based on a fresh tick → one per tick → right length → finite.
 """
 
@@ -26,7 +27,7 @@ def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
         return Reason(Cause.LEASE, f"nobody holds the lease of {state.name}: acquire it first")
     if command.fence != state.fence:
         return Reason(
-            Cause.FENCE, f"fence {command.fence} is not that of the lease in force: acquire {state.name} again",
+            Cause.FENCE, f"fence {command.fence} is not that of the lease in force: acquire {state.name}",
             value=float(command.fence), bound=float(state.fence),
         )  # fmt: skip
     return None
@@ -53,7 +54,7 @@ def _fresh(command: Command, state: RobotState, max_age: int) -> Reason | None:
             value=float(command.based_on), bound=float(state.tick),
         )  # fmt: skip
     if age > max_age:
-        text = f"based on tick {command.based_on}, {age} ticks ago: at most {max_age} are allowed (max_age_ticks)"
+        text = f"based on tick {command.based_on}, {age} ticks ago; max_age_ticks allows {max_age}"
         return Reason(Cause.STALE, text, value=float(age), bound=float(max_age))
     return None
 

@@ -1,7 +1,7 @@
 """A pair's direction, found by an engine and judged by the slab it proves.
 
-Only lb = −h_B(−n) − h_A(n) is believed. Where it falls short of what coal claims by more than ``GAP``, python-fcl is
-asked too and the better proof counts; such gaps are counted.
+Only lb = −h_B(−n) − h_A(n) is believed. Where it falls short of what coal claims by more than ``GAP``,
+python-fcl is asked too and the better proof counts; such gaps are counted.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """A direction (mine to theirs), the bound that it proves at one node of each side, and the engine's points."""
+    """A direction (mine to theirs), the bound it proves at one node of each side, the engine's points."""
 
     n: Array
     lb: float

@@ -1,7 +1,8 @@
 """Clearance of occupancies: certified, for every timing, and as cheap as the near pairs are few.
 
-For every pair a lower bound of the distance of the occupancies that the robots *hold* is kept, and the direction that
-proved it. A new occupancy goes through four stages, each only for the pairs that the one before left open:
+For every pair a lower bound of the distance of the occupancies that the robots *hold* is kept, and the
+direction that proved it. A new occupancy goes through four stages, each only for the pairs that the one
+before left open:
 
 1. the kept bound less the growth of the occupancy: Σ_j R_j·|C′ − C|_j, one product for all pairs;
 2. the swept slab with the kept direction: no engine is asked while it still separates;
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import Point
+from armgate.cell.events import Joints, Point
 from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.groups import ChainGroup, Group, groups_of
 from armgate.integrity.swept import Array, Index, Space, Swept
@@ -26,6 +27,7 @@ MARGIN = 1e-9
 """What every bound is lowered by for floating-point rounding, m."""
 
 _SURVEY_BUDGET = 64
+_DIRECTIONS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,35 @@ class Binding:
     pair: int
     lb: float
     need: float
+    points: tuple[Point, Point] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Does the group's k-th pair keep ``need`` over the occupancy ``new`` of ``robot``?"""
+
+    group: Group
+    k: int
+    robot: int
+    new: Swept
+    need: float
+
+    @property
+    def sel(self) -> Index:
+        """The pair as a selection of its group."""
+        return np.array([self.k])
+
+    @property
+    def moving(self) -> int | None:
+        """The robot at the other side that moves at its own time."""
+        return None if isinstance(self.group, ChainGroup) else self.group.other
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The best bound that could be proven, and the witness points (mine, theirs) of the last engine query."""
+
+    lb: float
     points: tuple[Point, Point] | None
 
 
@@ -74,13 +105,13 @@ class Clearance:
         group, k = self.find(robot, pair)
         lowest, points = np.inf, None
         for mine in self.held[robot]:
-            lb, seen = self._pursue(group, k, robot, mine, float(self.limits[pair]), budget)
-            lowest, points = min(lowest, lb), ordered(group, k, seen) or points
+            found = self._pursue(Question(group, k, robot, mine, float(self.limits[pair])), budget)
+            lowest, points = min(lowest, found.lb), ordered(group, k, found.points) or points
         self.bound[pair] = max(self.bound[pair], lowest)
         return Binding(pair, float(self.bound[pair]), float(self.limits[pair]), points)
 
     def survey(self, robot: int) -> None:
-        """Proves anew all pairs of a robot's held occupancies: at its first tick, and after what was held is void."""
+        """Proves all pairs of a robot's held occupancies anew: at the start, and when what was held is void."""
         self.bound[self.pairs_of[robot]] = -np.inf
         for group in self.groups[robot]:
             if group.other is not None and not self.held[group.other]:
@@ -123,18 +154,17 @@ class Clearance:
             lb[group.ids] = here
             for k in np.flatnonzero(here < need[group.ids]):
                 pair = int(group.ids[k])
-                proven, points = self._pursue(group, int(k), robot, new, float(need[pair]), budget)
-                lb[pair] = max(lb[pair], proven)
+                found = self._pursue(Question(group, int(k), robot, new, float(need[pair])), budget)
+                lb[pair] = max(lb[pair], found.lb)
                 if lb[pair] < need[pair]:
-                    return Judgement(
-                        lb, Binding(pair, float(lb[pair]), float(need[pair]), ordered(group, int(k), points))
-                    )
+                    points = ordered(group, int(k), found.points)
+                    return Judgement(lb, Binding(pair, float(lb[pair]), float(need[pair]), points))
         return Judgement(lb, None)
 
-    def point_bound(self, robot: int, pair: int, q: Sequence[float]) -> float:
-        """Returns a tight lower bound of one pair with the robot standing at ``q``, the others as they hold."""
+    def point_bound(self, robot: int, pair: int, q: Joints) -> float:
+        """Returns a tight bound of one pair with the robot standing at ``q``, the others as they hold."""
         group, k = self.find(robot, pair)
-        still = self.still(robot, q)
+        still = self.space.still(robot, q)
         sides = self._others(group, robot, still)
         return min(
             self.certifier.prove(group, k, still, side, (0, m)).lb
@@ -158,61 +188,64 @@ class Clearance:
         lb = [group.slab(new, side, sel, n)[0] for side in self._others(group, robot, new)]
         return np.asarray(np.min(lb, axis=0) - MARGIN) if lb else np.full(len(sel), -np.inf)
 
-    def _pursue(
-        self, group: Group, k: int, robot: int, new: Swept, need: float, budget: Budget
-    ) -> tuple[float, tuple[Point, Point] | None]:
-        """Stages 3 and 4 for one pair: a new direction for the whole, then cells; the best bound and its points."""
-        best, points = -np.inf, None
-        n = self.kept_n(group, np.array([k]))
-        for _ in range(2):
-            worst = min(
-                ((*group.slab(new, side, np.array([k]), n), side) for side in self._others(group, robot, new)),
-                key=lambda row: float(row[0][0]), default=None,
-            )  # fmt: skip
-            if worst is None or not budget.take():
-                return best, points
-            proof = self.certifier.prove(group, k, new, worst[3], (int(worst[1][0]), int(worst[2][0])))
-            n, points = proof.n[None, :], proof.points
-            lb = float(self._slab(group, robot, new, np.array([k]), n)[0])
-            if lb > best:
-                best = lb
-                self.keep_n(group, k, proof.n)
-            if best >= need:
-                return best, points
-            if proof.lb < need - MARGIN:
-                return best, points
-        sides = self._others(group, robot, new)
-        proven = all(self._cells(group, k, robot, new, side, need, budget) for side in sides)
-        return (need, points) if proven else (best, points)
+    def _pursue(self, ask: Question, budget: Budget) -> Found:
+        """Stages 3 and 4 for one pair: a new direction for the whole, then cells; the best bound found."""
+        best = Found(-np.inf, None)
+        n = self.kept_n(ask.group, ask.sel)
+        for _ in range(_DIRECTIONS):
+            at = self._binding_nodes(ask, n)
+            if at is None or not budget.take():
+                return best
+            proof = self.certifier.prove(ask.group, ask.k, ask.new, *at)
+            n = proof.n[None, :]
+            lb = float(self._slab(ask.group, ask.robot, ask.new, ask.sel, n)[0])
+            if lb > best.lb:
+                self.keep_n(ask.group, ask.k, proof.n)
+            best = Found(max(lb, best.lb), proof.points)
+            if best.lb >= ask.need or proof.lb < ask.need - MARGIN:
+                return best
+        sides = self._others(ask.group, ask.robot, ask.new)
+        proven = all(self._cells(ask, side, budget) for side in sides)
+        return Found(ask.need, best.points) if proven else best
 
-    def _cells(
-        self, group: Group, k: int, robot: int, new: Swept, side: Swept, need: float, budget: Budget
-    ) -> bool:
-        """Halves segments until every cell of both occupancies is proven, or one is not, or the budget ends."""
-        stack = [(a, b) for a in _segments(new.nodes) for b in _segments(side.nodes)]
-        moving = None if group.other is None or isinstance(group, ChainGroup) else group.other
+    def _binding_nodes(self, ask: Question, n: Array) -> tuple[Swept, tuple[int, int]] | None:
+        """The other side's occupancy and the two nodes at which direction ``n`` separates least."""
+        worst, at = np.inf, None
+        for side in self._others(ask.group, ask.robot, ask.new):
+            lb, mine, theirs = ask.group.slab(ask.new, side, ask.sel, n)
+            if lb[0] < worst:
+                worst, at = lb[0], (side, (int(mine[0]), int(theirs[0])))
+        return at
+
+    def _cells(self, ask: Question, side: Swept, budget: Budget) -> bool:
+        """Halves segments until every cell of both occupancies is proven, one is not, or the budget ends."""
+        stack = [(a, b) for a in _segments(ask.new.nodes) for b in _segments(side.nodes)]
         while stack:
             a, b = stack.pop()
             if not budget.take():
                 return False
-            middle = self.space.sweep_nodes(robot, a.mean(axis=0)[None, :], np.zeros_like(new.tube))
-            other = side if moving is None else self.space.sweep_nodes(
-                moving, b.mean(axis=0)[None, :], np.zeros_like(side.tube)
-            )  # fmt: skip
-            proof = self.certifier.prove(group, k, middle, other, (0, 0))
-            if proof.lb < need:
+            middle = self._cell(ask, side, _middle(a), _middle(b), tube=False)
+            proof = self.certifier.prove(ask.group, ask.k, *middle, (0, 0))
+            if proof.lb < ask.need:
                 return False
-            mine = self.space.sweep_nodes(robot, a, new.tube)
-            theirs = side if moving is None else self.space.sweep_nodes(moving, b, side.tube)
-            lb = float(group.slab(mine, theirs, np.array([k]), proof.n[None, :])[0][0]) - MARGIN
-            if lb < need:
-                stack.extend(self._halve(robot, moving, a, b))
+            cell = self._cell(ask, side, a, b, tube=True)
+            lb = float(ask.group.slab(*cell, ask.sel, proof.n[None, :])[0][0]) - MARGIN
+            if lb < ask.need:
+                stack.extend(self._halve(ask, a, b))
         return True
 
-    def _halve(self, robot: int, moving: int | None, a: Array, b: Array) -> list[tuple[Array, Array]]:
-        way_a = float((self.space.motion[robot] @ np.abs(np.ptp(a, axis=0))).max())
+    def _cell(self, ask: Question, side: Swept, a: Array, b: Array, *, tube: bool) -> tuple[Swept, Swept]:
+        """Both sides over the nodes ``a`` and ``b`` only."""
+        mine = self.space.sweep_nodes(ask.robot, a, ask.new.tube * tube)
+        if ask.moving is None:
+            return mine, side
+        return mine, self.space.sweep_nodes(ask.moving, b, side.tube * tube)
+
+    def _halve(self, ask: Question, a: Array, b: Array) -> list[tuple[Array, Array]]:
+        """Halves the segment over which bodies travel farther."""
+        way_a = float((self.space.motion[ask.robot] @ np.ptp(a, axis=0)).max())
         way_b = (
-            0.0 if moving is None else float((self.space.motion[moving] @ np.abs(np.ptp(b, axis=0))).max())
+            0.0 if ask.moving is None else float((self.space.motion[ask.moving] @ np.ptp(b, axis=0)).max())
         )
         if way_a >= way_b:
             return [(half, b) for half in _halves(a)]
@@ -225,13 +258,8 @@ class Clearance:
             return [self.space.static]
         return [new] if group.other == robot else self.held[group.other]
 
-    def still(self, robot: int, q: Sequence[float] | Array) -> Swept:
-        """Returns a robot's bodies with the robot standing at ``q``."""
-        nodes = np.array([q], dtype=np.float64)
-        return self.space.sweep_nodes(robot, nodes, np.zeros(nodes.shape[1]))
-
     def _between(self, group: Group, robot: int) -> Array:
-        """Directions from centre to centre at the first node: the first guess for pairs far from each other."""
+        """Directions from centre to centre at the first node: a first guess for pairs far from each other."""
         mine = self.held[robot][0]
         side = self._others(group, robot, mine)[0]
         v = side.t[0, group.theirs] - mine.t[0, group.mine]
@@ -267,6 +295,10 @@ def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[P
 
 def _segments(nodes: Array) -> list[Array]:
     return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
+
+
+def _middle(segment: Array) -> Array:
+    return np.asarray(segment.mean(axis=0, keepdims=True))
 
 
 def _halves(segment: Array) -> list[Array]:

@@ -1,8 +1,8 @@
 """The distance engines: they suggest a direction, the support functions prove the distance.
 
-coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to 0.6 mm.
-python-fcl, another implementation, is asked when the proof falls short of what coal claims. Measured, python-fcl
-alone over-reports by up to 43 mm for cylinders: neither engine is ever believed.
+coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to
+0.6 mm. python-fcl, another implementation, is asked when the proof falls short of what coal claims. Measured,
+python-fcl alone over-reports by up to 43 mm for cylinders: neither engine is ever believed.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _TOUCHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What an engine says of two bodies: signed distance, unit direction from a to b, witness points (world)."""
+    """What an engine says: signed distance, unit direction from a to b, witness points (world)."""
 
     distance: float
     normal: Array

@@ -1,16 +1,14 @@
 """The gate: events in, verdicts and plans out. Pure and deterministic: the event log is the replay.
 
-The invariant: at every moment the occupancies of all robots are inside the joint limits and clear of each other, of
-themselves and of the surroundings by at least the stop distance, for every timing. A command is admitted if and only
-if its robot's new occupancy keeps the invariant against those that the others hold. So robots may run on independent
-clocks, commands are judged one at a time, and whatever is lost, every robot can rest safely.
+The invariant: at every moment the occupancies of all robots are inside the joint limits and clear of each
+other, of themselves and of the surroundings by at least the stop distance, for every timing. A command is
+admitted if and only if its robot's new occupancy keeps the invariant against those that the others hold. So
+robots may run on independent clocks, commands are judged one at a time, and whatever is lost, every robot
+can rest safely.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from armgate.cell.cell import Cell
 from armgate.cell.events import (
@@ -22,7 +20,6 @@ from armgate.cell.events import (
     LeaseChange,
     LinkChange,
     LinkState,
-    Nearest,
     Outcome,
     Plan,
     PlanAnswer,
@@ -41,31 +38,13 @@ from armgate.integrity.clearance import Clearance
 from armgate.integrity.judge import Decision, Judge
 from armgate.integrity.nearest import NearestPairs
 from armgate.integrity.occupancy import deviation, settle_measured
-from armgate.integrity.robot import Reserved, RobotState, robot_state
-from armgate.integrity.swept import Array
+from armgate.integrity.reservations import Reservations
+from armgate.integrity.robot import RobotState, robot_state
+from armgate.integrity.view import RobotView, view_of
 
 _NEAREST = 3
 _SAME = 1e-9
 """How far the link's setpoint may differ from the gate's own sum, rad or m: rounding only."""
-
-
-@dataclass(frozen=True, slots=True)
-class RobotView:
-    """What the state tells of one robot."""
-
-    tick: int
-    time: float
-    q: Joints
-    setpoint: Joints
-    stop_end: Joints
-    nearest: tuple[Nearest, ...]
-    least_clearance: float | None
-    applied_seq: int | None
-    stops: tuple[int, ...]
-    link: LinkState
-    late: int
-    verdict: Verdict | None
-    counts: dict[str, int]
 
 
 class Gate:
@@ -83,8 +62,7 @@ class Gate:
         self._nearest = NearestPairs(self._clearance)
         self._judge = Judge(self._clearance, cell.config.response)
         self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
-        # Bounds proven for plans that their links have not answered yet, all pairs of the cell, by robot.
-        self._staged: dict[int, Array] = {}
+        self._reservations = Reservations(self._clearance)
         self._stops: dict[int, tuple[int, ...]] = {}
         self._next_stop = 1
 
@@ -102,23 +80,7 @@ class Gate:
         Raises:
             ModelError: There is no such robot.
         """
-        s = self._of(robot)
-        furthest = s.next or s.main
-        return RobotView(
-            tick=max(s.tick, 0),
-            time=s.time,
-            q=s.measured,
-            setpoint=s.setpoint,
-            stop_end=furthest.occupied.end if furthest else (),
-            nearest=s.nearest,
-            least_clearance=s.least,
-            applied_seq=s.applied_seq,
-            stops=tuple(s.stops),
-            link=s.link,
-            late=s.late,
-            verdict=s.verdict,
-            counts=dict(s.counts),
-        )
+        return view_of(self._of(robot))
 
     def warnings(self) -> tuple[str, ...]:
         """Returns what is worth saying beside the robots' entries."""
@@ -144,7 +106,7 @@ class Gate:
         s.take_tick(event, event.q if settled is None else settled)
         if s.resting:
             s.residue = ()
-        self._reserve(s)
+        self._reservations.hold_plan(s)
         if event.rebased:
             self._clearance.survey(s.index)
         out = self._fault(s, fault, strayed) if fault is not None else []
@@ -153,7 +115,7 @@ class Gate:
 
     def _first_tick(self, s: RobotState, event: Tick) -> list[GateOutput]:
         s.take_tick(event, event.q)
-        self._reserve(s)
+        self._reservations.hold_plan(s)
         self._clearance.survey(s.index)
         self._report(s)
         return []
@@ -162,9 +124,9 @@ class Gate:
         """Follows what the link played; returns what contradicts it, None if nothing does."""
         if s.pending is not None:
             if event.plan == s.pending.key:
-                self._take_over(s)
+                self._reservations.take_over(s)
             elif event.tick >= s.pending.key.target:
-                self._drop_pending(s)
+                self._reservations.drop(s)
         if event.rebased:
             s.held, s.played = None, -1
             return None
@@ -181,15 +143,6 @@ class Gate:
             return f"{s.name}'s link reports a setpoint that its increments do not add up to"
         return None
 
-    def _reserve(self, s: RobotState) -> None:
-        """Reserves what the robot may still pass along the held plan."""
-        occupied = s.occupancy_to(s.end)
-        s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
-        self._hold(s)
-
-    def _hold(self, s: RobotState) -> None:
-        self._clearance.hold(s.index, [r.swept for r in s.reserved])
-
     def _report(self, s: RobotState) -> None:
         measured = [r.measured if r.tick >= 0 else None for r in self._robots]
         nearest = self._nearest.find(s.index, measured, _NEAREST)
@@ -204,19 +157,16 @@ class Gate:
         s = self._of(event.robot)
         reason = inadmissible(event, s, self._cell.config.max_age_ticks) or self._unknown(s)
         if reason is not None:
-            return [self._verdict(s, event, None, Outcome.REFUSED, s.remaining, 0.0, (reason,))]
+            return [self._verdict(s, event, Decision(s.remaining, 0.0, (reason,)), None)]
         decision = self._judge.decide(event.dq, s, self._robots)
-        outcome = _outcome(event.dq, decision)
         s.slot = s.tick + 1
-        verdict = self._verdict(
-            s, event, s.slot, outcome, decision.increments, decision.beta, decision.reasons
-        )
-        if outcome is Outcome.REFUSED:
+        verdict = self._verdict(s, event, decision, s.slot)
+        if verdict.outcome is Outcome.REFUSED:
             return [verdict]
         key = PlanKey(self._start, s.resets, s.slot, s.played)
-        s.pending = Plan(s.name, key, event.seq, decision.increments)
-        self._stage(s, decision)
-        return [verdict, s.pending]
+        plan = Plan(s.name, key, event.seq, decision.increments)
+        self._reservations.stage(s, plan, decision)
+        return [verdict, plan]
 
     def _unknown(self, s: RobotState) -> Reason | None:
         missing = [r.name for r in self._robots if r.tick < 0]
@@ -224,62 +174,37 @@ class Gate:
             return None
         return Reason(Cause.LINK, f"the position of {', '.join(missing)} is not known yet: wait for its link")
 
-    def _verdict(
-        self,
-        s: RobotState,
-        command: Command,
-        target: int | None,
-        outcome: Outcome,
-        increments: tuple[Joints, ...],
-        beta: float,
-        reasons: tuple[Reason, ...],
-    ) -> Verdict:
-        dq = increments[0] if increments else s.zeros
-        setpoint = tuple(q + u for q, u in zip(s.setpoint, dq, strict=True)) if s.setpoint else s.zeros
-        told = () if outcome is Outcome.ADMITTED else reasons
-        s.verdict = Verdict(s.name, command.seq, command.based_on, target, outcome, beta, dq, setpoint, told)
-        key = f"{outcome.value}:{told[-1].cause.value}" if told else outcome.value  # the last check that bound it
+    def _verdict(self, s: RobotState, command: Command, decision: Decision, target: int | None) -> Verdict:
+        dq = decision.increments[0] if decision.increments else s.zeros
+        setpoint = tuple(q + u for q, u in zip(s.setpoint or s.zeros, dq, strict=True))
+        outcome = Outcome.REFUSED if target is None else _outcome(command.dq, decision)
+        reasons = () if outcome is Outcome.ADMITTED else decision.reasons
+        # Counted under the last check that bound it.
+        key = f"{outcome.value}:{reasons[-1].cause.value}" if reasons else outcome.value
         s.counts[key] = s.counts.get(key, 0) + 1
+        s.verdict = Verdict(
+            robot=s.name,
+            seq=command.seq,
+            based_on=command.based_on,
+            target=target,
+            outcome=outcome,
+            beta=decision.beta,
+            dq=dq,
+            setpoint=setpoint,
+            reasons=reasons,
+        )
         return s.verdict
-
-    def _stage(self, s: RobotState, decision: Decision) -> None:
-        """Reserves the new occupancy beside the old one until the link has answered."""
-        if decision.occupied is None or decision.swept is None or decision.lb is None:
-            return
-        ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
-        for staged in self._staged.values():
-            staged[ids] = np.minimum(staged[ids], decision.lb[ids])
-        self._staged[s.index] = decision.lb.copy()
-        bound[ids] = np.minimum(bound[ids], decision.lb[ids])
-        s.next = Reserved(decision.occupied, decision.swept)
-        self._hold(s)
 
     def _answer(self, event: PlanAnswer) -> list[GateOutput]:
         s = self._of(event.robot)
         if s.pending is None or event.key != s.pending.key:
             return []
         if event.accepted:
-            self._take_over(s)
+            self._reservations.take_over(s)
         else:
             s.late += event.reason == "late"
-            self._drop_pending(s)
+            self._reservations.drop(s)
         return []
-
-    def _take_over(self, s: RobotState) -> None:
-        """The link has the new plan: the old occupancy is free again."""
-        s.held, s.played, s.pending = s.pending, -1, None
-        s.main, s.next = s.next or s.main, None
-        self._hold(s)
-        staged = self._staged.pop(s.index, None)
-        if staged is not None and not s.residue:
-            ids = self._clearance.pairs_of[s.index]
-            self._clearance.bound[ids] = staged[ids]
-
-    def _drop_pending(self, s: RobotState) -> None:
-        """The link keeps the old plan; the bounds stay at the lower of both, which holds for it too."""
-        s.pending, s.next = None, None
-        self._staged.pop(s.index, None)
-        self._hold(s)
 
     # --- leases, stops, links ------------------------------------------------------------------------------
 
@@ -319,7 +244,7 @@ class Gate:
         s.slot = s.tick
         s.history.clear()
         s.residue, s.strayed = (), 0.0
-        self._reserve(s)
+        self._reservations.hold_plan(s)
         if s.faulted:
             s.faulted = False
             self._clearance.survey(s.index)
@@ -339,17 +264,14 @@ class Gate:
         Its occupancy starts from what was measured, widened by as much as it has strayed in all.
         """
         s.strayed += strayed
-        self._reserve(s)
+        self._reservations.hold_plan(s)
         self._clearance.survey(s.index)
         out: list[GateOutput] = []
         if not s.faulted:
             out.append(self._raise_stop([s], reason, "gate"))
         s.faulted = True
-        for other in self._met_by(s):
-            if not other.stops:
-                out.append(
-                    self._raise_stop([other], f"its stop path may meet {s.name}, which faulted", "gate")
-                )
+        why = f"its stop path may meet {s.name}, which faulted"
+        out += [self._raise_stop([other], why, "gate") for other in self._met_by(s) if not other.stops]
         return out
 
     def _met_by(self, s: RobotState) -> list[RobotState]:

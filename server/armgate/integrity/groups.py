@@ -1,7 +1,7 @@
-"""The pairs of one robot, sorted by what stands at the other side: another robot, what never moves, or itself.
+"""The pairs of one robot, by what stands at the other side: another robot, what never moves, or itself.
 
-The two sides of a pair move at their own time, so for one direction each is bounded alone. Only two bodies of one
-chain move together: their pair is seen from the nearer body, where nothing but the joints between them moves.
+The two sides of a pair move at their own time, so for one direction each is bounded alone. Only two bodies
+of one chain move together: their pair is seen from the nearer body, where only the joints between them move.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,8 @@ class Group:
     """P pairs of one robot with one other side.
 
     Attributes:
-        other: Index of the other robot (the robot itself for bodies on different branches), None for what never moves.
+        other: Index of the other robot (the robot itself for bodies on different branches), None for what
+            never moves.
         ids: Indices into the cell's pairs, (P,).
         mine: The robot's bodies, indices into its model's bodies, (P,).
         theirs: The other side's bodies: of its model, or of the cell for what never moves, (P,).
@@ -71,7 +72,7 @@ class ChainGroup(Group):
     between_bend: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
-        """The same, both bodies at one time, directions in the nearer body's frame; ``theirs`` is not used."""
+        """The same, both bodies at one time, directions in the nearer body's frame; ``theirs`` unused."""
         del theirs
         base_R, base_t = mine.R[:, self.mine[sel]], mine.t[:, self.mine[sel]]
         tip_R, tip_t = mine.R[:, self.theirs[sel]], mine.t[:, self.theirs[sel]]

@@ -1,7 +1,8 @@
 """Judges one wish: what the robot's own bounds leave of it, then clearance; one way to reduce, everywhere.
 
-u = u_b + β(u_wanted − u_b). ``stop``: clearance takes the β that the bounds left, or 0. ``slow``: the largest of a few β that
-is proven, found by the secant of the binding pair's margin; all trials share one budget.
+u = u_b + β(u_wanted − u_b). ``stop``: clearance takes the β that the bounds left, or 0. ``slow``: the
+largest of a few β that is proven, found by the secant of the binding pair's margin; all trials share one
+budget.
 """
 
 from dataclasses import dataclass, replace
@@ -121,6 +122,9 @@ class Judge:
             return Reason(Cause.JOINT_LIMIT, "outside its joint limits: only motion back inside is allowed")
         a, b = self._clearance.names(binding.pair)
         limit = float(self._clearance.limits[binding.pair])
-        text = f"{a} and {b}: {1e3 * binding.lb:.1f} mm could be proven on the way to rest, {1e3 * limit:.1f} mm must be kept"
+        text = (
+            f"{a} and {b}: {1e3 * binding.lb:.1f} mm could be proven on the way to rest, "
+            f"{1e3 * limit:.1f} mm must be kept"
+        )
         value = binding.lb if np.isfinite(binding.lb) else None
         return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=binding.points)

@@ -1,9 +1,9 @@
 """What a robot's own bounds leave of a wish: increment bound, acceleration box, joint limits with braking.
 
-The wish is clamped joint by joint first, so that one joint at its limit does not freeze the arm, and then, where
-the joints' common stop still leaves the limits, blended toward the held path's next braking increment u_b:
-u = u_b + β(u_wanted − u_b) with the largest β found for which the whole stop stays inside. u_b itself is always
-possible: its stop is the rest of what was proven before.
+The wish is clamped joint by joint first, so that one joint at its limit does not freeze the arm, and then,
+where the joints' common stop still leaves the limits, blended toward the held path's next braking increment
+u_b: u = u_b + β(u_wanted − u_b) with the largest β found for which the whole stop stays inside. u_b itself is
+always possible: its stop is the rest of what was proven before.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,8 +64,8 @@ def shape_wish(
 def acceleration_box(last: float, accel: float, decel: float) -> tuple[float, float]:
     """Returns the increments that one joint may take after ``last``.
 
-    Away from zero it gains at most ``accel``, toward zero it loses at most ``decel``; through zero the rest of the
-    tick accelerates: |last|/decel + |u|/accel ≤ 1.
+    Away from zero it gains at most ``accel``, toward zero it loses at most ``decel``; through zero the rest
+    of the tick accelerates: |last|/decel + |u|/accel ≤ 1.
     """
     if last < 0.0:
         low, high = acceleration_box(-last, accel, decel)
@@ -132,7 +132,8 @@ def _clamp_limits(
 ) -> tuple[Joints, list[Reason]]:
     """First each joint's own stop, then the longer stop that it shares with the fastest joint.
 
-    The acceleration box keeps the last word: what it does not let a joint lose in one tick, the blend must solve.
+    The acceleration box keeps the last word: what it does not let a joint lose in one tick, the blend must
+    solve.
     """
 
     def own(j: int) -> tuple[float, float]:

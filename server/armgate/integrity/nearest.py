@@ -1,7 +1,7 @@
 """The nearest pairs at the measured positions, for the state: told as lower bounds, the nearest one tight.
 
-A kept direction proves little for a pair that turned since it was found. So the lowest bounds are asked again of the
-engine until the lowest is a fresh one: then no pair can be nearer than it says.
+A kept direction proves little for a pair that turned since it was found. So the lowest bounds are asked
+again of the engine until the lowest is a fresh one: then no pair can be nearer than it says.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import Nearest
+from armgate.cell.events import Joints, Nearest
 from armgate.integrity.certificate import Proof
 from armgate.integrity.clearance import Clearance, ordered
 from armgate.integrity.groups import Group
@@ -28,10 +28,8 @@ class NearestPairs:
             np.array([p for p in ids if pairs[p].kind != "self"], dtype=np.intp) for ids in clearance.pairs_of
         )
 
-    def find(
-        self, robot: int, measured: Sequence[Sequence[float] | Array | None], count: int
-    ) -> dict[int, Nearest]:
-        """Returns pairs by index, by margin: the ``count`` nearest, the nearest of all and of those with others tight.
+    def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
+        """Returns the ``count`` nearest pairs by index, by margin; the nearest (and nearest other) tight.
 
         Args:
             robot: Whose pairs.
@@ -39,7 +37,7 @@ class NearestPairs:
             count: How many.
         """
         c = self._clearance
-        still = {i: c.still(i, q) for i, q in enumerate(measured) if q is not None}
+        still = {i: c.space.still(i, q) for i, q in enumerate(measured) if q is not None}
         margin = self._margins(robot, still)
         proofs: dict[int, Proof] = {}
         for _ in range(_REFRESHES):
@@ -89,9 +87,9 @@ class NearestPairs:
 def start_clearances(cell: Cell) -> list[Nearest]:
     """Returns the clearances at the start positions, nearest first: the nearest pairs of each robot."""
     clearance = Clearance(cell)
-    start = [r.start for r in cell.robots]
+    start = [tuple(float(x) for x in r.start) for r in cell.robots]
     for i, q in enumerate(start):
-        clearance.hold(i, [clearance.still(i, q)])
+        clearance.hold(i, [clearance.space.still(i, q)])
     found: dict[int, Nearest] = {}
     nearest = NearestPairs(clearance)
     for i in range(len(start)):

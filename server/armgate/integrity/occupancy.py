@@ -1,18 +1,19 @@
 """Occupancy: all positions that a robot may pass from now until it rests.
 
-It is the convex hull of the measured q, the setpoints inside the declared lag window and the end of the stop. A
-robot that lags its setpoint is *not* on the line from q to the setpoint, but it stays in this hull. The hull is
-covered by the polyline measured – setpoint – end, each joint widened by a tube
+It is the convex hull of the measured q, the setpoints inside the declared lag window and the end of the
+stop. A robot that lags its setpoint is *not* on the line from q to the setpoint, but it stays in this hull.
+The hull is covered by the polyline measured – setpoint – end, each joint widened by a tube
 
     e_j = (history's largest deviation from the chord AB)_j + |A + l₁/(l₁+l₂)·(C − A) − B|_j + tolerance_j.
 
-The second term covers the triangle ABC: a point of AC and the polyline's point at the same share of the way differ
-most at the corner. A hull of points that each lie within e of the triangle lies within e of it.
+The second term covers the triangle ABC: a point of AC and the polyline's point at the same share of the way
+differ most at the corner. A hull of points that each lie within e of the triangle lies within e of it.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from armgate.cell.events import Joints
 
@@ -25,6 +26,11 @@ class Occupancy:
 
     nodes: tuple[Joints, ...]
     tube: Joints
+
+    @property
+    def segments(self) -> list[tuple[Joints, Joints]]:
+        """The polyline's segments; one of length zero for a robot that stands still."""
+        return list(pairwise(self.nodes)) or [(self.nodes[0], self.nodes[0])]
 
     @property
     def end(self) -> Joints:
@@ -73,13 +79,12 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
 
 def deviation(q: Joints, one: Occupancy) -> float:
     """Returns how far, in its worst joint, ``q`` is from the nearest point of the polyline, rad or m."""
-    pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
-    near = [_nearest(q, a, b) for a, b in pairs]
+    near = [_nearest(q, a, b) for a, b in one.segments]
     return min(max(abs(x - y) for x, y in zip(q, p, strict=True)) for p in near)
 
 
 def _without_repeats(nodes: tuple[Joints, ...]) -> tuple[Joints, ...]:
-    return nodes[:1] + tuple(b for a, b in zip(nodes, nodes[1:], strict=False) if a != b)
+    return nodes[:1] + tuple(b for a, b in pairwise(nodes) if a != b)
 
 
 def _length(a: Joints, b: Joints) -> float:
@@ -105,9 +110,8 @@ def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
 
 
 def _share_within(q: Joints, one: Occupancy, width: Joints) -> Joints | None:
-    """Returns a point of the polyline that ``q`` is within ``width`` of in every joint, None if there is none."""
-    pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
-    for a, b in pairs:
+    """Returns a point of the polyline within ``width`` of ``q`` in every joint, None if there is none."""
+    for a, b in one.segments:
         low, high = 0.0, 1.0
         for x, p, r, w in zip(q, a, b, width, strict=True):
             d = r - p

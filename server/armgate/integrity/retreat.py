@@ -1,8 +1,9 @@
 """Ways back for a robot that starts too near to something: floors that ratchet up.
 
-A pair whose certified bound is below its limit has a floor, the best value it has reached. An increment keeps the way
-back open if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at least one margin is proven to
-widen, and nothing new is violated. A retreat begins at rest; two robots that violate a pair move one at a time.
+A pair whose certified bound is below its limit has a floor, the best value it has reached. An increment
+keeps the way back open if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at
+least one margin is proven to widen, and nothing new is violated. A retreat begins at rest; two robots that
+violate a pair move one at a time.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ _PROOF_BUDGET = 32
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What a robot's pairs must keep, m (pairs of the cell,), which of them are violated, and what forbids any motion."""
+    """What a robot's pairs must keep, m (pairs of the cell,), which are violated, what forbids any motion."""
 
     need: Array
     violated: tuple[int, ...]
@@ -39,7 +40,7 @@ class Retreat:
         self._floor: dict[int, float] = {}
 
     def demand(self, state: RobotState, states: list[RobotState]) -> Demand:
-        """Proves a robot's violated pairs anew, ratchets their floors, and says what its next motion must keep."""
+        """Proves a robot's violated pairs anew, ratchets their floors, says what motion must keep."""
         need = self._clearance.limits
         violated, forbidden = [], None
         for pair in self._below(state.index):

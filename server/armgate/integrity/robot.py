@@ -37,10 +37,11 @@ class RobotState:
         last: Increment played at the last tick.
         held: The plan that the link plays; ``played`` is the index of its last increment played, −1 for none.
         pending: A plan that the link has not answered yet.
-        main: The occupancy along the held plan; ``next`` along the pending one; ``residue`` what a rebased robot may still
-            pass until it rests.
+        main: The occupancy along the held plan; ``next`` along the pending one; ``residue`` what a rebased
+            robot may still pass until it rests.
         strayed: By how much a faulted robot was found off its stop path in all.
-        outside: By how much each joint may still be beyond its limits (lower, upper): a start outside, ratcheted back.
+        outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
+            ratcheted back.
         slot: The tick that a command was judged for already.
     """
 
@@ -115,7 +116,7 @@ class RobotState:
         return still and self.pending is None and self.moved <= self.robot.q_tolerance
 
     def limits_now(self) -> StepBounds:
-        """Returns the bounds, widened where the robot started outside its limits and has not come back yet."""
+        """Returns the bounds, widened where the robot started outside and has not come back yet."""
         low, high = self.outside
         if not any(low) and not any(high):
             return self.bounds

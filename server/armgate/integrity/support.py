@@ -1,12 +1,13 @@
 """Support functions: how far a convex body reaches in a direction.
 
 h_X(v) = max over x in X of v·x. A separating slab is its own proof: for any unit n,
-lb = −h_B(−n) − h_A(n) never exceeds the signed distance of A and B, whatever suggested n. All primitives share one form,
+lb = −h_B(−n) − h_A(n) never exceeds the signed distance of A and B, whatever suggested n. All primitives
+share one form,
 
     h(v) = hx|vx| + hy|vy| + hz|vz| + disk·√(vx² + vy²) + radius·|v|,
 
-a box with half sides h, a segment (hz), a disk and a ball added together: sphere (radius), capsule (hz + radius),
-cylinder (disk + hz), box (hx, hy, hz).
+a box with half sides h, a segment (hz), a disk and a ball added together: sphere (radius), capsule (hz +
+radius), cylinder (disk + hz), box (hx, hy, hz).
 """
 
 from collections.abc import Sequence

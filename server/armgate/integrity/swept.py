@@ -1,8 +1,8 @@
 """What an occupancy means in space: every body's placements at the nodes, and how far it strays between them.
 
 Between two nodes q and q + δ each point x of a body strays from its chord by at most K/8 with
-K = Σ_ij |δ_i||δ_j|·G_ij, G_ij bounding |∂²x/∂q_i∂q_j|; the tube e adds Σ_j R_j·e_j, R_j bounding |∂x/∂q_j|. Both bounds hold
-for every q, so for a fixed direction n and *every* position in the occupancy
+K = Σ_ij |δ_i||δ_j|·G_ij, G_ij bounding |∂²x/∂q_i∂q_j|; the tube e adds Σ_j R_j·e_j, R_j bounding |∂x/∂q_j|.
+Both bounds hold for every q, so for a fixed direction n and *every* position in the occupancy
 
     n·x ≤ max over the nodes of n·x + K/8 + Σ_j R_j e_j.
 """
@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.cell import Cell
+from armgate.cell.events import Joints
 from armgate.cell.motion import bend_bounds, motion_bounds
 from armgate.integrity.occupancy import Occupancy
 from armgate.integrity.support import support, support_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+_KEPT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Swept:
         return self.R[node, body], self.t[node, body]
 
     def reach(self, rows: Array, bodies: Index, n: Array) -> tuple[Array, Index]:
-        """Returns max n·x over the occupancy for P bodies and directions n (P, 3), and the node that gives it."""
+        """Returns max n·x over the occupancy for P bodies and directions n (P, 3), and the binding node."""
         local = np.einsum("mpji,pj->mpi", self.R[:, bodies], n)
         along = support(rows, local) + np.einsum("mpj,pj->mp", self.t[:, bodies], n)
         node = np.argmax(along, axis=0)
@@ -56,15 +58,35 @@ class Space:
         self.motion = [motion_bounds(r.model) for r in cell.robots]
         self.bend = [bend_bounds(r.model) for r in cell.robots]
         self.static = self._static()
+        self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
 
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
         """Places all bodies of a robot at the nodes of an occupancy."""
-        return self.sweep_nodes(robot, np.array(occupied.nodes), np.array(occupied.tube))
+        placed = [self._placed(robot, q) for q in occupied.nodes]
+        return self._swept(robot, placed, np.array(occupied.nodes), np.array(occupied.tube))
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
-        """The same for nodes (m, n) and a tube (n,)."""
+        """The same for nodes (m, n) and a tube (n,) that will not come again."""
         model = self.cell.robots[robot].model
-        placed = [model.body_placements(q) for q in nodes]
+        return self._swept(robot, [model.body_placements(q) for q in nodes], nodes, tube)
+
+    def still(self, robot: int, q: Joints) -> Swept:
+        """Places all bodies of a robot that stands at ``q``."""
+        nodes = np.array([q])
+        return self._swept(robot, [self._placed(robot, q)], nodes, np.zeros(nodes.shape[1]))
+
+    def _placed(self, robot: int, q: Joints) -> tuple[Array, Array]:
+        """Placements at ``q``; the last few are kept, since one occupancy shares most nodes with the next."""
+        known = self._known[robot]
+        placed = known.pop(q, None)
+        if placed is None:
+            placed = self.cell.robots[robot].model.body_placements(q)
+        known[q] = placed
+        if len(known) > _KEPT:
+            del known[next(iter(known))]
+        return placed
+
+    def _swept(self, robot: int, placed: list[tuple[Array, Array]], nodes: Array, tube: Array) -> Swept:
         deltas = np.abs(np.diff(nodes, axis=0))
         stray = self.motion[robot] @ tube
         if len(deltas):
