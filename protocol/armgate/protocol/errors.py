@@ -36,6 +36,7 @@ class ErrorCode(StrEnum):
     TOO_MANY = "too_many"
     OVERFLOW = "overflow"
     SHUTTING_DOWN = "shutting_down"
+    SILENT = "silent"
     # One message was of no effect.
     UNKNOWN_TYPE = "unknown_type"
     INVALID_MESSAGE = "invalid_message"
@@ -92,6 +93,9 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ),
     ErrorCode.OVERFLOW: _fatal("messages that may not be dropped were not read", "read faster"),
     ErrorCode.SHUTTING_DOWN: _fatal("the server is ending", "connect again when it runs"),
+    ErrorCode.SILENT: _fatal(
+        "a participant gave no sign of life while all waited", "answer every step, or pass"
+    ),
     ErrorCode.UNKNOWN_TYPE: _single(
         "this version has no message of that type", "see the welcome's capabilities"
     ),

@@ -1,7 +1,8 @@
 """Leases: the exclusive right to command one robot, as a table, without clocks or sockets.
 
 A robot is ``free``, ``held`` or ``stopped``; ``TRANSITIONS`` says what each event makes of it. Every grant
-has a fence, a number larger than every one before it: a command with an older fence is from a former holder.
+has a fence, a number larger than every one before it on this robot: a command with an older fence is from a
+former holder.
 
 :class:`Leases` keeps all robots of a cell. ``acquire`` answers a :class:`Grant` or a :class:`Denial`;
 whatever ends a grant without its holder's wish is told as a :class:`Loss`, once. ``now`` is any clock that
@@ -70,7 +71,7 @@ class Grant:
     Attributes:
         robot: The robot.
         session: Who holds it.
-        fence: Larger than every fence before.
+        fence: Larger than every fence before on this robot.
         speed: The holder's own speed bound, a fraction of the cell's.
         expires: When it ends unless renewed (held until then, not at it).
         displaced: Whose lease ended by this one, None if the robot was free.
@@ -114,7 +115,8 @@ class Leases:
         self.ttl = ttl
         self._states = dict.fromkeys(robots, LeaseState.FREE)
         self._grants: dict[str, Grant] = {}
-        self._fence = 0
+        # Counted per robot: the numbers do not depend on who took another robot first.
+        self._fences = dict.fromkeys(self._states, 0)
 
     def state(self, robot: str) -> LeaseState:
         """What the robot's lease is (KeyError for a robot that is not in the cell)."""
@@ -214,8 +216,8 @@ class Leases:
         else:
             return Denial(ErrorCode.LEASED, f"{robot} is held by another session")
         self._move(robot, event)
-        self._fence += 1
-        grant = Grant(robot, session, self._fence, speed, now + self.ttl, displaced)
+        self._fences[robot] += 1
+        grant = Grant(robot, session, self._fences[robot], speed, now + self.ttl, displaced)
         self._grants[robot] = replace(grant, displaced=None)
         return grant
 

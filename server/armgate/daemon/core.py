@@ -1,0 +1,309 @@
+"""Every message and every tick: what they do to gate, leases, signals and states. No sockets, no clock."""
+
+from collections.abc import Callable, Sequence
+
+from armgate.cell import events
+from armgate.cell.cell import Cell
+from armgate.daemon import translate
+from armgate.daemon.board import Board
+from armgate.daemon.leasing import Leasing
+from armgate.daemon.library import Library
+from armgate.daemon.log import Log
+from armgate.daemon.peer import Peer, answer
+from armgate.daemon.runner import GateRunner, Told
+from armgate.daemon.signals import Signals
+from armgate.links import ClockedLink
+from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
+from armgate.protocol import messages as m
+
+RIGHTS: dict[type[m.Message], frozenset[m.Role]] = {
+    m.Describe: frozenset({"observer", "controller", "operator"}),
+    m.Asset: frozenset({"observer", "controller", "operator"}),
+    m.Subscribe: frozenset({"observer", "controller", "operator"}),
+    m.Ping: frozenset({"observer", "controller", "operator"}),
+    m.Stop: frozenset({"observer", "controller", "operator"}),
+    # Without a lease a command is refused by the gate; like every one that can be read it gets a verdict.
+    m.Command: frozenset({"observer", "controller", "operator"}),
+    m.Acquire: frozenset({"controller", "operator"}),
+    m.Release: frozenset({"controller", "operator"}),
+    m.Signal: frozenset({"controller", "operator"}),
+    m.Reset: frozenset({"operator"}),
+}
+"""Which role may send what. Taking a lease over is the operator's too; the lease machine sees to it."""
+
+_OURSELVES = "daemon"
+
+
+class Core:
+    """One cell's gate, links, leases, signals and states.
+
+    Args:
+        cell: The cell.
+        runner: Asks its gate.
+        links: Each robot's link, in the order of the configuration.
+        now: Daemon time, s.
+        lockstep: Whether time passes in lock-step; leases do not expire then.
+        log: Where events are told.
+
+    Attributes:
+        peers: The sessions by id.
+        warnings: What the states shall warn of, by what it is about.
+        ending: Whether the daemon is ending: nothing is reset any more.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        runner: GateRunner,
+        links: Sequence[ClockedLink],
+        now: Callable[[], float],
+        lockstep: bool,
+        log: Log,
+    ) -> None:
+        server = cell.config.server
+        self.robots = tuple(robot.name for robot in cell.robots)
+        self.peers: dict[str, Peer] = {}
+        self.warnings: dict[str, str] = {}
+        self.ending = False
+        self.leasing = Leasing(Leases(self.robots, server.lease_ttl), self.peers, self._lease_changed)
+        self._tolerance = {robot.name: robot.q_tolerance for robot in cell.robots}
+        self._links = tuple(links)
+        self._runner = runner
+        self._now = now
+        self._lockstep = lockstep
+        self._log = log
+        self._signals = Signals(server.signal_rate)
+        self._board = Board(self.robots)
+        self._library = Library(cell, lockstep)
+        self._ticks: dict[str, events.Tick] = {}
+        self._moved: dict[str, float] = {}
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """The links are there: tell the gate."""
+        for robot in self.robots:
+            self._feed(events.LinkChange(robot, events.LinkState.READY))
+
+    def tick(self, time: float, due: Sequence[int], step: int | None = None) -> None:
+        """Let the robots tick that are due, then tell everybody.
+
+        Args:
+            time: Daemon time of the instant, s.
+            due: Indices of the robots, ascending.
+            step: Number of the instant in lock-step.
+        """
+        ticks = self.advance(time, due)
+        self.leasing.expire(self._lease_time)
+        for tick in ticks:
+            self._feed(tick)
+        self._publish(ticks, step)
+
+    def advance(self, time: float, due: Sequence[int]) -> list[events.Tick]:
+        """Let the robots tick without asking the gate: they play their plans out and rest."""
+        ticks = [self._links[index].advance(time) for index in due]
+        for tick in ticks:
+            before = self._ticks.get(tick.robot, tick)
+            self._moved[tick.robot] = max(abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
+            self._ticks[tick.robot] = tick
+        return ticks
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no robot has anything left to play, nor was measured to move at its last tick."""
+        return not any(link.remaining for link in self._links) and all(
+            moved <= self._tolerance[robot] for robot, moved in self._moved.items()
+        )
+
+    @property
+    def _lease_time(self) -> float:
+        # In lock-step the barrier finds out who is silent; how fast virtual time passes ends no lease.
+        return 0.0 if self._lockstep else self._now()
+
+    # --- sessions -----------------------------------------------------------------------------------------
+
+    def join(self, peer: Peer) -> None:
+        """A session said hello."""
+        self.peers[peer.id] = peer
+
+    def leave(self, peer: Peer) -> None:
+        """A session is gone: its robots and signals are free, its robots play their plans to rest."""
+        if self.peers.get(peer.id) is peer:
+            self.leasing.leave(peer)
+            self._signals.drop(peer.id)
+            del self.peers[peer.id]
+
+    def handle(self, peer: Peer, message: m.Message) -> None:
+        """Do what a client asks, or tell it why not."""
+        try:
+            self.leasing.renew(peer, self._lease_time)
+            self._may(peer, message)
+            self._do(peer, message)
+        except ProtocolError as error:
+            if error.re is None and isinstance(message, m.Request):
+                error.re = message.id
+            peer.say(error.message())
+
+    def check_command(self, command: m.Command) -> None:
+        """Whether there is such a robot.
+
+        Raises:
+            RemoteProtocolError: ``unknown_robot``, with the command's seq.
+        """
+        self._known(command.robot, "command", command.seq)
+
+    def judge(self, peer: Peer, command: m.Command) -> None:
+        """Have a command judged; its sender gets the verdict."""
+        fence = self.leasing.fence(peer, command, self._lease_time)
+        event = events.Command(command.robot, fence, command.seq, command.tick, command.dq)
+        self._feed(event, peer)
+
+    def stop_all(self, reason: str) -> None:
+        """Stop all robots on behalf of the daemon itself."""
+        self._feed(events.Stop(self.robots, reason, _OURSELVES))
+
+    def broadcast(self, message: m.Message) -> None:
+        """Tell everybody."""
+        for peer in tuple(self.peers.values()):
+            peer.say(message)
+
+    # --- requests -----------------------------------------------------------------------------------------
+
+    def _may(self, peer: Peer, message: m.Message) -> None:
+        if isinstance(message, m.Pass):
+            text = "pass: this daemon runs by the wall clock, not in lock-step; send no pass"
+            raise RemoteProtocolError(ErrorCode.NO_LOCKSTEP, text, about="pass")
+        if peer.role not in RIGHTS[type(message)]:
+            roles = " or ".join(sorted(RIGHTS[type(message)]))
+            text = f"{message.type}: not as {peer.role}; connect as {roles}"
+            raise RemoteProtocolError(ErrorCode.FORBIDDEN, text, about=message.type)
+
+    def _known(self, robot: str, about: str, seq: int | None = None) -> None:
+        if robot not in self.robots:
+            text = f"no robot {robot}; the cell has {', '.join(self.robots)}"
+            raise RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, text, about=about, seq=seq)
+
+    def _do(self, peer: Peer, message: m.Message) -> None:
+        match message:
+            case m.Command():
+                self.check_command(message)
+                self.judge(peer, message)
+            case m.Signal():
+                self._signals.set(peer.id, peer.name, message.name, message.value, self._now())
+                peer.say(answer(m.Signaled, message, name=message.name))
+            case m.Acquire():
+                self.leasing.acquire(peer, message, self._lease_time)
+            case m.Release():
+                self.leasing.release(peer, message, self._lease_time)
+            case m.Subscribe():
+                self._subscribe(peer, message)
+            case m.Describe():
+                peer.say(_re(self._library.description, message))
+            case m.Asset():
+                peer.say(_re(self._library.chunk(message.hash, message.offset, message.length), message))
+            case m.Stop():
+                self._stop(peer, message)
+            case m.Reset():
+                self._reset(peer, message)
+            case m.Ping():
+                now = self._now()
+                peer.say(answer(m.Pong, message, time=message.time, received=now, sent=now))
+
+    def _subscribe(self, peer: Peer, request: m.Subscribe) -> None:
+        subscription = self._board.subscription(request)
+        peer.subscription = subscription if subscription.every else None
+        robots = self._board.subscribed_robots(subscription)
+        fields = subscription.fields
+        peer.say(answer(m.Subscribed, request, every=request.every, robots=robots, fields=fields))
+        if subscription.every:
+            newest = (self._board.newest(robot, fields) for robot in robots)
+            for state in filter(None, newest):
+                peer.show(state)
+
+    # --- stop and reset -----------------------------------------------------------------------------------
+
+    def _stop(self, peer: Peer, request: m.Stop) -> None:
+        if request.robot is not None:
+            self._known(request.robot, "stop")
+        robots = self.robots if request.robot is None else (request.robot,)
+        self._feed(events.Stop(robots, request.reason, peer.name), peer, request)
+
+    def _reset(self, peer: Peer, request: m.Reset) -> None:
+        if self.ending:
+            text = "the daemon is ending: nothing is reset any more"
+            raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, text, fatal=False, about="reset")
+        self._feed(events.Reset(request.stop, peer.name), peer, request)
+
+    def _stopped(self, stopped: events.Stopped, asker: Peer | None, request: m.Request | None) -> None:
+        reason = translate.text(stopped.reason)
+        fields = {"stop": stopped.id, "robots": stopped.robots, "reason": reason, "by": stopped.by}
+        self._log.warning("stopped", **fields)
+        for peer in tuple(self.peers.values()):
+            peer.say(answer(m.Stopped, request if peer is asker else None, **fields))
+        self.leasing.stop(stopped.robots, translate.text(f"stop {stopped.id} by {stopped.by}: {reason}"))
+
+    def _resumed(self, reset: events.ResetAnswer, asker: Peer | None, request: m.Request | None) -> None:
+        if asker is None or not isinstance(request, m.Reset):
+            return  # nobody asked: nothing to tell
+        if not reset.accepted:
+            raise RemoteProtocolError(*_NO_RESET[reset.reason](reset.stop), about="reset")
+        self._log.info("resumed", stop=reset.stop, by=asker.name)
+        self.leasing.resume(robot for robot in self.robots if not self._runner.view(robot).stops)
+        for peer in tuple(self.peers.values()):
+            own = request if peer is asker else None
+            peer.say(answer(m.Resumed, own, stop=reset.stop, by=asker.name))
+
+    # --- the gate -----------------------------------------------------------------------------------------
+
+    def _lease_changed(self, change: events.LeaseChange) -> None:
+        self._feed(change)
+
+    def _feed(
+        self, event: events.GateEvent, asker: Peer | None = None, request: m.Request | None = None
+    ) -> None:
+        """Have an event judged; tell what comes of it, answers to the one who asked."""
+        for told in self._runner.feed(event):
+            self._tell(told, asker, request)
+
+    def _tell(self, told: Told, asker: Peer | None, request: m.Request | None) -> None:
+        match told:
+            case events.Verdict():
+                if asker is not None:
+                    asker.say(translate.verdict(told))
+            case events.Stopped():
+                self._stopped(told, asker, request)
+            case events.ResetAnswer():
+                self._resumed(told, asker, request)
+
+    def _publish(self, ticks: Sequence[events.Tick], step: int | None) -> None:
+        entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
+        warnings = tuple(self.warnings.values())
+        for tick in ticks:
+            self._board.put(tick, entries, self._signals.values, warnings, step)
+        for peer in tuple(self.peers.values()):
+            wanted = peer.subscription
+            if wanted is None:
+                continue
+            for tick in ticks:
+                if wanted.wants(tick.robot, tick.tick):
+                    state = self._board.newest(tick.robot, wanted.fields)
+                    assert state is not None  # put just now
+                    peer.show(state)
+
+    def _entry(self, robot: str) -> m.Entry:
+        return translate.entry(robot, self._runner.view(robot), self.leasing.holder(robot))
+
+
+def _unknown_stop(stop: int) -> tuple[ErrorCode, str]:
+    return ErrorCode.UNKNOWN_STOP, f"no stop {stop} is in force; the state's entries name those that are"
+
+
+def _moving(stop: int) -> tuple[ErrorCode, str]:
+    return ErrorCode.MOVING, f"a robot of stop {stop} still moves; reset when it rests"
+
+
+_NO_RESET: dict[str, Callable[[int], tuple[ErrorCode, str]]] = {"unknown": _unknown_stop, "moving": _moving}
+
+
+def _re(message: m.Answer, request: m.Request) -> m.Answer:
+    return message if request.id is None else message.model_copy(update={"re": request.id})

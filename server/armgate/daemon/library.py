@@ -1,0 +1,116 @@
+"""What the daemon tells of its cell: the description, and the assets that it names by their hash."""
+
+import hashlib
+import math
+from collections.abc import Sequence
+
+from armgate.cell.cell import Body, Cell, Robot
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Shape
+from armgate.protocol import ErrorCode, RemoteProtocolError
+from armgate.protocol import messages as m
+
+
+class Library:
+    """The description of a cell and its assets.
+
+    Attributes:
+        description: The description, without the ``re`` of a request.
+
+    Args:
+        cell: The cell.
+        lockstep: Whether its time passes in lock-step.
+    """
+
+    def __init__(self, cell: Cell, lockstep: bool) -> None:
+        self._assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
+        self.description = m.Description(
+            name=cell.name,
+            hash=cell.hash,
+            stop_distance=cell.config.stop_distance,
+            self_distance=cell.config.self_distance,
+            response=cell.config.response,
+            lockstep=lockstep,
+            robots=tuple(_robot(robot) for robot in cell.robots),
+            bodies=tuple(_body(cell, body) for body in cell.bodies),
+        )
+
+    def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
+        """A piece of an asset.
+
+        Raises:
+            RemoteProtocolError: ``unknown_asset``: none has this hash, or it ends before ``offset``.
+        """
+        data = self._assets.get(hash_)
+        if data is None:
+            raise _unknown(f"no asset {hash_}; the description names those that there are")
+        if offset > len(data):
+            raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; asked for was {offset}")
+        return m.Chunk(hash=hash_, offset=offset, total=len(data), data=data[offset : offset + length])
+
+
+def _unknown(text: str) -> RemoteProtocolError:
+    return RemoteProtocolError(ErrorCode.UNKNOWN_ASSET, text, about="asset")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _robot(robot: Robot) -> m.RobotDescription:
+    base = robot.model.base
+    return m.RobotDescription(
+        name=robot.name,
+        urdf=m.AssetRef(hash=_sha256(robot.urdf), size=len(robot.urdf.encode()), media="application/xml"),
+        joints=tuple(_joint(robot, index) for index in range(robot.model.n)),
+        base_xyz=_point(base.t.tolist()),
+        base_xyzw=base.xyzw(),
+        period=robot.period,
+        start=tuple(robot.start.tolist()),
+        frames=tuple(robot.model.frame_names),
+        tool=robot.tool,
+        camera=robot.camera,
+    )
+
+
+def _joint(robot: Robot, index: int) -> m.Joint:
+    joint = robot.model.joints[index]
+    deceleration = float(robot.deceleration[index])
+    return m.Joint(
+        name=joint.name,
+        kind=joint.kind,
+        unit="rad" if joint.kind == "revolute" else "m",
+        lower=float(robot.lower[index]),
+        upper=float(robot.upper[index]),
+        velocity=float(robot.velocity[index]),
+        acceleration=float(robot.acceleration[index]),
+        deceleration=deceleration if math.isfinite(deceleration) else None,
+    )
+
+
+def _body(cell: Cell, body: Body) -> m.Body:
+    if body.robot is None:
+        return _wire_body(body.name, None, None, body.shape, body.placement)
+    robot = cell.robots[body.robot]
+    own = robot.model.bodies[body.index]
+    # Told in the frame of the link that the URDF names; the position does not matter.
+    R, t = robot.model.body_placements(robot.start)
+    link = robot.model.frame(robot.start, own.link)
+    in_link = link.inverse() @ Placement(R[body.index], t[body.index])
+    return _wire_body(body.name, robot.name, own.link, body.shape, in_link)
+
+
+def _wire_body(name: str, robot: str | None, link: str | None, shape: Shape, place: Placement) -> m.Body:
+    return m.Body(
+        name=name,
+        robot=robot,
+        link=link,
+        shape=m.Shape(kind=shape.kind, size=tuple(shape.size)),
+        xyz=_point(place.t.tolist()),
+        xyzw=place.xyzw(),
+    )
+
+
+def _point(values: Sequence[float]) -> m.Point:
+    x, y, z = values
+    return (x, y, z)

@@ -1,0 +1,69 @@
+"""What waits to be written to one client: messages that may not be dropped, and the newest states."""
+
+from collections import deque
+from collections.abc import Callable
+
+
+class Overflow(Exception):  # noqa: N818 (an event of the client, not a defect)
+    """The client does not read what may not be dropped."""
+
+
+class Outbox:
+    """Frames for one client.
+
+    Answers and verdicts are queued, in order, up to a bound. Of each robot's states only the newest waits, so
+    a slow observer gets the newest state and never a backlog. While the client reads, nothing waits here.
+
+    Args:
+        write: Hands a frame to the transport.
+        limit: How many bytes of answers and verdicts may wait.
+    """
+
+    def __init__(self, write: Callable[[bytes], None], limit: int) -> None:
+        self._write = write
+        self._limit = limit
+        self._queue: deque[bytes] = deque()
+        self._queued = 0
+        self._states: dict[str, bytes] = {}
+        self._paused = False
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing waits."""
+        return not self._queue and not self._states
+
+    def put(self, frame: bytes) -> None:
+        """Send a frame that may not be dropped.
+
+        Raises:
+            Overflow: More waits than the limit allows; the frame was not taken.
+        """
+        if not self._paused:
+            self._write(frame)
+            return
+        if self._queued + len(frame) > self._limit:
+            raise Overflow(f"{self._queued} bytes wait to be read; at most {self._limit} may")
+        self._queue.append(frame)
+        self._queued += len(frame)
+
+    def put_state(self, robot: str, frame: bytes) -> None:
+        """Send the state at a tick of ``robot``, in place of one that still waits."""
+        if self._paused:
+            self._states[robot] = frame
+        else:
+            self._write(frame)
+
+    def pause(self) -> None:
+        """The transport's buffer is full: let everything wait."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """The transport takes frames again: first the queue, then the newest states."""
+        self._paused = False
+        # A write may pause again at once: what is left keeps waiting.
+        while self._queue and not self._paused:
+            frame = self._queue.popleft()
+            self._queued -= len(frame)
+            self._write(frame)
+        while self._states and not self._paused:
+            self._write(self._states.pop(next(iter(self._states))))

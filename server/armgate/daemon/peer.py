@@ -1,0 +1,54 @@
+"""What the core sees of a session."""
+
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from armgate.protocol.messages import Answer, Message, Request, Role, State
+
+A = TypeVar("A", bound=Answer)
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """Which states a session wants: at every n-th tick of these robots, with these fields of the entries."""
+
+    every: int
+    robots: frozenset[str]
+    fields: tuple[str, ...]
+
+    def wants(self, robot: str, tick: int) -> bool:
+        """Whether the state at this tick is among them."""
+        return robot in self.robots and tick % self.every == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Encoded:
+    """A state with its frame: encoded once, sent to many."""
+
+    state: State
+    frame: bytes
+
+
+class Peer(Protocol):
+    """One client after its hello."""
+
+    id: str
+    name: str
+    role: Role
+    subscription: Subscription | None
+
+    def say(self, message: Message) -> None:
+        """Send a message that may not be dropped."""
+
+    def show(self, state: Encoded) -> None:
+        """Send a state, in place of an older one of the same robot that still waits."""
+
+    def end(self, message: Message) -> None:
+        """Send a last message and close."""
+
+
+def answer(model: type[A], request: Request | None, **fields: object) -> A:
+    """An answer to ``request``, or to nobody; its ``re`` is only set where there is an id to repeat."""
+    if request is not None and request.id is not None:
+        fields["re"] = request.id
+    return model.model_validate(fields)

@@ -1,0 +1,66 @@
+"""The one place where the gate is asked."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from armgate.cell.events import GateEvent, GateOutput, Plan, Rebase, ResetAnswer, Stopped, Verdict
+from armgate.integrity import RobotView
+from armgate.links import Link
+
+Told = Verdict | Stopped | ResetAnswer
+"""What of the gate's outputs concerns clients."""
+
+Tap = Callable[[GateEvent, list[GateOutput]], None]
+"""Sees every event with the gate's outputs, in order: together they are a replay."""
+
+
+class Judge(Protocol):
+    """What the daemon needs of the gate."""
+
+    def step(self, event: GateEvent) -> list[GateOutput]:
+        """Judge one event."""
+
+    def view(self, robot: str) -> RobotView:
+        """What is known of one robot."""
+
+
+class GateRunner:
+    """Feeds the gate and carries its plans and rebases to the links, whose answers are events again.
+
+    Args:
+        judge: The gate.
+        links: Each robot's link.
+        tap: Told of every event and its outputs.
+    """
+
+    def __init__(self, judge: Judge, links: Mapping[str, Link], tap: Tap | None = None) -> None:
+        self._judge = judge
+        self._links = links
+        self._tap = tap
+
+    def feed(self, event: GateEvent) -> list[Told]:
+        """Have one event judged, and everything that follows from it at the links.
+
+        Returns:
+            What clients are to be told, in order.
+        """
+        told: list[Told] = []
+        events = deque([event])
+        while events:
+            event = events.popleft()
+            outputs = self._judge.step(event)
+            if self._tap is not None:
+                self._tap(event, outputs)
+            for output in outputs:
+                if isinstance(output, Plan):
+                    events.append(self._links[output.robot].offer(output))
+                elif isinstance(output, Rebase):
+                    self._links[output.robot].rebase(output)
+                else:
+                    told.append(output)
+        return told
+
+    def view(self, robot: str) -> RobotView:
+        """What the gate knows of one robot."""
+        return self._judge.view(robot)

@@ -1,0 +1,288 @@
+"""The daemon's life: listens, runs, and ends with the robots at rest."""
+
+import asyncio
+import secrets
+import signal
+import traceback
+from collections.abc import Callable
+from enum import Enum
+from importlib.metadata import version
+from typing import Any
+
+from armgate.cell.cell import Cell
+from armgate.cell.config import LockstepClockConfig
+from armgate.daemon.core import Core
+from armgate.daemon.lockstep import Lockstep
+from armgate.daemon.log import Log
+from armgate.daemon.peer import answer
+from armgate.daemon.runner import GateRunner, Judge
+from armgate.daemon.session import Session
+from armgate.daemon.wall import Wall
+from armgate.emulator import Instant
+from armgate.links import EmulatedLink
+from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, VERSIONS, ErrorCode, RemoteProtocolError
+from armgate.protocol import messages as m
+
+_SETTLE = 5.0
+"""How long after the end of its plan a robot may take to be measured at rest, s of daemon time."""
+
+_CLOSE = 2.0
+"""How long sessions may take to close at the end, s."""
+
+
+class Phase(Enum):
+    """Where the daemon is in its life."""
+
+    RUNNING = "running"
+    RESTING = "resting"
+    """It was told to end: all robots are stopped and come to rest."""
+    FAILED = "failed"
+    """Something of its own failed: the gate is asked no more, the robots play their plans to rest."""
+    OVER = "over"
+
+
+class Daemon:
+    """Serves one cell until it is told to end.
+
+    Args:
+        cell: The cell.
+        gate: Makes the gate, from the cell and the daemon's start id.
+        log: Where events are told.
+    """
+
+    def __init__(self, cell: Cell, gate: Callable[[Cell, str], Judge], log: Log) -> None:
+        clock = cell.config.clock
+        lockstep = isinstance(clock, LockstepClockConfig)
+        # In lock-step nothing that a client sees may differ between two runs.
+        self.start = cell.hash[:16] if lockstep else secrets.token_hex(8)
+        self._settings = cell.config.server
+        self._max_age = cell.config.max_age_ticks
+        self._log = log
+        self._phase = Phase.RUNNING
+        self._status = 0
+        self._rest_by = 0.0
+        self._over = asyncio.Event()
+        self._emptied = asyncio.Event()
+        self._sessions: set[Session] = set()
+        self._numbers = 0
+        self._server: asyncio.Server | None = None
+        periods = [robot.period for robot in cell.robots]
+        self._pace: Wall | Lockstep = (
+            Lockstep(periods, clock.participants, clock.grace, self._instant, log)
+            if isinstance(clock, LockstepClockConfig)
+            else Wall(periods, self._instant)
+        )
+        links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
+        runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links})
+        self._core = Core(cell, runner, links, self._pace.now, lockstep, log)
+        self._periods = dict(zip((link.robot for link in links), periods, strict=True))
+        self._links = links
+
+    # --- life ---------------------------------------------------------------------------------------------
+
+    async def run(self, announce: Callable[[str, int], None]) -> int:
+        """Serve until told to end.
+
+        Args:
+            announce: Called once with host and port when clients may connect.
+
+        Returns:
+            Exit status: 0, or 1 if something failed.
+
+        Raises:
+            OSError: The address cannot be listened on.
+        """
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(self._unexpected)
+        host = self._settings.host
+        self._server = await loop.create_server(self._session, host, self._settings.port)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.end)
+        port = self._server.sockets[0].getsockname()[1]
+        self._log.info("listening", host=host, port=port, start=self.start, lockstep=self._pace.lockstep)
+        self._begin()
+        announce(host, port)
+        await self._over.wait()
+        await self._close()
+        return self._status
+
+    def end(self) -> None:
+        """Stop all robots, wait until they rest, then end; at once if this is called again."""
+        if self._phase is not Phase.RUNNING:
+            self._log.warning("end.at_once")
+            self._finish(1)
+            return
+        self._log.info("end", robots=self._core.robots)
+        self._come_to_rest(Phase.RESTING)
+        self._core.ending = True
+        try:
+            self._core.stop_all("the daemon is ending")
+        except Exception as error:
+            self.failed(error)
+        else:
+            self._pace.let_rest(judging=True)
+
+    def failed(self, error: BaseException) -> None:
+        """Something of ours failed: trust the gate no more, let the robots play their plans to rest, end."""
+        trace = "".join(traceback.format_exception(error))
+        self._log.error("failed", error=repr(error), traceback=trace)
+        if self._phase in (Phase.FAILED, Phase.OVER):
+            return
+        self._status = 1
+        self._come_to_rest(Phase.FAILED)
+        text = "the daemon has failed; its robots come to rest: see its log"
+        for session in tuple(self._sessions):
+            session.end(RemoteProtocolError(ErrorCode.INTERNAL, text, fatal=True).message())
+        self._pace.let_rest(judging=False)
+
+    def _begin(self) -> None:
+        try:
+            self._core.start()
+            self._pace.start(self._core)
+        except Exception as error:
+            self.failed(error)
+
+    def _come_to_rest(self, phase: Phase) -> None:
+        self._phase = phase
+        playing = max(link.remaining * self._periods[link.robot] for link in self._links)
+        self._rest_by = self._pace.now() + playing + _SETTLE
+        if self._server is not None:
+            self._server.close()
+
+    def _instant(self, instant: Instant) -> None:
+        if self._phase is Phase.OVER:
+            return
+        if self._phase is Phase.FAILED:
+            self._core.advance(instant.time, instant.due)
+        else:
+            self._warn_of_lateness()
+            self._core.tick(instant.time, instant.due, self._pace.step_of(instant))
+        if self._phase is not Phase.RUNNING:
+            self._look_for_rest(instant)
+
+    def _look_for_rest(self, instant: Instant) -> None:
+        if self._core.at_rest:
+            self._log.info("at_rest", time=instant.time)
+            self._finish(1 if self._pace.failed else self._status)
+        elif instant.time > self._rest_by:
+            self._log.error("not_at_rest", time=instant.time)
+            self._finish(1)
+
+    def _warn_of_lateness(self) -> None:
+        if isinstance(self._pace, Wall) and (overruns := self._pace.lateness.overruns):
+            self._core.warnings["late"] = f"{overruns} ticks came later than the next one was due"
+
+    def _finish(self, status: int) -> None:
+        self._status = max(self._status, status)
+        self._phase = Phase.OVER
+        self._pace.close()
+        self._over.set()
+
+    async def _close(self) -> None:
+        self._log.info("closing", **self._lateness())
+        for session in tuple(self._sessions):
+            session.end(m.Bye(reason="the daemon has ended"))
+        self._look_for_emptiness()
+        try:
+            await asyncio.wait_for(self._emptied.wait(), _CLOSE)
+        except TimeoutError:
+            for session in tuple(self._sessions):
+                session.abort()
+
+    def _lateness(self) -> dict[str, float]:
+        if not isinstance(self._pace, Wall):
+            return {}
+        late = self._pace.lateness
+        return {"ticks": late.count, "worst": late.worst, "half": late.half, "overruns": late.overruns}
+
+    def _unexpected(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Whatever failed in a callback of the event loop."""
+        error = context.get("exception")
+        if error is None or isinstance(error, OSError):  # a socket's trouble, not ours
+            self._log.warning("loop", text=str(context.get("message")), error=repr(error))
+        else:
+            self.failed(error)
+
+    # --- sessions -----------------------------------------------------------------------------------------
+
+    def _session(self) -> Session:
+        self._numbers += 1
+        return Session(self, self._numbers, self._settings.send_buffer)
+
+    def opened(self, session: Session) -> None:
+        """A connection was made: it may stay if there is room, and says hello in time."""
+        if len(self._sessions) >= self._settings.max_connections:
+            text = f"there are {self._settings.max_connections} connections already; try again later"
+            session.end(RemoteProtocolError(ErrorCode.TOO_MANY, text).message())
+        else:
+            seconds = self._settings.handshake_timeout
+            text = f"no hello within {seconds:g} s; say hello at once after connecting"
+            session.allow(seconds, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, text))
+        self._sessions.add(session)
+
+    def hello(self, session: Session, hello: m.Hello) -> None:
+        """A client said who it is. On loopback it is believed."""
+        session.name, session.role = hello.name, hello.role
+        session.id = self._pace.session_id(session.name, session.number)
+        try:
+            if self._phase is not Phase.RUNNING:
+                raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
+            self._pace.join(session)
+        except RemoteProtocolError as error:
+            session.id, error.re = "", hello.id
+            self._log.warning("refused", session=session.number, name=hello.name, code=error.code)
+            session.end(error.message())
+            return
+        session.allow(None)
+        session.say(self._welcome(session, hello))
+        fields = {"session": session.id, "name": session.name, "role": session.role}
+        self._log.info("welcome", address=session.address, software=hello.software, **fields)
+
+    def said(self, session: Session, message: m.Message) -> None:
+        """A client said something."""
+        if self._phase in (Phase.RUNNING, Phase.RESTING):
+            self._pace.handle(session, message)
+
+    def gone(self, session: Session, reason: str) -> None:
+        """A connection is gone, or about to be."""
+        self._log.info("gone", session=session.id or session.number, name=session.name, reason=reason)
+        if session.greeted and self._phase in (Phase.RUNNING, Phase.RESTING):
+            self._pace.leave(session)
+
+    def closed(self, session: Session) -> None:
+        """A connection is closed."""
+        self._sessions.discard(session)
+        self._look_for_emptiness()
+
+    def _look_for_emptiness(self) -> None:
+        if self._phase is Phase.OVER and not self._sessions:
+            self._emptied.set()
+
+    def _welcome(self, session: Session, hello: m.Hello) -> m.Welcome:
+        limits = m.Limits(
+            inbound=INBOUND_LIMIT,
+            outbound=OUTBOUND_LIMIT,
+            max_age_ticks=self._max_age,
+            lease_ttl=self._settings.lease_ttl,
+            signals=m.MAX_SIGNALS,
+            signal_rate=self._settings.signal_rate,
+        )
+        return answer(
+            m.Welcome,
+            hello,
+            version=max(set(VERSIONS) & set(hello.versions)),
+            versions=VERSIONS,
+            client_versions=hello.versions,
+            start=self.start,
+            session=session.id,
+            name=session.name,
+            role=session.role,
+            lockstep=self._pace.lockstep,
+            limits=limits,
+            software=f"armgate {version('armgate')}",
+        )
+
+
+def _link(cell: Cell, index: int, start: str) -> EmulatedLink:
+    robot = cell.robots[index]
+    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.config.link.lag)

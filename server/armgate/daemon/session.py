@@ -1,0 +1,215 @@
+"""One client's connection: bytes to messages, and what it is sent."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from typing import Protocol
+
+from armgate.daemon.outbox import Outbox, Overflow
+from armgate.daemon.peer import Encoded, Subscription
+from armgate.protocol import Connection, ErrorCode, LocalProtocolError, Refusal, RemoteProtocolError, Side
+from armgate.protocol import messages as m
+
+_LINGER = 1.0
+"""How long a client may take to read the last message, s."""
+
+_BUFFER = 256 * 1024
+"""Bytes that the transport may hold before frames wait in the outbox."""
+
+_TCP = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
+_USER_TIMEOUT_MS = 20_000
+
+
+class Desk(Protocol):
+    """Who sessions turn to."""
+
+    def opened(self, session: "Session") -> None:
+        """A connection was made."""
+
+    def hello(self, session: "Session", hello: m.Hello) -> None:
+        """A client said who it is: answer with welcome or a fatal error."""
+
+    def said(self, session: "Session", message: m.Message) -> None:
+        """A client said something after its hello."""
+
+    def gone(self, session: "Session", reason: str) -> None:
+        """A connection is gone or said bye; called once."""
+
+    def closed(self, session: "Session") -> None:
+        """A connection is closed; nothing is called for it any more."""
+
+    def failed(self, error: Exception) -> None:
+        """Something of ours failed."""
+
+
+class Session(asyncio.Protocol):
+    """A connection and, once it has said hello, the peer behind it.
+
+    Args:
+        desk: Who is told.
+        number: Count of the connection, for the log.
+        send_buffer: Bytes of answers and verdicts that may wait for this client.
+    """
+
+    def __init__(self, desk: Desk, number: int, send_buffer: int) -> None:
+        self.number = number
+        self.id = ""
+        self.name = ""
+        self.role: m.Role = "observer"
+        self.subscription: Subscription | None = None
+        self.address = ""
+        self._desk = desk
+        self._connection = Connection(Side.SERVER)
+        self._outbox = Outbox(self._write, send_buffer)
+        self._transport: asyncio.Transport
+        self._timer: asyncio.TimerHandle | None = None
+        self._closing = self._told_gone = False
+
+    @property
+    def greeted(self) -> bool:
+        """Whether the client has been welcomed."""
+        return bool(self.id)
+
+    # --- asyncio ------------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A client connected."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        transport.set_write_buffer_limits(high=_BUFFER)
+        _keep_alive(transport.get_extra_info("socket"))
+        host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
+        self.address = f"{host}:{port}"
+        self._guarded(self._desk.opened, self)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes came in."""
+        if not self._closing:
+            self._guarded(self._read, self._connection.receive(data))
+
+    def eof_received(self) -> None:
+        """The client sends no more."""
+        if not self._closing:
+            self._guarded(self._read, self._connection.receive_eof())
+            self._leave("closed by the client")
+            self._closing = True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection is gone."""
+        self._closing = True
+        self.allow(None)
+        self._leave("connection lost" if exc is None else str(exc))
+        self._guarded(self._desk.closed, self)
+
+    def pause_writing(self) -> None:
+        """The client reads slowly."""
+        self._outbox.pause()
+
+    def resume_writing(self) -> None:
+        """The client has caught up."""
+        self._outbox.resume()
+        if self._closing:
+            self._write_eof()
+
+    # --- for desk and core --------------------------------------------------------------------------------
+
+    def say(self, message: m.Message) -> None:
+        """Send a message that may not be dropped; close if too many of them wait."""
+        if self._closing:
+            return
+        try:
+            self._outbox.put(self._connection.send(message))
+        except LocalProtocolError:
+            # It said bye, or never hello: it is owed nothing any more. Anything else is a defect of ours.
+            if not self._connection.closed and self.greeted:
+                raise
+        except Overflow as error:
+            self._leave(f"{ErrorCode.OVERFLOW}: {error}")
+            self.abort()
+
+    def show(self, state: Encoded) -> None:
+        """Send a state, in place of an older one of the same robot that still waits."""
+        if self._closing:
+            return
+        frame = self._connection.send(state.state, state.frame)
+        self._outbox.put_state(state.state.robot, frame)
+
+    def end(self, message: m.Message) -> None:
+        """Send a last message and close."""
+        self.say(message)
+        self._close()
+
+    def abort(self) -> None:
+        """Close at once; what was not yet sent is lost."""
+        self._closing = True
+        self._transport.abort()
+
+    def allow(self, seconds: float | None, error: RemoteProtocolError | None = None) -> None:
+        """Close with ``error`` unless this is called again within ``seconds``; None: no limit."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if seconds is not None and error is not None:
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(seconds, lambda: self.end(error.message()))
+
+    # --- inside -------------------------------------------------------------------------------------------
+
+    def _read(self, items: list[m.Message | Refusal]) -> None:
+        for item in items:
+            if self._closing:
+                return
+            match item:
+                case Refusal():
+                    self._refuse(item)
+                case m.Hello():
+                    self._desk.hello(self, item)
+                case m.Bye():
+                    self._leave(f"bye: {item.reason}" if item.reason else "bye")
+                    self.end(m.Bye())
+                case _:
+                    self._desk.said(self, item)
+
+    def _refuse(self, refusal: Refusal) -> None:
+        if refusal.fatal:
+            self._leave(f"{refusal.error.code}: {refusal.error.text}")
+            self.end(refusal.error)
+        else:
+            self.say(refusal.error)
+
+    def _write(self, frame: bytes) -> None:
+        self._transport.write(frame)
+
+    def _close(self) -> None:
+        """Close once everything is written and the client had time to read it."""
+        if self._closing:
+            return
+        self._closing = True
+        self.allow(None)
+        self._timer = asyncio.get_running_loop().call_later(_LINGER, self._transport.abort)
+        self._write_eof()
+
+    def _write_eof(self) -> None:
+        # Closing with unread bytes of the client would make the kernel take back what was written last: say
+        # that there is no more, and read on until the client closes.
+        if self._outbox.empty and not self._transport.is_closing():
+            self._transport.write_eof()
+
+    def _leave(self, reason: str) -> None:
+        if not self._told_gone:
+            self._told_gone = True
+            self._guarded(self._desk.gone, self, reason)
+
+    def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
+        try:
+            function(*arguments)
+        except Exception as error:
+            self._desk.failed(error)
+
+
+def _keep_alive(sock: socket.socket) -> None:
+    """Find out within half a minute that a peer has vanished without a word."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _TCP:
+        sock.setsockopt(socket.IPPROTO_TCP, option, value)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _USER_TIMEOUT_MS)
