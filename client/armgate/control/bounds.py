@@ -51,19 +51,22 @@ class IncrementBounds:
             velocity: rad/s or m/s.
             acceleration: rad/s² or m/s².
             period: of the robot's clock, s.
-            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. Where it is the tighter one it
-                bounds speeding up too, so that whatever speed is reached can be shed.
+            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. Where it is the tighter
+                one it bounds speeding up too, so that whatever speed is reached can be shed.
             speed: share of the velocity that the lease allows.
             margin: kept from the joint limits, rad or m: the measured position counts for them too.
 
         Raises:
             ValueError: if the arrays differ in length or a rate is not positive.
         """
-        low, high, rate, gain = (np.array(v, dtype=np.float64) for v in (lower, upper, velocity, acceleration))
-        shed = np.full_like(gain, np.inf) if deceleration is None else np.array(deceleration, dtype=np.float64)
-        if not low.shape == high.shape == rate.shape == gain.shape == shed.shape or low.ndim != 1:
+        if deceleration is None:
+            deceleration = np.full(np.shape(acceleration), np.inf)
+        rows = (lower, upper, velocity, acceleration, deceleration)
+        low, high, rate, gain, shed = (np.array(row, dtype=np.float64) for row in rows)
+        if any(row.shape != low.shape or row.ndim != 1 for row in (low, high, rate, gain, shed)):
             raise ValueError("expected limits, velocity and accelerations of one length")
-        if not (period > 0.0 and 0.0 < speed <= 1.0 and (rate > 0.0).all() and (gain > 0.0).all() and (shed > 0.0).all()):
+        positive = all((row > 0.0).all() for row in (rate, gain, shed))
+        if not (positive and period > 0.0 and 0.0 < speed <= 1.0):
             raise ValueError("expected a positive period, rates and accelerations, and a speed in (0, 1]")
         inside = 1.0 - SLACK
         return cls(
@@ -96,15 +99,17 @@ class IncrementBounds:
         return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
 
     def within(self, wanted: Vector, last: Vector, setpoint: Vector) -> Vector:
-        """The increment nearest to `wanted` that can follow `last` at `setpoint` and can be stopped after, (n,).
+        """The increment nearest to `wanted` that can follow `last` at `setpoint` and can be stopped after,
+        (n,).
 
-        Joint by joint: no longer than the step, than what the limits leave with braking, and no other change than
-        the acceleration allows. Where that leaves no stop within the limits, less of the way from the braking
-        increment, which always has one.
+        Joint by joint: no longer than the step, than what the limits leave with braking, and no other
+        change than the acceleration allows. Where that leaves no stop within the limits, less of the way
+        from the braking increment, which always has one.
         """
         u = np.clip(wanted, -self.step, self.step)
         share = 1.0 / (1.0 + self.stop(u))
-        u = np.clip(u, share * np.minimum(self.lower - setpoint, 0.0), share * np.maximum(self.upper - setpoint, 0.0))
+        down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)
+        u = np.clip(u, share * down, share * up)
         u = np.clip(u, last - self.change, last + self.change)
         return u if self.admits(u, setpoint) else self._blend(self.braked(last), u, setpoint)
 

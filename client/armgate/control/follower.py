@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
 from armgate.control.integrate import Ended, Scheme, integrate
-from armgate.control.law import CameraLaw
+from armgate.control.law import CameraLaw, Goal, Scene
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
 from armgate.control.shaping import RESERVE, braking_way, shape_chord
@@ -54,7 +54,8 @@ class FollowStep:
         repulsion: whether an obstacle pushes.
         emergency: whether (13) has replaced (9).
         gap: least distance to an obstacle's bounding sphere, m (inf: no obstacles).
-        focus: the target as predicted for the time at which dq takes effect, (3,), m; None if none is fresh.
+        focus: the target as predicted for the time at which dq takes effect, (3,), m; None if none is
+            fresh.
         steps: Runge-Kutta steps made.
     """
 
@@ -76,8 +77,8 @@ class Follower:
         law: of the robot that carries the camera.
         bounds: of its increments, as the gate applies them.
         period: of its clock, s.
-        ahead: how long after `Situation.time` an increment sent in answer shows in the measured position, s: the
-            delay of the loop and the robot's lag.
+        ahead: how long after `Situation.time` an increment sent in answer shows in the measured position,
+            s: the delay of the loop and the robot's lag.
         scheme: how (16) is integrated.
         predictor: of the target; the default takes velocity and acceleration into account.
         stale: a target older than this, s, has vanished: the follower slows to rest.
@@ -121,52 +122,52 @@ class Follower:
         self._check(now)
         if now.target is not None:
             self._predictor.update(now.target_time, now.target)
-        gap = self._law.least_gap(now.setpoint, now.obstacles)
-        emergency = self._emergency.update(gap)
+        scene = self._law.scene(now.obstacles, now.setpoint)
+        emergency = self._emergency.update(scene.gap)
         age = np.inf if self._predictor.time is None else now.time - self._predictor.time
         if age > self._stale:
-            return self._rest(now, age, gap)
+            dq = self._bounds.within(self._bounds.braked(now.last), now.last, now.setpoint)
+            return self._told(now, scene, dq, _lost(age))
         focus, velocity = self._focus(age)
-        return self._follow(now, focus, velocity, gap, emergency)
+        goal = self._law.goal(focus, now.distance, scene, emergency=emergency)
+        dq, why, steps = self._increment(now, goal, velocity)
+        return self._told(now, scene, dq, why, focus=focus, steps=steps)
 
     def _focus(self, age: float) -> tuple[Vector, Vector]:
+        """The target where dq takes effect, and its velocity there."""
         if self._predict:
             return self._predictor.predict(age + self._ahead)
         return self._predictor.predict(0.0)[0], np.zeros(3)
 
-    def _follow(self, now: Situation, focus: Vector, velocity: Vector, gap: float, emergency: bool) -> FollowStep:
-        law, q = self._law, now.setpoint
-        goal = law.goal(focus, now.distance, now.obstacles, emergency)
+    def _increment(self, now: Situation, goal: Goal, velocity: Vector) -> tuple[Vector, str, int]:
+        law, q, bounds = self._law, now.setpoint, self._bounds
         run = integrate(lambda at: law(at, goal), q, self._reach, self._scheme)
-        induced = np.zeros_like(q) if emergency else law.induced(q, goal, velocity) * self._period
-        wanted = shape_chord(run.q - q, induced, self._bounds.step, self._bounds.change)
-        dq = self._bounds.within(wanted, now.last, q)
+        induced = np.zeros_like(q) if goal.emergency else law.induced(q, goal, velocity) * self._period
+        wanted = shape_chord(run.q - q, induced, bounds.step, bounds.change)
+        dq = bounds.within(wanted, now.last, q)
+        return dq, _reason(run.ended, goal.emergency, bool(np.abs(dq - wanted).max() > 1e-9)), run.steps
+
+    def _told(
+        self,
+        now: Situation,
+        scene: Scene,
+        dq: Vector,
+        why: str,
+        *,
+        focus: Vector | None = None,
+        steps: int = 0,
+    ) -> FollowStep:
         angle, distance = self._errors(now)
         return FollowStep(
             dq=dq,
-            why=_reason(run.ended, emergency, bool(np.abs(dq - wanted).max() > 1e-9)),
+            why=why,
             angle=angle,
             distance=distance,
-            repulsion=gap < law.gains.reach,
-            emergency=emergency,
-            gap=gap,
-            focus=focus,
-            steps=run.steps,
-        )
-
-    def _rest(self, now: Situation, age: float, gap: float) -> FollowStep:
-        lost = "no position of the leader yet" if age == np.inf else f"no fresh position of the leader for {age:.2f} s"
-        angle, distance = self._errors(now)
-        return FollowStep(
-            dq=self._bounds.within(self._bounds.braked(now.last), now.last, now.setpoint),
-            why=f"{lost}: slowing to rest",
-            angle=angle,
-            distance=distance,
-            repulsion=gap < self._law.gains.reach,
+            repulsion=scene.gap < self._law.gains.reach,
             emergency=self._emergency.active,
-            gap=gap,
-            focus=None,
-            steps=0,
+            gap=scene.gap,
+            focus=focus,
+            steps=steps,
         )
 
     def _errors(self, now: Situation) -> tuple[float | None, float | None]:
@@ -188,6 +189,12 @@ _ENDED = {
     Ended.BOUND: "on the way to the optimum",
     Ended.BUDGET: "budget of steps used up",
 }
+
+
+def _lost(age: float) -> str:
+    if age == np.inf:
+        return "no position of the leader yet: slowing to rest"
+    return f"no fresh position of the leader for {age:.2f} s: slowing to rest"
 
 
 def _reason(ended: Ended, emergency: bool, bounded: bool) -> str:

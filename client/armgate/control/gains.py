@@ -10,8 +10,8 @@ from math import radians
 class Gains:
     """Gains and ranges of the camera law; the letters are the paper's.
 
-    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so what counts is
-    the proportion of the gains to each other, not their size.
+    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so what
+    counts is the proportion of the gains to each other, not their size.
 
     Attributes:
         task: k_p of (9), 1/s.
@@ -19,7 +19,8 @@ class Gains:
         roll: k_c of (15), 1/s.
         repulsion: η, the strength of (12). The paper leaves it at 1, with other radii.
         reach: ρ0 of (12), m. Bounding spheres farther than this from each other do not push.
-        contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart, finitely.
+        contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart,
+            finitely.
         push: no pair of spheres pushes harder than this.
         limit: c of the joint limit weights, see `weights.limit_weights`.
         roll_fade: the roll control fades out between these angles of the view axis from the vertical, rad.

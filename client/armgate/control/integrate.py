@@ -1,8 +1,9 @@
 """The on-line scheme, equations (16) and (17): the law is integrated within a tick as far as makes sense.
 
-The reference q^r starts at the robot's position (17) and follows q̇^r = f(q^r) (16) in virtual time by the explicit
-Runge-Kutta method of 4th order. It ends when a joint has left its reach (the increment bound, or what is needed to
-brake for it), when the budget of steps is used up, or, saving time, when the rest of the way is not worth a step.
+The reference q^r starts at the robot's position (17) and follows q̇^r = f(q^r) (16) in virtual time by the
+explicit Runge-Kutta method of 4th order. It ends when a joint has left its reach (the increment bound, or
+what is needed to brake for it), when the budget of steps is used up, or, saving time, when the rest of the
+way is not worth a step.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class Scheme:
     """How (16) is integrated.
 
     Attributes:
-        step: longest step in virtual time, s. With gains of 5/s, 0.2 s is one time constant: stable, and 2 % exact.
+        step: longest step in virtual time, s. With gains of 5/s, 0.2 s is one time constant: stable, and 2
+            % exact.
         budget: at most this many steps.
         split: no step moves a joint by more than this part of its reach.
         resolution: a rest of the way below this, rad or m, is not worth a step …

@@ -15,7 +15,8 @@ class Predictor:
 
         p ← p + α e,      v ← v + β e / dt,      a ← a + γ e / dt²
 
-    (Kalata 1984, with γ standing for his γ/2). γ = 0 gives the α-β filter, which takes the velocity as constant.
+    (Kalata 1984, with γ standing for his γ/2). γ = 0 gives the α-β filter, which takes the velocity as
+    constant.
 
     Args:
         alpha: share of the residual that goes into the position, (0, 1].
@@ -42,14 +43,15 @@ class Predictor:
         return self._v
 
     def update(self, time: float, point: ArrayLike) -> None:
-        """Take in the point (3,), m, as it was at `time`, s. One that is not newer than the last is ignored.
+        """Take in the point (3,), m, as it was at `time`, s. One that is not newer than the last is
+        ignored.
 
         Raises:
             ValueError: if time or point is not finite or the point has not three coordinates.
         """
         p = np.asarray(point, dtype=np.float64)
         if p.shape != (3,) or not (np.isfinite(p).all() and np.isfinite(time)):
-            raise ValueError(f"expected a time and three finite coordinates, got {time} and {point}")
+            raise ValueError(f"expected a time and three finite coordinates, got {time} and {p}")
         if self._time is not None and time <= self._time:
             return
         if self._time is None or time - self._time > self._gap:

@@ -2,8 +2,9 @@
 
     F_rep = Σ J_oᵀ φ(d) n,      φ(d) = η (1/d − 1/ρ0) / d²,      d = ‖o − b‖ − r_o − r_b,      n = (o − b)/‖o − b‖
 
-is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the negative
-gradient of the potential η/2 (1/d − 1/ρ0)². Printed, (12) changes sign when d does and would pull overlapping bodies
+is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the
+negative gradient of the potential η/2 (1/d − 1/ρ0)². Printed, (12) changes sign when d does and would pull
+overlapping bodies
 together: d is taken as no less than a contact distance, and φ as no more than a cap.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armgate.control.gains import Gains
 from armgate.control.weights import Vector
@@ -36,40 +38,48 @@ class Obstacles:
 
     def __post_init__(self) -> None:
         if self.centres.shape != (len(self.radii), 3):
-            raise ValueError(f"expected one centre (m, 3) a radius (m,), got {self.centres.shape} and {self.radii.shape}")
+            raise ValueError(
+                f"expected one centre (m, 3) a radius (m,), got {self.centres.shape} and {self.radii.shape}"
+            )
 
 
 def push(d: Vector, gains: Gains) -> Vector:
     """φ(d) of (12): zero beyond ρ0, finite at contact. d is the distance between surfaces, m."""
     d = np.maximum(d, gains.contact)
-    phi = gains.repulsion * (1.0 / d - 1.0 / gains.reach) / (d * d)
-    return np.clip(phi, 0.0, gains.push)
-
-
-def gaps(centres: Vector, radii: Vector, obstacles: Obstacles) -> Vector:
-    """Distances between surfaces of spheres (k, 3), (k,) and obstacles, (k, m) or (k, m + 1) with the floor last, m."""
-    apart = np.linalg.norm(centres[:, None] - obstacles.centres, axis=2) - (radii[:, None] + obstacles.radii)
-    if obstacles.floor is None:
-        return apart
-    return np.column_stack((apart, centres[:, 2] - radii - obstacles.floor))
+    strength: Vector = gains.repulsion * (1.0 / d - 1.0 / gains.reach) / (d * d)
+    return np.clip(strength, 0.0, gains.push)
 
 
 class Repulsion:
-    """The forces of (12) on a given set of spheres (radii (k,)) from given obstacles; made once an increment."""
+    """The forces of (12) on the spheres of a robot from given obstacles; made once an increment.
 
-    def __init__(self, radii: Vector, obstacles: Obstacles, gains: Gains) -> None:
+    Args:
+        radii: of the robot's spheres, (k,), m.
+        sinks: which of them can come nearer to the floor at all, (k,).
+        obstacles: what pushes.
+        gains: how.
+    """
+
+    def __init__(self, radii: Vector, sinks: NDArray[np.bool_], obstacles: Obstacles, gains: Gains) -> None:
         self._gains = gains
         self._centres = obstacles.centres
         self._touching = radii[:, None] + obstacles.radii
         self._near_squared = (self._touching + gains.reach) ** 2
         # Height of a centre at which its sphere rests on the floor.
-        self._resting = radii + (-np.inf if obstacles.floor is None else obstacles.floor)
+        floor = -np.inf if obstacles.floor is None else obstacles.floor
+        self._resting = np.where(sinks, radii + floor, -np.inf)
 
-    def wrenches(self, centres: Vector) -> tuple[Vector, Vector] | None:
-        """Which spheres are pushed, and how, at the centres (k, 3): indices (a,) and wrenches [f; o × f] (a, 6).
+    def least_gap(self, centres: Vector) -> float:
+        """Least distance between a sphere, at centres (k, 3), and an obstacle, m; inf without obstacles."""
+        apart = np.linalg.norm(centres[:, None] - self._centres, axis=2) - self._touching
+        above = centres[:, 2] - self._resting
+        return float(min(np.min(apart, initial=np.inf), np.min(above, initial=np.inf)))
 
-        A sphere has an entry for each obstacle that pushes it. None where nothing pushes, the common case, which
-        costs only the comparison.
+    def wrenches(self, centres: Vector) -> tuple[NDArray[np.intp], Vector] | None:
+        """Which spheres are pushed, at centres (k, 3), and how: indices (a,) and wrenches [f; o × f] (a,
+        6).
+
+        A sphere has an entry for each obstacle that pushes it. None where nothing pushes, the common case.
         """
         apart = centres[:, None] - self._centres
         squared = np.einsum("ijk,ijk->ij", apart, apart)
@@ -80,11 +90,11 @@ class Repulsion:
             return None
         i, j = near.nonzero()
         distance = np.maximum(np.sqrt(squared[i, j]), 1e-9)
-        phi = push(distance - self._touching[i, j], self._gains)
+        strength = push(distance - self._touching[i, j], self._gains)
         (k,) = low.nonzero()
         up = np.zeros((len(k), 3))
         up[:, 2] = push(height[k], self._gains)
-        forces = np.concatenate((apart[i, j] * (phi / distance)[:, None], up))
+        forces = np.concatenate((apart[i, j] * (strength / distance)[:, None], up))
         pushed = np.concatenate((i, k))
         return pushed, np.concatenate((forces, np.cross(centres[pushed], forces)), axis=1)
 

@@ -1,13 +1,14 @@
 """From the way to go to the increment of this tick: the braking-aware chord.
 
-The integrated law gives the chord D = q^r − q from the setpoint to where the reference came. Robots with bounded
-acceleration that take the largest step towards the optimum each tick overshoot it and cycle. A joint that is D away and
-sheds at most a per tick arrives at rest if it goes no faster than
+The integrated law gives the chord D = q^r − q from the setpoint to where the reference came. Robots with
+bounded acceleration that take the largest step towards the optimum each tick overshoot it and cycle. A
+joint that is D away and sheds at most a per tick arrives at rest if it goes no faster than
 
     u(D) = ½ (−a + √(a² + 8 a D)),
 
-since braking from u, in steps of a, takes u (u + a) / 2a. The chord is scaled as a whole, so that every joint obeys.
-A moving target leaves the optimum moving by u_ff a tick: then the chord less u_ff is what is to be braked for.
+since braking from u, in steps of a, takes u (u + a) / 2a. The chord is scaled as a whole, so that every
+joint obeys. A moving target leaves the optimum moving by u_ff a tick: then the chord less u_ff is what is
+to be braked for.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ def shape_chord(chord: Vector, induced: Vector, step: Vector, change: Vector) ->
         change: bounds on the change of the increment per tick.
     """
     rest = chord - induced
-    limit = np.minimum(braking_increment(np.abs(rest), RESERVE * change), np.maximum(step - np.abs(induced), 0.0))
+    limit = np.minimum(
+        braking_increment(np.abs(rest), RESERVE * change), np.maximum(step - np.abs(induced), 0.0)
+    )
     moving = np.abs(rest) > 1e-15
     share = min(1.0, float((limit[moving] / np.abs(rest[moving])).min())) if moving.any() else 1.0
     u: Vector = induced + share * rest

@@ -10,10 +10,11 @@ import numpy as np
 
 from armgate.cell.model import RobotModel
 from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.control.vectors import V3
 from armgate.control.weights import Vector
 
-# A row of spheres along a body is as much thicker than the body as keeps the row short: at this ratio a row has a
-# sphere every 1.5 radii.
+# A row of spheres along a body is as much thicker than the body as keeps the row short: at this ratio a row
+# has a sphere every 1.5 radii.
 STRETCH = 1.25
 # No body has more spheres than this; a long thin one gets thicker ones.
 MOST = 8
@@ -58,7 +59,8 @@ class Spheres:
         """Their centres in the world at q ((n,), rad or m), (k, 3), m."""
         R, t = self.model.body_placements(q)
         index = list(self.bodies)
-        return np.einsum("kij,kj->ki", R[index], self.offsets) + t[index]
+        centres: Vector = np.einsum("kij,kj->ki", R[index], self.offsets) + t[index]
+        return centres
 
     def in_joint(self, sphere: int) -> Vector:
         """The centre of one sphere in the frame of its joint, (3,), m."""
@@ -67,11 +69,12 @@ class Spheres:
         return point
 
 
-def cover(shape: Shape) -> Iterator[tuple[tuple[float, float, float], float]]:
+def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
     """Spheres (centre in the shape's frame, radius) that together contain the shape.
 
-    A row along its longest axis. Between two centres 2h apart spheres of radius √(c² + h²) cover a cross section of
-    radius c. Round ends need a sphere in their own centre, flat ones have the outer centres h inside.
+    A row along its longest axis. Between two centres 2h apart spheres of radius √(c² + h²) cover a cross
+    section of radius c. Round ends need a sphere in their own centre, flat ones have the outer centres h
+    inside.
     """
     match shape:
         case Sphere(radius):
@@ -94,7 +97,7 @@ def _count(length: float, across: float) -> int:
     return min(max(ceil(0.5 * length / (across * sqrt(STRETCH**2 - 1.0))), 1), MOST)
 
 
-def _row(axis: int, end: float, h: float, across: float) -> Iterator[tuple[tuple[float, float, float], float]]:
+def _row(axis: int, end: float, h: float, across: float) -> Iterator[tuple[V3, float]]:
     count = round(end / h) + 1
     for i in range(count):
         centre = [0.0, 0.0, 0.0]

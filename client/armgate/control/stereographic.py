@@ -8,9 +8,9 @@ With the camera's axes e1, e2, e3 (e3 looks along the view) and the ray r = p �
 
     g_i = ∂Ψ_i/∂r = (e_i − Ψ_i (r/‖r‖ + e3)) / s
 
-The rows of P = ∂Ψ/∂p in (4) are the g_i. Turning the camera by ω and moving it by v changes what it sees as moving the
-target p by −(v + ω × p) does, hence J_t = ∂Ψ/∂q has the rows −[g_i; p × g_i]ᵀ J, with the target p, in world axes, and
-the camera's spatial Jacobian J at the world's origin.
+The rows of P = ∂Ψ/∂p in (4) are the g_i. Turning the camera by ω and moving it by v changes what it sees as
+moving the target p by −(v + ω × p) does, hence J_t = ∂Ψ/∂q has the rows −[g_i; p × g_i]ᵀ J, with the target
+p, in world axes, and the camera's spatial Jacobian J at the world's origin.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 from armgate.control.vectors import V3, dot, norm
 
-# Within this angle of the exact antipode the error is taken at this angle: Ψ and J_t stay finite there and the
-# unstable equilibrium at the antipode, where no way round is the better one, is left along e1.
+# Within this angle of the exact antipode the error is taken at this angle: Ψ and J_t stay finite there and
+# the unstable equilibrium at the antipode, where no way round is the better one, is left along e1.
 ANTIPODE_GUARD = 1e-4
 # A target nearer than this to the lens has no direction: it counts as straight ahead.
 LENS_GUARD = 1e-6

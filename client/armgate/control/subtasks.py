@@ -1,4 +1,4 @@
-"""Sub-tasks of the null space that concern the camera alone: view distance (14) and roll (15)."""
+"""Sub-tasks in the null space that concern the camera alone: view distance (14) and roll (15)."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ from math import asin, atan2, hypot
 from armgate.control.vectors import V3
 
 
-def distance_force(ray: V3, distance: float, wanted: float, k: float) -> V3:
-    """The force on the lens whose Jᵀ is F_d of (14): −k (d_r − ‖x − p‖) along the ray to the target.
+def distance_pull(distance: float, wanted: float, k: float) -> float:
+    """What to multiply ∂‖x − p‖/∂q by to get F_d of (14): k (d_r − ‖x − p‖), rad/s per (m/rad).
 
-    It is −∇ of ½ k (d_r − ‖x − p‖)², vanishes at the wanted distance, and draws the camera in when it is too far.
+    With the ray r̂ = (p − x)/‖p − x‖, −J_vᵀ r̂ is that gradient, so (14) is −∇ of ½ k (d_r − ‖x − p‖)²: it
+    vanishes at the wanted distance and draws the camera in when it is too far.
 
     Args:
-        ray: unit vector from lens to target.
         distance: ‖x − p‖, m.
         wanted: d_r, m.
         k: gain.
     """
-    pull = -k * (wanted - distance)
-    return pull * ray[0], pull * ray[1], pull * ray[2]
+    return k * (wanted - distance)
 
 
 def roll_angle(e1: V3, e2: V3) -> float:
@@ -33,10 +32,12 @@ def roll_rate(e1: V3, e2: V3, spin: float, fade: tuple[float, float], k_c: float
     Args:
         e1: the camera's up-vector, world axes.
         e2: the camera's second axis.
-        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 where the joint turns against the view axis, as A6 of a KR16
-            with its camera looking along the flange does, and the printed sign of (15) holds; −1 the other way round.
-        fade: angles of the view axis from the vertical, rad, between which the control fades in: looking straight up
-            or down there is no "up" in the picture, and close to that a small motion turns φ fast.
+        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 where the joint turns against the view axis, as A6 of
+            a KR16 with its camera looking along the flange does, and the printed sign of (15) holds; −1 the
+            other way round.
+        fade: angles of the view axis from the vertical, rad, between which the control fades in: looking
+            straight up or down there is no "up" in the picture, and close to that a small motion turns φ
+            fast.
         k_c: gain.
     """
     off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))

@@ -1,8 +1,8 @@
 """3-vectors as tuples of Python floats.
 
-An evaluation of the control law meets a handful of single vectors. numpy charges by the call: a cross product of
-two arrays costs as much as a whole forward kinematics, of two tuples a fraction of a microsecond. Stacks of
-vectors stay arrays.
+An evaluation of the control law meets a handful of single vectors. numpy charges by the call: a cross
+product of two arrays costs as much as a whole forward kinematics, of two tuples a fraction of a
+microsecond. Stacks of vectors stay arrays.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ def vector(values: Iterable[float]) -> V3:
 
 
 def dot(a: V3, b: V3) -> float:
-    """a · b."""
+    """Dot product a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: V3, b: V3) -> V3:
-    """a × b."""
+    """Cross product a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

@@ -1,0 +1,103 @@
+"""Where a robot's camera and bounding spheres are and how they move, fast.
+
+pinocchio itself costs next to nothing; what costs is to ask it for results one by one. So each sphere
+becomes a frame of our own copy of the model, one call places them all, and the arrays that pinocchio writes
+into are bound
+once: they stay live.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from armgate.cell.errors import ModelError
+from armgate.cell.model import RobotModel
+from armgate.cell.motion import motion_bounds
+from armgate.control.spheres import Spheres
+from armgate.control.vectors import V3, dot, vector
+from armgate.control.weights import Vector
+
+
+class CameraArm:
+    """Kinematics of a robot that carries a camera; `place` first, then read.
+
+    Attributes:
+        J: the spatial Jacobian, world axes, at the world's origin, (6, n); for [f; p × f] it gives joint
+            forces.
+        last: index of the last joint that carries the camera.
+        camera_moved: 1.0 for the joints that carry the camera, else 0.0, (n,).
+        spheres_moved: the same for each sphere, (k, n).
+        spin: ∂φ/∂q of the last joint, φ being the roll angle of (15).
+        sinks: which spheres can come nearer to the floor at all, (k,).
+        lever: no sphere's centre moves farther than lever · |Δq|, (n,), m/rad.
+
+    Raises:
+        ModelError: for a frame that the model does not have, or that no joint moves.
+    """
+
+    def __init__(self, model: RobotModel, frame: str, spheres: Spheres) -> None:
+        self.last = model.frame_joint(frame)
+        if self.last < 0:
+            raise ModelError(
+                f"the camera frame {frame!r} is fixed to the base; expected one that a joint moves"
+            )
+        self._model = model.pin_model.copy()
+        frames = [self._add_frame(k, joint, spheres.in_joint(k)) for k, joint in enumerate(spheres.joints)]
+        self._data = self._model.createData()
+        oMf = self._data.oMf
+        camera = oMf[self._model.getFrameId(frame, pin.FrameType.BODY)]
+        self.J: Vector = self._data.J
+        self._R, self._t = camera.rotation.T, camera.translation
+        self._centres = [oMf[k].translation for k in frames]
+        moved = _carriers(model)
+        self.camera_moved = moved[self.last]
+        self.spheres_moved = moved[list(spheres.joints)].reshape(-1, model.n)
+        self.place(pin.neutral(self._model))
+        self.spin = -dot(vector(self.J[3:, self.last]), self.camera_axes()[2])
+        self.sinks = self._sinking(model, spheres)
+        self.lever: Vector = motion_bounds(model)[list(spheres.bodies)].max(axis=0, initial=0.0)
+
+    def _add_frame(self, number: int, joint: int, point: Vector) -> int:
+        kind, placement = pin.FrameType.OP_FRAME, pin.SE3(np.eye(3), point)
+        index: int = self._model.addFrame(
+            pin.Frame(f"bounding sphere {number}", joint + 1, 0, placement, kind)
+        )
+        return index
+
+    def _sinking(self, model: RobotModel, spheres: Spheres) -> NDArray[np.bool_]:
+        """All but those that only turn about a vertical axis: at neutral, a base joint is where it always is."""
+        level = [
+            model.joints[j].kind == "revolute" and model.parents[j] < 0 and abs(self.J[5, j]) > 1.0 - 1e-9
+            for j in range(model.n)
+        ]
+        return np.array([not level[joint] for joint in spheres.joints], dtype=np.bool_)
+
+    def place(self, q: Vector) -> None:
+        """Make everything refer to q, (n,), rad or m."""
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
+
+    def camera_axes(self) -> tuple[V3, V3, V3]:
+        """e1, e2, e3 in world axes."""
+        e1, e2, e3 = self._R.tolist()
+        return (*e1,), (*e2,), (*e3,)
+
+    def camera_point(self) -> V3:
+        """x, the lens in the world, m."""
+        x, y, z = self._t.tolist()
+        return x, y, z
+
+    def centres(self) -> Vector:
+        """The spheres' centres in the world, (k, 3), m."""
+        return np.array(self._centres).reshape(-1, 3)
+
+
+def _carriers(model: RobotModel) -> Vector:
+    """Row j: 1.0 for joint j and the joints that carry it, (n, n)."""
+    moved = np.eye(model.n)
+    for joint, parent in enumerate(model.parents):
+        if parent >= 0:
+            moved[joint] += moved[parent]
+    return moved
