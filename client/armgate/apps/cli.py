@@ -1,0 +1,104 @@
+"""The root of the command line: ``armgate COMMAND …``.
+
+A command is a function with typer annotations that its owner registers in the entry point group
+``armgate.commands``. It is imported only when it is called, or named in ``armgate --help``.
+
+Exit status: 0 done, 1 failed, 2 called wrongly (options, configuration, files). An error of ours, or of the
+operating system, is one line on stderr; anything else is a defect and shows its traceback.
+"""
+
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import EntryPoint, entry_points, version
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+GROUP = "armgate.commands"
+_EXTRAS = {"pinocchio": "cell", "coal": "cell", "fcl": "cell", "matplotlib": "plots"}
+
+
+def commands() -> dict[str, EntryPoint]:
+    """The registered commands by name, not yet imported."""
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
+
+
+class CommandGroup(TyperGroup):
+    """A group that imports a command when it is asked for it."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of all commands, in alphabetical order."""
+        return list(commands())
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of this name, imported now; None if there is none."""
+        entry = commands().get(cmd_name)
+        return None if entry is None else as_command(cmd_name, entry.load())
+
+
+def as_command(name: str, function: Callable[..., Any]) -> Any:
+    """A typer command of a plain annotated function; its help is the function's docstring."""
+    app = typer.Typer(add_completion=False)
+    app.command(name)(function)
+    return typer.main.get_command(app)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"armgate {version('armgate')}")
+        raise typer.Exit
+
+
+app = typer.Typer(
+    cls=CommandGroup,
+    add_completion=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback(help="A safety gate between experimental controllers and robot arms.")
+def root(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Holds the options that stand before the command."""
+
+
+def main(arguments: Iterable[str] | None = None) -> NoReturn:
+    """Runs one command and exits with its status."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        typer.main.get_command(app)(args=given, prog_name="armgate")
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        text = explain(error)
+        if text is None:
+            raise
+        print(f"armgate: {text}", file=sys.stderr)  # noqa: T201
+        sys.exit(exit_status(error))
+    sys.exit(0)
+
+
+def explain(error: Exception) -> str | None:
+    """What to tell a user who can do something about it, usually one line; None for what is a defect of ours."""
+    if isinstance(error, ModuleNotFoundError):
+        extra = _EXTRAS.get((error.name or "").partition(".")[0])
+        return extra and f"{error.name} is not installed; run: pip install 'armgate[{extra}]'"
+    if type(error).__module__.startswith("armgate."):
+        return str(error).strip() or type(error).__name__
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    return None
+
+
+def exit_status(error: Exception) -> int:
+    """2 where what was given is wrong (a bad configuration, a bad file), else 1."""
+    from armgate.cell.errors import ConfigError  # noqa: PLC0415
+    from armgate.client.errors import BadArgument  # noqa: PLC0415
+
+    return int(getattr(error, "exit_code", 2 if isinstance(error, ConfigError | BadArgument) else 1))

@@ -1,0 +1,1 @@
+"""``armgate demo``: the whole stack on one machine, watched, measured and drawn."""

@@ -1,0 +1,109 @@
+"""``armgate demo``: what to run, on which screen, and what is left of it."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgate.apps.data import default_file
+from armgate.apps.errors import UsageError
+
+if TYPE_CHECKING:
+    from armgate.apps.demo.run import Plan, Watch
+    from armgate.apps.lead.path import RecordedPath
+    from armgate.cell.config import CellConfig
+
+
+def demo(
+    config: Annotated[
+        Path | None,
+        typer.Argument(help="Configuration of the cell; the demo cell if none is named.", show_default=False),
+    ] = None,
+    links: Annotated[
+        Path | None, typer.Option(help="A configuration to overlay, such as configs/links/….")
+    ] = None,
+    path: Annotated[
+        Path | None, typer.Option(help="The leader's recorded path; the inspection tour if none.")
+    ] = None,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="As fast as the machine can, the same each time.")
+    ] = False,
+    duration: Annotated[
+        float | None, typer.Option(min=0.1, metavar="S", help="Play only the first S seconds of the path.")
+    ] = None,
+    no_view: Annotated[bool, typer.Option("--no-view", help="Open no viewer (there is none yet).")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the run.  [default: runs/<time>]")
+    ] = None,
+) -> None:
+    """Run the whole stack on this machine: daemon, leader and follower, with display, plots and metrics."""
+    from armgate.apps.demo.folder import make_folder  # noqa: PLC0415
+    from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
+
+    configs = [config or default_file("demo.yaml"), *([links] if links else [])]
+    resolved = load_config(configs)
+    plan = _plan(configs, resolved, path or default_file("paths/inspection.csv"), lockstep, duration)
+    folder = make_folder(out)
+    (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
+    _run(plan, folder)
+
+
+def _plan(
+    configs: list[Path], cell: "CellConfig", path: Path, lockstep: bool, duration: float | None
+) -> "Plan":
+    """Who does what: the path names the leader's robot, the camera tells the follower's."""
+    from armgate.apps.demo.run import CONTROLLERS, Plan  # noqa: PLC0415
+    from armgate.apps.lead.path import read_path  # noqa: PLC0415
+
+    recorded = read_path(path)
+    _check_leader(recorded, cell)
+    cameras = [name for name, robot in cell.robots.items() if robot.camera and name != recorded.robot]
+    if not cameras:
+        raise UsageError(
+            f"no robot of cell {cell.name!r} has a camera; the demo needs one beside {recorded.robot}"
+        )
+    if cell.clock.kind == "lockstep" and set(cell.clock.participants) != set(CONTROLLERS):
+        raise UsageError(
+            f"clock.participants are {', '.join(cell.clock.participants)}; the demo's are {' and '.join(CONTROLLERS)}"
+        )
+    return Plan(configs, path, recorded.robot, cameras[0], lockstep, duration)
+
+
+def _check_leader(path: "RecordedPath", cell: "CellConfig") -> None:
+    if path.robot not in cell.robots:
+        known = ", ".join(cell.robots)
+        raise UsageError(f"{path.file} was recorded with {path.robot}; cell {cell.name!r} has only {known}")
+
+
+def _run(plan: "Plan", folder: Path) -> None:
+    from armgate.apps.demo.processes import Crew  # noqa: PLC0415
+    from armgate.apps.demo.run import interruptions, run  # noqa: PLC0415
+    from armgate.apps.demo.screen import screen  # noqa: PLC0415
+
+    with Crew(folder / "logs") as crew, interruptions(crew):
+        with screen(sys.stdout.isatty()) as show:
+            watch, complete = run(crew, plan, show)
+        metrics, pictures = _evaluate(watch, complete, folder)
+    _tell(metrics, folder, pictures)
+
+
+def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, Any], list[Path]]:
+    """Writes series, metrics and pictures."""
+    from armgate.apps.demo.folder import write_metrics, write_series  # noqa: PLC0415
+    from armgate.apps.demo.metrics import columns, compute  # noqa: PLC0415
+    from armgate.apps.demo.plots import draw  # noqa: PLC0415
+
+    seen = watch.seen
+    metrics = compute(seen, watch.cell.stop_distance, watch.wall, complete)
+    write_series(folder, seen.rows)
+    write_metrics(folder, metrics)
+    return metrics, draw(columns(seen.rows), metrics, folder)
+
+
+def _tell(metrics: dict[str, Any], folder: Path, pictures: list[Path]) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    from armgate.apps.demo.summary import summary  # noqa: PLC0415
+
+    Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(summary(metrics, folder, pictures))

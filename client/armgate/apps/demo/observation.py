@@ -1,0 +1,122 @@
+"""What the demo keeps of the states that it sees: the newest one, and the series that metrics and plots need."""
+
+from dataclasses import dataclass, field
+
+from armgate.client import Entry, State
+
+COLUMNS = (
+    "time_s", "angle_error_rad", "distance_error_m", "distance_m", "focus_x_m", "focus_y_m", "focus_z_m",
+    "clearance_m", "repulsion", "progress",
+)  # fmt: skip
+NAN = float("nan")
+
+
+@dataclass
+class Observation:
+    """The run so far, from the state messages alone.
+
+    A row of the series is one tick of the follower's robot. Smallest clearances and counts are running totals of
+    the daemon, so they are complete even where this observer was too slow for a state.
+
+    Attributes:
+        follower: The robot with the camera.
+        state: The newest state.
+        rows: The series, one tuple of ``COLUMNS`` a tick of the follower's robot.
+        first_time: Daemon time of the first state, s.
+        nearest: The smallest distance seen between bodies that are not of one robot, and the two bodies.
+        missed: Ticks by robot that never reached this observer.
+        warnings: Every warning once, in the order of appearance.
+    """
+
+    follower: str
+    state: State | None = None
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    first_time: float = 0.0
+    nearest: tuple[float, tuple[str, str]] | None = None
+    missed: dict[str, int] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    _ticks: dict[str, int] = field(default_factory=dict)
+    _signals: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def take(self, state: State) -> None:
+        """Adds one state."""
+        if self.state is None:
+            self.first_time = state.time
+        self._count(state)
+        self._signals.update((name, signal.value) for name, signal in state.signals.items())
+        self.state = state
+        self.warnings += [text for text in state.warnings if text not in self.warnings]
+        now = self._nearest_now(state)
+        if now is not None and (self.nearest is None or now < self.nearest):
+            self.nearest = now
+        if state.robot == self.follower:
+            self.rows.append(self._row(state, NAN if now is None else now[0]))
+
+    @property
+    def elapsed(self) -> float:
+        """Daemon time from the first state to the newest, s."""
+        return 0.0 if self.state is None else self.state.time - self.first_time
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The newest entry of every robot."""
+        return () if self.state is None else self.state.entries
+
+    @property
+    def ticks(self) -> dict[str, int]:
+        """The newest tick of every robot."""
+        return {entry.robot: entry.tick for entry in self.entries}
+
+    @property
+    def least_clearance(self) -> float | None:
+        """The smallest clearance to others and surroundings since the daemon's start, m."""
+        found = [entry.least_clearance for entry in self.entries if entry.least_clearance is not None]
+        return min(found, default=None)
+
+    @property
+    def late_commands(self) -> int:
+        """Commands that were let through but came too late to be played."""
+        return sum(entry.late_commands or 0 for entry in self.entries)
+
+    def signal(self, name: str) -> tuple[float, ...] | None:
+        """The newest value of a signal, None before its first; it outlives its owner here."""
+        return self._signals.get(name)
+
+    def scalar(self, name: str) -> float | None:
+        """The newest value of a signal of one number."""
+        value = self.signal(name)
+        return None if value is None else value[0]
+
+    def _count(self, state: State) -> None:
+        before = self._ticks.get(state.robot)
+        if before is not None and state.tick > before + 1:
+            self.missed[state.robot] = self.missed.get(state.robot, 0) + state.tick - before - 1
+        self._ticks[state.robot] = state.tick
+
+    def _row(self, state: State, clearance: float) -> tuple[float, ...]:
+        def value(name: str) -> float:
+            found = state.signals.get(name)
+            return NAN if found is None else found.value[0]
+
+        focus = state.signals.get("follow.focus")
+        place = (NAN, NAN, NAN) if focus is None else focus.value[:3]
+        return (
+            state.time - self.first_time, value("follow.angle_error"), value("follow.distance_error"),
+            value("follow.distance"), *place, clearance, value("follow.repulsion"), value("lead.progress"),
+        )  # fmt: skip
+
+    @staticmethod
+    def _nearest_now(state: State) -> tuple[float, tuple[str, str]] | None:
+        found = [
+            (near.distance, near.pair)
+            for entry in state.entries
+            for near in entry.nearest or ()
+            if not same_robot(near.pair)
+        ]
+        return min(found, default=None)
+
+
+def same_robot(pair: tuple[str, str]) -> bool:
+    """Whether both bodies belong to one robot (``FR/link_2``, ``FR/link_5``)."""
+    a, b = (name.partition("/") for name in pair)
+    return bool(a[1]) and a[0] == b[0] and bool(b[1])

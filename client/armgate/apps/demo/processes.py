@@ -1,0 +1,131 @@
+"""Child processes that are watched: started, waited for by events, ended in order, never left behind."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+ARMGATE = (sys.executable, "-m", "armgate.apps")
+TAIL = 12
+"""Lines of a dead child's log that are shown."""
+_SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A child wrote a line on its stdout."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Exited:
+    """A child ended; a negative status is the signal that killed it."""
+
+    name: str
+    status: int
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The user (or the system) asked this process to end."""
+
+    signum: int
+
+
+Event = Printed | Exited | Asked
+
+
+class Crew:
+    """The children of one run, and one queue of all that happens to them.
+
+    Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which then
+    ends them in the right order. Leaving the context kills whatever is left.
+    """
+
+    def __init__(self, logs: Path) -> None:
+        self.events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._logs = logs
+        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._waiters: list[threading.Thread] = []
+
+    def __enter__(self) -> "Crew":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for child in self._children.values():
+            if child.poll() is None:
+                child.kill()
+        for waiter in self._waiters:
+            waiter.join()
+
+    def start(self, name: str, command: Sequence[str]) -> None:
+        """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""
+        self.log(name).write_text("", encoding="utf-8")
+        with self.log(name).open("a", encoding="utf-8") as log:
+            child = subprocess.Popen(  # noqa: S603
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                process_group=0,
+                # Matrices are small here: threads of the linear algebra would only take cores from the others.
+                env={**os.environ, **_SINGLE_THREADED},
+            )
+        self._children[name] = child
+        waiter = threading.Thread(target=self._watch, args=(name, child), name=f"watch {name}", daemon=True)
+        waiter.start()
+        self._waiters.append(waiter)
+
+    def log(self, name: str) -> Path:
+        """Where a child's output goes."""
+        return self._logs / f"{name}.log"
+
+    def tail(self, name: str) -> list[str]:
+        """The last lines of a child's log."""
+        return self.log(name).read_text(encoding="utf-8", errors="replace").splitlines()[-TAIL:]
+
+    def running(self, *names: str) -> list[str]:
+        """Those of the named children (all, without names) that have not ended."""
+        return [
+            n for n, child in self._children.items() if (not names or n in names) and child.poll() is None
+        ]
+
+    def send(self, signum: signal.Signals, *names: str) -> None:
+        """Sends a signal to the named children that still run."""
+        for name in self.running(*names):
+            self._children[name].send_signal(signum)
+
+    def next(self, timeout: float) -> Event | None:
+        """The next event, None if nothing happened in time."""
+        try:
+            return self.events.get(timeout=timeout)
+        except queue.Empty:
+            return None
+
+    def wait(self, names: Sequence[str], timeout: float) -> list[str]:
+        """Waits until the named children have ended; returns those that have not in time."""
+        for name in self.running(*names):
+            try:
+                self._children[name].wait(timeout)
+            except subprocess.TimeoutExpired:
+                continue
+        return self.running(*names)
+
+    def _watch(self, name: str, child: subprocess.Popen[str]) -> None:
+        stdout: IO[str] | None = child.stdout
+        assert stdout is not None
+        with stdout, self.log(name).open("a", encoding="utf-8") as log:
+            for line in stdout:
+                log.write(line)
+                log.flush()
+                self.events.put(Printed(name, line.rstrip("\n")))
+        self.events.put(Exited(name, child.wait()))

@@ -1,0 +1,1 @@
+"""``armgate follow``: keeps one robot's camera on another robot's tool."""

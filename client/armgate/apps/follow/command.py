@@ -1,0 +1,42 @@
+"""``armgate follow``: takes the robot with the camera and keeps it on another robot's tool."""
+
+from typing import Annotated
+
+import typer
+
+
+def follow(
+    address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    robot: Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)],
+    leader: Annotated[str, typer.Option(help="Robot whose tool it looks at.", show_default=False)],
+    distance: Annotated[
+        float,
+        typer.Option(
+            min=0.05, help="Wanted view distance, m, until the signal operator.distance says another."
+        ),
+    ] = 1.0,
+    lag: Annotated[
+        float, typer.Option(min=0.0, help="Known lag of the camera's robot behind its setpoint, s.")
+    ] = 0.03,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1, metavar="S", help="Follow for S seconds; else until the leader is done, or Ctrl-C."
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option(help="This participant's name.")] = "follower",
+    token: Annotated[
+        str | None, typer.Option(help="Token, where the daemon asks for one.", show_default=False)
+    ] = None,
+) -> None:
+    """Keep a robot's camera on another robot's tool."""
+    from armgate.apps.follow.loop import FollowLoop, chase  # noqa: PLC0415
+    from armgate.apps.interrupt import interrupt  # noqa: PLC0415
+    from armgate.client import connect  # noqa: PLC0415
+
+    with interrupt() as wish, connect(address, name=name, role="controller", token=token) as cell:
+        loop = FollowLoop.build(cell, robot, leader, distance, lag)
+        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
+        with cell.acquire(robot) as arm:
+            ended = chase(cell, arm, loop, wish, duration)
+    typer.echo(f"{robot}: {ended}")

@@ -1,0 +1,1 @@
+"""``armgate lead``: drives one robot along a recorded path."""

@@ -1,0 +1,110 @@
+"""The leader's loop: one increment a tick of its robot, the progress told to everybody."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from armgate.apps.errors import PathError, UsageError
+from armgate.apps.increments import LastIncrement
+from armgate.apps.interrupt import Interrupt
+from armgate.apps.lead.path import RecordedPath
+from armgate.apps.lead.playback import REACHED, Playback
+from armgate.apps.lead.shaping import Bounds
+from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
+
+TOLD_EVERY = 4
+"""Ticks between two values of ``lead.progress``."""
+SETTLE = 0.3
+"""How long the leader stays after its last increment, s: the robot arrives, and others see that the path is done."""
+
+
+def check_path(path: RecordedPath, cell: Description, robot: str) -> RobotDescription:
+    """The description of the robot, if it can play the path.
+
+    Raises:
+        UsageError: There is no such robot.
+        PathError: Joints or units differ, or a sample is outside of a limit or too fast; names the line.
+    """
+    known = {described.name: described for described in cell.robots}
+    if robot not in known:
+        raise UsageError(f"cell {cell.name!r} has no robot {robot!r}; it has {', '.join(known)}")
+    described = known[robot]
+    names, units = (tuple(getattr(joint, key) for joint in described.joints) for key in ("name", "unit"))
+    if path.joints != names or path.units != units:
+        has = " ".join(f"{name}[{unit}]" for name, unit in zip(names, units, strict=True))
+        given = " ".join(f"{name}[{unit}]" for name, unit in zip(path.joints, path.units, strict=True))
+        raise PathError(path.file, None, f"is for joints {given}; {robot} has {has}")
+    _check_limits(path, described)
+    return described
+
+
+def _check_limits(path: RecordedPath, robot: RobotDescription) -> None:
+    steps = np.abs(np.diff(path.q, axis=0))
+    for j, joint in enumerate(robot.joints):
+        column = path.q[:, j]
+        outside = np.flatnonzero((column < joint.lower) | (column > joint.upper))
+        if len(outside):
+            where = path.line_of(int(outside[0]))
+            limits = f"{joint.lower:.6g} to {joint.upper:.6g} {joint.unit}"
+            raise PathError(path.file, where, f"{joint.name} at {column[outside[0]]:.6g}; expected {limits}")
+        fast = np.flatnonzero(steps[:, j] > joint.velocity * path.period)
+        if len(fast):
+            where, speed = path.line_of(int(fast[0]) + 1), steps[fast[0], j] / path.period
+            bound = f"{joint.velocity:.6g} {joint.unit}/s"
+            raise PathError(path.file, where, f"{joint.name} moves at {speed:.6g}; expected at most {bound}")
+
+
+def bounds_of(robot: RobotDescription) -> Bounds:
+    """What the robot's joints can do per tick, as it is described."""
+    return Bounds(
+        velocity=np.array([joint.velocity for joint in robot.joints]),
+        acceleration=np.array([joint.acceleration for joint in robot.joints]),
+        deceleration=np.array([joint.deceleration or np.inf for joint in robot.joints]),
+        period=robot.period,
+    )
+
+
+def drive(
+    cell: Cell, robot: Robot, playback: Playback, wish: Interrupt, tell: Callable[[str], object]
+) -> str:
+    """Plays to the end, or, once interrupted, slows to rest.
+
+    Args:
+        cell: The connection, for the progress.
+        robot: The robot that is held.
+        playback: What it shall do.
+        wish: Whether somebody asked to end.
+        tell: Prints a line for people.
+
+    Returns:
+        How it ended, in words.
+
+    Raises:
+        Lost: The lease was lost or the robot stopped.
+        ConnectionLost: The daemon is gone.
+    """
+    last, settled, held = LastIncrement(), 0, False
+    for count, tick in enumerate(robot.ticks()):
+        setpoint = np.array(tick.setpoint)
+        played = last.update(tick.tick, tick.setpoint)
+        if wish.asked and np.all(np.abs(played) < REACHED):
+            return "interrupted, at rest"
+        if playback.finished(setpoint, played):
+            settled += 1
+        if settled * playback.period > SETTLE:
+            return f"{playback.end:.1f} s of the path played, at rest"
+        if count % TOLD_EVERY == 0 or settled == 1:
+            cell.signal("lead.progress", playback.progress)
+        dq = playback.brake(played) if wish.asked else playback.step(setpoint, played)
+        held = _tell_held(robot.send(dq.tolist()), playback, held, tell)
+    raise AssertionError("ticks end only by an exception")
+
+
+def _tell_held(verdict: Verdict, playback: Playback, held: bool, tell: Callable[[str], object]) -> bool:
+    """Says once when the gate holds the path up, and once when it goes on."""
+    if playback.waiting and not held:
+        why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
+        tell(f"path held at {playback.time:.1f} s: {why}")
+    elif held and not playback.waiting:
+        tell(f"path goes on from {playback.time:.1f} s")
+    return playback.waiting

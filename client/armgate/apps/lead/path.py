@@ -1,0 +1,198 @@
+"""Recorded paths: a text file of joint positions over time, read strictly and interpolated smoothly.
+
+The form (every line below is required, in this order; further comment lines may follow the first)::
+
+    # armgate path 1
+    # robot: GR
+    # joints: X Y Z A1 A2 A3 A4 A5 A6
+    # units: m m m deg deg deg deg deg deg
+    # sample time: 0.048
+    t,X,Y,Z,A1,A2,A3,A4,A5,A6
+    0.000,2.930000,…
+
+Times in s from 0 on, one sample time apart; units are m, rad or deg. Inside, angles are rad.
+"""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.apps.errors import PathError
+
+Array = NDArray[np.float64]
+
+MAGIC = "# armgate path 1"
+MAX_SAMPLES = 1_000_000
+_KEYS = ("robot", "joints", "units", "sample time")
+_UNITS = {"m": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
+
+
+@dataclass(frozen=True)
+class RecordedPath:
+    """Joint positions of one robot, one sample time apart, at rest at both ends.
+
+    Between samples the position follows cubic Hermite pieces with Fritsch and Carlson's slopes (SIAM J. Numer.
+    Anal. 17 (1980) 238–246): once continuously differentiable, and never outside of what its two neighbouring
+    samples span, so that a path whose samples keep the joint limits keeps them everywhere.
+
+    Attributes:
+        file: Where it was read.
+        robot: The robot that it was recorded with.
+        joints: Joint names, in the order of the columns.
+        units: ``m`` or ``rad`` for each joint.
+        period: Sample time, s.
+        q: Samples (m, n), m or rad, read-only.
+        first_line: The line of the file in which sample 0 stands.
+    """
+
+    file: Path
+    robot: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    period: float
+    q: Array
+    first_line: int
+    _slopes: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.q.setflags(write=False)
+        object.__setattr__(self, "_slopes", slopes(self.q, self.period))
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample, s."""
+        return (len(self.q) - 1) * self.period
+
+    def at(self, t: float) -> Array:
+        """Position at time ``t`` (n,); before the start and after the end the path rests."""
+        return self._piece(t, _POSITION)
+
+    def velocity(self, t: float) -> Array:
+        """Its derivative at time ``t`` (n,), per s."""
+        if not 0.0 <= t <= self.duration:
+            return np.zeros(self.q.shape[1])
+        return self._piece(t, _VELOCITY) / self.period
+
+    def _piece(self, t: float, basis: Array) -> Array:
+        u = min(max(t, 0.0), self.duration) / self.period
+        i = min(int(u), len(self.q) - 2)
+        s = u - i
+        w = basis @ np.array([1.0, s, s * s, s * s * s])
+        values = w[0] * self.q[i] + w[1] * self.q[i + 1]
+        return values + self.period * (w[2] * self._slopes[i] + w[3] * self._slopes[i + 1])
+
+    def line_of(self, sample: int) -> int:
+        """The line of the file in which a sample stands."""
+        return self.first_line + sample
+
+
+# Cubic Hermite basis: rows weigh left value, right value, left slope, right slope; columns are powers of s.
+_POSITION = np.array([[1.0, 0, -3, 2], [0, 0, 3, -2], [0, 1, -2, 1], [0, 0, -1, 1]])
+_VELOCITY = np.array([[0.0, -6, 6, 0], [0, 6, -6, 0], [1, -4, 3, 0], [0, -2, 3, 0]])
+
+
+def slopes(q: Array, period: float) -> Array:
+    """Fritsch and Carlson's slopes at the samples: the harmonic mean of both sides, zero at turns and ends."""
+    secant = np.diff(q, axis=0) / period
+    left, right = secant[:-1], secant[1:]
+    same = left * right > 0.0
+    total = np.where(same, left + right, 1.0)
+    inner = np.where(same, 2.0 * left * (right / total), 0.0)
+    rest = np.zeros((1, q.shape[1]))
+    return np.concatenate([rest, inner, rest])
+
+
+def read_path(file: Path) -> RecordedPath:
+    """Reads a path file.
+
+    Raises:
+        PathError: It cannot be read or is malformed; the text names file and line and what was expected.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise PathError(file, None, f"cannot be read ({error.strerror}); expected a path file") from error
+    except UnicodeDecodeError as error:
+        raise PathError(file, None, "is not text; expected a path file in UTF-8") from error
+    header, columns_at = _header(file, lines)
+    joints, units, period = _meaning(file, header)
+    expected = ",".join(("t", *joints))
+    if columns_at >= len(lines) or lines[columns_at].strip() != expected:
+        raise PathError(file, columns_at + 1, f"expected the column line {expected!r}")
+    q = _samples(file, lines, columns_at + 1, len(joints), period)
+    q *= [_UNITS[unit] for unit in units]
+    inside = tuple("m" if unit == "m" else "rad" for unit in units)
+    return RecordedPath(file, header["robot"][1], joints, inside, period, q, columns_at + 2)
+
+
+def _header(file: Path, lines: list[str]) -> tuple[dict[str, tuple[int, str]], int]:
+    """The header's values with their lines, and the index of the first line that is no comment."""
+    if not lines or lines[0].strip() != MAGIC:
+        raise PathError(file, 1, f"expected {MAGIC!r} as the first line")
+    found: dict[str, tuple[int, str]] = {}
+    index = 1
+    while index < len(lines) and lines[index].startswith("#"):
+        key, colon, value = lines[index][1:].partition(":")
+        if colon and key.strip() in _KEYS:
+            if key.strip() in found:
+                raise PathError(file, index + 1, f"{key.strip()!r} stands twice in the header")
+            found[key.strip()] = (index + 1, value.strip())
+        index += 1
+    for key in _KEYS:
+        if not found.get(key, (0, ""))[1]:
+            raise PathError(file, index + 1, f"the header lacks '# {key}: …'")
+    return found, index
+
+
+def _meaning(
+    file: Path, header: dict[str, tuple[int, str]]
+) -> tuple[tuple[str, ...], tuple[str, ...], float]:
+    """Joint names, their units and the sample time."""
+    line, text = header["joints"]
+    joints = tuple(text.split())
+    if len(set(joints)) != len(joints):
+        raise PathError(file, line, "a joint stands twice")
+    line, text = header["units"]
+    units = tuple(text.split())
+    if len(units) != len(joints):
+        raise PathError(file, line, f"{len(units)} units for {len(joints)} joints; expected one for each")
+    for unit in units:
+        if unit not in _UNITS:
+            raise PathError(file, line, f"unit {unit!r}; expected one of {', '.join(_UNITS)}")
+    line, text = header["sample time"]
+    period = _number(file, line, "sample time", text)
+    if not 1e-4 <= period <= 10.0:
+        raise PathError(file, line, f"sample time {text} s; expected 0.0001 to 10 s")
+    return joints, units, period
+
+
+def _samples(file: Path, lines: list[str], start: int, n: int, period: float) -> Array:
+    """The table's positions (m, n), in the file's units."""
+    if not 2 <= len(lines) - start <= MAX_SAMPLES:
+        raise PathError(file, len(lines), f"{len(lines) - start} samples; expected 2 to {MAX_SAMPLES}")
+    rows = np.empty((len(lines) - start, n))
+    for i, text in enumerate(lines[start:]):
+        line = start + i + 1
+        cells = text.split(",")
+        if len(cells) != n + 1:
+            raise PathError(file, line, f"{len(cells)} columns; expected {n + 1}")
+        t, *position = (_number(file, line, f"column {c + 1}", cell) for c, cell in enumerate(cells))
+        if abs(t - i * period) > 0.01 * period:
+            raise PathError(
+                file, line, f"time {t:g} s; expected {i * period:g} s, one sample time after the last"
+            )
+        rows[i] = position
+    return rows
+
+
+def _number(file: Path, line: int, what: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise PathError(file, line, f"{what}: {text.strip()!r} is no number") from None
+    if not math.isfinite(value):
+        raise PathError(file, line, f"{what}: {text.strip()} is not finite")
+    return value
