@@ -267,7 +267,7 @@ class ServerConfig(Part):
     port: Annotated[int, Field(ge=0, le=65535)] = 7411
     lease_ttl: Period = 1.0
     max_connections: Annotated[int, Field(ge=1, le=4096)] = 64
-    signal_rate: Annotated[float, Field(gt=0.0)] = 200.0
+    signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
     handshake_timeout: Period = 5.0
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
 
