@@ -5,13 +5,13 @@ python-fcl is asked too and the better proof counts; such gaps are counted.
 """
 
 from dataclasses import dataclass
-
-import numpy as np
+from typing import NamedTuple
 
 from armgate.cell.cell import Cell
 from armgate.cell.events import Point
-from armgate.integrity.engine import CoalEngine, Engine, FclEngine, Suggestion
+from armgate.integrity.engine import CoalEngine, Engine, FclEngine
 from armgate.integrity.groups import ChainGroup, Group
+from armgate.integrity.support import support
 from armgate.integrity.swept import Array, Swept
 
 GAP = 1e-4
@@ -52,40 +52,39 @@ class Certifier:
     def prove(self, group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]) -> Proof:
         """Proves a lower bound for the group's k-th pair with both sides standing at the nodes ``at``."""
         self.queries += 1
-        said = self._ask(self._first, group, k, mine, theirs, at)
-        best = _proof(group, k, mine, theirs, at, said)
-        if said.distance - best.lb > GAP:
-            self.gaps += 1
-            other = self._ask(self._second, group, k, mine, theirs, at)
-            second = _proof(group, k, mine, theirs, at, other)
-            best = second if second.lb > best.lb else best
-        return best
-
-    def _ask(
-        self, engine: Engine, group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]
-    ) -> Suggestion:
         other = mine if isinstance(group, ChainGroup) else theirs
-        pose_a = mine.pose(at[0], int(group.mine[k]))
-        pose_b = other.pose(at[1], int(group.theirs[k]))
-        return engine.suggest(int(group.shape_mine[k]), pose_a, int(group.shape_theirs[k]), pose_b)
+        a = _Posed(int(group.shape_mine[k]), group.rows_mine[k], *mine.pose(at[0], int(group.mine[k])))
+        b = _Posed(int(group.shape_theirs[k]), group.rows_theirs[k], *other.pose(at[1], int(group.theirs[k])))
+        n, lb, points = self._best(a, b)
+        if isinstance(group, ChainGroup):
+            n = n @ a.R
+        return Proof(n, lb, points)
+
+    def _best(self, a: "_Posed", b: "_Posed") -> tuple[Array, float, tuple[Point, Point]]:
+        said = self._first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
+        lb = _slab(a, b, said.normal)
+        if said.distance - lb > GAP:
+            self.gaps += 1
+            other = self._second.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
+            second = _slab(a, b, other.normal)
+            if second > lb:
+                said, lb = other, second
+        p, q = said.points
+        return said.normal, lb, (_point(p), _point(q))
 
 
-def _proof(group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int], said: Suggestion) -> Proof:
-    n = said.normal
-    if isinstance(group, ChainGroup):
-        n = mine.pose(at[0], int(group.mine[k]))[0].T @ n
-    lb, _, _ = group.slab(_still(mine, at[0]), _still(theirs, at[1]), np.array([k]), n[None, :])
-    p, q = said.points
-    return Proof(n, float(lb[0]), (_point(p), _point(q)))
+class _Posed(NamedTuple):
+    """A body at a place: its index in the cell, support parameters, R and t (world)."""
+
+    shape: int
+    row: Array
+    R: Array
+    t: Array
 
 
-def _still(side: Swept, node: int) -> Swept:
-    """The side standing at one node."""
-    nodes = side.nodes[node : node + 1]
-    return Swept(
-        side.R[node : node + 1], side.t[node : node + 1], np.zeros_like(side.stray), side.deltas[:0],
-        np.zeros_like(side.tube), nodes,
-    )  # fmt: skip
+def _slab(a: _Posed, b: _Posed, n: Array) -> float:
+    """The slab n·(t_b − t_a) − h_a(n) − h_b(−n), each body in its own frame."""
+    return float(n @ (b.t - a.t) - support(a.row, n @ a.R) - support(b.row, -n @ b.R))
 
 
 def _point(x: Array) -> Point:

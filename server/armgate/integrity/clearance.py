@@ -14,6 +14,7 @@ Stages 3 and 4 share one small budget per command. Used up, the pair counts as t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -85,14 +86,20 @@ class Clearance:
         self.space = Space(cell)
         self.certifier = Certifier(cell)
         self.groups = tuple(groups_of(self.space, i) for i in range(len(cell.robots)))
-        self.pairs_of = tuple(
-            np.unique(np.concatenate([g.ids for g in gs])) if gs else np.zeros(0, np.intp)
-            for gs in self.groups
+        self.pairs_of = tuple(_joined([g.ids for g in gs], np.zeros(0, np.intp)) for gs in self.groups)
+        self._growth = tuple(
+            _joined([g.growth for g in gs], np.zeros((0, r.model.n)))
+            for gs, r in zip(self.groups, cell.robots, strict=True)
         )
+        self._place = tuple({int(p): (g, k) for g in gs for k, p in enumerate(g.ids)} for gs in self.groups)
         self.limits = np.array([p.limit for p in cell.pairs])
         self.bound = np.full(len(cell.pairs), -np.inf)
         self.held: list[list[Swept]] = [[] for _ in cell.robots]
         self._n = np.tile(np.array([0.0, 0.0, 1.0]), (len(cell.pairs), 1))
+
+    def growth(self, robot: int, step: Array) -> Array:
+        """Returns by how much each of a robot's pairs can close when its joints move by ``step``."""
+        return np.asarray(self._growth[robot] @ step)
 
     # --- the held occupancies ------------------------------------------------------------------------------
 
@@ -111,7 +118,7 @@ class Clearance:
         return Binding(pair, float(self.bound[pair]), float(self.limits[pair]), points)
 
     def survey(self, robot: int) -> None:
-        """Proves all pairs of a robot's held occupancies anew: at the start, and when what was held is void."""
+        """Proves all pairs of a robot's held occupancies anew: at the start, or if what was held is void."""
         self.bound[self.pairs_of[robot]] = -np.inf
         for group in self.groups[robot]:
             if group.other is not None and not self.held[group.other]:
@@ -144,8 +151,12 @@ class Clearance:
             budget: Engine evaluations left for this command.
         """
         lb = self.bound.copy()
+        ids = self.pairs_of[robot]
+        lb[ids] = -np.inf if step is None else self.bound[ids] - self.growth(robot, step)
+        if np.all(lb[ids] >= need[ids]):
+            return Judgement(lb, None)
         for group in self.groups[robot]:
-            here = self._kept(group, robot, step)
+            here = lb[group.ids]
             left = np.flatnonzero(here < need[group.ids])
             if len(left):
                 here[left] = np.maximum(
@@ -178,11 +189,6 @@ class Clearance:
         return self.cell.bodies[p.a].name, self.cell.bodies[p.b].name
 
     # --- the stages ----------------------------------------------------------------------------------------
-
-    def _kept(self, group: Group, robot: int, step: Array | None) -> Array:
-        if step is None:
-            return np.full(len(group.ids), -np.inf)
-        return np.asarray(self.bound[group.ids] - group.growth(self.space, robot, step))
 
     def _slab(self, group: Group, robot: int, new: Swept, sel: Index, n: Array) -> Array:
         lb = [group.slab(new, side, sel, n)[0] for side in self._others(group, robot, new)]
@@ -219,7 +225,8 @@ class Clearance:
 
     def _cells(self, ask: Question, side: Swept, budget: Budget) -> bool:
         """Halves segments until every cell of both occupancies is proven, one is not, or the budget ends."""
-        stack = [(a, b) for a in _segments(ask.new.nodes) for b in _segments(side.nodes)]
+        other = [side.nodes] if ask.moving is None else _segments(side.nodes)
+        stack = [(a, b) for a in _segments(ask.new.nodes) for b in other]
         while stack:
             a, b = stack.pop()
             if not budget.take():
@@ -271,11 +278,7 @@ class Clearance:
 
     def find(self, robot: int, pair: int) -> tuple[Group, int]:
         """Returns the group of a robot's pair and its place there."""
-        for group in self.groups[robot]:
-            at = np.flatnonzero(group.ids == pair)
-            if len(at):
-                return group, int(at[0])
-        raise LookupError(f"robot {robot} takes no part in pair {pair}")
+        return self._place[robot][pair]
 
     def kept_n(self, group: Group, sel: Index) -> Array:
         """Returns the kept directions of some of a group's pairs, mine to theirs, (P', 3)."""
@@ -295,6 +298,10 @@ def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[P
 
 def _segments(nodes: Array) -> list[Array]:
     return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
+
+
+def _joined(parts: list[Any], empty: Any) -> Any:
+    return np.concatenate(parts) if parts else empty
 
 
 def _middle(segment: Array) -> Array:

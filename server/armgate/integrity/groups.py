@@ -7,7 +7,6 @@ of one chain move together: their pair is seen from the nearer body, where only 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armgate.cell.cell import Body, Cell, Pair
 from armgate.integrity.support import support
@@ -28,6 +27,7 @@ class Group:
         limit: Distance to keep, m, (P,).
         shape_mine, shape_theirs: The bodies' indices in the cell, (P,).
         rows_mine, rows_theirs: Their support parameters, (P, 5).
+        growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
     """
 
     other: int | None
@@ -40,6 +40,7 @@ class Group:
     shape_theirs: Index
     rows_mine: Array
     rows_theirs: Array
+    growth: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
         """Returns lower bounds of the distance for all timings of both sides, (P',), and the nodes that bind.
@@ -56,20 +57,15 @@ class Group:
         far, other = theirs.reach(self.rows_theirs[sel], self.theirs[sel], -n)
         return -near - far, node, other
 
-    def growth(self, space: Space, robot: int, step: Array) -> Array:
-        """Returns by how much the distance can shrink when joints move by at most ``step``, (P,)."""
-        return np.asarray((space.motion[robot] @ step)[self.mine])
-
 
 @dataclass(frozen=True, slots=True)
 class ChainGroup(Group):
     """Pairs of two bodies of one chain; ``mine`` is the body nearer to the base, directions are in its frame.
 
-    ``between_motion`` (P, n) and ``between_bend`` (P, n, n) count only the joints between the two bodies.
+    ``growth`` and ``bend`` (P, n, n) count only the joints between the two bodies.
     """
 
-    between_motion: Array
-    between_bend: Array
+    bend: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
         """The same, both bodies at one time, directions in the nearer body's frame; ``theirs`` unused."""
@@ -83,15 +79,10 @@ class ChainGroup(Group):
         lb = -support(self.rows_mine[sel], n) - along.max(axis=0) - self._stray(mine, sel)
         return lb, node, node
 
-    def growth(self, space: Space, robot: int, step: Array) -> Array:
-        """The same, by the joints between the two bodies only."""
-        del space, robot
-        return np.asarray(self.between_motion @ step)
-
     def _stray(self, mine: Swept, sel: Index) -> Array:
-        stray = self.between_motion[sel] @ mine.tube
+        stray = self.growth[sel] @ mine.tube
         if len(mine.deltas):
-            curl = np.einsum("si,pij,sj->sp", mine.deltas, self.between_bend[sel], mine.deltas)
+            curl = np.einsum("si,pij,sj->sp", mine.deltas, self.bend[sel], mine.deltas)
             stray = stray + curl.max(axis=0) / 8.0
         return np.asarray(stray)
 
@@ -135,16 +126,17 @@ def _build(
     shape_mine = np.array([at[id(m[1])] for m in members], dtype=np.intp)
     shape_theirs = np.array([at[id(m[2])] for m in members], dtype=np.intp)
     theirs = shape_theirs if other is None else np.array([m[2].index for m in members], dtype=np.intp)
+    chain = cell.robots[robot].model.chain
+    motion = space.motion[robot][mine]
+    if other == robot:
+        between = (chain[theirs] & ~chain[mine]).astype(np.float64)
+        motion = space.motion[robot][theirs] * between if chained else motion + space.motion[robot][theirs]
     common = (
         other, ids, mine, theirs,
         np.array([m[3] for m in members]),
         np.array([cell.pairs[k].limit for k in ids]),
-        shape_mine, shape_theirs, space.rows[shape_mine], space.rows[shape_theirs],
+        shape_mine, shape_theirs, space.rows[shape_mine], space.rows[shape_theirs], motion,
     )  # fmt: skip
     if not chained:
         return Group(*common)
-    chain = cell.robots[robot].model.chain
-    between: NDArray[np.float64] = (chain[theirs] & ~chain[mine]).astype(np.float64)
-    motion = space.motion[robot][theirs] * between
-    bend = space.bend[robot][theirs] * between[:, :, None] * between[:, None, :]
-    return ChainGroup(*common, motion, bend)
+    return ChainGroup(*common, space.bend[robot][theirs] * between[:, :, None] * between[:, None, :])

@@ -1,7 +1,9 @@
 """The nearest pairs at the measured positions, for the state: told as lower bounds, the nearest one tight.
 
-A kept direction proves little for a pair that turned since it was found. So the lowest bounds are asked
-again of the engine until the lowest is a fresh one: then no pair can be nearer than it says.
+A lower bound is kept for every pair and lowered by what its robots moved since. The lowest bounds are asked
+again of
+the engine until the lowest is a fresh one: then no pair can be nearer than it says. So only near pairs cost
+    anything.
 """
 
 from collections.abc import Sequence
@@ -13,7 +15,7 @@ from armgate.cell.events import Joints, Nearest
 from armgate.integrity.certificate import Proof
 from armgate.integrity.clearance import Clearance, ordered
 from armgate.integrity.groups import Group
-from armgate.integrity.swept import Array, Index, Swept
+from armgate.integrity.swept import Index, Swept
 
 _REFRESHES = 16
 
@@ -27,6 +29,8 @@ class NearestPairs:
         self._others = tuple(
             np.array([p for p in ids if pairs[p].kind != "self"], dtype=np.intp) for ids in clearance.pairs_of
         )
+        self._margin = np.full(len(pairs), np.inf)
+        self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
 
     def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
         """Returns the ``count`` nearest pairs by index, by margin; the nearest (and nearest other) tight.
@@ -36,52 +40,64 @@ class NearestPairs:
             measured: The measured q of every robot, None where it is not known.
             count: How many.
         """
-        c = self._clearance
-        still = {i: c.space.still(i, q) for i, q in enumerate(measured) if q is not None}
-        margin = self._margins(robot, still)
+        c, ids = self._clearance, self._clearance.pairs_of[robot]
+        for i, q in enumerate(measured):
+            self._follow(i, q, measured)
         proofs: dict[int, Proof] = {}
         for _ in range(_REFRESHES):
-            stale = [p for p in self._lowest(robot, margin) if p not in proofs]
+            stale = [p for p in self._lowest(robot) if p not in proofs]
             if not stale:
                 break
-            proofs[stale[0]] = proof = self._refresh(robot, stale[0], still)
-            margin[stale[0]] = proof.lb - c.limits[stale[0]]
-        ids = c.pairs_of[robot][np.argsort(margin[c.pairs_of[robot]], kind="stable")]
-        wanted = [int(p) for p in ids[:count]]
-        wanted += [p for p in self._lowest(robot, margin) if p not in wanted]
-        return {p: self._told(robot, p, margin[p], proofs.get(p)) for p in wanted if np.isfinite(margin[p])}
+            proofs[stale[0]] = proof = self._refresh(robot, stale[0], measured)
+            self._margin[stale[0]] = proof.lb - c.limits[stale[0]]
+        order = ids[np.argsort(self._margin[ids], kind="stable")]
+        wanted = [int(p) for p in order[:count]]
+        wanted += [p for p in self._lowest(robot) if p not in wanted]
+        return {p: self._told(robot, p, proofs.get(p)) for p in wanted if np.isfinite(self._margin[p])}
 
-    def _margins(self, robot: int, still: dict[int, Swept]) -> Array:
-        c = self._clearance
-        margin = np.full(len(c.limits), np.inf)
-        for group in c.groups[robot]:
-            side = self._side(group, still)
+    def _follow(self, robot: int, q: Joints | None, measured: Sequence[Joints | None]) -> None:
+        """Lowers the bounds of a robot's pairs by what it moved; finds them where it is seen first."""
+        last, self._last[robot] = self._last[robot], q
+        if q is None or q == last:
+            return
+        ids = self._clearance.pairs_of[robot]
+        if last is not None:
+            self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
+            return
+        for group in self._clearance.groups[robot]:
+            side = self._side(group, measured)
             if side is not None:
                 every: Index = np.arange(len(group.ids))
-                lb, _, _ = group.slab(still[robot], side, every, c.kept_n(group, every))
-                margin[group.ids] = lb - group.limit
-        return margin
+                mine = self._clearance.space.still(robot, q)
+                lb, _, _ = group.slab(mine, side, every, self._clearance.kept_n(group, every))
+                self._margin[group.ids] = lb - group.limit
 
-    def _refresh(self, robot: int, pair: int, still: dict[int, Swept]) -> Proof:
+    def _refresh(self, robot: int, pair: int, measured: Sequence[Joints | None]) -> Proof:
         group, k = self._clearance.find(robot, pair)
-        side = self._side(group, still)
-        assert side is not None  # its margin is known, so its other side is
-        proof = self._clearance.certifier.prove(group, k, still[robot], side, (0, 0))
+        mine, side = measured[robot], self._side(group, measured)
+        assert mine is not None  # its margin is known, so both positions are
+        assert side is not None
+        proof = self._clearance.certifier.prove(
+            group, k, self._clearance.space.still(robot, mine), side, (0, 0)
+        )
         self._clearance.keep_n(group, k, proof.n)
         return proof
 
-    def _lowest(self, robot: int, margin: Array) -> list[int]:
+    def _lowest(self, robot: int) -> list[int]:
         every, others = self._clearance.pairs_of[robot], self._others[robot]
-        return [int(ids[np.argmin(margin[ids])]) for ids in (every, others) if len(ids)]
+        return [int(ids[np.argmin(self._margin[ids])]) for ids in (every, others) if len(ids)]
 
-    def _side(self, group: Group, still: dict[int, Swept]) -> Swept | None:
-        return self._clearance.space.static if group.other is None else still.get(group.other)
+    def _side(self, group: Group, measured: Sequence[Joints | None]) -> Swept | None:
+        if group.other is None:
+            return self._clearance.space.static
+        q = measured[group.other]
+        return None if q is None else self._clearance.space.still(group.other, q)
 
-    def _told(self, robot: int, pair: int, margin: float, proof: Proof | None) -> Nearest:
+    def _told(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
         c = self._clearance
         limit = float(c.limits[pair])
         points = None if proof is None else ordered(*c.find(robot, pair), proof.points)
-        return Nearest(c.names(pair), float(margin + limit), limit, points)
+        return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
 
 
 def start_clearances(cell: Cell) -> list[Nearest]:

@@ -7,7 +7,9 @@ Both bounds hold for every q, so for a fixed direction n and *every* position in
     n·x ≤ max over the nodes of n·x + K/8 + Σ_j R_j e_j.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +25,52 @@ Index = NDArray[np.intp]
 _KEPT = 8
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Swept:
-    """Bodies over an occupancy: R (m, nb, 3, 3), t (m, nb, 3) at the m nodes; stray (nb,) in m.
+    """A robot's bodies over an occupancy with m nodes; placed only when somebody looks.
 
-    ``deltas`` are the |δ| of the segments between the nodes, (m − 1, n); ``tube`` is e, (n,).
+    Attributes:
+        nodes: Joint positions, (m, n).
+        tube: e, (n,).
+        place: Gives the bodies' placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3).
+        motion: R_j of each body, (nb, n).
+        bend: G_ij of each body, (nb, n, n).
     """
 
-    R: Array
-    t: Array
-    stray: Array
-    deltas: Array
-    tube: Array
     nodes: Array
+    tube: Array
+    place: Callable[[], tuple[Array, Array]]
+    motion: Array
+    bend: Array
+
+    @cached_property
+    def placements(self) -> tuple[Array, Array]:
+        """R (m, nb, 3, 3) and t (m, nb, 3)."""
+        return self.place()
+
+    @property
+    def R(self) -> Array:
+        """Rotations, (m, nb, 3, 3)."""
+        return self.placements[0]
+
+    @property
+    def t(self) -> Array:
+        """Positions, (m, nb, 3)."""
+        return self.placements[1]
+
+    @cached_property
+    def deltas(self) -> Array:
+        """|δ| of the segments between the nodes, (m − 1, n)."""
+        return np.abs(np.diff(self.nodes, axis=0))
+
+    @cached_property
+    def stray(self) -> Array:
+        """How far each body strays from its chords, K/8 + Σ_j R_j e_j, (nb,)."""
+        stray = self.motion @ self.tube
+        if len(self.deltas):
+            curl = np.einsum("si,bij,sj->sb", self.deltas, self.bend, self.deltas)
+            stray = stray + curl.max(axis=0) / 8.0
+        return np.asarray(stray)
 
     def pose(self, node: int, body: int) -> tuple[Array, Array]:
         """Returns (R, t) of one body at one node."""
@@ -61,19 +96,26 @@ class Space:
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
 
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
-        """Places all bodies of a robot at the nodes of an occupancy."""
-        placed = [self._placed(robot, q) for q in occupied.nodes]
-        return self._swept(robot, placed, np.array(occupied.nodes), np.array(occupied.tube))
+        """A robot's bodies over an occupancy."""
+
+        def place() -> tuple[Array, Array]:
+            return _stacked([self._placed(robot, q) for q in occupied.nodes])
+
+        return self._swept(robot, np.array(occupied.nodes), np.array(occupied.tube), place)
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
         """The same for nodes (m, n) and a tube (n,) that will not come again."""
         model = self.cell.robots[robot].model
-        return self._swept(robot, [model.body_placements(q) for q in nodes], nodes, tube)
+        return self._swept(robot, nodes, tube, lambda: _stacked([model.body_placements(q) for q in nodes]))
 
     def still(self, robot: int, q: Joints) -> Swept:
-        """Places all bodies of a robot that stands at ``q``."""
-        nodes = np.array([q])
-        return self._swept(robot, [self._placed(robot, q)], nodes, np.zeros(nodes.shape[1]))
+        """A robot's bodies with the robot standing at ``q``."""
+        return self.sweep(robot, Occupancy((q,), (0.0,) * len(q)))
+
+    def _swept(
+        self, robot: int, nodes: Array, tube: Array, place: Callable[[], tuple[Array, Array]]
+    ) -> Swept:
+        return Swept(nodes, tube, place, self.motion[robot], self.bend[robot])
 
     def _placed(self, robot: int, q: Joints) -> tuple[Array, Array]:
         """Placements at ``q``; the last few are kept, since one occupancy shares most nodes with the next."""
@@ -86,15 +128,6 @@ class Space:
             del known[next(iter(known))]
         return placed
 
-    def _swept(self, robot: int, placed: list[tuple[Array, Array]], nodes: Array, tube: Array) -> Swept:
-        deltas = np.abs(np.diff(nodes, axis=0))
-        stray = self.motion[robot] @ tube
-        if len(deltas):
-            curl = np.einsum("si,bij,sj->sb", deltas, self.bend[robot], deltas)
-            stray = stray + curl.max(axis=0) / 8.0
-        R, t = (np.stack(x) for x in zip(*placed, strict=True))
-        return Swept(R, t, stray, deltas, tube, nodes)
-
     def _static(self) -> Swept:
         """All bodies that never move, by their index in the cell (the others stand at the origin, unused)."""
         count = len(self.cell.bodies)
@@ -102,4 +135,9 @@ class Space:
         for k, body in enumerate(self.cell.bodies):
             if body.robot is None or self.cell.robots[body.robot].model.bodies[body.index].joint < 0:
                 R[0, k], t[0, k] = body.placement.R, body.placement.t
-        return Swept(R, t, np.zeros(count), np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)))
+        none = np.zeros((count, 0))
+        return Swept(np.zeros((1, 0)), np.zeros(0), lambda: (R, t), none, none[:, :, None])
+
+
+def _stacked(placed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    return np.array([R for R, _ in placed]), np.array([t for _, t in placed])
