@@ -18,8 +18,10 @@ from pydantic import (
     Field,
     PlainSerializer,
     PrivateAttr,
+    SerializerFunctionWrapHandler,
     StringConstraints,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -82,7 +84,15 @@ class Pose(Part):
         return Placement.from_rpy(self.xyz, self.rpy)
 
 
-class ShapeConfig(Part):
+class SparsePart(Part):
+    """A part in which a key that is left out means something else than null: dumps leave it out too."""
+
+    @model_serializer(mode="wrap")
+    def _only_given(self, dump: SerializerFunctionWrapHandler) -> dict[str, object]:
+        return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
+
+
+class ShapeConfig(SparsePart):
     """Exactly one shape with its sizes [m], as ``{box: [x, y, z]}`` or ``{capsule: [radius, length]}``."""
 
     sphere: Size | None = None
@@ -191,7 +201,7 @@ class GantryConfig(Part):
         return self
 
 
-class JointConfig(Part):
+class JointConfig(SparsePart):
     """Own bounds of one joint, tighter than the URDF's; what is left out is taken from there.
 
     ``acceleration`` and ``deceleration`` default to velocity / 0.25 s; ``deceleration: null`` means no bound.

@@ -44,6 +44,7 @@ def explained(error: ValidationError, tree: Node, model: type[BaseModel]) -> Con
         finding(tree.locate(path), path, _text(detail, path, model))
         for detail, path in zip(details, paths, strict=True)
     ]
+    findings.sort(key=lambda each: (str(each.file), each.line))
     lines = [str(each) for each in findings[:MAX_FINDINGS]]
     if len(findings) > MAX_FINDINGS:
         lines.append(f"… and {len(findings) - MAX_FINDINGS} more")

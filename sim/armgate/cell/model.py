@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from armgate.cell.errors import ModelError
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
-from armgate.cell.urdf import Urdf, read_urdf, without_bodies
+from armgate.cell.urdf import Urdf, read_urdf, kinematics_only
 
 Array = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ class RobotModel:
             raise ModelError(
                 "the robot has no joint that moves; expected at least one revolute or prismatic joint"
             )
-        pin_model = pin.buildModelFromXML(without_bodies(text))
+        pin_model = pin.buildModelFromXML(kinematics_only(text))
         _move_root(pin_model, base)
         return cls(urdf, pin_model, base)
 

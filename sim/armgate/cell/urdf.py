@@ -91,13 +91,21 @@ def read_urdf(text: str) -> Urdf:
     return Urdf(root.get("name", ""), _root_link(links, joints), links, joints, bodies)
 
 
-def without_bodies(text: str) -> str:
-    """The same URDF without visuals and collisions: what is left for a parser that knows no ``<capsule>``."""
-    root = parse_xml(text)
-    for link in root.findall("link"):
-        for child in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(child)
-    return ET.tostring(root, encoding="unicode")
+def kinematics_only(text: str) -> str:
+    """The same URDF with bare links and the joints' kinematics, as other parsers take it.
+
+    They know no ``<capsule>``, stumble over inertias and insist on an effort limit, which we do not need.
+    """
+    robot = parse_xml(text)
+    for element in list(robot):
+        if element.tag not in {"link", "joint"}:
+            robot.remove(element)
+        for child in list(element):
+            if element.tag == "link" or child.tag not in {"parent", "child", "origin", "axis", "limit"}:
+                element.remove(child)
+    for limit in robot.iter("limit"):
+        limit.set("effort", "0")
+    return ET.tostring(robot, encoding="unicode")
 
 
 def _root_link(links: tuple[str, ...], joints: tuple[UrdfJoint, ...]) -> str:

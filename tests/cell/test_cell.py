@@ -1,0 +1,200 @@
+import shutil
+
+import numpy as np
+import pytest
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.cell.errors import ModelError
+
+
+def named(cell):
+    return {(cell.bodies[p.a].name, cell.bodies[p.b].name): p for p in cell.pairs}
+
+
+def built(configs, tmp_path, overlay, base="demo.yaml"):
+    path = tmp_path / "overlay.yaml"
+    path.write_text(overlay)
+    return build_cell(load_config([configs / base, path]))
+
+
+def test_robots_keep_the_order_of_the_configuration(demo):
+    assert [robot.name for robot in demo.robots] == ["FR", "GR"]
+    assert demo.robot_index("GR") == 1
+    assert demo.robot("FR") is demo.robots[0]
+    with pytest.raises(ModelError, match="there is no robot 'XR' in cell 'demo'; expected one of FR, GR"):
+        demo.robot("XR")
+
+
+def test_bodies_are_the_robots_then_the_surroundings(demo):
+    for body in demo.bodies:
+        if body.robot is None:
+            assert demo.surroundings[body.index] is body
+        else:
+            robot = demo.robots[body.robot]
+            assert body.name == f"{robot.name}/{robot.model.bodies[body.index].name}"
+    robots = [body.robot for body in demo.bodies]
+    assert robots == sorted((r for r in robots if r is not None)) + [None] * len(demo.surroundings)
+
+
+def test_default_accelerations_reach_full_speed_in_a_quarter_second(demo):
+    for robot in demo.robots:
+        assert robot.acceleration == pytest.approx(robot.velocity / 0.25)
+        assert robot.deceleration == pytest.approx(robot.velocity / 0.25)
+
+
+def test_own_bounds_are_taken_over(configs, tmp_path):
+    overlay = """
+robots:
+  P:
+    start: [200 deg, 0, 0]
+    joints:
+      J1: {lower: -90 deg, upper: 1.0, velocity: 1.0, acceleration: 90 deg/s2, deceleration: null}
+      J2: {velocity: 1.0, deceleration: 5}
+"""
+    robot = built(configs, tmp_path, overlay, "planar.yaml").robots[0]
+    assert robot.lower == pytest.approx([-np.pi / 2, -2.6, -2.6])
+    assert robot.upper == pytest.approx([1.0, 2.6, 2.6])
+    assert robot.velocity == pytest.approx([1.0, 1.0, 3.0])
+    assert robot.acceleration == pytest.approx([np.pi / 2, 4.0, 12.0])
+    assert robot.deceleration.tolist() == [np.inf, 5.0, 12.0]
+    assert robot.start[0] > robot.upper[0]  # outside: it may only retreat
+
+
+def test_arrays_are_read_only(demo):
+    robot = demo.robots[0]
+    for array in (
+        robot.lower,
+        robot.upper,
+        robot.velocity,
+        robot.acceleration,
+        robot.deceleration,
+        robot.start,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+# --- pairs ------------------------------------------------------------------------------------------------
+
+
+def test_neighbours_and_the_same_joint_are_left_out(planar):
+    assert [pair for pair in named(planar) if pair[0].startswith("P/") and pair[1].startswith("P/")] == [
+        ("P/base_link", "P/link_2"),
+        ("P/base_link", "P/link_3"),
+        ("P/link_1", "P/link_3"),
+    ]
+
+
+def test_fixed_bodies_are_not_checked_against_fixed_ones(demo):
+    pairs = named(demo)
+    assert ("FR/base_link", "floor") not in pairs
+    assert ("GR/gantry_post_left_front", "floor") not in pairs
+    assert ("FR/base_link", "GR/gantry_post_left_front") not in pairs
+
+
+def test_fixed_bodies_count_against_moving_ones_of_others(demo):
+    pairs = named(demo)
+    assert pairs["FR/link_4", "GR/gantry_post_left_front"].kind == "robots"
+    assert pairs["FR/base_link", "GR/link_6"].limit == demo.config.stop_distance
+    assert pairs["GR/link_6", "floor"].kind == "surroundings"
+
+
+def test_limits_by_kind(demo):
+    for pair in demo.pairs:
+        expected = demo.config.self_distance if pair.kind == "self" else demo.config.stop_distance
+        assert pair.limit == expected
+
+
+def test_first_body_is_of_the_first_robot_or_nearer_to_the_base(demo):
+    for pair in demo.pairs:
+        a, b = demo.bodies[pair.a], demo.bodies[pair.b]
+        assert a.robot is not None
+        if pair.kind == "self":
+            bodies = demo.robots[a.robot].model.bodies
+            assert a.robot == b.robot
+            assert bodies[a.index].joint < bodies[b.index].joint
+        elif pair.kind == "robots":
+            assert a.robot < b.robot
+        else:
+            assert b.robot is None
+
+
+def test_every_pair_once(demo):
+    assert len({frozenset((pair.a, pair.b)) for pair in demo.pairs}) == len(demo.pairs)
+
+
+def test_ignored_pairs_by_link_or_body(configs, tmp_path, planar):
+    cell = built(configs, tmp_path, "robots: {P: {ignore_pairs: [[link_3, base_link]]}}\n", "planar.yaml")
+    assert set(named(planar)) - set(named(cell)) == {("P/base_link", "P/link_3")}
+    overlay = """
+robots:
+  P:
+    bodies: {tip: {link: tool0, shape: {sphere: 20 mm}}}
+    ignore_pairs: [[tip, link_1]]
+"""
+    cell = built(configs, tmp_path, overlay, "planar.yaml")
+    assert ("P/link_1", "P/tip") not in named(cell)
+    assert ("P/base_link", "P/tip") in named(cell)
+
+
+def test_pairs_left_out_of_the_demo_keep_their_distance(demo):
+    """What ignore_pairs hides there cannot come nearer: the bodies' places in each other are fixed but for turning
+    about their own axes."""
+    rng = np.random.default_rng(4)
+    for robot in demo.robots:
+        names = [body.name for body in robot.model.bodies]
+        for first, second in robot.config.ignore_pairs:
+            a, b = names.index(first), names.index(second)
+            gaps = []
+            for _ in range(50):
+                R, t = robot.model.body_placements(rng.uniform(robot.lower, robot.upper))
+                gaps.append(
+                    (R[a].T @ (t[b] - t[a]))[:2] if first == "gantry_bridge" else R[a].T @ (t[b] - t[a])
+                )
+            across = np.array(gaps)[:, [0]] if first == "gantry_bridge" else np.array(gaps)
+            assert np.ptp(across, axis=0).max() < 1e-9
+
+
+# --- hash -------------------------------------------------------------------------------------------------
+
+
+def test_hash_does_not_depend_on_where_the_files_are(configs, tmp_path, demo):
+    shutil.copytree(configs, tmp_path / "elsewhere")
+    (tmp_path / "elsewhere/robots").rename(tmp_path / "elsewhere/arms")
+    path = tmp_path / "elsewhere/demo.yaml"
+    path.write_text("# a comment\n" + path.read_text().replace("robots/kr16.urdf", "arms/kr16.urdf"))
+    assert build_cell(load_config([path])).hash == demo.hash
+
+
+def test_hash_does_not_depend_on_units_or_the_server(configs, tmp_path, demo):
+    assert built(configs, tmp_path, "stop_distance: 50 mm\nserver: {port: 0}\n").hash == demo.hash
+
+
+@pytest.mark.parametrize(
+    "overlay",
+    [
+        "stop_distance: 51 mm\n",
+        "robots: {FR: {period: 4 ms}}\n",
+        "robots: {FR: {joints: {A1: {velocity: 1}}}}\n",
+        "robots: {FR: {base: {xyz: [0, 0, 0.001]}}}\n",
+        "robots: {FR: {link: {lag: 0.0}}}\n",
+        "robots: {GR: {gantry: {column: 0.21}}}\n",
+        "robots: {GR: {start: [2.93, 0.0, 2.48, 0, -90 deg, 90 deg, 0, -90 deg, 1 deg]}}\n",
+        "surroundings: {extra: {shape: {sphere: 0.1}, xyz: [5, 0, 0]}}\n",
+        "clock: {kind: lockstep, participants: [a]}\n",
+    ],
+)
+def test_hash_changes_with_the_cell(configs, tmp_path, demo, overlay):
+    assert built(configs, tmp_path, overlay).hash != demo.hash
+
+
+def test_any_number_of_robots(configs, tmp_path):
+    overlay = f"""
+robots:
+  Q: {{urdf: {configs}/robots/planar3.urdf, base: {{xyz: [3, 0, 0.5]}}, start: [0, 0, 0]}}
+  R: {{urdf: {configs}/robots/planar3.urdf, base: {{xyz: [6, 0, 0.5]}}, start: [0, 0, 0]}}
+"""
+    cell = built(configs, tmp_path, overlay, "planar.yaml")
+    assert [robot.name for robot in cell.robots] == ["P", "Q", "R"]
+    assert ("Q/link_1", "R/base_link") in named(cell)

@@ -1,0 +1,252 @@
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import CellConfig, LockstepClockConfig, dump_config, load_config
+from armgate.cell.errors import ConfigError
+from armgate.cell.shapes import Capsule, Sphere
+
+CELL = """\
+armgate: 1
+name: small
+robots:
+  P:
+    urdf: {urdf}
+    start: [0 deg, 45 deg, 0.5]
+    joints:
+      J1: {{velocity: 90 deg/s, deceleration: null}}
+surroundings:
+  post: {{shape: {{capsule: [50 mm, 1 m]}}, xyz: [1, 1, 0]}}
+"""
+
+
+@pytest.fixture
+def write(tmp_path, configs):
+    def write(*changes, more="", name="cell.yaml"):
+        text = CELL.format(urdf=configs / "robots/planar3.urdf")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / name
+        path.write_text(text + more)
+        return path
+
+    return write
+
+
+def refused(path, build=False) -> ConfigError:
+    with pytest.raises(ConfigError) as caught:
+        config = load_config([path])
+        if build:
+            build_cell(config)
+    assert str(caught.value).startswith(f"{path}:{caught.value.line}: {caught.value.path}: ")
+    return caught.value
+
+
+def test_reads_with_defaults(write):
+    config = load_config([write()])
+    assert (config.stop_distance, config.self_distance, config.response) == (0.05, 0.02, "stop")
+    assert (config.robots["P"].period, config.robots["P"].link.lag) == (0.012, 0.03)
+    assert config.surroundings["post"].shape.shape == Capsule(0.05, 1.0)
+    assert (config.clock.kind, config.server.port) == ("wall", 7411)
+
+
+def test_a_sphere_needs_no_list(write):
+    config = load_config([write(("capsule: [50 mm, 1 m]", "sphere: 20 cm"))])
+    assert config.surroundings["post"].shape.shape == Sphere(0.2)
+
+
+def test_an_overlay_changes_only_what_it_names(write, tmp_path):
+    overlay = tmp_path / "over.yaml"
+    overlay.write_text(
+        "robots: {P: {link: {kind: emulated, lag: 0.0}}}\nclock: {kind: lockstep, participants: [a]}\n"
+    )
+    config = load_config([write(), overlay])
+    assert config.robots["P"].link.lag == 0.0
+    assert config.robots["P"].start == load_config([write()]).robots["P"].start
+    assert isinstance(config.clock, LockstepClockConfig)
+    assert config.clock.grace == 10.0
+
+
+def test_an_error_in_an_overlay_names_the_overlay(write, tmp_path):
+    overlay = tmp_path / "over.yaml"
+    overlay.write_text("armgate: 1\nrobots:\n  P:\n    period: -1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config([write(), overlay])
+    assert str(caught.value) == f"{overlay}:4: robots.P.period: -1 is too small; expected more than 0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "path", "message"),
+    [
+        ("armgate: 1", "armgate: 2", 1, "armgate", "version 2 of the configuration is not known; expected 1"),
+        ("armgate: 1", "armgate: true", 1, "armgate", "True is no whole number"),
+        ("armgate: 1", "armgate: '1'", 1, "armgate", "'1' is no whole number"),
+        ("name: small", "stop_distance: 3", 1, "name", "the key is missing"),
+        ("name: small", "name: a b", 2, "name", "'a b' cannot be a name; expected 1 to 64 letters"),
+        ("name: small", "name: 3", 2, "name", "3 is no text"),
+        ("name: small", "nam: small", 1, "name", "the key is missing"),
+        ("    urdf", "    urfd", 4, "robots.P.urdf", "unknown key 'urfd'; did you mean 'urdf'? expected one of urdf"),
+        ("0.5]", "0.5 furlong]", 6, "robots.P.start.2", "unknown unit 'furlong'"),
+        ("0.5]", ".nan]", 6, "robots.P.start.2", "nan is not finite"),
+        ("0.5]", "true]", 6, "robots.P.start.2", "True is not a number"),
+        ("90 deg/s", "[1]", 8, "robots.P.joints.J1.velocity", "is not a number"),
+        ("50 mm", "-50 mm", 10, "surroundings.post.shape.capsule.0", "'-50 mm' is too small; expected more than 0"),
+        ("50 mm", "50 deg", 10, "surroundings.post.shape.capsule.0", "'50 deg' is no length"),
+        ("[50 mm, 1 m]", "[50 mm]", 10, "surroundings.post.shape.capsule.1", "an entry is missing"),
+        ("[50 mm, 1 m]", "[1, 2, 3]", 10, "surroundings.post.shape.capsule", "3 entries; expected at most 2"),
+        ("[50 mm, 1 m]", "7", 10, "surroundings.post.shape.capsule", "7 is no list; expected [a, b"),
+        ("capsule: [50 mm, 1 m]", "", 10, "surroundings.post.shape", "0 shapes; expected exactly one"),
+        ("capsule:", "sphere: 1, capsule:", 10, "surroundings.post.shape", "2 shapes; expected exactly one"),
+        ("capsule:", "mesh:", 10, "surroundings.post.shape.mesh", "unknown key 'mesh'; expected one of sphere, capsule"),
+        ("[1, 1, 0]", "[1, .inf, 0]", 10, "surroundings.post.xyz.1", "inf is not finite"),
+        ("  post:", "  a b:", 10, "surroundings.a b", "'a b' cannot be a name"),
+    ],
+)  # fmt: skip
+def test_refused_in_a_line(write, old, new, line, path, message):
+    error = refused(write((old, new)))
+    assert (error.line, error.path) == (line, path)
+    assert message in str(error)
+
+
+@pytest.mark.parametrize(
+    ("more", "path", "message"),
+    [
+        ("clock: {kind: lockstep, participants: []}", "clock.participants", "0 entries; expected at least 1"),
+        ("clock: {kind: lockstep}", "clock.participants", "the key is missing"),
+        ("clock: {kind: lockstep, participants: [a, a]}", "clock", "a participant is named twice"),
+        ("clock: {kind: lockstep, participants: [a], grace: 0}", "clock.grace", "expected more than 0"),
+        ("clock: {kind: wall, grace: 1}", "clock.grace", "unknown key 'grace'; expected one of kind"),
+        ("clock: {kind: sun}", "clock", "kind 'sun' is not possible; expected one of 'wall', 'lockstep'"),
+        ("clock: {}", "clock", "the key 'kind' is missing"),
+        ("server: {port: 65536}", "server.port", "65536 is too large; expected at most 65535"),
+        ("server: {port: 1.5}", "server.port", "1.5 is no whole number"),
+        ("server: []", "server", "[] is no mapping; expected 'key: value'"),
+        ("response: halt", "response", "'halt' is not possible; expected 'stop' or 'slow'"),
+        ("max_age_ticks: 0", "max_age_ticks", "0 is too small; expected at least 1"),
+        ("self_distance: 0", "self_distance", "0 is too small; expected more than 0"),
+        ("stop_distance: .nan", "stop_distance", "nan is not finite"),
+    ],
+)
+def test_refused_at_the_end(write, more, path, message):
+    error = refused(write(more=more + "\n"))
+    assert (error.line, error.path) == (11, path)
+    assert message in str(error)
+
+
+@pytest.mark.parametrize("text", ["robots: {}\n", "robots: 3\n"])
+def test_a_cell_has_robots(tmp_path, text):
+    path = tmp_path / "cell.yaml"
+    path.write_text("armgate: 1\nname: x\n" + text)
+    assert refused(path).line == 3
+
+
+def test_all_findings_are_listed(write):
+    error = refused(write(("50 mm", "x"), more="response: halt\nstop_distance: -1\n"))
+    assert [line.split(":")[1] for line in str(error).splitlines()] == ["10", "11", "12"]
+    assert error.line == 10
+    many = "".join(f"unknown_{i}: 1\n" for i in range(20))
+    assert str(refused(write(more=many))).splitlines()[-1] == "… and 10 more"
+
+
+GANTRY = "    gantry: {{travel: {{x: [0, 1], y: {y}, z: {z}}}, height: 3.0, span: 4.0}}\n"
+
+
+@pytest.mark.parametrize(
+    ("y", "z", "path", "message"),
+    [
+        ("[1, 0]", "[1, 2]", "robots.P.gantry.travel", "y goes from 1 to 0; expected the lower end first"),
+        ("[-1, 1]", "[1, 3]", "robots.P.gantry", "in the bridge; expected travel.z below height (3 m)"),
+        ("[-1, 1.8]", "[1, 2]", "robots.P.gantry", "runs into a rail; expected travel.y within ±1.6 m"),
+    ],
+)
+def test_a_gantry_that_does_not_fit(write, y, z, path, message):
+    error = refused(write(("    start", GANTRY.format(y=y, z=z) + "    start")))
+    assert (error.line, error.path) == (6, path)
+    assert message in str(error)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "path", "message"),
+    [
+        ("45 deg, 0.5]", "45 deg]", 6, "start", "2 values; expected 3, one for each of J1, J2, J3"),
+        ("45 deg", "45 mm", 6, "start.1", "'45 mm' does not fit joint J2, which is revolute; expected rad or deg"),
+        ("J1:", "J9:", 8, "joints.J9", "robot P has no joint 'J9'; expected one of J1, J2, J3"),
+        ("velocity: 90 deg/s", "lower: -3", 8, "joints.J1.lower", "-3 is looser than the URDF's -2.9"),
+        ("velocity: 90 deg/s", "upper: 3", 8, "joints.J1.upper", "3 is looser than the URDF's 2.9"),
+        ("velocity: 90 deg/s", "lower: 1, upper: 1", 8, "joints.J1", "lower 1 is not below upper 1"),
+        ("90 deg/s", "3 rad/s", 8, "joints.J1.velocity", "3 is not possible; expected more than 0 and at most"),
+        ("90 deg/s", "0", 8, "joints.J1.velocity", "0 is not possible"),
+        ("90 deg/s", "90 deg", 8, "joints.J1.velocity", "'90 deg' does not fit joint J1, which is revolute"),
+        ("deceleration: null", "deceleration: 0", 8, "joints.J1.deceleration", "expected more than 0"),
+        ("deceleration: null", "acceleration: -1", 8, "joints.J1.acceleration", "expected more than 0"),
+        ("    joints", "    tool: hand\n    joints", 7, "tool", "there is no frame 'hand'; expected one of base_link"),
+        ("    joints", "    camera: eye\n    joints", 7, "camera", "there is no frame 'eye'"),
+        ("    joints", "    frames: {c: {parent: no}}\n    joints", 7, "frames.c", "there is no link 'no'; expected one"),
+        ("    joints", "    frames: {tool0: {parent: tool0}}\n    joints", 7, "frames.tool0", "exists already"),
+        ("    joints", "    bodies: {c: {link: no, shape: {sphere: 1}}}\n    joints", 7, "bodies.c", "there is no link"),
+        ("    joints", "    bodies: {link_1: {link: link_2, shape: {sphere: 1}}}\n    joints", 7, "bodies.link_1", "twice"),
+        ("    joints", "    ignore_pairs: [[link_1, no]]\n    joints", 7, "ignore_pairs.0.1", "is called 'no'; expected"),
+        ("planar3.urdf", "none.urdf", 5, "urdf", "none.urdf cannot be read: No such file"),
+        ("planar3.urdf", "../demo.yaml", 5, "urdf", "demo.yaml: not well-formed XML"),
+    ],
+)  # fmt: skip
+def test_refused_with_the_model(write, old, new, line, path, message):
+    error = refused(write((old, new)), build=True)
+    assert (error.line, error.path) == (line, f"robots.P.{path}")
+    assert message in str(error)
+
+
+def test_body_names_must_fit_the_wire(write):
+    long = "b" * 64
+    change = ("    joints", f"    bodies: {{{long}: {{link: link_1, shape: {{sphere: 1}}}}}}\n    joints")
+    assert "is too long; expected at most 64 characters" in str(refused(write(change), build=True))
+
+
+def test_urdf_that_is_no_text(write, tmp_path):
+    (tmp_path / "bad.urdf").write_bytes(b"\xff\xfe")
+    path = write()
+    text = path.read_text().splitlines()
+    text[4] = "    urdf: bad.urdf"
+    path.write_text("\n".join(text))
+    assert "bad.urdf is not UTF-8; expected a URDF file" in str(refused(path, build=True))
+
+
+def test_errors_without_a_file():
+    config = CellConfig(armgate=1, name="x", robots={"P": {"urdf": "nowhere.urdf", "start": (0.0,)}})
+    with pytest.raises(ConfigError) as caught:
+        build_cell(config)
+    assert str(caught.value).startswith("robots.P.urdf: nowhere.urdf cannot be read")
+    assert caught.value.line is None
+
+
+@pytest.mark.parametrize("name", ["demo.yaml", "planar.yaml"])
+def test_dumped_and_read_again(configs, name):
+    config = load_config([configs / name])
+    text = dump_config(config)
+    again = CellConfig.model_validate(_tuples(yaml.safe_load(text)))
+    assert again.model_dump() == config.model_dump()
+    assert list(again.robots) == list(config.robots)
+    assert "../" not in text
+
+
+def test_null_deceleration_survives_the_dump(write, tmp_path):
+    path = tmp_path / "again.yaml"
+    config = load_config([write(("    joints:\n", "    joints:\n      J2: {velocity: 1.0}\n"))])
+    path.write_text(dump_config(config))
+    again = load_config([path])
+    assert build_cell(again).hash == build_cell(config).hash
+
+
+def _tuples(value):
+    if isinstance(value, dict):
+        return {key: _tuples(part) for key, part in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def test_reading_needs_no_robot_model():
+    code = "import sys, armgate.cell.config, armgate.cell.events; sys.exit('pinocchio' in sys.modules or 'fcl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

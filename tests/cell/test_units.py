@@ -1,0 +1,76 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armgate.cell.units import quantity, to_si
+
+
+@pytest.mark.parametrize(
+    ("given", "dimension", "value"),
+    [
+        ("-94 deg", "angle", math.radians(-94)),
+        ("90°", "angle", math.pi / 2),
+        ("1 rad", "angle", 1.0),
+        (" 50mm ", "length", 0.05),
+        ("2.5 cm", "length", 0.025),
+        ("0.02 m", "length", 0.02),
+        ("12 ms", "time", 0.012),
+        ("1e-3 s", "time", 0.001),
+        ("156 deg/s", "angle/s", math.radians(156)),
+        ("2.5 m/s", "length/s", 2.5),
+        ("+10 rad/s2", "angle/s²", 10.0),
+        ("10 rad/s^2", "angle/s²", 10.0),
+        ("6.81 m/s²", "length/s²", 6.81),
+        (3, "length", 3.0),
+        (-0.5, "angle", -0.5),
+    ],
+)
+def test_read(given, dimension, value):
+    assert to_si(given, dimension) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "given", [True, None, [1.0], {}, "", "deg", "1", "1 2 m", "one m", "1 m/s3", "1 deg/m"]
+)
+def test_what_is_no_quantity(given):
+    with pytest.raises(ValueError, match="expected"):
+        quantity(given)
+
+
+@pytest.mark.parametrize("given", ["3 furlong", "3 s/s", "3 M"])
+def test_unknown_units_are_listed(given):
+    with pytest.raises(ValueError, match=r"unknown unit .*; expected one of rad or deg"):
+        quantity(given)
+
+
+@pytest.mark.parametrize("given", [math.nan, math.inf, -math.inf, "1e999 m"])
+def test_not_finite(given):
+    with pytest.raises(ValueError, match="is not finite; expected a finite number"):
+        quantity(given)
+
+
+def test_the_wrong_dimension_names_the_right_units():
+    with pytest.raises(ValueError, match=r"'3 deg' is no length; expected a number or a unit of m, cm or mm"):
+        to_si("3 deg", "length")
+    with pytest.raises(ValueError, match="expected a number or a unit of rad/s or deg/s"):
+        to_si("3 deg", "angle/s")
+
+
+def test_a_bare_number_fits_every_dimension():
+    assert quantity(2).fits("angle")
+    assert quantity(2).fits("length/s²")
+    assert not quantity("2 m").fits("angle")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_si_units_change_nothing(value):
+    assert to_si(f"{value!r} rad", "angle") == value
+    assert to_si(value, "time") == value
+
+
+def test_reading_twice_changes_nothing():
+    read = quantity("3 mm")
+    assert quantity(read) is read
+    assert read.given == "3 mm"
