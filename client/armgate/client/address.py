@@ -1,0 +1,25 @@
+"""Addresses of a daemon: ``HOST:PORT``, an IPv6 host in brackets."""
+
+from armgate.client.errors import BadArgument
+
+DEFAULT_PORT = 7411
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
+
+    Raises:
+        BadArgument: Anything else; the text says what is wrong.
+    """
+    host, colon, port = text.rpartition(":")
+    if not colon or "]" in port:
+        raise BadArgument(f"address {text!r}: no port; expected HOST:PORT, e.g. 127.0.0.1:{DEFAULT_PORT}")
+    bracketed = host.startswith("[") and host.endswith("]")
+    if ":" in host and not bracketed:
+        raise BadArgument(f"address {text!r}: write an IPv6 host in brackets, e.g. [::1]:{DEFAULT_PORT}")
+    host = host[1:-1] if bracketed else host
+    if not host:
+        raise BadArgument(f"address {text!r}: no host; expected HOST:PORT, e.g. 127.0.0.1:{DEFAULT_PORT}")
+    if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+        raise BadArgument(f"address {text!r}: port {port!r}; expected a number from 1 to 65535")
+    return host, int(port)
