@@ -1,9 +1,9 @@
 """Virtual time: a step ends when every participant has had its say.
 
 What a client is sent depends only on what participants say in which step, never on who was faster: commands
-wait for the end of the step and are judged in the order of the robots; whatever a participant says after it is
-done with a step counts in the next one; daemon time is virtual. Pings alone are answered at once. A stop from
-a participant that is done waits like everything else: no time passes meanwhile.
+wait for the end of the step and are judged in the order of the robots; whatever a participant says after it
+is done with a step counts in the next one; daemon time is virtual. Pings alone are answered at once. A stop
+from a participant that is done waits like everything else: no time passes meanwhile.
 """
 
 import asyncio

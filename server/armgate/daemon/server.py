@@ -162,10 +162,10 @@ class Daemon:
 
     def _look_for_rest(self, instant: Instant) -> None:
         if self._core.at_rest:
-            self._log.info("at_rest", time=instant.time)
+            self._log.info("at_rest", at=instant.time)
             self._finish(1 if self._pace.failed else self._status)
         elif instant.time > self._rest_by:
-            self._log.error("not_at_rest", time=instant.time)
+            self._log.error("not_at_rest", at=instant.time)
             self._finish(1)
 
     def _warn_of_lateness(self) -> None:

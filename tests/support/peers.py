@@ -1,0 +1,102 @@
+"""A core with a real gate and emulated arms, and clients that are lists."""
+
+import io
+
+from armgate.cell.cell import build_cell
+from armgate.daemon.core import Core
+from armgate.daemon.log import Log
+from armgate.daemon.runner import GateRunner
+from armgate.integrity import Gate
+from armgate.links import EmulatedLink
+from armgate.protocol import messages as m
+
+
+class Peer:
+    """A client whose messages are kept."""
+
+    def __init__(self, id_, name, role="controller"):
+        self.id, self.name, self.role = id_, name, role
+        self.subscription = None
+        self.heard = []
+        self.ended = False
+
+    def say(self, message):
+        self.heard.append(message)
+
+    def show(self, state):
+        self.heard.append(state.state)
+
+    def end(self, message):
+        self.say(message)
+        self.ended = True
+
+    def take(self, model=None):
+        """All messages so far (of a model); they are not given again."""
+        found = [x for x in self.heard if model is None or isinstance(x, model)]
+        self.heard = [x for x in self.heard if x not in found]
+        return found
+
+    def last(self, model):
+        """The one message of this model since the last time."""
+        (found,) = self.take(model)
+        return found
+
+
+class Time:
+    """Daemon time, to be set."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+class Bench:
+    """A core, its time, and clients."""
+
+    def __init__(self, config, lockstep=False, judge=None):
+        self.cell = build_cell(config)
+        self.log = io.StringIO()
+        self.time = Time()
+        links = [
+            EmulatedLink(robot.name, "d1", robot.start.tolist(), robot.period, robot.config.link.lag)
+            for robot in self.cell.robots
+        ]
+        self.gate = Gate(self.cell, "d1") if judge is None else judge
+        self.events = []
+        runner = GateRunner(self.gate, {link.robot: link for link in links}, self._tap)
+        self.core = Core(self.cell, runner, links, self.time, lockstep, Log(self.log))
+        self.count = 0
+
+    def _tap(self, event, outputs):
+        self.events.append((event, outputs))
+
+    def start(self):
+        self.core.start()
+        self.core.tick(0.0, range(len(self.cell.robots)))
+        return self
+
+    def tick(self, count=1):
+        """Let all robots tick."""
+        for _ in range(count):
+            self.time.now += self.cell.robots[0].period
+            self.core.tick(self.time.now, range(len(self.cell.robots)))
+
+    def client(self, name, role="controller"):
+        self.count += 1
+        peer = Peer(f"s{self.count}", name, role)
+        self.core.join(peer)
+        return peer
+
+    def holder(self, name, robot, **acquire):
+        """A client that holds a robot; its fence."""
+        peer = self.client(name)
+        self.core.handle(peer, m.Acquire(robot=robot, **acquire))
+        return peer, peer.last(m.Lease).fence
+
+    def command(self, peer, robot, fence, seq, dq=(0.001, 0.0, 0.0), tick=None):
+        """Send a command; the messages that answer it."""
+        tick = self.core._runner.view(robot).tick if tick is None else tick
+        self.core.handle(peer, m.Command(robot=robot, fence=fence, seq=seq, tick=tick, dq=dq))
+        return peer.take()
