@@ -34,7 +34,7 @@ def test_bodies_are_the_robots_then_the_surroundings(demo):
             robot = demo.robots[body.robot]
             assert body.name == f"{robot.name}/{robot.model.bodies[body.index].name}"
     robots = [body.robot for body in demo.bodies]
-    assert robots == sorted((r for r in robots if r is not None)) + [None] * len(demo.surroundings)
+    assert robots == sorted(r for r in robots if r is not None) + [None] * len(demo.surroundings)
 
 
 def test_default_accelerations_reach_full_speed_in_a_quarter_second(demo):
@@ -139,8 +139,8 @@ robots:
 
 
 def test_pairs_left_out_of_the_demo_keep_their_distance(demo):
-    """What ignore_pairs hides there cannot come nearer: the bodies' places in each other are fixed but for turning
-    about their own axes."""
+    # What ignore_pairs hides cannot come nearer: the second body's centre rests in the first one's frame (the
+    # wrist only turns about its own axis), or slides along the length of both.
     rng = np.random.default_rng(4)
     for robot in demo.robots:
         names = [body.name for body in robot.model.bodies]

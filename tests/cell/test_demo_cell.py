@@ -1,4 +1,4 @@
-"""The demo cell's geometry, sampled with an engine of its own: room at the start and over the place of work."""
+"""The demo cell's geometry by an engine of its own: room at the start and over the place of work."""
 
 import coal
 import numpy as np

@@ -10,18 +10,24 @@ from armgate.cell.urdf import read_urdf
 
 TREE = """<robot name="tree">
 <link name="root"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-<link name="plate"/><link name="slide"><collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision></link>
-<link name="left"><collision><origin xyz="0.3 0 0"/><geometry><capsule radius="0.05" length="0.4"/></geometry></collision></link>
-<link name="right"><collision><origin xyz="0 0.2 0.1" rpy="1 0 0"/><geometry><cylinder radius="0.05" length="0.4"/></geometry></collision></link>
+<link name="plate"/>
+<link name="slide"><collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision></link>
+<link name="left"><collision><origin xyz="0.3 0 0"/>
+  <geometry><capsule radius="0.05" length="0.4"/></geometry></collision></link>
+<link name="right"><collision><origin xyz="0 0.2 0.1" rpy="1 0 0"/>
+  <geometry><cylinder radius="0.05" length="0.4"/></geometry></collision></link>
 <link name="tip"/>
-<joint name="glue" type="fixed"><parent link="root"/><child link="plate"/><origin xyz="0 0 0.2" rpy="0 0 1"/></joint>
-<joint name="L" type="revolute"><parent link="plate"/><child link="left"/><origin xyz="0.1 0 0" rpy="0.3 0 0"/>
-  <axis xyz="1 1 0"/><limit lower="-2" upper="2" velocity="1"/></joint>
-<joint name="S" type="prismatic"><parent link="left"/><child link="slide"/><origin xyz="0.6 0 0" rpy="0 0.4 0"/>
-  <axis xyz="0 0 2"/><limit lower="-0.5" upper="0.7" velocity="1"/></joint>
-<joint name="T" type="revolute"><parent link="slide"/><child link="right"/><origin xyz="0 0.1 0"/>
-  <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1"/></joint>
-<joint name="end" type="fixed"><parent link="right"/><child link="tip"/><origin xyz="0 0 0.5" rpy="0 1 0"/></joint>
+<joint name="glue" type="fixed"><parent link="root"/><child link="plate"/>
+  <origin xyz="0 0 0.2" rpy="0 0 1"/></joint>
+<joint name="L" type="revolute"><parent link="plate"/><child link="left"/>
+  <origin xyz="0.1 0 0" rpy="0.3 0 0"/><axis xyz="1 1 0"/><limit lower="-2" upper="2" velocity="1"/></joint>
+<joint name="S" type="prismatic"><parent link="left"/><child link="slide"/>
+  <origin xyz="0.6 0 0" rpy="0 0.4 0"/><axis xyz="0 0 2"/>
+  <limit lower="-0.5" upper="0.7" velocity="1"/></joint>
+<joint name="T" type="revolute"><parent link="slide"/><child link="right"/>
+  <origin xyz="0 0.1 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1"/></joint>
+<joint name="end" type="fixed"><parent link="right"/><child link="tip"/>
+  <origin xyz="0 0 0.5" rpy="0 1 0"/></joint>
 </robot>"""
 BASE = Placement.from_rpy((0.5, -1.0, 2.0), (0.1, 0.7, -2.0))
 

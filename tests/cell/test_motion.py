@@ -6,7 +6,10 @@ from armgate.cell.motion import bend_bounds, motion_bounds
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Sphere
 
-LINK = '<link name="{0}"><collision><origin xyz="0.1 0.05 0" rpy="0 1.2 0.3"/><geometry>{1}</geometry></collision></link>'
+LINK = (
+    '<link name="{0}"><collision><origin xyz="0.1 0.05 0" rpy="0 1.2 0.3"/>'
+    "<geometry>{1}</geometry></collision></link>"
+)
 SHAPES = (
     '<sphere radius="0.1"/>',
     '<box size="0.2 0.1 0.4"/>',

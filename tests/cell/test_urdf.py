@@ -3,7 +3,7 @@ import pytest
 
 from armgate.cell.errors import ModelError
 from armgate.cell.shapes import Box, Capsule, Cylinder, Sphere
-from armgate.cell.urdf import parse_xml, read_urdf, kinematics_only
+from armgate.cell.urdf import kinematics_only, parse_xml, read_urdf
 
 JOINT = """
 <joint name="J" type="revolute"><parent link="a"/><child link="b"/><origin xyz="1 2 3" rpy="0 0 0.5"/>

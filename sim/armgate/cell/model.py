@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from armgate.cell.errors import ModelError
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
-from armgate.cell.urdf import Urdf, read_urdf, kinematics_only
+from armgate.cell.urdf import Urdf, kinematics_only, read_urdf
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,8 @@ class RobotModel:
         self.base = base
         self.pin_model = pin_model
         self.pin_data = pin_model.createData()
+        # References into pinocchio's data: they show what was computed last, and fetching them anew is slow.
+        self._oMi = [self.pin_data.oMi[joint] for joint in range(pin_model.njoints)]
         self.n: int = pin_model.nv
         by_name = {joint.name: joint for joint in urdf.joints}
         self.joints = tuple(_joint(by_name[name]) for name in list(pin_model.names)[1:])
@@ -130,9 +132,8 @@ class RobotModel:
         Raises:
             ModelError: q has not ``n`` numbers.
         """
-        data = self.pin_data
-        pin.forwardKinematics(self.pin_model, data, self._checked(q))
-        joints = np.array([oMi.homogeneous for oMi in data.oMi])[self._body_joints]
+        pin.forwardKinematics(self.pin_model, self.pin_data, self._checked(q))
+        joints = np.array([oMi.homogeneous for oMi in self._oMi])[self._body_joints]
         R = joints[:, :3, :3]
         t = R @ self._body_t
         t += joints[:, :3, 3:]
@@ -146,7 +147,7 @@ class RobotModel:
         """
         frame = self._frame(name)
         pin.forwardKinematics(self.pin_model, self.pin_data, self._checked(q))
-        oMi = self.pin_data.oMi[frame.joint + 1]
+        oMi = self._oMi[frame.joint + 1]
         return Placement(oMi.rotation, oMi.translation) @ frame.placement
 
     def frame_jacobian(self, q: ArrayLike, name: str) -> Array:
@@ -158,7 +159,7 @@ class RobotModel:
         frame = self._frame(name)
         jacobian = self._joint_jacobian(q, frame.joint)
         if frame.joint >= 0:
-            oMi = self.pin_data.oMi[frame.joint + 1]
+            oMi = self._oMi[frame.joint + 1]
             jacobian[:3] += _cross_columns(jacobian[3:], oMi.rotation @ frame.placement.t)
         return jacobian
 
@@ -171,7 +172,7 @@ class RobotModel:
         if not -1 <= joint_index < self.n:
             raise ModelError(f"there is no joint {joint_index}; expected -1 (base) to {self.n - 1}")
         jacobian = self._joint_jacobian(q, joint_index)
-        arm = np.asarray(point_world, dtype=np.float64) - self.pin_data.oMi[joint_index + 1].translation
+        arm = np.asarray(point_world, dtype=np.float64) - self._oMi[joint_index + 1].translation
         return jacobian[:3] + _cross_columns(jacobian[3:], arm)
 
     def frame_joint(self, name: str) -> int:
@@ -233,5 +234,6 @@ def _link_frames(urdf: Urdf, pin_model: Any) -> dict[str, _Frame]:
 
 def _cross_columns(columns: Array, arm: Array) -> Array:
     """``columns × arm`` for each column of a (3, n) matrix: what rotations add at the end of ``arm``."""
-    crossed: Array = np.cross(columns, arm, axisa=0, axisb=0, axisc=0)
+    x, y, z = arm.tolist()
+    crossed: Array = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))) @ columns
     return crossed
