@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from armgate.daemon.outbox import Outbox, Overflow
@@ -193,7 +194,11 @@ class Session(asyncio.Protocol):
         # Closing with unread bytes of the client would make the kernel take back what was written last: say
         # that there is no more, and read on until the client closes.
         if self._outbox.empty and not self._transport.is_closing():
-            self._transport.write_eof()
+            with suppress(OSError):  # the client may have closed it meanwhile
+                try:
+                self._transport.write_eof()
+            except OSError:  # the client has reset the connection meanwhile: its own affair
+                self.abort()
 
     def _leave(self, reason: str) -> None:
         if not self._told_gone:
