@@ -1,14 +1,15 @@
 """Makes ``configs/paths/inspection.csv``: an inspection tour of GR's tool, as if an operator had driven it.
 
-The file is synthetic: nobody has recorded it on a machine. It visits the instruments at the demo cell's process
-structure and rests at each. A leg is a Bézier curve in joint space through the places below; the tool's speed along
-it rises and falls smoothly and reaches 0.25 m/s on the long ones.
+The file is synthetic: nobody has recorded it on a machine. It visits the instruments at the demo cell's
+process structure and rests at each. A leg is a Bézier curve in joint space through the places below; the
+tool's speed along it rises and falls smoothly and reaches 0.25 m/s on the long ones.
 
     python tools/record_path.py configs/paths/inspection.csv
 """
 
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,7 +86,7 @@ def main(file: Path) -> None:
         "# joints: X Y Z A1 A2 A3 A4 A5 A6",
         "# units: m m m deg deg deg deg deg deg",
         f"# sample time: {PERIOD:g}",
-        "# An inspection tour of the demo cell. Synthetic: made by tools/record_path.py, not recorded on a machine.",
+        "# An inspection tour of the demo cell. Synthetic, made by tools/record_path.py.",
         "t,X,Y,Z,A1,A2,A3,A4,A5,A6",
     ]
     rows = [f"{i * PERIOD:.3f}," + ",".join(f"{value + 0.0:.6f}" for value in row) for i, row in enumerate(q)]
@@ -115,11 +116,11 @@ def driven(robot: Robot, corners: Array, speed: float) -> Array:
 
 
 def rounded(corners: Array, samples: int = 3000) -> Array:
-    """A smooth curve (samples, n) from the first corner to the last that cuts the ones between (a Bézier curve)."""
+    """A Bézier curve (samples, n) from the first corner to the last, drawn towards the ones between."""
     u = np.linspace(0.0, 1.0, samples)[:, None]
     points = [np.broadcast_to(corner, (samples, corners.shape[1])) for corner in corners]
     while len(points) > 1:
-        points = [(1.0 - u) * a + u * b for a, b in zip(points, points[1:], strict=False)]
+        points = [(1.0 - u) * a + u * b for a, b in pairwise(points)]
     return points[0]
 
 
@@ -127,7 +128,8 @@ def steps(robot: Robot, curve: Array) -> Array:
     """Length of each step of a curve (k - 1,), m: the tool's way, and what it and the wrist turn."""
     ways = np.linalg.norm(np.diff(tool_places(robot, curve), axis=0), axis=1)
     turns = np.linalg.norm(np.radians(np.diff(curve[:, 3:], axis=0)), axis=1)
-    return np.hypot(ways, LEVER * turns)
+    lengths: Array = np.hypot(ways, LEVER * turns)
+    return lengths
 
 
 def tool_places(robot: Robot, q: Array) -> Array:
@@ -137,11 +139,12 @@ def tool_places(robot: Robot, q: Array) -> Array:
 
 
 def profile(length: float, speed: float) -> Array:
-    """Way along a leg at each sample after its start: the speed rises and falls as sin², and is constant between."""
+    """Way along a leg at each sample after its start; its speed rises and falls as sin²."""
     ramp = min(RAMP, length / speed)
     total = length / speed + ramp
-    t = np.arange(1, int(np.ceil(total / PERIOD)) + 1) * PERIOD
-    return speed * (ramped(t, ramp) - ramped(t - (total - ramp), ramp))
+    t: Array = np.arange(1.0, np.ceil(total / PERIOD) + 1.0) * PERIOD
+    braking: Array = t - (total - ramp)
+    return speed * (ramped(t, ramp) - ramped(braking, ramp))
 
 
 def ramped(t: Array, ramp: float) -> Array:

@@ -85,7 +85,7 @@ def main(arguments: Iterable[str] | None = None) -> NoReturn:
 
 
 def explain(error: Exception) -> str | None:
-    """What to tell a user who can do something about it, usually one line; None for what is a defect of ours."""
+    """What to tell a user who can do something about it, usually one line; None for a defect of ours."""
     if isinstance(error, ModuleNotFoundError):
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
         return extra and f"{error.name} is not installed; run: pip install 'armgate[{extra}]'"

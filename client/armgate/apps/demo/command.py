@@ -20,6 +20,7 @@ def demo(
         Path | None,
         typer.Argument(help="Configuration of the cell; the demo cell if none is named.", show_default=False),
     ] = None,
+    *,
     links: Annotated[
         Path | None, typer.Option(help="A configuration to overlay, such as configs/links/….")
     ] = None,
@@ -34,10 +35,10 @@ def demo(
     ] = None,
     no_view: Annotated[bool, typer.Option("--no-view", help="Open no viewer (there is none yet).")] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of the run.  [default: runs/<time>]")
+        Path | None, typer.Option(metavar="DIR", help="Folder of the run; runs/<time> if none is named.")
     ] = None,
 ) -> None:
-    """Run the whole stack on this machine: daemon, leader and follower, with display, plots and metrics."""
+    """Run the whole stack here: daemon, leader, follower, display, plots."""
     from armgate.apps.demo.folder import make_folder  # noqa: PLC0415
     from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
 
@@ -65,7 +66,8 @@ def _plan(
         )
     if cell.clock.kind == "lockstep" and set(cell.clock.participants) != set(CONTROLLERS):
         raise UsageError(
-            f"clock.participants are {', '.join(cell.clock.participants)}; the demo's are {' and '.join(CONTROLLERS)}"
+            f"clock.participants are {', '.join(cell.clock.participants)}; "
+            f"expected the demo's: {', '.join(CONTROLLERS)}"
         )
     return Plan(configs, path, recorded.robot, cameras[0], lockstep, duration)
 

@@ -1,4 +1,4 @@
-"""The live picture of a run in the terminal, drawn from what was observed; plain lines where there is none."""
+"""The live picture of a run in the terminal, drawn from what was observed, and the same in one line."""
 
 import math
 from collections.abc import Sequence

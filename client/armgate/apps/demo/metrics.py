@@ -29,8 +29,8 @@ def columns(rows: list[tuple[float, ...]]) -> dict[str, Array]:
 def transient_end(time: Array, angle: Array) -> float:
     """The time at which the approach is over, s.
 
-    That is once the angle error (rad, NaN before the follower's first) has been within the band for 1 s, and 5 s
-    after its first value at the latest. Infinite without any value.
+    That is once the angle error (rad, NaN before the follower's first) has been within the band for 1 s, and
+    5 s after its first value at the latest. Infinite without any value.
     """
     known = np.isfinite(angle)
     if not known.any():
@@ -56,7 +56,7 @@ def extremes(values: Array) -> dict[str, float | None]:
 
 
 def verdict_table(counts: Mapping[str, int]) -> dict[str, Any]:
-    """Verdicts by outcome and, for all but ``admitted``, by reason, from counts like ``refused:clearance``."""
+    """Verdicts by outcome and, by reason unless admitted, from counts like ``refused:clearance``."""
     table: dict[str, Any] = {"admitted": 0, "limited": {}, "refused": {}}
     for key, number in sorted(counts.items()):
         outcome, _, reason = key.partition(":")

@@ -1,4 +1,4 @@
-"""What the demo keeps of the states that it sees: the newest one, and the series that metrics and plots need."""
+"""What the demo keeps of the states that it sees: the newest one, and the series for metrics and plots."""
 
 from dataclasses import dataclass, field
 
@@ -15,8 +15,8 @@ NAN = float("nan")
 class Observation:
     """The run so far, from the state messages alone.
 
-    A row of the series is one tick of the follower's robot. Smallest clearances and counts are running totals of
-    the daemon, so they are complete even where this observer was too slow for a state.
+    A row of the series is one tick of the follower's robot. Smallest clearances and counts are running totals
+    of the daemon, so they are complete even where this observer was too slow for a state.
 
     Attributes:
         follower: The robot with the camera.

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 
 _INK, _BAND, _SHADE, _WARN = "#1f4e79", "#4c9f70", "#9aa5b1", "#c0392b"
 _STYLE = {
-    "figure.figsize": (9.0, 4.2), "figure.dpi": 120, "font.size": 10.0, "axes.grid": True, "grid.alpha": 0.25,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "lines.linewidth": 1.3,
-    "axes.titleweight": "bold", "legend.frameon": False,
+    "figure.figsize": (9.0, 4.2), "figure.dpi": 120, "font.size": 10.0, "lines.linewidth": 1.3,
+    "axes.grid": True, "grid.alpha": 0.25, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.titlelocation": "left", "axes.titleweight": "bold", "legend.frameon": False,
 }  # fmt: skip
 
 
@@ -36,7 +36,8 @@ def draw(series: Mapping[str, Array], metrics: Mapping[str, Any], folder: Path) 
 
     mpl.use("Agg")
     figures = {
-        "angle_error": _angle, "distance_error": _distance, "leader_position": _position, "clearance": _clearance,
+        "angle_error": _angle, "distance_error": _distance,
+        "leader_position": _position, "clearance": _clearance,
     }  # fmt: skip
     with mpl.rc_context(_STYLE):
         return [_figure(folder / f"{name}.png", paint, series, metrics) for name, paint in figures.items()]
@@ -67,7 +68,7 @@ def _band(axes: Any, low: float, high: float, label: str) -> None:
         axes.axhline(edge, color=_BAND, lw=1.0, ls="--", label=label if edge == high else None)
 
 
-def _focus_on(axes: Any, values: Array, after: Array, band: float, lowest: float) -> None:
+def _focus_on(axes: Any, values: Array, after: NDArray[np.bool_], band: float, lowest: float) -> None:
     """Scales the axis for what comes after the approach: its beginning may leave the picture at the top."""
     settled = values[after & np.isfinite(values)]
     reach = max(1.6 * band, 1.15 * float(np.max(np.abs(settled), initial=0.0)))
@@ -120,9 +121,9 @@ def _clearance(axes: Any, series: Mapping[str, Array], metrics: Mapping[str, Any
     axes.legend(loc="upper right", ncols=2)
 
 
-def _after(series: Mapping[str, Array], metrics: Mapping[str, Any]) -> Array:
+def _after(series: Mapping[str, Array], metrics: Mapping[str, Any]) -> NDArray[np.bool_]:
     end = metrics["transient_s"]
-    after: Array = series["time_s"] >= (np.inf if end is None else end)
+    after: NDArray[np.bool_] = series["time_s"] >= (np.inf if end is None else end)
     return after
 
 

@@ -46,8 +46,8 @@ Event = Printed | Exited | Asked
 class Crew:
     """The children of one run, and one queue of all that happens to them.
 
-    Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which then
-    ends them in the right order. Leaving the context kills whatever is left.
+    Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which
+    then ends them in the right order. Leaving the context kills whatever is left.
     """
 
     def __init__(self, logs: Path) -> None:
@@ -77,7 +77,7 @@ class Crew:
                 stderr=log,
                 text=True,
                 process_group=0,
-                # Matrices are small here: threads of the linear algebra would only take cores from the others.
+                # Matrices are small here: threads of the linear algebra would only take others their cores.
                 env={**os.environ, **_SINGLE_THREADED},
             )
         self._children[name] = child

@@ -1,4 +1,4 @@
-"""One run: daemon, leader and follower as processes, this one watching, until the path ends or somebody stops it."""
+"""One run: daemon, leader and follower as processes, watched until the path ends or somebody ends it."""
 
 import re
 import signal
@@ -108,7 +108,8 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
         raise AppError("interrupted before the daemon was ready")
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower), cell.description)
-        cell.subscribe(every=1)
+        # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
+        cell.subscribe(every=1, robots=[plan.follower])
         reader = threading.Thread(target=watch.follow, args=(cell.states(),), name="states", daemon=True)
         reader.start()
         for name in CONTROLLERS:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 
 from armgate.apps.demo.display import line, picture
@@ -27,7 +27,7 @@ def screen(terminal: bool, console: Console | None = None) -> Iterator[Callable[
         yield lambda watch: live.update(_picture(watch), refresh=True)
 
 
-def _picture(watch: "Watch") -> object:
+def _picture(watch: "Watch") -> RenderableType:
     with watch.lock:
         return picture(watch.seen, watch.cell, watch.factor)
 

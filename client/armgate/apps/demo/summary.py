@@ -36,7 +36,10 @@ def _claims(metrics: Mapping[str, Any]) -> list[tuple[str, bool | None, str]]:
     nearest = "" if not metrics["nearest_pair"] else ", {} – {}".format(*metrics["nearest_pair"])
     return [
         (f"view angle within ± {ANGLE_BAND:g}°", holds["angle"], _errors(angle, 1, "°", 2)),
-        (f"view distance within ± {100 * DISTANCE_BAND:g} cm", holds["distance"], _errors(distance, 1000, " mm", 1)),
+        (
+            f"view distance within ± {100 * DISTANCE_BAND:g} cm", holds["distance"],
+            _errors(distance, 1000, " mm", 1),
+        ),
         (
             f"clearance of at least {1000 * metrics['stop_distance_m']:.0f} mm", holds["clearance"],
             "" if clearance is None else f"smallest {1000 * clearance:.0f} mm{nearest}",

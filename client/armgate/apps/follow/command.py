@@ -7,6 +7,7 @@ import typer
 
 def follow(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    *,
     robot: Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)],
     leader: Annotated[str, typer.Option(help="Robot whose tool it looks at.", show_default=False)],
     distance: Annotated[

@@ -8,6 +8,7 @@ import typer
 
 def lead(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    *,
     path: Annotated[Path, typer.Option(help="File of the recorded path.", show_default=False)],
     robot: Annotated[
         str | None,

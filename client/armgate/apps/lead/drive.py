@@ -15,7 +15,7 @@ from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
 TOLD_EVERY = 4
 """Ticks between two values of ``lead.progress``."""
 SETTLE = 0.3
-"""How long the leader stays after its last increment, s: the robot arrives, and others see that the path is done."""
+"""How long the leader stays after its last increment, s: the robot arrives, others see the path done."""
 
 
 def check_path(path: RecordedPath, cell: Description, robot: str) -> RobotDescription:

@@ -34,9 +34,9 @@ _UNITS = {"m": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 class RecordedPath:
     """Joint positions of one robot, one sample time apart, at rest at both ends.
 
-    Between samples the position follows cubic Hermite pieces with Fritsch and Carlson's slopes (SIAM J. Numer.
-    Anal. 17 (1980) 238–246): once continuously differentiable, and never outside of what its two neighbouring
-    samples span, so that a path whose samples keep the joint limits keeps them everywhere.
+    Between samples the position follows cubic Hermite pieces with Fritsch and Carlson's slopes (SIAM J.
+    Numer. Anal. 17 (1980) 238–246): once continuously differentiable, and never outside of what its two
+    neighbouring samples span, so that a path whose samples keep the joint limits keeps them everywhere.
 
     Attributes:
         file: Where it was read.
@@ -82,7 +82,9 @@ class RecordedPath:
         s = u - i
         w = basis @ np.array([1.0, s, s * s, s * s * s])
         values = w[0] * self.q[i] + w[1] * self.q[i + 1]
-        return values + self.period * (w[2] * self._slopes[i] + w[3] * self._slopes[i + 1])
+        bends = w[2] * self._slopes[i] + w[3] * self._slopes[i + 1]
+        at: Array = values + self.period * bends
+        return at
 
     def line_of(self, sample: int) -> int:
         """The line of the file in which a sample stands."""
@@ -95,7 +97,7 @@ _VELOCITY = np.array([[0.0, -6, 6, 0], [0, 6, -6, 0], [1, -4, 3, 0], [0, -2, 3, 
 
 
 def slopes(q: Array, period: float) -> Array:
-    """Fritsch and Carlson's slopes at the samples: the harmonic mean of both sides, zero at turns and ends."""
+    """Fritsch and Carlson's slopes at the samples: harmonic mean of both sides, zero at turns and ends."""
     secant = np.diff(q, axis=0) / period
     left, right = secant[:-1], secant[1:]
     same = left * right > 0.0

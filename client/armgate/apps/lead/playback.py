@@ -23,9 +23,9 @@ REACHED = 1e-6
 class Playback:
     """Follows a path in its own time τ, which runs with a pace between 0 and 1 of the clock's.
 
-    The pace grows while the setpoint keeps up and falls to nothing while it does not (the gate refuses or limits):
-    so the path never runs away from the robot, and goes on where it was. Before the path starts, the robot is
-    driven to its first position, slowly and straight.
+    The pace grows while the setpoint keeps up and falls to nothing while it does not (the gate refuses or
+    limits): so the path never runs away from the robot, and goes on where it was. Before the path starts, the
+    robot is driven to its first position, slowly and straight.
 
     Attributes:
         time: Path time τ reached, s.

@@ -11,6 +11,9 @@ Array = NDArray[np.float64]
 MARGIN = 0.7
 """Share of the acceleration bound that braking is planned with: what is left corrects."""
 
+_TINY = 1e-12
+"""Below this a distance is nothing to divide by, rad or m."""
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -46,14 +49,15 @@ class Bounds:
     def approach(self, distance: Array, share: float = 1.0) -> Array:
         """The increment towards a place at rest, ``distance`` (n,) away, on the straight line.
 
-        Each joint obeys u ≤ ½(−a + √(a² + 8aD)), the largest first step of a sequence u, u − a, u − 2a, …
-        that covers no more than D, and ``share`` of its largest increment; the slowest joint sets the pace.
+        Each joint obeys u ≤ ½(−a + √(a² + 8aD)) = 4aD / (a + √(a² + 8aD)), the largest first step of a
+        sequence u, u − a, u − 2a, … that covers no more than D, and ``share`` of its largest increment; the
+        slowest joint sets the pace.
         """
         D = np.abs(distance)
         a = self.loss
-        fits = np.minimum(0.5 * (np.sqrt(a * a + 8.0 * a * D) - a), share * self.increment)
-        pace = np.min(np.divide(fits, D, out=np.ones_like(D), where=D > 0.0))
-        return distance * min(1.0, float(pace))
+        braking = 4.0 * a / (a + np.sqrt(a * a + 8.0 * a * D))
+        speed = share * self.increment / np.maximum(D, _TINY)
+        return distance * min(1.0, float(braking.min()), float(speed.min()))
 
     def limit(self, wish: Array, last: Array) -> Array:
         """The wish, each joint within its increment and within its acceleration from the last increment."""
