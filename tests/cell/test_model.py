@@ -228,3 +228,19 @@ def test_a_robot_must_move():
 def test_continuous_joints_are_refused_before_pinocchio_sees_them():
     with pytest.raises(ModelError, match="joint 'L': type 'continuous' is not supported"):
         RobotModel.from_urdf(TREE.replace('"L" type="revolute"', '"L" type="continuous"'), BASE)
+
+
+def test_what_pinocchio_refuses_is_a_model_error(monkeypatch):
+    def refuse(text):
+        raise ValueError("no")
+
+    monkeypatch.setattr("pinocchio.buildModelFromXML", refuse)
+    with pytest.raises(ModelError, match="pinocchio refuses the URDF: no"):
+        RobotModel.from_urdf(TREE, BASE)
+
+
+@pytest.mark.parametrize("change", [('name="tree"', ""), ('"T"', '"tip"'), ('"root"', '"universe"')])
+def test_names_that_pinocchio_uses_too(tree, change):
+    same = RobotModel.from_urdf(TREE.replace(*change), BASE)
+    q = [0.4, 0.3, -1.2]
+    assert np.array_equal(same.frame(q, "tip").t, tree.frame(q, "tip").t)

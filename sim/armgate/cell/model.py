@@ -111,7 +111,10 @@ class RobotModel:
             raise ModelError(
                 "the robot has no joint that moves; expected at least one revolute or prismatic joint"
             )
-        pin_model = pin.buildModelFromXML(kinematics_only(text))
+        try:
+            pin_model = pin.buildModelFromXML(kinematics_only(text))
+        except ValueError as error:  # our own reading is stricter, so this should have been found before
+            raise ModelError(f"pinocchio refuses the URDF: {error}; see what it wrote to stderr") from error
         _move_root(pin_model, base)
         return cls(urdf, pin_model, base)
 

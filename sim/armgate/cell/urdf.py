@@ -94,9 +94,10 @@ def read_urdf(text: str) -> Urdf:
 def kinematics_only(text: str) -> str:
     """The same URDF with bare links and the joints' kinematics, as other parsers take it.
 
-    They know no ``<capsule>``, stumble over inertias and insist on an effort limit, which we do not need.
+    They know no ``<capsule>``, stumble over inertias and insist on a name and on effort limits.
     """
     robot = parse_xml(text)
+    robot.set("name", robot.get("name") or "robot")
     for element in list(robot):
         if element.tag not in {"link", "joint"}:
             robot.remove(element)
