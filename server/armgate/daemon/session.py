@@ -3,7 +3,6 @@
 import asyncio
 import socket
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Protocol
 
 from armgate.daemon.outbox import Outbox, Overflow
@@ -194,8 +193,7 @@ class Session(asyncio.Protocol):
         # Closing with unread bytes of the client would make the kernel take back what was written last: say
         # that there is no more, and read on until the client closes.
         if self._outbox.empty and not self._transport.is_closing():
-            with suppress(OSError):  # the client may have closed it meanwhile
-                try:
+            try:
                 self._transport.write_eof()
             except OSError:  # the client has reset the connection meanwhile: its own affair
                 self.abort()
