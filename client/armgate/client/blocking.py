@@ -128,19 +128,22 @@ class Cell(CellHandle):
         shown = None if fields is None else tuple(fields)
         return self._ask(build(Subscribe, every=every, robots=own, fields=shown), Subscribed)
 
-    def states(self, timeout: float | None = None) -> Iterator[State]:
-        """Yields states, always the newest: who is slow misses some.
+    def states(self, timeout: float | None = None, backlog: int = 1) -> Iterator[State]:
+        """Yields states; who is slow misses some.
 
-        Subscribes to all at every tick unless something is subscribed. ``timeout`` bounds the wait for the
-        next one, s; None: ``patience``, in lock-step no bound.
+        Subscribes to all at every tick unless something is subscribed.
+
+        Args:
+            timeout: How long to wait for the next one, s; None: ``patience``, in lock-step no bound.
+            backlog: How many states may wait here to be yielded in their order; 1: always the newest.
         """
         if self._session.subscription is None:
             self.subscribe()
+        self._session.keep_states(backlog)
         seen = 0
         while True:
             limit = self._clock_limit(timeout)
-            state = self._wait(self._poll_state(seen), limit, "a state")
-            seen = self._session.states
+            seen, state = self._wait(self._poll_state(seen), limit, "a state")
             yield state
 
     @property

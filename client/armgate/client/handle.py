@@ -56,7 +56,7 @@ class CellHandle:
         known = ", ".join(robot.name for robot in self.description.robots)
         raise BadArgument(f"no robot {name}; the cell has {known}")
 
-    def _poll_state(self, seen: int) -> Callable[[], State | None]:
+    def _poll_state(self, seen: int) -> Callable[[], tuple[int, State] | None]:
         return lambda: self._session.next_state(seen)
 
     def _clock_limit(self, timeout: float | None) -> float | None:

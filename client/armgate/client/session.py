@@ -5,6 +5,7 @@ polls (``pending.answer``, ``pending.verdict``, ``next_tick`` …) until it gets
 Nothing here waits or knows a socket; times are handed in, s, of any clock that does not go back.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar
 
@@ -62,6 +63,7 @@ class Session:
         self.closed: ClientError | None = None
         self._connection = Connection(Side.CLIENT, versions)
         self._newest: dict[str, State] = {}
+        self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
         self._sent = 0.0
@@ -178,10 +180,16 @@ class Session:
         if self._pinged is not None and now - self._pinged > timeout:
             raise TimedOut(f"the server has been silent for {timeout:g} s; close and connect again")
 
-    def next_state(self, seen: int) -> State | None:
-        """The newest state if more than ``seen`` have come, else None."""
+    def keep_states(self, count: int) -> None:
+        """Keeps up to this many states for ``next_state``; at first only the newest."""
+        self._recent = deque(self._recent, maxlen=max(count, 1))
+
+    def next_state(self, seen: int) -> tuple[int, State] | None:
+        """The oldest kept state after the first ``seen`` ones, and which one it is, from 1; else None."""
         self.pending.complain()
-        return self.state if self.states > seen else None
+        dropped = self.states - len(self._recent)
+        index = max(seen - dropped, 0)
+        return (dropped + index + 1, self._recent[index]) if index < len(self._recent) else None
 
     def next_tick(self, robot: str, fence: int, after: int) -> Tick | None:
         """The newest tick of a robot that is held, if it is later than ``after``.
@@ -208,6 +216,7 @@ class Session:
 
     def _take_state(self, state: State) -> None:
         self.state = self._newest[state.robot] = state
+        self._recent.append(state)
         self.states += 1
 
     def _take_subscribed(self, subscribed: Subscribed) -> None:

@@ -21,6 +21,8 @@ START_TIME = 60.0
 """How long the daemon may take to listen, s."""
 REST_TIME = 15.0
 """How long processes may take to bring their robots to rest and end, s."""
+BACKLOG = 10_000
+"""How many states may wait to be taken in: no extremum shall be lost to a busy moment."""
 REFRESH = 0.1
 """Time between two pictures, s."""
 
@@ -110,7 +112,9 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
         watch = Watch(Observation(plan.follower), cell.description)
         # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
         cell.subscribe(every=1, robots=[plan.follower])
-        reader = threading.Thread(target=watch.follow, args=(cell.states(),), name="states", daemon=True)
+        reader = threading.Thread(
+            target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
+        )
         reader.start()
         for name in CONTROLLERS:
             crew.start(name, plan.controller(name, address))
