@@ -65,7 +65,8 @@ def test_the_wheel_carries_licence_and_commands(wheel: zipfile.ZipFile) -> None:
 def test_the_wheel_imports_without_the_sources(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
     wheel.extractall(tmp_path)
     # An editable install keeps the sources on the path: they would stand in for what the wheel lacks.
-    path = f"sys.path = [{str(tmp_path)!r}, *(p for p in sys.path if not p.startswith({str(ROOT)!r}))]"
+    sources = [str(ROOT / folder) for folder in FOLDERS]
+    path = f"sys.path = [{str(tmp_path)!r}, *(p for p in sys.path if p not in {sources!r})]"
     modules = "armgate.protocol, armgate.client, armgate.cell.config, armgate.daemon, armgate.apps.cli"
     script = f"import sys; {path}; import {modules}; print(armgate.protocol.__file__)"
     done = subprocess.run(
