@@ -184,7 +184,7 @@ def test_released_is_free(bench):
 
 
 def test_who_leaves_leaves_robots_and_signals(bench):
-    peer, fence = bench.holder("wave", "A")
+    peer, _ = bench.holder("wave", "A")
     bench.core.handle(peer, m.Signal(name="x", value=(1.0,)))
     bench.core.leave(peer)
     bench.core.leave(peer)

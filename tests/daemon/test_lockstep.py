@@ -12,6 +12,7 @@ from armgate.daemon.log import Log
 from armgate.protocol import RemoteProtocolError, encode
 from armgate.protocol import messages as m
 from support.cells import arms_config
+from support.clients import until
 from support.peers import Bench, Peer
 
 
@@ -237,8 +238,7 @@ async def test_resting_waits_for_nobody(stage):
     stage.command(a, "A", (0.01, 0.0, 0.0))
     stage.core.stop_all("end")
     stage.run.let_rest(judging=True)
-    while not stage.core.at_rest:
-        await asyncio.sleep(0)
+    await until(lambda: stage.core.at_rest)
     stage.run.close()
     assert a.take(m.Verdict)[-1].outcome == "refused"
     step = stage.step

@@ -8,7 +8,7 @@ URDF = Path(__file__).parents[2] / "configs" / "robots" / "planar3.urdf"
 
 
 def arms_yaml(names="A,B", periods=(0.012, 0.012), lag=0.0, **more):
-    """A configuration's text: planar arms 10 m apart, each beside a post; ``more`` are further top level lines."""
+    """A configuration's text: planar arms 10 m apart and a post; ``more`` are further top level lines."""
     lines = ["armgate: 1", "name: arms", "stop_distance: 20 mm", "self_distance: 10 mm", "robots:"]
     for index, (name, period) in enumerate(zip(names.split(","), periods, strict=False)):
         lines += [

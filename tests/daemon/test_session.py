@@ -1,0 +1,247 @@
+"""One connection, with a transport that is a list."""
+
+import asyncio
+import socket
+
+import pytest
+
+from armgate.daemon.peer import Encoded
+from armgate.daemon.session import Session
+from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
+from armgate.protocol import messages as m
+from support.clients import until
+
+
+class Transport(asyncio.Transport):
+    """Keeps what is written."""
+
+    def __init__(self):
+        super().__init__()
+        self.written = b""
+        self.eof = self.aborted = False
+        self.socket = socket.socket()
+
+    def get_extra_info(self, name, default=None):
+        return {"socket": self.socket, "peername": ("127.0.0.1", 4711)}.get(name, default)
+
+    def set_write_buffer_limits(self, high=None, low=None):
+        self.high = high
+
+    def write(self, data):
+        assert not self.eof
+        self.written += data
+
+    def write_eof(self):
+        self.eof = True
+
+    def is_closing(self):
+        return self.aborted
+
+    def abort(self):
+        self.aborted = True
+
+
+class Desk:
+    """Welcomes everybody, and keeps what it is told."""
+
+    def __init__(self):
+        self.told = []
+        self.fail_on = None
+
+    def opened(self, session):
+        self.told.append("opened")
+
+    def hello(self, session, hello):
+        session.id, session.name = "s1", hello.name
+        session.allow(None)
+        limits = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
+        session.say(
+            m.Welcome(
+                version=1,
+                versions=(1,),
+                client_versions=hello.versions,
+                start="d1",
+                session="s1",
+                name=hello.name,
+                role=hello.role,
+                limits=limits,
+            )
+        )
+
+    def said(self, session, message):
+        if message.type == self.fail_on:
+            raise RuntimeError("broken")
+        self.told.append(message)
+
+    def gone(self, session, reason):
+        self.told.append(f"gone: {reason}")
+
+    def closed(self, session):
+        self.told.append("closed")
+
+    def failed(self, error):
+        self.told.append(error)
+
+
+class Line:
+    """A session with its desk, its transport, and the client's end."""
+
+    def __init__(self, send_buffer=1000):
+        self.desk = Desk()
+        self.session = Session(self.desk, 1, send_buffer)
+        self.transport = Transport()
+        self.session.connection_made(self.transport)
+        self.client = Connection(Side.CLIENT)
+
+    def send(self, *messages):
+        self.session.data_received(b"".join(self.client.send(message) for message in messages))
+
+    def hello(self):
+        self.send(m.Hello(versions=(1,), name="wave"))
+        assert isinstance(self.received()[0], m.Welcome)
+        return self
+
+    def received(self):
+        data, self.transport.written = self.transport.written, b""
+        return self.client.receive(data)
+
+
+@pytest.fixture
+async def line():
+    line = Line()
+    yield line
+    line.session.allow(None)
+    line.transport.socket.close()
+
+
+def state(robot="A", tick=0):
+    made = m.State(robot=robot, tick=tick, time=0.0, entries=())
+    return Encoded(made, encode(made))
+
+
+async def test_messages_reach_the_desk_in_order(line):
+    line.hello()
+    line.send(m.Ping(time=1.0), m.Ping(time=2.0))
+    assert [x.time for x in line.desk.told[1:]] == [1.0, 2.0]
+    assert line.session.address == "127.0.0.1:4711"
+
+
+async def test_byte_by_byte_is_the_same(line):
+    line.hello()
+    for byte in line.client.send(m.Ping(time=1.0)):
+        line.session.data_received(bytes([byte]))
+    assert line.desk.told[-1].time == 1.0
+
+
+async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts(line):
+    line.hello()
+    line.session.data_received(encode(m.Ping.model_construct(type="ping", time="late", id=3)))
+    error = line.received()[0]
+    assert (error.code, error.fatal, error.re) == ("invalid_message", False, 3)
+    line.send(m.Ping(time=1.0))
+    assert line.desk.told[-1].time == 1.0
+
+
+async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_read(line):
+    line.hello()
+    line.session.data_received(b"\xff\xff\xff\xff and more")
+    line.session.data_received(b"and more")
+    error = line.received()[0]
+    assert (error.code, error.fatal) == ("frame_too_large", True)
+    assert line.transport.eof
+    assert not line.transport.aborted
+    assert line.desk.told[-1].startswith("gone: frame_too_large")
+    line.session.connection_lost(None)
+    assert line.desk.told[-1] == "closed"
+
+
+async def test_an_unknown_version_is_told_before_the_end(line):
+    line.client.versions = (9,)
+    line.send(m.Hello(versions=(9,), name="wave"))
+    error = line.received()[0]
+    assert (error.code, error.fatal) == ("version", True)
+    assert "[1]" in error.text
+
+
+async def test_no_hello_in_time_ends_the_connection(line):
+    error = RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, "no hello")
+    line.session.allow(0.0, error)
+    await until(lambda: line.transport.eof)
+    assert line.received()[0].code == "handshake_timeout"
+
+
+async def test_hello_in_time_is_in_time(line):
+    line.session.allow(0.0, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, "no hello"))
+    line.hello()
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert not line.transport.eof
+
+
+async def test_bye_is_answered(line):
+    line.hello()
+    line.send(m.Bye(reason="done"))
+    assert isinstance(line.received()[0], m.Bye)
+    assert line.transport.eof
+    assert line.desk.told[-1] == "gone: bye: done"
+    line.session.say(m.Pong(time=0.0, received=0.0, sent=0.0))
+    assert line.received() == []
+
+
+async def test_a_client_that_closes_is_gone_once(line):
+    line.hello()
+    line.session.eof_received()
+    line.session.show(state())
+    line.session.connection_lost(None)
+    assert [x for x in line.desk.told if str(x).startswith("gone")] == ["gone: closed by the client"]
+
+
+async def test_a_frame_cut_off_is_told_to_the_log(line):
+    line.hello()
+    line.session.data_received(b"\x00\x00\x00\x09abc")
+    line.session.eof_received()
+    assert "truncated" in line.desk.told[-1]
+
+
+async def test_a_slow_client_gets_the_newest_state_only(line):
+    line.hello()
+    line.session.pause_writing()
+    for tick in range(5):
+        line.session.show(state("A", tick))
+        line.session.show(state("B", tick))
+    assert line.received() == []
+    line.session.resume_writing()
+    assert [(s.robot, s.tick) for s in line.received()] == [("A", 4), ("B", 4)]
+
+
+async def test_unread_verdicts_end_the_connection_and_the_robot_rests(line):
+    line.hello()
+    line.session.pause_writing()
+    for number in range(100):
+        line.session.say(m.Error(code="x", text=f"{number}", fatal=False))
+    assert line.transport.aborted
+    assert [x for x in line.desk.told if str(x).startswith("gone: overflow")]
+
+
+async def test_what_waits_is_written_before_the_end_is(line):
+    line.hello()
+    line.session.pause_writing()
+    line.session.end(m.Bye(reason="over"))
+    assert not line.transport.eof
+    line.session.resume_writing()
+    assert line.received()[0].reason == "over"
+    assert line.transport.eof
+
+
+async def test_a_client_that_does_not_read_the_end_is_cut_off(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.session._LINGER", 0.0)
+    line.hello()
+    line.session.end(m.Bye())
+    await until(lambda: line.transport.aborted)
+
+
+async def test_a_defect_of_ours_is_told_and_not_raised(line):
+    line.hello()
+    line.desk.fail_on = "ping"
+    line.send(m.Ping(time=1.0))
+    assert isinstance(line.desk.told[-1], RuntimeError)

@@ -1,0 +1,358 @@
+"""``armgate serve`` as a process: how it starts, ends, and bears bad clients."""
+
+import asyncio
+import math
+import signal
+import socket
+import struct
+
+import msgpack
+import pytest
+
+from armgate.protocol import messages as m
+from support.cells import arms_yaml
+from support.clients import PATIENCE, Mover, Process, Raw, launch, run
+
+
+def framed(payload):
+    return struct.pack(">I", len(payload)) + payload
+
+
+def packed(**fields):
+    return framed(msgpack.packb(fields))
+
+
+def config(tmp_path, **options):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml(**options))
+    return file
+
+
+# --- starting ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("stop_distance: 20 mm", "stop_distance: 20 mm/h", ["arms.yaml:3", "stop_distance"]),
+        ("armgate: 1", "armgate: 1\nrobot: {}", ["arms.yaml:2", "robot"]),
+        ("robots:", "robots: [", ["arms.yaml"]),
+        ("planar3.urdf", "planar4.urdf", ["arms.yaml:7", "planar4.urdf"]),
+    ],
+)
+async def test_a_malformed_configuration_is_named_with_file_and_line(tmp_path, old, new, said):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml().replace(old, new, 1))
+    for command in ("serve", "check"):
+        status, out, err = await run(command, file)
+        assert status == 2
+        assert out == ""
+        assert all(part in err for part in said), err
+        assert "Traceback" not in err
+
+
+async def test_a_missing_file_is_wrong_use(tmp_path):
+    status, _, err = await run("serve", tmp_path / "none.yaml")
+    assert status == 2
+    assert "none.yaml" in err
+
+
+async def test_a_port_in_use_is_named(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        status, out, err = await run("serve", config(tmp_path), "--port", port)
+    assert (status, out) == (2, "")
+    assert f"127.0.0.1:{port}" in err
+    assert "in use" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.7.5", "cell.example"])
+async def test_listening_beyond_this_machine_is_refused_with_the_reason(tmp_path, host):
+    status, out, err = await run("serve", config(tmp_path), "--host", host)
+    assert (status, out) == (2, "")
+    assert host in err
+    assert "TLS" in err
+
+
+async def test_participants_that_are_none_are_wrong_use(tmp_path):
+    status, _, err = await run("serve", config(tmp_path), "--lockstep", "a,,b")
+    assert status == 2
+    assert "--lockstep" in err
+
+
+# --- ending -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+async def test_told_to_end_while_moving_the_robots_rest_first(tmp_path, number):
+    async with Process.serving(config(tmp_path, lag=0.03, max_age_ticks=1000)) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        eye = await Raw.hello(daemon.port, "eye", "observer")
+        eye.send(m.Subscribe())
+        await mover.moves_on(20)
+        daemon.signal(number)
+        told = await eye.rest()
+        await mover.stop()
+        await Raw.close_all()
+        status, log = await daemon.end()
+    assert status == 0
+    states = [x for x in told if isinstance(x, m.State)]
+    stopped = next(x for x in told if isinstance(x, m.Stopped))
+    assert (stopped.by, stopped.robots) == ("daemon", ("A", "B"))
+    for entry in states[-1].entries:
+        assert entry.q == pytest.approx(entry.setpoint, abs=1e-3)
+        assert entry.setpoint == entry.stop_end
+    assert isinstance(told[-1], m.Bye)
+    assert {"listening", "welcome", "end", "stopped", "at_rest"} <= {line["event"] for line in log}
+
+
+async def test_a_client_that_is_killed_loses_its_robot_and_the_robot_rests(tmp_path):
+    async with Process.serving(config(tmp_path, max_age_ticks=1000)) as daemon:
+        eye = await Raw.hello(daemon.port, "eye", "observer")
+        eye.send(m.Subscribe(robots=("A",)))
+        other = await Mover.start(daemon.port, "B", "other")
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(20)
+        moving = await eye.get(m.State, lambda s: s.entries[0].holder == "mover")
+        mover.task.cancel()
+        mover.raw.writer.transport.abort()
+        free = await eye.get(m.State, lambda s: s.entries[0].holder is None)
+        rest = await eye.get(
+            m.State, lambda s: s.entries[0].q == s.entries[0].setpoint == s.entries[0].stop_end
+        )
+        assert moving.tick < free.tick <= rest.tick
+        again = await Raw.hello(daemon.port, "again")
+        assert await again.acquire("A") > mover.fence
+        await other.moves_on()
+        await other.stop()
+
+
+async def test_a_silent_holder_loses_its_robot_though_it_stays_connected(tmp_path):
+    async with Process.serving(config(tmp_path, server="{lease_ttl: 0.3}")) as daemon:
+        silent = await Raw.hello(daemon.port, "silent")
+        fence = await silent.acquire("A")
+        lost = await silent.get(m.Lease)
+        assert (lost.state, lost.robot, lost.fence) == ("lost", "A", fence)
+        silent.send(m.Command(robot="A", fence=fence, seq=1, tick=0, dq=(0.0, 0.0, 0.0)))
+        verdict = await silent.get(m.Verdict)
+        assert verdict.reasons[0].cause in ("lease", "fence")
+
+
+# --- bad clients, while another one keeps moving its robot -------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+async def served(tmp_path_factory):
+    """A daemon with a controller that moves robot B all the while."""
+    folder = tmp_path_factory.mktemp("served")
+    async with Process.serving(config(folder, max_age_ticks=1000)) as daemon:
+        mover = await Mover.start(daemon.port, "B")
+        yield daemon, mover
+        await mover.stop()
+
+
+def command(**fields):
+    sound = {"type": "command", "robot": "A", "fence": 1, "seq": 7, "tick": 0, "dq": [0.0, 0.0, 0.0]}
+    return packed(**(sound | fields))
+
+
+UNREADABLE = {
+    "bool in dq": (command(dq=[True, 0.0, 0.0]), "dq"),
+    "text in dq": (command(dq=["0.1", 0.0, 0.0]), "dq"),
+    "nothing in dq": (command(dq=[None, 0.0, 0.0]), "dq"),
+    "dq is a text": (command(dq="0.1"), "dq"),
+    "65 joints": (command(dq=[0.0] * 65), "dq"),
+    "a robot that is a number": (command(robot=3), "robot"),
+}
+
+
+@pytest.mark.parametrize("case", UNREADABLE)
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_command_that_cannot_be_read_is_an_error_with_its_seq(served, case):
+    daemon, mover = served
+    data, field = UNREADABLE[case]
+    bad = await Raw.hello(daemon.port, "bad")
+    bad.send_bytes(data)
+    error = await bad.get(m.Error)
+    assert (error.code, error.fatal, error.about, error.seq) == ("invalid_message", False, "command", 7)
+    assert field in error.text
+    bad.send(m.Ping(time=1.0))
+    await bad.get(m.Pong)
+    await mover.moves_on()
+
+
+@pytest.mark.parametrize(
+    ("fields", "code", "seq"),
+    [
+        ({"robot": "C"}, "unknown_robot", 7),
+        ({"type": "leap"}, "unknown_type", None),
+    ],
+)
+@pytest.mark.asyncio(loop_scope="module")
+async def test_what_is_not_known_is_an_error(served, fields, code, seq):
+    daemon, mover = served
+    bad = await Raw.hello(daemon.port, "bad")
+    bad.send_bytes(command(**fields))
+    error = await bad.get(m.Error)
+    assert (error.code, error.fatal, error.seq) == (code, False, seq)
+    await mover.moves_on()
+
+
+@pytest.mark.parametrize(
+    ("dq", "cause"),
+    [
+        ([0.0], "length"),
+        ([0.0] * 4, "length"),
+        ([], "length"),
+        ([math.nan, 0.0, 0.0], "not_finite"),
+        ([math.inf, 0.0, 0.0], "not_finite"),
+        ([-math.inf, 0.0, 0.0], "not_finite"),
+    ],
+)
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_command_that_can_be_read_gets_its_verdict(served, dq, cause):
+    daemon, mover = served
+    bad = await Raw.hello(daemon.port, "bad")
+    fence = await bad.acquire("A")
+    bad.send(m.Subscribe(robots=("A",)))
+    state = await bad.get(m.State)
+    bad.send_bytes(command(fence=fence, tick=state.tick, dq=dq))
+    verdict = await bad.get(m.Verdict)
+    assert (verdict.seq, verdict.outcome, verdict.reasons[0].cause) == (7, "refused", cause)
+    bad.send(m.Release(robot="A", fence=fence))
+    await bad.get(m.Lease, lambda lease: lease.state == "released")
+    await mover.moves_on()
+
+
+FATAL = {
+    "garbage": (b"GET / HTTP/1.1\r\n\r\n", "frame_too_large"),
+    "4 GiB": (b"\xff\xff\xff\xff", "frame_too_large"),
+    "64 KiB and one byte": (struct.pack(">I", 65537), "frame_too_large"),
+    "an empty frame": (b"\x00\x00\x00\x00", "empty_frame"),
+    "no msgpack": (framed(b"\xc1\xc1\xc1"), "malformed"),
+    "no map": (framed(msgpack.packb([1, 2])), "malformed"),
+    "a key twice": (framed(b"\x82\xa4type\xa4ping\xa4type\xa4ping"), "malformed"),
+    "an extension": (framed(msgpack.packb({"type": msgpack.ExtType(4, b"x")})), "malformed"),
+    "far too deep": (framed(b"\x81\xa4type" + b"\x91" * 500 + b"\x00"), "malformed"),
+    "a second hello": (packed(type="hello", versions=[1], name="bad"), "unexpected"),
+}
+
+
+@pytest.mark.parametrize("case", FATAL)
+@pytest.mark.asyncio(loop_scope="module")
+async def test_what_breaks_the_conversation_ends_it_with_a_named_error(served, case):
+    daemon, mover = served
+    data, code = FATAL[case]
+    bad = await Raw.hello(daemon.port, "bad")
+    bad.send_bytes(data)
+    errors = [x for x in await bad.rest() if isinstance(x, m.Error)]
+    assert [(error.code, error.fatal) for error in errors] == [(code, True)]
+    await mover.moves_on()
+
+
+BEFORE_HELLO = {
+    "an unknown version": (packed(type="hello", versions=[99], name="bad"), "version"),
+    "something else first": (packed(type="ping", time=1.0), "unexpected"),
+    "more than 4 KiB": (struct.pack(">I", 4097), "frame_too_large"),
+    "a nameless hello": (packed(type="hello", versions=[1]), "invalid_message"),
+}
+
+
+@pytest.mark.parametrize("case", BEFORE_HELLO)
+@pytest.mark.asyncio(loop_scope="module")
+async def test_before_hello_everything_wrong_ends_the_connection(served, case):
+    daemon, mover = served
+    data, code = BEFORE_HELLO[case]
+    bad = await Raw.open(daemon.port)
+    bad.send_bytes(data)
+    (error,) = await bad.rest()
+    assert (error.code, error.fatal) == (code, True)
+    await mover.moves_on()
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_flood_of_half_messages_and_resets_disturbs_nobody(served):
+    daemon, mover = served
+    for _ in range(30):
+        bad = await Raw.hello(daemon.port, "bad")
+        bad.send_bytes(command()[:9])
+        await bad.writer.drain()
+        bad.writer.transport.abort()
+    await mover.moves_on(20)
+
+
+# --- lock-step --------------------------------------------------------------------------------------------
+
+
+async def lockstep_run(file, order):
+    """What a controller, another one and an observer receive in a lock-step run, byte by byte."""
+    async with Process.serving(file, "--lockstep", "one,two,eye") as daemon:
+        start = {
+            "one": lambda: lockstep_controller(daemon.port, "one", "A", 40),
+            "two": lambda: lockstep_controller(daemon.port, "two", "B", 40),
+            "eye": lambda: lockstep_observer(daemon.port, 40),
+        }
+        tasks = [asyncio.create_task(start[name]()) for name in order]
+        raws = dict(zip(order, await asyncio.wait_for(asyncio.gather(*tasks), PATIENCE), strict=True))
+        daemon.signal()
+        status, _ = await daemon.end()
+        assert status == 0
+    return raws
+
+
+async def lockstep_controller(port, name, robot, steps):
+    raw = await Raw.hello(port, name)
+    fence = await raw.acquire(robot)
+    raw.send(m.Subscribe(robots=(robot,)))
+    for step in range(steps):
+        state = await raw.get(m.State, lambda s, step=step: s.step == step)
+        raw.send(m.Signal(name=f"{name}.step", value=(float(step),)))
+        dq = (0.0005 if step < steps / 2 else -0.0005, 0.0, 0.0003)
+        raw.send(m.Command(robot=robot, fence=fence, seq=step, tick=state.tick, dq=dq))
+    await raw.get(m.Verdict, lambda verdict: verdict.seq == steps - 1)
+    return bytes(raw.raw)
+
+
+async def lockstep_observer(port, steps):
+    raw = await Raw.hello(port, "eye", "observer")
+    raw.send(m.Subscribe())
+    for step in range(steps):
+        await raw.get(m.State, lambda s, step=step: s.step == step and s.robot == "B")
+        raw.send(m.Pass(step=step))
+    await raw.get(m.State, lambda s: s.step == steps and s.robot == "B")
+    return bytes(raw.raw)
+
+
+async def test_two_lockstep_runs_send_the_same_bytes(tmp_path):
+    file = config(tmp_path, lag=0.03)
+    first = await lockstep_run(file, ["one", "two", "eye"])
+    second = await lockstep_run(file, ["eye", "two", "one"])
+    assert len(first["eye"]) > 40_000
+    assert {name: first[name] == second[name] for name in first} == dict.fromkeys(first, True)
+
+
+# --- check ------------------------------------------------------------------------------------------------
+
+
+async def test_check_tells_robots_joints_pairs_and_clearance(tmp_path):
+    status, out, _ = await run("check", config(tmp_path))
+    assert status == 0
+    for part in ("A", "B", "J1", "166.2°", "surroundings", "20 mm", "within all limits"):
+        assert part in out
+
+
+async def test_check_fails_where_the_start_is_too_close(tmp_path):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml().replace("xyz: [0.6, 0.9, 0.5]", "xyz: [0.5, 0.0, 0.5]"))
+    status, out, _ = await run("check", file)
+    assert status == 1
+    assert "post" in out
+    assert "the distance to keep is 20 mm" in out
+
+
+async def test_help_names_the_options():
+    process = await launch("serve", "--help")
+    out, _ = await process.communicate()
+    assert process.returncode == 0
+    assert b"--lockstep" in out

@@ -1,0 +1,209 @@
+"""A client that knows the protocol and nothing of the SDK; and a daemon as a process."""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+from armgate.protocol import Connection, Refusal, Side
+from armgate.protocol import messages as m
+
+PATIENCE = 20.0
+"""How long a test waits for what must come, s; never part of what is tested."""
+
+
+async def until(condition, turns=100_000):
+    """Let the event loop turn until a condition holds."""
+    for _ in range(turns):
+        if condition():
+            return
+        await asyncio.sleep(0)
+    raise AssertionError("it never came to that")
+
+
+class Raw:
+    """One client's connection; every byte received is kept."""
+
+    opened: ClassVar = []
+
+    def __init__(self, reader, writer):
+        self.reader, self.writer = reader, writer
+        self.connection = Connection(Side.CLIENT)
+        self.raw = bytearray()
+        self.waiting = []
+        self.opened.append(self)
+
+    @classmethod
+    async def open(cls, port):
+        return cls(*await asyncio.open_connection("127.0.0.1", port))
+
+    @classmethod
+    async def hello(cls, port, name, role="controller"):
+        """A client that has been welcomed."""
+        raw = await cls.open(port)
+        raw.send(m.Hello(versions=(1,), name=name, role=role))
+        raw.welcome = await raw.get(m.Welcome)
+        return raw
+
+    @classmethod
+    async def close_all(cls):
+        """Close what tests left open."""
+        while cls.opened:
+            await cls.opened.pop().close()
+
+    def send(self, *messages):
+        self.writer.write(b"".join(self.connection.send(message) for message in messages))
+
+    def send_bytes(self, data):
+        self.writer.write(data)
+
+    async def get(self, model, where=lambda message: True):
+        """The next message of a model; what comes before it is dropped."""
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                message = await self.next()
+                if isinstance(message, model) and where(message):
+                    return message
+
+    async def rest(self):
+        """All messages until the server closes."""
+        found = []
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                try:
+                    found.append(await self.next())
+                except EOFError:
+                    return found
+
+    async def next(self):
+        """The next message."""
+        while not self.waiting:
+            data = await self.reader.read(65536)
+            if not data:
+                raise EOFError("the server closed the connection")
+            self.raw += data
+            self.waiting += self.connection.receive(data)
+        message = self.waiting.pop(0)
+        assert not isinstance(message, Refusal), message
+        return message
+
+    async def acquire(self, robot, **more):
+        """The fence of a robot now held."""
+        self.send(m.Acquire(robot=robot, **more))
+        lease = await self.get((m.Lease, m.Error))
+        assert isinstance(lease, m.Lease), lease
+        return lease.fence
+
+    async def close(self):
+        self.writer.close()
+        with contextlib.suppress(OSError):
+            await self.writer.wait_closed()
+
+
+class Mover:
+    """A controller that keeps moving one robot, tick by tick, and counts its verdicts."""
+
+    def __init__(self, raw, robot):
+        self.raw, self.robot = raw, robot
+        self.verdicts = []
+        self.moving = asyncio.Event()
+
+    @classmethod
+    async def start(cls, port, robot, name="mover"):
+        mover = cls(await Raw.hello(port, name), robot)
+        mover.fence = await mover.raw.acquire(robot)
+        mover.raw.send(m.Subscribe(robots=(robot,), fields=("setpoint",)))
+        mover.task = asyncio.create_task(mover._run())
+        return mover
+
+    async def _run(self):
+        seq = 0
+        while True:
+            message = await self.raw.get((m.State, m.Verdict))
+            if isinstance(message, m.State):
+                seq += 1
+                dq = (0.0005, 0.0, 0.0) if seq // 40 % 2 == 0 else (-0.0005, 0.0, 0.0)
+                self.raw.send(
+                    m.Command(robot=self.robot, fence=self.fence, seq=seq, tick=message.tick, dq=dq)
+                )
+            else:
+                self.verdicts.append(message)
+                self.moving.set()
+
+    async def moves_on(self, count=5):
+        """Wait for that many further commands that were let through; nothing else may have refused one."""
+        goal = self.let_through + count
+        async with asyncio.timeout(PATIENCE):
+            while self.let_through < goal:
+                self.moving.clear()
+                await self.moving.wait()
+        causes = {verdict.reasons[0].cause for verdict in self.verdicts if verdict.outcome == "refused"}
+        assert causes <= {"stale", "occupied"}, causes  # a busy machine's doing
+
+    @property
+    def let_through(self):
+        """How many commands were not refused."""
+        return sum(verdict.outcome != "refused" for verdict in self.verdicts)
+
+    async def ended(self):
+        """Wait until the server has closed the connection."""
+        with contextlib.suppress(EOFError, ConnectionError):
+            await asyncio.wait_for(self.task, PATIENCE)
+
+    async def stop(self):
+        """Command no more, but stay connected."""
+        self.task.cancel()
+        await asyncio.wait([self.task])
+
+
+class Process:
+    """``armgate serve`` as a process."""
+
+    def __init__(self, process, port):
+        self.process, self.port = process, port
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def serving(cls, *arguments, port=0):
+        """A daemon that listens; killed at the end unless it has ended."""
+        process = await launch("serve", *map(str, arguments), "--port", str(port))
+        try:
+            async with asyncio.timeout(PATIENCE):
+                line = (await process.stdout.readline()).decode()
+            assert line.startswith("armgate: listening on 127.0.0.1:"), line
+            yield cls(process, int(line.rpartition(":")[2]))
+        finally:
+            await Raw.close_all()
+            if process.returncode is None:
+                process.kill()
+            await process.communicate()
+
+    def signal(self, number=signal.SIGTERM):
+        self.process.send_signal(number)
+
+    async def end(self):
+        """Exit status, and the log's lines."""
+        async with asyncio.timeout(PATIENCE):
+            _, errors = await self.process.communicate()
+        return self.process.returncode, [json.loads(line) for line in errors.decode().splitlines()]
+
+
+async def launch(*arguments):
+    """The command line as a process."""
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "armgate.apps", *arguments,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        env=os.environ | {"COLUMNS": "200"}, cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+
+
+async def run(*arguments):
+    """Exit status, stdout and stderr of a command."""
+    process = await launch(*map(str, arguments))
+    async with asyncio.timeout(PATIENCE):
+        out, err = await process.communicate()
+    return process.returncode, out.decode(), err.decode()
