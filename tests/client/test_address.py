@@ -1,0 +1,43 @@
+"""HOST:PORT, and what is wrong with anything else."""
+
+import pytest
+
+from armgate.client import BadArgument, parse_address
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("127.0.0.1:7411", ("127.0.0.1", 7411)),
+        ("localhost:1", ("localhost", 1)),
+        ("cell.example.org:65535", ("cell.example.org", 65535)),
+        ("[::1]:7411", ("::1", 7411)),
+    ],
+)
+def test_good(text, expected):
+    assert parse_address(text) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "no port"),
+        ("localhost", "no port"),
+        ("[::1]", "no port"),
+        (":7411", "no host"),
+        ("[]:7411", "no host"),
+        ("::1:7411", "in brackets"),
+        ("a:b:7411", "in brackets"),
+        ("localhost:", "expected a number from 1 to 65535"),
+        ("localhost:0", "expected a number from 1 to 65535"),
+        ("localhost:65536", "expected a number from 1 to 65535"),
+        ("localhost:-1", "expected a number from 1 to 65535"),
+        ("localhost:http", "expected a number from 1 to 65535"),
+        ("localhost:²", "expected a number from 1 to 65535"),
+    ],
+)
+def test_bad(text, told):
+    with pytest.raises(BadArgument, match=told):
+        parse_address(text)
+    with pytest.raises(ValueError, match="address"):
+        parse_address(text)

@@ -1,0 +1,180 @@
+"""The client's core without sockets: times are handed in."""
+
+import pytest
+
+from armgate.client import BadArgument, ConnectionLost, Lost, Refused, Rejected, Tick, TimedOut
+from armgate.client import errors as client_errors
+from armgate.client.pending import KEPT_VERDICTS
+from armgate.client.session import Session, build
+from armgate.protocol import CODES, Connection, ErrorCode, Side
+from armgate.protocol import messages as m
+from support.wire import Server, state, verdict
+
+
+class Pair:
+    """A session and the server's side of its connection."""
+
+    def __init__(self, ttl=0.9):
+        self.session = Session()
+        self.server = Connection(Side.SERVER)
+        self.desk = Server()
+        self.desk.ttl = ttl
+        self.tell(self.session.hello("c", "controller", None, ""))
+
+    def hear(self, data):
+        return self.server.receive(data)
+
+    def say(self, message):
+        self.session.receive(self.server.send(message))
+
+    def tell(self, data):
+        for message in self.hear(data):
+            for reply in getattr(self.desk, f"_{message.type}")(message):
+                self.say(reply)
+
+    def acquire(self, robot="FR"):
+        number, data = self.session.ask(m.Acquire(robot=robot))
+        self.tell(data)
+        return self.session.pending.answer(number, m.Lease)
+
+
+def test_a_sign_of_life_after_a_third_of_the_time_to_live():
+    pair = Pair(ttl=0.9)
+    pair.acquire()
+    pair.session.sent(10.0)
+    assert pair.session.keepalive(10.29) == b""
+    (ping,) = pair.hear(pair.session.keepalive(10.3))
+    assert (ping.type, ping.time) == ("ping", 10.3)
+    pair.session.sent(10.3)
+    assert pair.session.keepalive(10.59) == b""
+
+
+def test_the_shortest_lease_sets_the_pace():
+    pair = Pair(ttl=0.9)
+    pair.session.sent(10.0)
+    assert pair.session.keepalive_due == pytest.approx(10.3)
+    pair.acquire("FR")
+    pair.desk.ttl = 0.3
+    fence = pair.acquire("GR").fence
+    assert pair.session.keepalive_due == pytest.approx(10.1)
+    pair.say(pair.desk.lost("GR", fence, "x"))
+    assert pair.session.keepalive_due == pytest.approx(10.3)
+
+
+def test_nothing_is_due_before_the_welcome_or_after_the_end():
+    session = Session()
+    session.hello("c", "controller", None, "")
+    assert session.keepalive(1e9) == b""
+    pair = Pair()
+    pair.session.bye()
+    assert pair.session.keepalive(1e9) == b""
+
+
+def test_silence_counts_from_the_first_ping_without_any_reaction():
+    pair = Pair()
+    session = pair.session
+    session.check_silence(1e9, 5.0)
+    session.keepalive(100.0)
+    session.keepalive(104.0)
+    session.check_silence(105.0, 5.0)
+    with pytest.raises(TimedOut, match="silent for 5 s"):
+        session.check_silence(105.1, 5.0)
+    pair.say(state())
+    session.check_silence(1e9, 5.0)
+
+
+def test_numbers_run_through_all_robots_of_a_session():
+    pair = Pair()
+    pair.acquire("FR")
+    pair.acquire("GR")
+    numbers = [pair.session.command(robot, fence, 0, [0.0])[0] for robot, fence in (("FR", 1), ("GR", 2)) * 2]
+    assert numbers == [1, 2, 3, 4]
+
+
+def test_a_command_without_its_lease_is_not_sent():
+    pair = Pair()
+    pair.acquire("FR")
+    with pytest.raises(Lost, match="given back, or acquired anew"):
+        pair.session.command("FR", 99, 0, [0.0])
+    with pytest.raises(Lost):
+        pair.session.command("GR", 1, 0, [0.0])
+
+
+def test_verdicts_nobody_asks_for_are_bounded():
+    pair = Pair()
+    command = m.Command(robot="FR", fence=1, seq=0, tick=0, dq=())
+    for seq in range(KEPT_VERDICTS + 10):
+        pair.session.pending.take_verdict(verdict(command, seq=seq))
+    kept = pair.session.pending.verdicts("FR")
+    assert [judged.seq for judged in kept] == list(range(10, KEPT_VERDICTS + 10))
+
+
+def test_an_answer_of_another_kind_ends_it():
+    pair = Pair()
+    number, data = pair.session.ask(m.Ping(time=0.0))
+    (ping,) = pair.hear(data)
+    pair.say(m.Signaled(re=ping.id, name="x"))
+    with pytest.raises(ConnectionLost, match="answered with signaled where Pong was expected"):
+        pair.session.pending.answer(number, m.Pong)
+
+
+def test_answers_nobody_expects_are_dropped():
+    pair = Pair()
+    pair.say(m.Pong(re=12345, time=0.0, received=0.0, sent=0.0))
+    assert pair.session.pending.answer(12345, m.Pong) is None
+
+
+def test_an_error_that_nobody_waits_for_is_told_once():
+    pair = Pair()
+    pair.acquire("FR")
+    pair.say(m.Error(code="wrong_step", text="step 3", fatal=False, about="pass"))
+    with pytest.raises(Refused, match="pass was refused: wrong_step: step 3; name the newest state's step"):
+        pair.session.next_tick("FR", 1, -1)
+    assert pair.session.next_tick("FR", 1, -1) is None
+
+
+def test_the_first_reason_for_the_end_stands():
+    pair = Pair()
+    pair.say(m.Error(code="shutting_down", text="maintenance", fatal=True))
+    pair.session.receive_eof()
+    with pytest.raises(Rejected, match="maintenance"):
+        pair.session.check()
+
+
+def test_every_code_can_be_told_with_its_advice():
+    for code in ErrorCode:
+        error = m.Error(code=code.value, text="t", fatal=CODES[code].fatal)
+        assert CODES[code].advice in str(client_errors.Refused(error))
+    later = m.Error(code="code_of_a_later_version", text="t", fatal=False)
+    assert str(client_errors.Refused(later)) == "a message was refused: code_of_a_later_version: t"
+
+
+def test_a_tick_knows_what_it_does_not_hold():
+    tick = Tick("FR", state(entries=(m.Entry(robot="FR", tick=0, time=0.0, setpoint=(1.0,)),)))
+    assert tick.setpoint == (1.0,)
+    with pytest.raises(BadArgument, match="q of FR was not subscribed"):
+        _ = tick.q
+    with pytest.raises(BadArgument, match="no robot GR in the state; it holds FR"):
+        tick.entry("GR")
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(BadArgument, match=r"^speed: "):
+        build(m.Acquire, robot="FR", speed=2.0)
+    with pytest.raises(BadArgument, match=r"^every: "):
+        build(m.Subscribe, every=-1)
+
+
+def test_a_message_too_large_for_the_server_is_not_sent():
+    pair = Pair()
+    pair.acquire("FR")
+    with pytest.raises(BadArgument, match="at most 65536"):
+        pair.session.command("FR", 1, 0, [0.0] * 10_000)
+    pair.tell(pair.session.command("FR", 1, 0, [0.0])[1])
+    assert len(pair.session.pending.verdicts("FR")) == 1
+
+
+def test_the_exceptions_are_those_of_the_docstring():
+    classes = [c for c in vars(client_errors).values() if isinstance(c, type) and issubclass(c, Exception)]
+    assert {c.__name__ for c in classes if c.__name__ not in client_errors.__doc__} == set()
+    assert all(issubclass(c, client_errors.ClientError) for c in classes)
