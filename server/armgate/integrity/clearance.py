@@ -61,6 +61,13 @@ class Question:
         """The robot at the other side that moves at its own time."""
         return None if isinstance(self.group, ChainGroup) else self.group.other
 
+    def loss(self, side: Swept) -> float:
+        """What the tubes alone take from the distance: no subdivision wins it back."""
+        loss = self.group.growth[self.k] @ self.new.tube
+        if self.moving is not None:
+            loss += side.motion[self.group.theirs[self.k]] @ side.tube
+        return float(loss) + MARGIN
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -208,7 +215,7 @@ class Clearance:
             if lb > best.lb:
                 self.keep_n(ask.group, ask.k, proof.n)
             best = Found(max(lb, best.lb), proof.points)
-            if best.lb >= ask.need or proof.lb < ask.need - MARGIN:
+            if best.lb >= ask.need or proof.lb - ask.loss(at[0]) < ask.need:
                 return best
         sides = self._others(ask.group, ask.robot, ask.new)
         proven = all(self._cells(ask, side, budget) for side in sides)
@@ -231,22 +238,22 @@ class Clearance:
             a, b = stack.pop()
             if not budget.take():
                 return False
-            middle = self._cell(ask, side, _middle(a), _middle(b), tube=False)
-            proof = self.certifier.prove(ask.group, ask.k, *middle, (0, 0))
-            if proof.lb < ask.need:
-                return False
-            cell = self._cell(ask, side, a, b, tube=True)
-            lb = float(ask.group.slab(*cell, ask.sel, proof.n[None, :])[0][0]) - MARGIN
-            if lb < ask.need:
+            proof = self.certifier.prove(
+                ask.group, ask.k, *self._cell(ask, side, _middle(a), _middle(b)), (0, 0)
+            )
+            if proof.lb - ask.loss(side) < ask.need:
+                return False  # too near where it stands: smaller cells prove no more
+            lb, _, _ = ask.group.slab(*self._cell(ask, side, a, b), ask.sel, proof.n[None, :])
+            if lb[0] - MARGIN < ask.need:
                 stack.extend(self._halve(ask, a, b))
         return True
 
-    def _cell(self, ask: Question, side: Swept, a: Array, b: Array, *, tube: bool) -> tuple[Swept, Swept]:
+    def _cell(self, ask: Question, side: Swept, a: Array, b: Array) -> tuple[Swept, Swept]:
         """Both sides over the nodes ``a`` and ``b`` only."""
-        mine = self.space.sweep_nodes(ask.robot, a, ask.new.tube * tube)
+        mine = self.space.sweep_nodes(ask.robot, a, ask.new.tube)
         if ask.moving is None:
             return mine, side
-        return mine, self.space.sweep_nodes(ask.moving, b, side.tube * tube)
+        return mine, self.space.sweep_nodes(ask.moving, b, side.tube)
 
     def _halve(self, ask: Question, a: Array, b: Array) -> list[tuple[Array, Array]]:
         """Halves the segment over which bodies travel farther."""

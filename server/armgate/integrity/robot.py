@@ -11,6 +11,9 @@ from armgate.integrity.limits import StepBounds
 from armgate.integrity.occupancy import Occupancy, occupancy
 from armgate.integrity.swept import Swept
 
+_STILL = 1e-6
+"""A robot that moves less in a tick rests, rad or m: a lag's last exponential part never quite ends."""
+
 JOINT_SLACK = 1e-4
 """How far a joint that starts outside its limits may fall back in all, rad or m."""
 
@@ -113,7 +116,7 @@ class RobotState:
     def resting(self) -> bool:
         """Nothing is left to play, and the measured q has come to rest."""
         still = not any(any(u) for u in self.remaining)
-        return still and self.pending is None and self.moved <= self.robot.q_tolerance
+        return still and self.pending is None and self.moved <= max(self.robot.q_tolerance, _STILL)
 
     def limits_now(self) -> StepBounds:
         """Returns the bounds, widened where the robot started outside and has not come back yet."""

@@ -90,8 +90,9 @@ class Space:
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
         self.rows = support_table([b.shape for b in cell.bodies])
-        self.motion = [motion_bounds(r.model) for r in cell.robots]
-        self.bend = [bend_bounds(r.model) for r in cell.robots]
+        ranges = [(np.minimum(r.lower, r.start), np.maximum(r.upper, r.start)) for r in cell.robots]
+        self.motion = [motion_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
+        self.bend = [bend_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
         self.static = self._static()
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
 

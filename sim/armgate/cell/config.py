@@ -236,7 +236,7 @@ class RobotConfig(Part):
     joints: dict[Name, JointConfig] = {}
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
-    q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-4
+    q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-6
     link: EmulatedLinkConfig = EmulatedLinkConfig()
 
 

@@ -1,0 +1,42 @@
+"""One table and one JSON file for every benchmark: case, value, unit, goal, and whether it holds."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+OUT = Path(__file__).parent / "out"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure; ``goal`` is its upper bound, None where it is only reported."""
+
+    case: str
+    value: float
+    unit: str
+    goal: float | None = None
+
+    @property
+    def holds(self) -> bool | None:
+        return None if self.goal is None else self.value <= self.goal
+
+
+def report(name: str, rows: Iterable[Row]) -> None:
+    """Prints the table and writes ``benchmarks/out/NAME.json``; a missed goal is told, never an error."""
+    rows = list(rows)
+    table = Table(title=f"bench {name}")
+    for column in ("case", "value", "unit", "goal", "holds"):
+        table.add_column(column, justify="left" if column in ("case", "unit") else "right")
+    for row in rows:
+        goal = "" if row.goal is None else f"≤ {row.goal:g}"
+        table.add_row(row.case, f"{row.value:.4g}", row.unit, goal, {True: "yes", False: "NO", None: ""}[row.holds])
+    Console().print(table)
+    OUT.mkdir(exist_ok=True)
+    data = {"rows": [{**asdict(row), "holds": row.holds} for row in rows]}
+    path = OUT / f"{name}.json"
+    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    print(f"written: {path.relative_to(OUT.parent.parent)}")
