@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 
+import msgpack
 import pytest
 
 from armgate.cell import events
@@ -12,6 +13,7 @@ from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
 from armgate.integrity import Gate
 from armgate.protocol import messages as m
+from armgate.protocol.framing import frame
 from support.cells import arms_config
 from support.clients import PATIENCE, Mover, Raw
 
@@ -193,6 +195,7 @@ async def test_no_more_connections_than_allowed_and_room_again_afterwards(tmp_pa
         assert (error.code, error.fatal) == ("too_many", True)
         second.send(m.Bye())
         await second.rest()
+        await second.close()
         async with asyncio.timeout(PATIENCE):
             while True:
                 again = await Raw.open(running.port)
@@ -217,7 +220,8 @@ async def test_no_token_stands_in_the_log(tmp_path):
         wire.send(m.Hello(versions=(1,), name="a", token="hush-hush"))
         await wire.get(m.Welcome)
         bad = await Raw.open(running.port)
-        bad.send_bytes(b"\x00\x00\x00\x18\x82\xa4type\xa5hello\xa5token\xa4hush")
+        payload = msgpack.packb({"type": "hello", "versions": [1], "name": "a", "token": ["hush"]})
+        bad.send_bytes(frame(payload))
         await bad.rest()
     assert "hush" not in running.log.getvalue()
     assert running.logged("welcome")

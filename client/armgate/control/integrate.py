@@ -59,7 +59,7 @@ class Scheme:
     budget: int = 12
     split: float = 1.0 / 3.0
     resolution: float = 2e-6
-    tolerance: float = 0.02
+    tolerance: float = 0.05
 
 
 def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:

@@ -64,6 +64,7 @@ class Daemon:
         self._over = asyncio.Event()
         self._emptied = asyncio.Event()
         self._sessions: set[Session] = set()
+        self._admitted: set[Session] = set()
         self._numbers = 0
         self._server: asyncio.Server | None = None
         periods = [robot.period for robot in cell.robots]
@@ -211,14 +212,15 @@ class Daemon:
 
     def opened(self, session: Session) -> None:
         """A connection was made: it may stay if there is room, and says hello in time."""
-        if len(self._sessions) >= self._settings.max_connections:
+        self._sessions.add(session)
+        if len(self._admitted) >= self._settings.max_connections:
             text = f"there are {self._settings.max_connections} connections already; try again later"
             session.end(RemoteProtocolError(ErrorCode.TOO_MANY, text).message())
         else:
             seconds = self._settings.handshake_timeout
             text = f"no hello within {seconds:g} s; say hello at once after connecting"
             session.allow(seconds, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, text))
-        self._sessions.add(session)
+            self._admitted.add(session)
 
     def hello(self, session: Session, hello: m.Hello) -> None:
         """A client said who it is. On loopback it is believed."""
@@ -252,6 +254,7 @@ class Daemon:
     def closed(self, session: Session) -> None:
         """A connection is closed."""
         self._sessions.discard(session)
+        self._admitted.discard(session)
         self._look_for_emptiness()
 
     def _look_for_emptiness(self) -> None:

@@ -106,9 +106,10 @@ def start_clearances(cell: Cell) -> list[Nearest]:
     start = [tuple(float(x) for x in r.start) for r in cell.robots]
     for i, q in enumerate(start):
         clearance.hold(i, [clearance.space.still(i, q)])
-    found: dict[int, Nearest] = {}
-    nearest = NearestPairs(clearance)
     for i in range(len(start)):
         clearance.survey(i)
+    nearest = NearestPairs(clearance)
+    found: dict[int, Nearest] = {}
+    for i in range(len(start)):
         found |= nearest.find(i, start, _REFRESHES)
     return sorted(found.values(), key=lambda n: n.distance - n.limit)
