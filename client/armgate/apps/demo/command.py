@@ -69,7 +69,8 @@ def _plan(
             f"clock.participants are {', '.join(cell.clock.participants)}; "
             f"expected the demo's: {', '.join(CONTROLLERS)}"
         )
-    return Plan(configs, path, recorded.robot, cameras[0], lockstep, duration)
+    lag = cell.robots[cameras[0]].link.lag
+    return Plan(configs, path, recorded.robot, cameras[0], lag, lockstep, duration)
 
 
 def _check_leader(path: "RecordedPath", cell: "CellConfig") -> None:

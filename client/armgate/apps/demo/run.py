@@ -36,6 +36,7 @@ class Plan:
         path: The leader's recorded path.
         leader: The robot that is led along the path.
         follower: The robot that carries the camera.
+        lag: Of the follower's robot behind its setpoint, s.
         lockstep: Whether ticks wait for the controllers instead of the clock.
         duration: How much of the path is played, s; None for all.
     """
@@ -44,6 +45,7 @@ class Plan:
     path: Path
     leader: str
     follower: str
+    lag: float = 0.03
     lockstep: bool = False
     duration: float | None = None
 
@@ -55,7 +57,16 @@ class Plan:
     def controller(self, name: str, address: str) -> list[str]:
         """The command that starts the leader or the follower."""
         if name == FOLLOWER:
-            own = ["follow", address, "--robot", self.follower, "--leader", self.leader]
+            own = [
+                "follow",
+                address,
+                "--robot",
+                self.follower,
+                "--leader",
+                self.leader,
+                "--lag",
+                str(self.lag),
+            ]
         else:
             own = ["lead", address, "--robot", self.leader, "--path", str(self.path)]
             own += [] if self.duration is None else ["--duration", str(self.duration)]

@@ -22,11 +22,13 @@ def summary(metrics: Mapping[str, Any], folder: Path, pictures: Sequence[Path]) 
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for claim, kept, figure in _claims(metrics):
         table.add_row(claim, Text(*_VERDICT[kept]), figure)
-    for robot, verdicts in metrics["verdicts"].items():
-        table.add_row(f"{robot}", "", _sentence(verdicts, metrics["ticks"][robot]))
+    robots = [
+        Text(f"{robot}: {_sentence(verdicts, metrics['ticks'][robot])}")
+        for robot, verdicts in metrics["verdicts"].items()
+    ]
     notes = [Text(text, style="yellow") for text in _notes(metrics)]
     written = f"{folder}: metrics.json, series.csv, {len(pictures)} pictures, configuration and logs"
-    return Group(Text(), table, *notes, Text(written, style="dim"))
+    return Group(Text(), table, *robots, _pace(metrics), *notes, Text(written, style="dim"))
 
 
 def _claims(metrics: Mapping[str, Any]) -> list[tuple[str, bool | None, str]]:
@@ -62,16 +64,17 @@ def _sentence(verdicts: Mapping[str, Any], ticks: int) -> str:
     return ", ".join(words)
 
 
+def _pace(metrics: Mapping[str, Any]) -> Text:
+    factor = metrics["realtime_factor"]
+    return Text(f"{metrics['duration_s']:.1f} s" + (f" at {factor:.2f} × real time" if factor else ""))
+
+
 def _notes(metrics: Mapping[str, Any]) -> list[str]:
     notes = list(metrics["warnings"])
     if not metrics["complete"]:
         notes.append("the run was ended early: figures are of what was seen until then")
-    for robot, number in metrics["states_missed"].items():
-        notes.append(
-            f"{number} states of {robot} came too fast to be seen here; errors in them are not in the figures"
-        )
-    if metrics["realtime_factor"]:
-        notes.append(
-            "{:.1f} s in {:.2f} × real time".format(metrics["duration_s"], metrics["realtime_factor"])
-        )
+    notes += [
+        f"{number} states of {robot} came too fast to be seen here; errors in them are not in the figures"
+        for robot, number in metrics["states_missed"].items()
+    ]
     return notes

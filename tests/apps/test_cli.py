@@ -1,0 +1,157 @@
+"""The command line's root: help, version, exit statuses, errors in one line."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from armgate.apps import cli
+from armgate.apps.data import default_file
+from armgate.apps.errors import AppError, UsageError
+from armgate.cell.errors import ConfigError
+from armgate.client import BadArgument, ConnectionLost
+
+
+class Entry:
+    """An entry point that needs no installation."""
+
+    def __init__(self, function: Callable[..., None]) -> None:
+        self.load = lambda: function
+
+
+def called(
+    monkeypatch: pytest.MonkeyPatch, function: Callable[..., None], *arguments: str
+) -> int | str | None:
+    monkeypatch.setattr(cli, "commands", lambda: {"do": Entry(function)})
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["do", *arguments])
+    return ended.value.code
+
+
+def failing(error: BaseException) -> Callable[[], None]:
+    def do() -> None:
+        """Do it."""
+        raise error
+
+    return do
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "text"),
+    [
+        (AppError("the arm is stuck"), 1, "armgate: the arm is stuck\n"),
+        (UsageError("no such robot"), 2, "armgate: no such robot\n"),
+        (ConfigError("demo.yaml:3: name: missing"), 2, "armgate: demo.yaml:3: name: missing\n"),
+        (ConnectionLost("nobody listens"), 1, "armgate: nobody listens\n"),
+        (BadArgument("address 'x': no port"), 2, "armgate: address 'x': no port\n"),
+        (FileNotFoundError(2, "No such file or directory", "a.yaml"), 1, "armgate: a.yaml: No such file"),
+        (ModuleNotFoundError("x", name="pinocchio"), 1, "run: pip install 'armgate[cell]'"),
+        (ModuleNotFoundError("x", name="matplotlib.pyplot"), 1, "run: pip install 'armgate[plots]'"),
+        (KeyboardInterrupt(), 130, ""),
+    ],
+)
+def test_errors_are_one_line_and_a_status(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+    status: int,
+    text: str,
+) -> None:
+    assert called(monkeypatch, failing(error)) == status
+    told = capsys.readouterr().err
+    assert text in told
+    assert "Traceback" not in told
+
+
+def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "commands", lambda: {"do": Entry(failing(ZeroDivisionError()))})
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["do"])
+
+
+def test_success_and_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    def do(number: int) -> None:
+        """Do it."""
+
+    assert called(monkeypatch, do, "3") == 0
+    assert called(monkeypatch, do, "three") == 2
+    assert called(monkeypatch, do) == 2
+    assert called(monkeypatch, do, "3", "--unknown") == 2
+
+
+def test_an_unknown_command_and_none(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["fly"], []):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(arguments)
+        assert ended.value.code == 2
+    assert "No such command 'fly'" in capsys.readouterr().err
+
+
+def armgate(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-m", "armgate.apps", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def test_help_lists_every_command_and_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom armgate.apps.cli import main\n"
+        "try:\n    main(['--help'])\n"
+        "finally:\n"
+        "    heavy = {'pinocchio', 'coal', 'matplotlib', 'numpy', 'armgate.client'} & set(sys.modules)\n"
+        "    print('heavy:', sorted(heavy))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for command in ("serve", "demo", "lead", "follow", "check"):
+        assert f" {command} " in done.stdout
+    assert "heavy: []" in done.stdout
+
+
+def test_version() -> None:
+    done = armgate("--version")
+    assert done.returncode == 0
+    assert done.stdout.startswith("armgate ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("lead", "nowhere", "--path", "PATH"), "address 'nowhere': no port"),
+        (("lead", "127.0.0.1:9", "--path", "none.csv"), "none.csv: cannot be read"),
+        (("lead", "127.0.0.1:9", "--path", "PATH", "--duration", "-1"), "--duration"),
+        (("follow", "127.0.0.1:9"), "--robot"),
+        (("follow", "nowhere", "--robot", "FR", "--leader", "GR"), "address 'nowhere': no port"),
+        (("demo", "none.yaml"), "none.yaml"),
+        (("demo", "--path", "none.csv"), "none.csv: cannot be read"),
+        (("demo", "--links", "none.yaml"), "none.yaml"),
+        (("demo", "PLANAR"), "was recorded with GR; cell 'planar'"),
+        (("demo", "--out", "FILE"), "cannot be made"),
+    ],
+)
+def test_wrong_use_is_status_2_and_says_what(tmp_path: Path, arguments: tuple[str, ...], text: str) -> None:
+    (tmp_path / "file").write_text("")
+    places = {
+        "PATH": str(default_file("paths/inspection.csv")),
+        "PLANAR": str(default_file("planar.yaml")),
+        "FILE": str(tmp_path / "file"),
+    }
+    done = armgate(*(places.get(word, word) for word in arguments))
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert text in done.stderr
+
+
+def test_nobody_listens_is_status_1() -> None:
+    done = armgate("follow", "127.0.0.1:9", "--robot", "FR", "--leader", "GR")
+    assert done.returncode == 1
+    assert done.stderr.startswith("armgate: no connection to 127.0.0.1:9")
+    assert done.stderr.count("\n") == 1
+
+
+def test_configurations_are_found_from_anywhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert default_file("demo.yaml").is_file()
+    with pytest.raises(UsageError, match=r"nope\.yaml: not found"):
+        default_file("nope.yaml")

@@ -1,0 +1,84 @@
+"""Children are watched by events and never left behind."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed
+
+PYTHON = (sys.executable, "-u", "-c")
+WAIT = 30.0
+STUBBORN = """
+import signal, sys
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("ready")
+signal.pause()
+"""
+
+
+@pytest.fixture
+def crew(tmp_path: Path) -> Iterator[Crew]:
+    with Crew(tmp_path) as crew:
+        yield crew
+
+
+def expect(crew: Crew, kind: type[Event]) -> Event:
+    while (event := crew.next(WAIT)) is not None:
+        if isinstance(event, kind):
+            return event
+    raise AssertionError(f"no {kind.__name__} in {WAIT:g} s")
+
+
+def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(crew: Crew) -> None:
+    crew.start("child", [*PYTHON, "import sys; print('hello'); print('oh', file=sys.stderr); sys.exit(3)"])
+    assert crew.next(WAIT) == Printed("child", "hello")
+    assert expect(crew, Exited) == Exited("child", 3)
+    assert sorted(crew.tail("child")) == ["hello", "oh"]
+    assert crew.running() == []
+
+
+def test_no_event_in_time(crew: Crew) -> None:
+    assert crew.next(0.0) is None
+
+
+def test_signals_reach_only_the_named_and_running(crew: Crew) -> None:
+    for name in ("one", "two"):
+        crew.start(name, [*PYTHON, "import signal; print('ready'); signal.pause()"])
+        expect(crew, Printed)
+    crew.send(signal.SIGTERM, "one")
+    assert expect(crew, Exited) == Exited("one", -signal.SIGTERM)
+    assert crew.running() == ["two"]
+    crew.send(signal.SIGTERM, "one", "two")
+    assert crew.wait(["one", "two"], WAIT) == []
+
+
+def test_children_do_not_get_the_terminals_interrupt(crew: Crew) -> None:
+    crew.start("child", [*PYTHON, "import os; print(os.getpgrp())"])
+    event = expect(crew, Printed)
+    assert isinstance(event, Printed)
+    assert int(event.text) != os.getpgrp()
+
+
+def test_leaving_kills_what_is_left(tmp_path: Path) -> None:
+    with Crew(tmp_path) as crew:
+        crew.start("stubborn", [*PYTHON, STUBBORN])
+        assert expect(crew, Printed) == Printed("stubborn", "ready")
+        crew.send(signal.SIGTERM)
+        assert crew.wait(["stubborn"], 0.0) == ["stubborn"]
+    assert crew.running() == []
+    assert crew.next(0.0) == Exited("stubborn", -signal.SIGKILL)
+
+
+def test_the_tail_is_the_end_of_the_log(crew: Crew) -> None:
+    crew.start("child", [*PYTHON, "for i in range(100): print(i)"])
+    expect(crew, Exited)
+    assert crew.tail("child") == [str(i) for i in range(88, 100)]
+
+
+def test_an_event_from_a_signal_handler(crew: Crew) -> None:
+    crew.events.put(Asked(signal.SIGINT))
+    assert crew.next(WAIT) == Asked(signal.SIGINT)
