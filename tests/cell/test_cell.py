@@ -5,7 +5,7 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.errors import ModelError
+from armgate.cell.errors import ConfigError, ModelError
 
 
 def named(cell):
@@ -138,22 +138,31 @@ robots:
     assert ("P/base_link", "P/tip") in named(cell)
 
 
+def test_a_surrounding_can_be_ignored_as_the_second_of_a_pair(configs, tmp_path, demo):
+    cell = built(configs, tmp_path, "robots: {GR: {ignore_pairs: [[link_3, tank]]}}\n", "demo.yaml")
+    assert ("GR/link_3", "tank") in named(demo)
+    assert ("GR/link_3", "tank") not in named(cell)
+    with pytest.raises(ConfigError, match="called 'tank'"):
+        built(configs, tmp_path, "robots: {GR: {ignore_pairs: [[tank, link_3]]}}\n", "demo.yaml")
+
+
 def test_pairs_left_out_of_the_demo_keep_their_distance(demo):
     # What ignore_pairs hides cannot come nearer: the second body's centre rests in the first one's frame (the
-    # wrist only turns about its own axis), or slides along the length of both.
+    # wrist only turns about its own axis), or slides along the length of both, or the first keeps its height
+    # above the floor.
     rng = np.random.default_rng(4)
     for robot in demo.robots:
         names = [body.name for body in robot.model.bodies]
         for first, second in robot.config.ignore_pairs:
-            a, b = names.index(first), names.index(second)
+            a, b = names.index(first), names.index(second) if second in names else None
             gaps = []
             for _ in range(50):
                 R, t = robot.model.body_placements(rng.uniform(robot.lower, robot.upper))
-                gaps.append(
-                    (R[a].T @ (t[b] - t[a]))[:2] if first == "gantry_bridge" else R[a].T @ (t[b] - t[a])
-                )
-            across = np.array(gaps)[:, [0]] if first == "gantry_bridge" else np.array(gaps)
-            assert np.ptp(across, axis=0).max() < 1e-9
+                apart = t[a][2:] if b is None else R[a].T @ (t[b] - t[a])
+                gaps.append(apart[:1] if first == "gantry_bridge" else apart)
+                if b is None:
+                    gaps[-1] = np.array([*apart, R[a][2, 2]])
+            assert np.ptp(np.array(gaps), axis=0).max() < 1e-9
 
 
 # --- hash -------------------------------------------------------------------------------------------------

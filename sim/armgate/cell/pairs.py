@@ -75,27 +75,28 @@ def collect_pairs(
     neighbouring ones (they overlap where the joint is), and what ``ignore_pairs`` names.
 
     Raises:
-        ConfigError: ``ignore_pairs`` names neither a link nor a body of its robot.
+        ConfigError: ``ignore_pairs`` names neither a link nor a body of its robot, nor a surrounding.
     """
-    ignored = [_ignored(config, name, model) for name, model in zip(config.robots, models, strict=True)]
+    ignored: set[frozenset[str]] = set()
+    for name, model in zip(config.robots, models, strict=True):
+        ignored |= _ignored(config, name, model)
     return tuple(_pairs(config, models, bodies, ignored))
 
 
 def _pairs(
-    config: CellConfig,
-    models: Sequence[RobotModel],
-    bodies: Sequence[Body],
-    ignored: list[set[frozenset[int]]],
+    config: CellConfig, models: Sequence[RobotModel], bodies: Sequence[Body], ignored: set[frozenset[str]]
 ) -> Iterator[Pair]:
     for a, b in combinations(range(len(bodies)), 2):
         first, second = bodies[a], bodies[b]
         if not (_moves(models, first) or _moves(models, second)):
             continue
+        if frozenset((first.name, second.name)) in ignored:
+            continue
         if second.robot is None:
             yield Pair(a, b, config.stop_distance, "surroundings")
         elif first.robot != second.robot:
             yield Pair(a, b, config.stop_distance, "robots")
-        elif frozenset((first.index, second.index)) not in ignored[second.robot]:
+        else:
             yield from _self_pair(config, models[second.robot], a, b, (first, second))
 
 
@@ -117,23 +118,26 @@ def _moves(models: Sequence[RobotModel], body: Body) -> bool:
     return body.robot is not None and models[body.robot].bodies[body.index].joint >= 0
 
 
-def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset[int]]:
-    """Pairs of body indices that ``ignore_pairs`` names."""
-    ignored: set[frozenset[int]] = set()
+def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset[str]]:
+    """Pairs of names of bodies that a robot's ``ignore_pairs`` names."""
+    ignored: set[frozenset[str]] = set()
     for number, names in enumerate(config.robots[robot].ignore_pairs):
-        first, second = (
-            _named(config, ("robots", robot, "ignore_pairs", number, i), name, model)
-            for i, name in enumerate(names)
-        )
+        first, second = (_named(config, (robot, number, i), name, model) for i, name in enumerate(names))
         ignored.update(frozenset((a, b)) for a in first for b in second)
     return ignored
 
 
-def _named(config: CellConfig, path: tuple[str | int, ...], name: str, model: RobotModel) -> list[int]:
-    found = [index for index, body in enumerate(model.bodies) if name in (body.name, body.link)]
+def _named(config: CellConfig, at: tuple[str, int, int], name: str, model: RobotModel) -> list[str]:
+    """The bodies, as the cell calls them, of a link or body of the robot, or the surrounding of this name."""
+    robot, number, i = at
+    found = [f"{robot}/{body.name}" for body in model.bodies if name in (body.name, body.link)]
+    if not found and i == 1 and name in config.surroundings:
+        found = [name]
     if not found:
         raise config.error(
-            path, f"no link with a body, and no body, is called {name!r}; expected {_known(model.bodies)}"
+            ("robots", robot, "ignore_pairs", number, i),
+            f"no link with a body, no body and (second of a pair) no surrounding is called {name!r}; "
+            f"expected {_known(model.bodies)}",
         )
     return found
 
