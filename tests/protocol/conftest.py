@@ -1,0 +1,6 @@
+"""No test here fails on a time."""
+
+from hypothesis import settings
+
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")

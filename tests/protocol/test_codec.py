@@ -1,0 +1,264 @@
+"""Messages to bytes and back, and everything that is not a message."""
+
+import re
+
+import msgpack
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, decode, encode
+from armgate.protocol import messages as m
+from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, MAX_DEPTH, MAX_MAP, MAX_STR, unpack
+from armgate.protocol.framing import HEADER
+from support.messages import FROM_CLIENT, FROM_SERVER
+
+COMMAND = {"type": "command", "robot": "FR", "fence": 1, "seq": 7, "tick": 3, "dq": [0.1, 0.2]}
+EVERY = [(model, m.Catalogue.client, s) for model, s in FROM_CLIENT.items()]
+EVERY += [(model, m.Catalogue.server, s) for model, s in FROM_SERVER.items()]
+
+
+def refused(payload, catalogue=m.Catalogue.client, **more):
+    with pytest.raises(RemoteProtocolError) as caught:
+        decode(payload, catalogue, **more)
+    return caught.value
+
+
+def fields_given(model):
+    """What was set in a message, through all its parts; a NaN as a text, so that it equals itself."""
+    return repr({"type": model.type, **model.model_dump(exclude_unset=True)})
+
+
+@pytest.mark.parametrize(("model", "catalogue", "strategy"), EVERY, ids=lambda x: getattr(x, "__name__", ""))
+def test_every_message_comes_back_with_exactly_what_was_given(model, catalogue, strategy):
+    @settings(
+        max_examples=30,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    )
+    @given(strategy)
+    def run(message):
+        payload = encode(message)[HEADER:]
+        back = decode(payload, catalogue)
+        assert type(back) is model
+        assert fields_given(back) == fields_given(message)
+        assert encode(back)[HEADER:] == payload
+
+    run()
+
+
+def test_what_was_not_subscribed_differs_from_nobody():
+    absent = m.Entry(robot="FR", tick=1, time=0.0)
+    nobody = m.Entry(robot="FR", tick=1, time=0.0, holder=None)
+    state = m.State(robot="FR", tick=1, time=0.0, entries=(absent, nobody))
+    back = decode(encode(state)[HEADER:], m.Catalogue.server)
+    assert ["holder" in entry.model_fields_set for entry in back.entries] == [False, True]
+
+
+def test_type_is_always_written_and_defaults_are_not():
+    assert unpack(encode(m.Describe())[HEADER:]) == {"type": "describe"}
+    assert unpack(encode(m.Ping(time=1))[HEADER:]) == {"type": "ping", "time": 1.0}
+
+
+def test_keys_of_a_later_version_are_ignored():
+    message = decode(msgpack.packb(COMMAND | {"wind": {"from": "north"}}), m.Catalogue.client)
+    assert message == m.Command(**COMMAND | {"dq": (0.1, 0.2)})
+
+
+def test_an_integer_may_stand_for_a_number():
+    message = decode(msgpack.packb(COMMAND | {"dq": [1, -(2**63), 2**64 - 1]}), m.Catalogue.client)
+    assert message.dq == (1.0, -(2.0**63), 2.0**64)
+    assert all(type(x) is float for x in message.dq)
+
+
+# --- what is well-formed but no message --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"dq": [0.0, True]}, r"command\.dq\[1\]: .*got a bool True"),
+        ({"dq": ["0.1"]}, r"command\.dq\[0\]: .*got a text '0\.1'"),
+        ({"dq": [None]}, r"command\.dq\[0\]: .*got nil"),
+        ({"dq": [[0.1]]}, r"command\.dq\[0\]: .*got an array"),
+        ({"dq": 0.1}, r"command\.dq: .*got a number 0\.1"),
+        ({"dq": {"a": 1}}, r"command\.dq: .*got a map"),
+        ({"dq": b"\0"}, r"command\.dq: .*got binary data"),
+        ({"dq": [0.0] * 65}, r"command\.dq: .*at most 64 items"),
+        ({"robot": "F R"}, r"command\.robot: .*got a text 'F R'"),
+        ({"robot": b"FR"}, r"command\.robot: .*got binary data"),
+        ({"robot": "x" * 65}, r"command\.robot: "),
+        ({"fence": -1}, r"command\.fence: .*got an integer -1"),
+        ({"tick": 1.0}, r"command\.tick: .*got a number 1\.0"),
+        ({"deadline": float("nan")}, r"command\.deadline: .*finite.*got a number nan"),
+        ({"fence": 1.5, "tick": "x"}, r"command\.fence: .*\(and 1 more\)"),
+    ],
+)
+def test_a_field_of_the_wrong_form_is_named_and_seq_is_echoed(change, told):
+    error = refused(msgpack.packb(COMMAND | change))
+    assert (error.code, error.fatal, error.about, error.seq) == ("invalid_message", False, "command", 7)
+    assert re.search(told, error.text), error.text
+
+
+def test_a_missing_field_is_named():
+    error = refused(msgpack.packb({k: v for k, v in COMMAND.items() if k != "dq"}))
+    assert error.text == "command.dq: Field required"
+
+
+@pytest.mark.parametrize("seq", [True, "7", 7.0, -1, 2**63, None])
+def test_a_seq_that_is_no_number_is_not_echoed(seq):
+    assert refused(msgpack.packb(COMMAND | {"seq": seq})).seq is None
+
+
+@pytest.mark.parametrize(("id_", "echoed"), [(5, 5), (True, None), (2**31, None), ("5", None)])
+def test_the_id_of_a_request_is_echoed_where_it_can_be_read(id_, echoed):
+    assert refused(msgpack.packb({"type": "ping", "time": "x", "id": id_})).re == echoed
+    assert refused(msgpack.packb({"type": "tea", "id": id_})).re == echoed
+
+
+def test_an_unknown_type_is_not_fatal_and_names_the_known_ones():
+    error = refused(msgpack.packb({"type": "tea"}))
+    assert (error.code, error.fatal, error.about) == ("unknown_type", False, "tea")
+    assert "'tea'" in error.text
+    assert "command" in error.text
+    assert refused(msgpack.packb({"type": "state"})).code == "unknown_type"
+
+
+@pytest.mark.parametrize("kind", [None, 3, ["hello"], b"hello", {}])
+def test_a_type_that_is_no_text(kind):
+    error = refused(msgpack.packb({"type": kind}))
+    assert (error.code, error.fatal, error.about) == ("invalid_message", False, None)
+
+
+def test_no_error_tells_the_token():
+    hello = {"type": "hello", "versions": [1], "name": "c"}
+    for token in ("hunter2" * 50, b"hunter2", ["hunter2"], {"hunter2": "hunter2"}, ""):
+        error = refused(msgpack.packb(hello | {"token": token}))
+        assert "hunter2" not in error.text
+        assert "hello.token" in error.text
+
+
+@given(st.text(max_size=2000), st.text(max_size=2000))
+def test_texts_of_errors_are_bounded_whatever_came(kind, robot):
+    for payload in (msgpack.packb({"type": kind}), msgpack.packb(COMMAND | {"robot": robot + " "})):
+        error = refused(payload)
+        assert len(error.text) <= 512
+        decode(encode(error.message())[HEADER:], m.Catalogue.server)
+
+
+# --- what is not well-formed -------------------------------------------------------------------------------
+
+
+def nested(levels):
+    return b"\x91" * levels + b"\x01"
+
+
+MALFORMED = {
+    "nothing": (b"", "incomplete"),
+    "half a map": (b"\x82\xa1a\x01", "incomplete"),
+    "more than one value": (msgpack.packb({}) + b"\x01", "extra"),
+    "a byte that is reserved": (b"\xc1", "FormatError"),
+    "no map": (msgpack.packb([1, 2]), "expected a map, got an array"),
+    "a number": (b"\x01", "expected a map, got an integer"),
+    "not UTF-8": (b"\x81\xa1a\xa1\xff", "utf-8"),
+    "key not UTF-8": (b"\x81\xa1\xff\x01", "utf-8"),
+    "a key twice": (b"\x82\xa1a\x01\xa1a\x02", "twice"),
+    "a key twice inside": (b"\x81\xa1m\x82\xa1a\x01\xa1a\x02", "twice"),
+    "an integer as key": (b"\x81\x01\x02", "map key"),
+    "binary data as key": (b"\x81\xc4\x01a\x02", "not a text"),
+    "an array as key": (b"\x81\x91\x01\x02", "map key"),
+    "extension": (b"\x81\xa1a\xd4\x05\x00", "ext"),
+    "extension of length 0": (b"\x81\xa1a\xc7\x00\x05", "extension type 5"),
+    "timestamp": (b"\x81\xa1a\xd6\xff\x00\x00\x00\x01", "ext"),
+    "too deep": (b"\x81\xa1a" + nested(MAX_DEPTH), "deeper than 8"),
+    "so deep that msgpack gives up": (b"\x81\xa1a" + nested(5000), "StackError"),
+    "map of 2**32 - 1": (b"\xdf\xff\xff\xff\xff", "max_map_len"),
+    "array of 2**32 - 1": (b"\x81\xa1a\xdd\xff\xff\xff\xff", "max_array_len"),
+    "text of 2**32 - 1": (b"\x81\xa1a\xdb\xff\xff\xff\xff", "incomplete|max_str"),
+    "map too large": (msgpack.packb({str(i): 0 for i in range(MAX_MAP + 1)}), "max_map_len"),
+    "array too long": (msgpack.packb({"a": [0] * (MAX_ARRAY + 1)}), "max_array_len"),
+    "text too long": (msgpack.packb({"a": "x" * (MAX_STR + 1)}), "max_str_len"),
+    "binary data too long": (msgpack.packb({"a": b"x" * (m.MAX_CHUNK + 1)}), "max_bin_len"),
+}
+
+
+@pytest.mark.parametrize(("payload", "told"), list(MALFORMED.values()), ids=list(MALFORMED))
+def test_malformed_payloads_are_fatal(payload, told):
+    error = refused(payload)
+    assert (error.code, error.fatal) == ("malformed", True)
+    assert re.search(told, error.text), error.text
+
+
+def test_bounds_themselves_are_accepted():
+    at_bounds = {
+        "deep": b"\x81\xa1a" + b"\x91" * (MAX_DEPTH - 1) + b"\x01",
+        "map": msgpack.packb({str(i): 0 for i in range(MAX_MAP)}),
+        "array": msgpack.packb({"a": [0] * MAX_ARRAY}),
+        "text": msgpack.packb({"a": "x" * MAX_STR}),
+    }
+    for payload in at_bounds.values():
+        unpack(payload)
+
+
+def test_clients_may_send_shorter_arrays_only():
+    payload = msgpack.packb(COMMAND | {"more": [0] * (MAX_ARRAY_INBOUND + 1)})
+    assert decode(payload, m.Catalogue.client).seq == 7
+    assert refused(payload, max_array=MAX_ARRAY_INBOUND).code == "malformed"
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=20,
+)
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_give_a_message_or_a_protocol_error(payload):
+    for catalogue in (m.Catalogue.client, m.Catalogue.server):
+        try:
+            decode(payload, catalogue)
+        except ProtocolError as error:
+            encode(error.message())
+
+
+@given(st.sampled_from(sorted(m.Catalogue.client | m.Catalogue.server)), st.data())
+def test_any_values_in_any_field_give_a_message_or_a_protocol_error(kind, data):
+    for catalogue in (m.Catalogue.client, m.Catalogue.server):
+        names = [*catalogue[kind].model_fields] if kind in catalogue else ["a"]
+        fields = data.draw(st.dictionaries(st.sampled_from(names), VALUES, max_size=6))
+        try:
+            decode(msgpack.packb({**fields, "type": kind}), catalogue)
+        except ProtocolError as error:
+            encode(error.message())
+
+
+@given(st.sampled_from([*FROM_CLIENT.values()]).flatmap(lambda s: s), st.data())
+def test_a_message_with_one_byte_changed_gives_a_message_or_a_protocol_error(message, data):
+    payload = bytearray(encode(message)[HEADER:])
+    payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        decode(bytes(payload), m.Catalogue.client)
+    except ProtocolError as error:
+        encode(error.message())
+
+
+# --- what is mine ------------------------------------------------------------------------------------------
+
+
+def test_what_has_no_form_on_the_wire_is_my_own_fault():
+    for dq in ((object(),), (2**64,), (1 + 2j,), ("\ud800",)):
+        message = m.Command.model_construct(robot="FR", fence=1, seq=1, tick=1, dq=dq)
+        with pytest.raises(LocalProtocolError, match="command: cannot be encoded") as caught:
+            encode(message)
+        assert caught.value.about == "command"
+
+
+def test_a_message_beyond_the_limit_is_my_own_fault():
+    with pytest.raises(LocalProtocolError, match=r"chunk: .*at most 100"):
+        encode(m.Chunk(hash="0" * 64, offset=0, total=1, data=b"x" * 100), limit=100)
+
+
+def test_the_largest_chunk_fits():
+    chunk = m.Chunk(re=2**31 - 1, hash="0" * 64, offset=2**63 - 1, total=2**63 - 1, data=bytes(m.MAX_CHUNK))
+    assert decode(encode(chunk)[HEADER:], m.Catalogue.server) == chunk

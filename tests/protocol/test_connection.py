@@ -1,0 +1,373 @@
+"""Who may say what when: the whole product of states, sides and messages, written down a second time."""
+
+import itertools
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armgate.protocol import (
+    HANDSHAKE_LIMIT,
+    INBOUND_LIMIT,
+    Connection,
+    ConnectionState,
+    LocalProtocolError,
+    Refusal,
+    Side,
+    encode,
+)
+from armgate.protocol import messages as m
+from armgate.protocol.connection import TRANSITIONS
+from armgate.protocol.framing import HEADER, frame
+from support.messages import FROM_CLIENT
+
+State = ConnectionState
+HELLO = m.Hello(versions=(1,), name="c")
+FATAL = m.Error(code="malformed", text="", fatal=True)
+ENTRY = m.Entry(robot="FR", tick=0, time=0.0)
+LIMITS = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
+ROBOT = {"robot": "FR", "fence": 1}
+
+
+def welcome(**more):
+    fields = {
+        "version": 1,
+        "versions": (1,),
+        "client_versions": (1,),
+        "start": "a",
+        "session": "b",
+        "name": "c",
+    }
+    return m.Welcome(**fields | {"role": "observer", "limits": LIMITS} | more)
+
+
+CLIENT_SAYS = {
+    "hello": HELLO,
+    "describe": m.Describe(),
+    "asset": m.Asset(hash="0" * 64),
+    "acquire": m.Acquire(robot="FR"),
+    "release": m.Release(**ROBOT),
+    "command": m.Command(**ROBOT, seq=1, tick=1, dq=(0.0,)),
+    "pass": m.Pass(step=1),
+    "subscribe": m.Subscribe(),
+    "signal": m.Signal(name="s", value=(1.0,)),
+    "stop": m.Stop(),
+    "reset": m.Reset(stop=1),
+    "ping": m.Ping(time=0.0),
+    "bye": m.Bye(),
+}
+SERVER_SAYS = {
+    "welcome": welcome(),
+    "description": m.Description(
+        name="x",
+        hash="0" * 64,
+        stop_distance=0.05,
+        self_distance=0.02,
+        response="stop",
+        lockstep=False,
+        robots=(),
+        bodies=(),
+    ),
+    "chunk": m.Chunk(hash="0" * 64, offset=0, total=0, data=b""),
+    "lease": m.Lease(**ROBOT, state="held", ttl=1.0),
+    "verdict": m.Verdict(
+        robot="FR", seq=1, tick=1, target=None, outcome="refused", beta=0.0, dq=(), setpoint=()
+    ),
+    "state": m.State(robot="FR", tick=1, time=0.0, entries=(ENTRY,)),
+    "subscribed": m.Subscribed(every=1, robots=(), fields=()),
+    "signaled": m.Signaled(name="s"),
+    "stopped": m.Stopped(stop=1, robots=(), reason="", by="c"),
+    "resumed": m.Resumed(stop=1, by="c"),
+    "pong": m.Pong(time=0.0, received=0.0, sent=0.0),
+    "error": m.Error(code="leased", text="", fatal=False),
+    "fatal": FATAL,
+    "bye": m.Bye(),
+}
+SAYS = {Side.CLIENT: CLIENT_SAYS, Side.SERVER: SERVER_SAYS}
+EVENTS = [(side, event) for side, says in SAYS.items() for event in says]
+
+
+def expected(state, side, event):
+    """The machine in words of its own: the state that follows, None for what may not be said."""
+    client = side is Side.CLIENT
+    talk = event not in ("hello", "welcome", "bye", "fatal")
+    match state:
+        case State.CLOSED:
+            return None
+        case State.FAILED:
+            return State.CLOSED if (client and event == "bye") or (not client and event == "fatal") else None
+        case State.CLIENT_LEAVING:
+            if client:
+                return None
+            return State.CLOSED if event in ("bye", "fatal") else state if talk else None
+        case State.SERVER_LEAVING:
+            if not client:
+                return None
+            return State.CLOSED if event == "bye" else state if talk else None
+    if event == "bye":
+        return State.CLIENT_LEAVING if client else State.SERVER_LEAVING
+    if event == "fatal":
+        return State.CLOSED
+    if state is State.AWAIT_HELLO:
+        return State.AWAIT_WELCOME if event == "hello" else None
+    if state is State.AWAIT_WELCOME:
+        return State.READY if event == "welcome" else None
+    return state if talk else None
+
+
+def connection(role, state):
+    """A connection that was brought to a state by what is said on the way there."""
+    made = Connection(role)
+    way = {
+        State.AWAIT_HELLO: [],
+        State.AWAIT_WELCOME: ["hello"],
+        State.READY: ["hello", "welcome"],
+        State.CLIENT_LEAVING: ["hello", "welcome", "client bye"],
+        State.SERVER_LEAVING: ["hello", "welcome", "server bye"],
+        State.FAILED: ["hello", "welcome", "garbage"],
+        State.CLOSED: ["hello", "welcome", "client bye", "server bye"],
+    }
+    for step in way[state]:
+        if step == "garbage":
+            made.receive(bytes(HEADER))
+            continue
+        side = Side.CLIENT if step in ("hello", "client bye") else Side.SERVER
+        message = SAYS[side][step.split()[-1]]
+        if side is role:
+            made.send(message)
+        else:
+            made.receive(encode(message))
+    assert made.state is state
+    return made
+
+
+def test_every_message_of_the_protocol_is_in_the_product():
+    assert {m.CLIENT_MESSAGES, m.SERVER_MESSAGES} == {
+        tuple(type(message) for event, message in says.items() if event != "fatal") for says in SAYS.values()
+    }
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
+def test_the_table_is_the_machine(state, event):
+    assert TRANSITIONS.get((state, *event)) is expected(state, *event)
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
+def test_sending(state, event):
+    side, name = event
+    talker = connection(side, state)
+    following = expected(state, side, name)
+    if following is None:
+        with pytest.raises(
+            LocalProtocolError, match=f"the {side.value} may not send this in state {state.value}"
+        ):
+            talker.send(SAYS[side][name])
+        assert talker.state is state
+    else:
+        assert talker.send(SAYS[side][name]) == encode(SAYS[side][name])
+        assert talker.state is following
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
+def test_receiving(state, event):
+    side, name = event
+    listener = connection(side.other, state)
+    following = expected(state, side, name)
+    found = listener.receive(encode(SAYS[side][name]))
+    if state in (State.CLOSED, State.FAILED):
+        assert (found, listener.state) == ([], state)
+    elif following is None:
+        (refusal,) = found
+        assert (refusal.fatal, refusal.error.code, listener.state) == (True, "unexpected", State.FAILED)
+        assert f"not allowed from the {side.value} in state {state.value}" in refusal.error.text
+    else:
+        assert found == [SAYS[side][name]]
+        assert listener.state is following
+
+
+@pytest.mark.parametrize("event", EVENTS)
+def test_both_sides_agree_about_where_they_are(event):
+    side, name = event
+    for state in (State.AWAIT_HELLO, State.AWAIT_WELCOME, State.READY):
+        if expected(state, side, name) is None:
+            continue
+        talker, listener = connection(side, state), connection(side.other, state)
+        listener.receive(talker.send(SAYS[side][name]))
+        assert talker.state is listener.state
+
+
+# --- versions ---------------------------------------------------------------------------------------------
+
+
+def test_the_server_takes_the_highest_version_in_common():
+    server = Connection(Side.SERVER, versions=(1, 2, 3))
+    server.receive(encode(m.Hello(versions=(2, 1, 9), name="c")))
+    assert (server.version, server.hello.versions) == (2, (2, 1, 9))
+
+
+def test_no_version_in_common_is_fatal_and_names_both_lists():
+    (refusal,) = Connection(Side.SERVER, versions=(1, 2)).receive(
+        encode(m.Hello(versions=(9, 7), name="c", id=4))
+    )
+    assert (refusal.fatal, refusal.error.code, refusal.error.about) == (True, "version", "hello")
+    assert "server speaks [1, 2], the client [7, 9]" in refusal.error.text
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"versions": (1, 2), "client_versions": (1, 2)}, "chose version 1 where both speak 2"),
+        ({"versions": (1, 2), "client_versions": (1,)}, r"the server saw the versions [1], sent were [1, 2]"),
+        ({"version": 2, "client_versions": (1, 2)}, "chose version 2 where both speak 1"),
+        ({"version": 7, "versions": (7,), "client_versions": (1, 2)}, "no version in common"),
+    ],
+)
+def test_a_downgrade_shows(change, told):
+    client = Connection(Side.CLIENT, versions=(1, 2))
+    client.send(m.Hello(versions=(1, 2), name="c"))
+    (refusal,) = client.receive(encode(welcome(**change)))
+    assert (refusal.fatal, refusal.error.code) == (True, "version")
+    assert told in refusal.error.text
+    assert client.state is State.FAILED
+
+
+def test_the_client_learns_the_version_from_the_welcome():
+    assert connection(Side.CLIENT, State.AWAIT_WELCOME).version is None
+    assert connection(Side.CLIENT, State.READY).version == 1
+
+
+# --- what comes in ----------------------------------------------------------------------------------------
+
+
+def test_a_refused_message_leaves_the_others_alone():
+    server = connection(Side.SERVER, State.READY)
+    ping = encode(m.Ping(time=1.0))
+    tea = frame(msgpack.packb({"type": "tea"}))
+    first, refusal, last = server.receive(ping + tea + ping)
+    assert isinstance(first, m.Ping)
+    assert isinstance(last, m.Ping)
+    assert (refusal.fatal, refusal.error.code) == (False, "unknown_type")
+    assert server.send(refusal.error)
+    assert server.state is State.READY
+
+
+def test_after_a_fatal_refusal_nothing_is_read_and_one_thing_is_said():
+    server = connection(Side.SERVER, State.READY)
+    ping = encode(m.Ping(time=1.0))
+    _, refusal = server.receive(ping + frame(b"\xc1") + ping)
+    assert refusal.fatal
+    assert server.receive(ping) == []
+    with pytest.raises(LocalProtocolError):
+        server.send(SERVER_SAYS["state"])
+    server.send(refusal.error)
+    assert server.closed
+    with pytest.raises(LocalProtocolError):
+        server.send(refusal.error)
+
+
+@pytest.mark.parametrize(
+    "payload", [{"type": "tea"}, {"type": "hello"}, {"type": "hello", "versions": "1"}, {}]
+)
+def test_before_the_welcome_every_refusal_is_fatal(payload):
+    for state in (State.AWAIT_HELLO, State.AWAIT_WELCOME):
+        server = connection(Side.SERVER, state)
+        (refusal,) = server.receive(frame(msgpack.packb(payload)))
+        assert refusal.fatal
+        assert server.state is State.FAILED
+
+
+@pytest.mark.parametrize(
+    ("role", "state", "limit"),
+    [
+        (Side.SERVER, State.AWAIT_HELLO, 4 * 1024),
+        (Side.SERVER, State.AWAIT_WELCOME, 4 * 1024),
+        (Side.SERVER, State.READY, 64 * 1024),
+        (Side.CLIENT, State.AWAIT_WELCOME, 1024 * 1024),
+        (Side.CLIENT, State.READY, 1024 * 1024),
+    ],
+)
+def test_limits_of_what_comes_in(role, state, limit):
+    def header(length):
+        return length.to_bytes(HEADER, "big")
+
+    assert connection(role, state).receive(header(limit)) == []
+    for length in (limit + 1, 2**32 - 1):
+        (refusal,) = connection(role, state).receive(header(length))
+        assert (refusal.fatal, refusal.error.code) == (True, "frame_too_large")
+
+
+@pytest.mark.parametrize(
+    ("state", "limit"), [(State.AWAIT_HELLO, HANDSHAKE_LIMIT), (State.READY, INBOUND_LIMIT)]
+)
+def test_a_client_does_not_send_what_the_server_would_not_read(state, limit):
+    client = connection(Side.CLIENT, state)
+    if state is State.READY:
+        message = m.Command.model_construct(**ROBOT, seq=1, tick=1, dq=(0.0,) * (limit // 9 + 1))
+    else:
+        message = m.Hello.model_construct(versions=(1,), name="c", software="x" * limit)
+    with pytest.raises(LocalProtocolError, match=f"at most {limit}"):
+        client.send(message)
+    assert client.state is state
+
+
+def test_a_frame_made_once_is_sent_as_it_is_where_it_may_be():
+    state = SERVER_SAYS["state"]
+    assert connection(Side.SERVER, State.READY).send(state, b"made before") == b"made before"
+    with pytest.raises(LocalProtocolError):
+        connection(Side.SERVER, State.AWAIT_WELCOME).send(state, b"made before")
+
+
+def test_the_end_of_the_stream():
+    server = connection(Side.SERVER, State.READY)
+    assert server.receive_eof() == []
+    assert server.closed
+    server = connection(Side.SERVER, State.READY)
+    server.receive(encode(m.Ping(time=0.0))[:-1])
+    (refusal,) = server.receive_eof()
+    assert (refusal.error.code, server.closed) == ("truncated", True)
+    failed = connection(Side.SERVER, State.FAILED)
+    assert failed.receive_eof() == []
+
+
+def run(stream, pieces):
+    """What a server makes of a stream; it answers hello at once, as a server does."""
+    server = Connection(Side.SERVER)
+    found = []
+    for piece in pieces(stream):
+        for item in server.receive(piece):
+            found.append(item.error if isinstance(item, Refusal) else item)
+            if isinstance(item, m.Hello):
+                server.send(welcome(client_versions=item.versions))
+    found += [refusal.error for refusal in server.receive_eof()]
+    return repr(found)
+
+
+def whole(stream):
+    """The hello alone, as a client waits for the welcome, then all the rest."""
+    first = len(encode(HELLO))
+    return [stream[:first], stream[first:]]
+
+
+def single(stream):
+    return [stream[i : i + 1] for i in range(len(stream))]
+
+
+TALK = st.lists(
+    st.one_of(
+        *(s.map(encode) for model, s in FROM_CLIENT.items() if model is not m.Hello), st.binary(max_size=30)
+    ),
+    max_size=5,
+)
+
+
+@settings(max_examples=60)
+@given(TALK)
+def test_byte_by_byte_equals_whole(talk):
+    stream = encode(HELLO) + b"".join(talk)
+    assert run(stream, whole) == run(stream, single)
+
+
+@given(st.binary(max_size=200))
+def test_garbage_from_the_first_byte(stream):
+    assert run(stream, lambda s: [s]) == run(stream, single)

@@ -1,0 +1,88 @@
+"""Cutting a stream into payloads: whole, byte by byte, and within its bounds."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armgate.protocol import FrameDecoder, RemoteProtocolError
+from armgate.protocol.framing import HEADER, frame
+
+LIMIT = 64
+PAYLOADS = st.lists(st.binary(min_size=1, max_size=LIMIT), max_size=8)
+
+
+def cut(data, sizes):
+    """The data in pieces of these sizes, the rest as one."""
+    for size in sizes:
+        yield data[:size]
+        data = data[size:]
+    yield data
+
+
+def outcome(decoder, pieces):
+    """All payloads and the code of the error that ended it."""
+    found = []
+    for piece in pieces:
+        decoder.push(piece)
+        try:
+            while (payload := decoder.pop()) is not None:
+                found.append(payload)
+        except RemoteProtocolError as error:
+            return found, error.code
+    return found, None
+
+
+@given(PAYLOADS, st.lists(st.integers(0, 40), max_size=20))
+def test_payloads_come_out_as_they_went_in_however_they_are_cut(payloads, sizes):
+    decoder = FrameDecoder(LIMIT)
+    stream = b"".join(map(frame, payloads))
+    found = [payload for piece in cut(stream, sizes) for payload in decoder.feed(piece)]
+    assert found == payloads
+    assert decoder.buffered == 0
+
+
+@given(st.one_of(st.binary(max_size=300), PAYLOADS.map(lambda p: b"".join(map(frame, p)) + b"\0\0\1\0junk")))
+def test_garbage_byte_by_byte_equals_whole_and_memory_is_bounded(stream):
+    whole = outcome(FrameDecoder(LIMIT), [stream])
+    decoder = FrameDecoder(LIMIT)
+    found = []
+    error = None
+    for byte in stream:
+        try:
+            found += decoder.feed(bytes([byte]))
+        except RemoteProtocolError as raised:
+            error = raised.code
+        assert decoder.buffered < HEADER + LIMIT
+    assert (found, error) == whole
+
+
+@pytest.mark.parametrize("length", [LIMIT + 1, 2**31, 2**32 - 1])
+def test_a_length_beyond_the_limit_is_refused_by_its_header_alone(length):
+    decoder = FrameDecoder(LIMIT)
+    header = length.to_bytes(HEADER, "big")
+    assert decoder.feed(header[:3]) == []
+    with pytest.raises(RemoteProtocolError, match=f"{length} bytes; at most 64") as caught:
+        decoder.feed(header[3:])
+    assert (caught.value.code, caught.value.fatal) == ("frame_too_large", True)
+
+
+def test_length_zero_is_an_error():
+    with pytest.raises(RemoteProtocolError) as caught:
+        FrameDecoder(LIMIT).feed(bytes(HEADER))
+    assert (caught.value.code, caught.value.fatal) == ("empty_frame", True)
+
+
+def test_after_an_error_nothing_is_kept_and_nothing_comes():
+    decoder = FrameDecoder(LIMIT)
+    for _ in range(3):
+        with pytest.raises(RemoteProtocolError):
+            decoder.feed(bytes(HEADER) + b"x" * 1000 + frame(b"good"))
+        assert decoder.buffered == 0
+
+
+def test_the_limit_may_change_between_two_frames():
+    decoder = FrameDecoder(4)
+    decoder.push(frame(b"1234") + frame(b"12345"))
+    assert decoder.pop() == b"1234"
+    decoder.limit = 5
+    assert decoder.pop() == b"12345"
