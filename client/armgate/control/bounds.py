@@ -99,8 +99,7 @@ class IncrementBounds:
         return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
 
     def within(self, wanted: Vector, last: Vector, setpoint: Vector) -> Vector:
-        """The increment nearest to `wanted` that can follow `last` at `setpoint` and can be stopped after,
-        (n,).
+        """The increment nearest to `wanted` that may follow `last` at `setpoint`, (n,).
 
         Joint by joint: no longer than the step, than what the limits leave with braking, and no other
         change than the acceleration allows. Where that leaves no stop within the limits, less of the way

@@ -71,7 +71,7 @@ def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:
 
 
 def integrate(f: Field, start: Vector, reach: Vector, scheme: Scheme) -> Integration:
-    """Integrate (16) from `start` (17) until a joint is `reach` ((n,), > 0) away from it, or the scheme ends it."""
+    """Integrate (16) from `start` (17) until a joint is its `reach` (n,) away, or the scheme ends it."""
     q, largest_step = start, scheme.split * reach
     for steps in range(scheme.budget):
         k1 = f(q)

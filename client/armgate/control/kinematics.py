@@ -67,7 +67,7 @@ class CameraArm:
         return index
 
     def _sinking(self, model: RobotModel, spheres: Spheres) -> NDArray[np.bool_]:
-        """All but those that only turn about a vertical axis: at neutral, a base joint is where it always is."""
+        """All but those that only turn about a vertical axis: a base joint is always where it is now."""
         level = [
             model.joints[j].kind == "revolute" and model.parents[j] < 0 and abs(self.J[5, j]) > 1.0 - 1e-9
             for j in range(model.n)

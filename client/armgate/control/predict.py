@@ -43,8 +43,7 @@ class Predictor:
         return self._v
 
     def update(self, time: float, point: ArrayLike) -> None:
-        """Take in the point (3,), m, as it was at `time`, s. One that is not newer than the last is
-        ignored.
+        """Take in the point (3,), m, as it was at `time`, s; ignored unless newer than the last.
 
         Raises:
             ValueError: if time or point is not finite or the point has not three coordinates.

@@ -1,6 +1,6 @@
 """Repulsion between bounding spheres, equation (12), and the switch to it alone, equation (13).
 
-    F_rep = Σ J_oᵀ φ(d) n,      φ(d) = η (1/d − 1/ρ0) / d²,      d = ‖o − b‖ − r_o − r_b,      n = (o − b)/‖o − b‖
+    F_rep = Σ J_oᵀ φ(d) n,      φ(d) = η (1/d − 1/ρ0) / d²,   d = ‖o − b‖ − r_o − r_b,   n = (o − b)/‖o − b‖
 
 is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the
 negative gradient of the potential η/2 (1/d − 1/ρ0)². Printed, (12) changes sign when d does and would pull
@@ -76,8 +76,7 @@ class Repulsion:
         return float(min(np.min(apart, initial=np.inf), np.min(above, initial=np.inf)))
 
     def wrenches(self, centres: Vector) -> tuple[NDArray[np.intp], Vector] | None:
-        """Which spheres are pushed, at centres (k, 3), and how: indices (a,) and wrenches [f; o × f] (a,
-        6).
+        """Which spheres are pushed at centres (k, 3): indices (a,) and wrenches [f; o × f] (a, 6).
 
         A sphere has an entry for each obstacle that pushes it. None where nothing pushes, the common case.
         """

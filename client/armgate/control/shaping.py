@@ -28,7 +28,7 @@ def braking_increment(way: Vector, change: Vector) -> Vector:
 
 
 def braking_way(increment: Vector, change: Vector) -> Vector:
-    """D from which a joint with this increment just comes to rest, the inverse of `braking_increment`, (n,)."""
+    """D from which a joint with this increment just comes to rest, inverse of `braking_increment`."""
     way: Vector = increment * (increment + change) / (2.0 * change)
     return way
 

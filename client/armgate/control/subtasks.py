@@ -22,7 +22,7 @@ def distance_pull(distance: float, wanted: float, k: float) -> float:
 
 
 def roll_angle(e1: V3, e2: V3) -> float:
-    """φ = Atan2(R_32, R_31) of (15), rad: from the camera's up-vector e1 to the world's, about the view axis."""
+    """φ = Atan2(R_32, R_31) of (15), rad: of the camera's up-vector e1 from the world's, about the view."""
     return atan2(e2[2], e1[2])
 
 

@@ -35,5 +35,5 @@ def norm(a: V3) -> float:
 
 
 def wrench(force: V3, point: V3) -> tuple[float, float, float, float, float, float]:
-    """[f; p × f]: a force f at the point p, so that Jᵀ·wrench is its joint force with J at the world's origin."""
+    """[f; p × f]: a force f at the point p, whose joint force is Jᵀ·wrench, J at the world's origin."""
     return *force, *cross(point, force)

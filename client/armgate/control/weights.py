@@ -1,6 +1,6 @@
 """Joint limit weights, equations (10) and (11), free of units.
 
-    H_j = c · 8 x / (1 − x²)²,      W⁻¹_jj = 1 / (1 + H_j²),      x = (2 q − q_M − q_m) / (q_M − q_m)   (10), (11)
+    H_j = c · 8 x / (1 − x²)²,   W⁻¹_jj = 1 / (1 + H_j²),   x = (2 q − q_M − q_m) / (q_M − q_m)   (10), (11)
 
 (11) as printed has the unit 1/angle, so that radians or degrees make another controller of it: it is H
 above with c = 1 / (q_M − q_m). Here x is the position in the half range and c is a number. A joint is

@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armgate.control.follower import Follower, Situation
+from armgate.control.repulsion import Obstacles
+
+SETTLED = 4.0  # s, after which the approach to a moving leader must be over
+NONE = Obstacles()
+
+
+def after(trace, seconds, period=0.012):
+    k = round(seconds / period)
+    return np.degrees(trace.angle[k:]), np.abs(trace.distance[k:])
+
+
+def nowhere(_):
+    return NONE
+
+
+def still(p):
+    return lambda _: np.array(p)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+@pytest.mark.parametrize("seed", range(3))
+def test_tracks_a_leader_at_a_quarter_metre_per_second(loop, leader, seed, lag):
+    trace = loop.run(leader.path(seed, 0.25), 9.0, lag=lag)
+    angle, distance = after(trace, SETTLED)
+    assert angle.max() < 0.15
+    assert distance.max() < 2e-3
+    assert not any(step.repulsion or step.emergency for step in trace.steps)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_tracks_within_the_papers_figures_without_prediction(loop, leader, lag):
+    angle, distance = after(loop.run(leader.path(2, 0.25), 9.0, lag=lag, predict=False), SETTLED)
+    assert 0.1 < angle.max() < 1.0
+    assert distance.max() < 0.02
+
+
+def approach_starts(fr, count):
+    rng, p, starts = np.random.default_rng(5), np.array([2.0, 0.0, 1.0]), []
+    while len(starts) < count:
+        q = fr.start + rng.uniform(-1, 1, 6) * [1.6, 0.5, 0.6, 2.0, 1.2, 2.0]
+        at = fr.model.frame(q, "camera")
+        ray = (p - at.t) / np.linalg.norm(p - at.t)
+        if 30.0 < np.degrees(np.arccos(at.R[:, 2] @ ray)) < 120.0:
+            starts.append(q)
+    return starts
+
+
+@pytest.mark.parametrize("case", range(6))
+def test_approach_settles_without_overshoot(loop, leader, fr, case):
+    trace = loop.run(still([2.0, 0.0, 1.0]), 3.0, start=approach_starts(fr, 6)[case])
+    angle, distance = after(trace, 2.0)
+    assert angle.max() < 0.05
+    assert distance.max() < 1e-3
+    whole = np.degrees(trace.angle)
+    assert (whole - np.minimum.accumulate(whole)).max() < 0.5
+
+
+@pytest.mark.parametrize("where", ["behind", "in the lens", "out of reach"])
+def test_awkward_targets_end_well(loop, fr, where):
+    at = fr.model.frame(fr.start, "camera")
+    p = {"behind": at.t - at.R[:, 2], "in the lens": at.t, "out of reach": np.array([6.0, 1.0, 1.0])}[where]
+    trace = loop.run(still(p), 6.0, obstacles=nowhere)
+    angle, distance = after(trace, 5.0)
+    assert angle.max() < 1.0
+    assert where == "out of reach" or distance.max() < 0.02
+    assert np.ptp(trace.q[-80:], axis=0).max() < 0.05
+
+
+@pytest.mark.parametrize("limit", ["lower", "upper"])
+@pytest.mark.parametrize("joint", range(6))
+def test_leaves_a_joint_limit_without_oscillation(loop, fr, joint, limit):
+    start = np.array(fr.start)
+    middle, half = 0.5 * (fr.upper + fr.lower), 0.5 * (fr.upper - fr.lower)
+    start[joint] = middle[joint] + (0.999 if limit == "upper" else -0.999) * half[joint]
+    trace = loop.run(still([2.0, 0.0, 1.0]), 8.0, start=start, obstacles=nowhere)
+    angle, _ = after(trace, 7.5)
+    assert angle.max() < 1.0
+    assert np.ptp(trace.q[-40:], axis=0).max() < 0.02
+
+
+def test_dodges_an_obstacle_and_keeps_the_view(loop, fr, law):
+    """A sphere drifts towards the elbow until its bounding sphere would have been touched."""
+    elbow = law.spheres.centres(fr.start)[9]
+
+    def approaching(t):
+        return Obstacles((elbow + [0.0, 0.75 - 0.1 * min(t, 5.0), 0.1])[None], np.array([0.1]))
+
+    trace = loop.run(still([2.0, 0.0, 1.0]), 7.0, obstacles=approaching)
+    angle, _ = after(trace, 2.0)
+    assert any(step.repulsion for step in trace.steps)
+    assert min(step.gap for step in trace.steps) > 0.05
+    assert angle.max() < 1.0
+    left_alone = np.linalg.norm(elbow - approaching(7.0).centres[0]) - 0.1 - law.spheres.radii[9]
+    assert left_alone < 0.05
+
+
+def test_an_obstacle_too_near_starts_the_emergency_mode(loop, fr, law):
+    elbow = law.spheres.centres(fr.start)[9]
+    touching = Obstacles((elbow + [0.0, 0.22, 0.0])[None], np.array([0.1]))
+    trace = loop.run(still([2.0, 0.0, 1.0]), 1.0, obstacles=lambda _: touching)
+    assert trace.steps[0].emergency
+    assert "emergency" in trace.steps[0].why
+    assert trace.steps[-1].gap > trace.steps[0].gap
+
+
+def test_zoom(loop, fr):
+    for wanted in (0.8, 1.2):
+        trace = loop.run(still([1.95, 0.2, 1.0]), 4.0, wanted=wanted)
+        angle, distance = after(trace, 3.0)
+        assert angle.max() < 0.1
+        assert distance.max() < 5e-3
+
+
+def situation(fr, **changes):
+    now = Situation(0.0, fr.start, np.zeros(6), fr.start, np.array([2.0, 0.3, 1.0]), 0.0, 1.0, NONE)
+    return replace(now, **changes)
+
+
+@pytest.fixture
+def follower(law, bounds):
+    return Follower(law, bounds, period=0.012, ahead=0.024)
+
+
+def test_a_vanished_leader_slows_it_to_rest(follower, fr):
+    now, whys = situation(fr), []
+    for k in range(80):
+        time = 0.012 * k
+        seen = min(time, 0.2)
+        step = follower.step(replace(now, time=time, target_time=seen))
+        now = replace(now, setpoint=now.setpoint + step.dq, last=step.dq, q=now.setpoint)
+        whys.append(step.why)
+    assert "leader" not in whys[10]
+    assert "no fresh position of the leader for 0." in whys[-1]
+    assert "slowing to rest" in whys[-1]
+    assert np.abs(now.last).max() < 1e-12
+
+
+def test_without_a_leader_it_rests_and_says_so(follower, fr):
+    step = follower.step(situation(fr, target=None))
+    assert (step.dq == 0.0).all()
+    assert step.why.startswith("no position of the leader yet")
+    assert step.angle is None
+    assert step.focus is None
+
+
+def test_tells_the_measured_errors(follower, fr):
+    at = fr.model.frame(fr.start, "camera")
+    step = follower.step(situation(fr, target=at.t + 1.1 * at.R[:, 2] + 0.0 * at.R[:, 0]))
+    assert step.angle == pytest.approx(0.0, abs=1e-7)
+    assert step.distance == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"setpoint": np.zeros(5)}, {"last": np.full(6, np.nan)}, {"distance": 0.0}, {"time": np.inf}],
+)
+def test_nonsense_is_refused(follower, fr, wrong):
+    with pytest.raises(ValueError, match="expected"):
+        follower.step(situation(fr, **wrong))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 3), min_size=3, max_size=6),
+    st.tuples(*[st.floats(-0.99, 0.99)] * 6),
+    st.floats(0.2, 3.0),
+)
+def test_increments_obey_their_bounds_whatever_the_leader_does(law, bounds, fr, targets, start, wanted):
+    """The target jumps through the cell, from any start; obstacles jump along."""
+    follower = Follower(law, bounds, period=0.012, ahead=0.024)
+    middle, half = 0.5 * (bounds.upper + bounds.lower), 0.5 * (bounds.upper - bounds.lower)
+    setpoint, last = middle + half * np.array(start), np.zeros(6)
+    for k in range(4 * len(targets)):
+        p = np.array(targets[k // 4])
+        ball = Obstacles((p + [0.0, 0.0, 0.4])[None], np.array([0.3]), 0.0)
+        now = Situation(0.012 * k, setpoint, last, setpoint, p, 0.012 * k, wanted, ball)
+        dq = follower.step(now).dq
+        assert np.isfinite(dq).all()
+        assert (np.abs(dq) <= bounds.step + 1e-15).all()
+        assert (np.abs(dq - last) <= bounds.change + 1e-15).all()
+        end = setpoint + (1.0 + bounds.stop(dq)) * dq
+        assert ((end <= bounds.upper + 1e-9) & (end >= bounds.lower - 1e-9)).all()
+        setpoint, last = setpoint + dq, dq
