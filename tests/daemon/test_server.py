@@ -242,3 +242,4 @@ async def test_a_reader_that_never_reads_delays_nobody(tmp_path):
         deaf.writer.transport.pause_reading()
         mover = await Mover.start(running.port, "A")
         await mover.moves_on(50)
+        await mover.stop()

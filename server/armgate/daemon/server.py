@@ -189,6 +189,7 @@ class Daemon:
         except TimeoutError:
             for session in tuple(self._sessions):
                 session.abort()
+            await self._emptied.wait()
 
     def _lateness(self) -> dict[str, float]:
         if not isinstance(self._pace, Wall):
