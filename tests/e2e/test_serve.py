@@ -3,6 +3,7 @@
 import asyncio
 import signal
 import socket
+import sys
 
 import pytest
 
@@ -202,3 +203,16 @@ async def test_help_names_the_options():
     out, _ = await process.communicate()
     assert process.returncode == 0
     assert b"--lockstep" in out
+
+
+@pytest.mark.parametrize("command", ["serve", "check"])
+async def test_without_the_cell_extra_it_says_what_to_install(tmp_path, command):
+    hidden = (
+        "import sys; sys.modules['pinocchio'] = None; from armgate.apps.cli import main; main(sys.argv[1:])"
+    )
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", hidden, command, str(config(tmp_path)), stderr=asyncio.subprocess.PIPE
+    )
+    _, err = await asyncio.wait_for(process.communicate(), PATIENCE)
+    assert process.returncode == 2
+    assert 'pip install "armgate[cell]"' in err.decode()
