@@ -92,10 +92,14 @@ def test_verdicts_by_outcome_and_reason() -> None:
 
 
 def test_missed_states_are_counted_and_warnings_kept_once(make_state: Make) -> None:
-    states = [make_state(1), make_state(2, warnings=("gap",)), make_state(6, warnings=("gap", "late"))]
+    states = [
+        make_state(1),
+        make_state(2, warnings=("gap", "1 late")),
+        make_state(6, warnings=("2 late", "gap")),
+    ]
     seen = seen_of(states)
     assert seen.missed == {"FR": 3}
-    assert seen.warnings == ["gap", "late"]
+    assert seen.warnings == ["gap", "2 late"]
     assert len(seen.rows) == 3
 
 

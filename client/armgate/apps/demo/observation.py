@@ -1,5 +1,6 @@
 """What the demo keeps of the states that it sees: the newest one, and the series for metrics and plots."""
 
+import re
 from dataclasses import dataclass, field
 
 from armgate.client import Entry, State
@@ -9,6 +10,7 @@ COLUMNS = (
     "clearance_m", "repulsion", "progress",
 )  # fmt: skip
 NAN = float("nan")
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 @dataclass
@@ -25,7 +27,6 @@ class Observation:
         first_time: Daemon time of the first state, s.
         nearest: The smallest distance seen between bodies that are not of one robot, and the two bodies.
         missed: Ticks by robot that never reached this observer.
-        warnings: Every warning once, in the order of appearance.
     """
 
     follower: str
@@ -34,7 +35,7 @@ class Observation:
     first_time: float = 0.0
     nearest: tuple[float, tuple[str, str]] | None = None
     missed: dict[str, int] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    _warnings: dict[str, str] = field(default_factory=dict)
     _ticks: dict[str, int] = field(default_factory=dict)
     _signals: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
@@ -45,12 +46,17 @@ class Observation:
         self._count(state)
         self._signals.update((name, signal.value) for name, signal in state.signals.items())
         self.state = state
-        self.warnings += [text for text in state.warnings if text not in self.warnings]
+        self._warnings.update((_NUMBER.sub("#", text), text) for text in state.warnings)
         now = self._nearest_now(state)
         if now is not None and (self.nearest is None or now < self.nearest):
             self.nearest = now
         if state.robot == self.follower:
             self.rows.append(self._row(state, NAN if now is None else now[0]))
+
+    @property
+    def warnings(self) -> list[str]:
+        """Every kind of warning once, its newest text; texts that differ only in numbers are one kind."""
+        return list(self._warnings.values())
 
     @property
     def elapsed(self) -> float:

@@ -105,6 +105,8 @@ def _position(axes: Any, series: Mapping[str, Array], metrics: Mapping[str, Any]
         axes.plot(series["time_s"], series[f"focus_{axis}_m"], color=colour, label=axis)
     _shade_transient(axes, series, metrics)
     axes.set_ylabel("position [m]")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
     axes.set_title("The leader's tool in the world frame, as measured")
     axes.legend(loc="upper right", ncols=4)
 

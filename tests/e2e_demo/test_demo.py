@@ -1,0 +1,144 @@
+"""The whole stack as a user starts it: daemon, leader and follower as processes of the demo."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ARMGATE = [sys.executable, "-m", "armgate.apps"]
+
+
+def demo(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*ARMGATE, "demo", *arguments], capture_output=True, text=True, check=False, cwd=cwd, timeout=300
+    )
+
+
+@contextmanager
+def running(cwd: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """A demo that moves: its follower has told an angle."""
+    child = subprocess.Popen(
+        [*ARMGATE, "demo", *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    try:
+        assert child.stdout is not None
+        while "°" not in (line := child.stdout.readline()):
+            assert line, child.communicate()
+        yield child
+    finally:
+        if child.poll() is None:
+            child.kill()
+        child.communicate()
+
+
+def children(pid: int) -> dict[str, int]:
+    """Children of a demo by what they do."""
+    found = {}
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+        found[words[3].decode()] = int(child)
+    return found
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    metrics: dict[str, Any] = json.loads((folder / "metrics.json").read_text())
+    return metrics
+
+
+def check(metrics: dict[str, Any]) -> None:
+    """What every run keeps, however busy the machine is."""
+    assert metrics["complete"] is True
+    assert metrics["min_clearance_m"] >= metrics["stop_distance_m"] == 0.05
+    assert set(metrics["verdicts"]) == set(metrics["ticks"]) == {"FR", "GR"}
+    assert min(metrics["ticks"].values()) > 200
+
+
+def test_lock_step_from_any_folder_leaves_everything_in_its_own(tmp_path: Path) -> None:
+    done = demo("--lockstep", "--duration", "3", "--no-view", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (out,) = (tmp_path / "runs").iterdir()
+    metrics = metrics_of(out)
+    check(metrics)
+    assert 0.0 < metrics["angle_error_deg"]["rms"] < metrics["angle_error_deg"]["max"] <= 1.0
+    assert metrics["distance_error_m"]["max"] <= 0.02
+    assert metrics["holds"] == {"angle": True, "distance": True, "clearance": True, "in_time": True}
+    assert metrics["late_commands"] == 0
+    assert metrics["states_missed"] == {}
+    for verdicts in metrics["verdicts"].values():
+        assert (verdicts["limited"], verdicts["refused"]) == ({}, {})
+    names = {file.name for file in out.iterdir()}
+    pictures = {"angle_error.png", "distance_error.png", "leader_position.png", "clearance.png"}
+    assert names == pictures | {"metrics.json", "series.csv", "config.yaml", "logs"}
+    assert {file.name for file in (out / "logs").iterdir()} == {"daemon.log", "leader.log", "follower.log"}
+    with (out / "series.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == metrics["ticks"]["FR"] + 1 - int(rows[0]["time_s"] != "0")
+    assert max(float(row["progress"]) for row in rows if row["progress"] != "nan") == 1.0
+    assert "holds" in done.stdout
+    assert "path" in done.stdout.splitlines()[0]
+
+
+def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
+    series = []
+    for name in ("a", "b"):
+        assert demo("--lockstep", "--duration", "1", "--out", name, cwd=tmp_path).returncode == 0
+        series.append((tmp_path / name / "series.csv").read_bytes())
+    # The run ends when the observer is told to close: one may see a few ticks more than the other.
+    shorter = min(map(len, series))
+    assert shorter > 10_000
+    assert series[0][:shorter] == series[1][:shorter]
+
+
+def test_by_the_clock(tmp_path: Path) -> None:
+    done = demo("--duration", "5", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    metrics = metrics_of(tmp_path / "run")
+    check(metrics)
+    assert metrics["duration_s"] >= 5.0
+
+
+def test_ctrl_c_ends_all_cleanly_with_what_was_seen(tmp_path: Path) -> None:
+    with running(tmp_path, "--lockstep", "--out", "run") as child:
+        started = children(child.pid)
+        assert set(started) == {"serve", "lead", "follow"}
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=120)
+    assert (child.returncode, err) == (0, "")
+    assert "ended early" in out
+    assert not any(alive(pid) for pid in started.values())
+    assert metrics_of(tmp_path / "run")["complete"] is False
+    assert "interrupted, at rest" in (tmp_path / "run" / "logs" / "leader.log").read_text()
+    assert "interrupted, at rest" in (tmp_path / "run" / "logs" / "follower.log").read_text()
+    assert (tmp_path / "run" / "angle_error.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("lead", "leader"), ("follow", "follower"), ("serve", "daemon")]
+)
+def test_a_child_that_dies_is_named_and_nothing_is_left(tmp_path: Path, command: str, name: str) -> None:
+    with running(tmp_path, "--lockstep", "--out", "run") as child:
+        started = children(child.pid)
+        os.kill(started[command], signal.SIGKILL)
+        _, err = child.communicate(timeout=120)
+    assert child.returncode == 1
+    assert f"the {name} was killed by SIGKILL" in err
+    assert "Traceback" not in err
+    assert not any(alive(pid) for pid in started.values())
