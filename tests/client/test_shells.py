@@ -102,6 +102,16 @@ async def test_the_newest_tick_wins(connect, server):
         assert (await anext(ticks)).tick == 59
 
 
+async def test_a_tick_that_is_known_gives_way_to_a_newer_one_that_is_not_read_yet(connect, server):
+    async with await connect() as cell, await cell.acquire("FR") as robot:
+        ticks = aiter(robot.ticks())
+        await anext(ticks)
+        server.say(state("FR", 1))
+        await cell.ping()
+        server.say(state("FR", 2), state("FR", 3))
+        assert (await anext(ticks)).tick == 3
+
+
 async def test_states_are_the_newest_of_any_robot(connect, server):
     async with await connect(role="observer") as cell:
         states = aiter(cell.states())
