@@ -100,6 +100,19 @@ def test_a_command_without_its_lease_is_not_sent():
         pair.session.command("GR", 1, 0, [0.0])
 
 
+def test_a_tick_whose_slot_is_taken_is_not_told():
+    pair = Pair()
+    pair.acquire("FR")
+    # Based on tick 5, judged when the robot was at tick 6: its command is for tick 7.
+    pair.say(state(tick=5))
+    command = m.Command(robot="FR", fence=1, seq=1, tick=5, dq=())
+    pair.say(verdict(command, target=7))
+    pair.say(state(tick=6))
+    assert pair.session.next_tick("FR", 1, 5) is None
+    pair.say(state(tick=7))
+    assert pair.session.next_tick("FR", 1, 5).tick == 7
+
+
 def test_verdicts_nobody_asks_for_are_bounded():
     pair = Pair()
     command = m.Command(robot="FR", fence=1, seq=0, tick=0, dq=())

@@ -63,6 +63,8 @@ class Session:
         self.closed: ClientError | None = None
         self._connection = Connection(Side.CLIENT, versions)
         self._newest: dict[str, State] = {}
+        # The tick for which each robot's newest command was judged: its slot is taken.
+        self._slot: dict[str, int] = {}
         self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
@@ -192,7 +194,10 @@ class Session:
         return (dropped + index + 1, self._recent[index]) if index < len(self._recent) else None
 
     def next_tick(self, robot: str, fence: int, after: int) -> Tick | None:
-        """The newest tick of a robot that is held, if it is later than ``after``.
+        """The newest tick of a robot that is held, if it is later than ``after`` and can be answered.
+
+        A command for the tick after it may have been judged already, where the state that the command was
+        based on came late: one more would be refused.
 
         Raises:
             Lost: The robot is no longer held with this fence.
@@ -200,7 +205,9 @@ class Session:
         self.holdings.check(robot, fence)
         self.pending.complain()
         state = self._newest.get(robot)
-        return Tick(robot, state) if state is not None and state.tick > after else None
+        if state is None or state.tick <= after or state.tick < self._slot.get(robot, 0):
+            return None
+        return Tick(robot, state)
 
     # --- one handler for each message ----------------------------------------------------------------------
 
@@ -218,6 +225,11 @@ class Session:
         self.state = self._newest[state.robot] = state
         self._recent.append(state)
         self.states += 1
+
+    def _take_verdict(self, verdict: Verdict) -> None:
+        if verdict.target is not None:
+            self._slot[verdict.robot] = verdict.target
+        self.pending.take_verdict(verdict)
 
     def _take_subscribed(self, subscribed: Subscribed) -> None:
         self.subscription = subscribed
@@ -238,7 +250,7 @@ class Session:
         Subscribed: _take_subscribed,
         Error: _take_error,
         Bye: _take_bye,
-        Verdict: lambda self, verdict: self.pending.take_verdict(verdict),
+        Verdict: _take_verdict,
         Lease: lambda self, lease: self.holdings.take_lease(lease),
         Stopped: lambda self, stopped: self.holdings.take_stopped(stopped),
         Resumed: lambda self, resumed: self.holdings.take_resumed(resumed),
