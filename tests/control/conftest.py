@@ -12,6 +12,7 @@ from armgate.cell.config import load_config
 from armgate.control.bounds import IncrementBounds
 from armgate.control.follower import Follower, FollowStep, Situation
 from armgate.control.law import CameraLaw
+from armgate.control.predict import ramp_lag
 from armgate.control.repulsion import Obstacles
 from armgate.control.spheres import Spheres
 from armgate.control.view import view_errors
@@ -74,7 +75,8 @@ class Leader:
         share = rng.uniform(0.3, 1.0, (3, 3))
         share *= half[:, None] / share.sum(axis=1, keepdims=True)
         times = np.linspace(0.0, 200.0, 20001)[:, None, None]
-        fastest = np.linalg.norm((share * rate * np.cos(rate * times + phase)).sum(axis=2), axis=1).max()
+        velocities = (share * rate * np.cos(rate * times + phase)).sum(axis=2)
+        fastest = np.linalg.norm(velocities, axis=1).max()
         return lambda t: middle + (share * np.sin(rate * (speed / fastest * t) + phase)).sum(axis=1)
 
 
@@ -95,7 +97,7 @@ class Trace:
 class Loop:
     """The follower against an ideal robot with bounded acceleration and a first-order lag.
 
-    From measuring the leader to moving it takes two ticks: one until the follower hears of it, one until it moves.
+    From measuring the leader to moving it takes two ticks: one to hear of it, one to move.
     """
 
     robot: Robot
@@ -114,7 +116,7 @@ class Loop:
         obstacles: Callable[[float], Obstacles] | None = None,
     ) -> Trace:
         T, robot = self.robot.period, self.robot
-        follower = Follower(self.law, bounds_of(robot), period=T, ahead=T + lag, predict=predict)
+        follower = Follower(self.law, bounds_of(robot), period=T, ahead=T + ramp_lag(lag, T), predict=predict)
         setpoint = np.array(robot.start if start is None else start)
         q, last, keep = setpoint, np.zeros(robot.model.n), np.exp(-T / lag) if lag else 0.0
         angles, distances, qs, steps = [], [], [], []
@@ -160,9 +162,8 @@ def q(request: pytest.FixtureRequest, fr: Robot) -> np.ndarray:
 
 def slope(function: Callable[[np.ndarray], object], at: np.ndarray, h: float = 1e-6) -> np.ndarray:
     """Central differences of a function, its arguments along the last axis."""
-    columns = []
-    for e in np.eye(len(at)):
-        columns.append((np.asarray(function(at + h * e)) - np.asarray(function(at - h * e))) / (2.0 * h))
+    ends = [(np.asarray(function(at + h * e)), np.asarray(function(at - h * e))) for e in np.eye(len(at))]
+    columns = [(ahead - behind) / (2.0 * h) for ahead, behind in ends]
     return np.moveaxis(np.array(columns), 0, -1)
 
 

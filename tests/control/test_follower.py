@@ -91,7 +91,7 @@ def test_dodges_an_obstacle_and_keeps_the_view(loop, fr, law):
     elbow = law.spheres.centres(fr.start)[9]
 
     def approaching(t):
-        return Obstacles((elbow + [0.0, 0.75 - 0.1 * min(t, 5.0), 0.1])[None], np.array([0.1]))
+        return Obstacles(elbow[None] + (0.0, 0.75 - 0.1 * min(t, 5.0), 0.1), np.array([0.1]))
 
     trace = loop.run(still([2.0, 0.0, 1.0]), 7.0, obstacles=approaching)
     angle, _ = after(trace, 2.0)
@@ -104,7 +104,7 @@ def test_dodges_an_obstacle_and_keeps_the_view(loop, fr, law):
 
 def test_an_obstacle_too_near_starts_the_emergency_mode(loop, fr, law):
     elbow = law.spheres.centres(fr.start)[9]
-    touching = Obstacles((elbow + [0.0, 0.22, 0.0])[None], np.array([0.1]))
+    touching = Obstacles(elbow[None] + (0.0, 0.22, 0.0), np.array([0.1]))
     trace = loop.run(still([2.0, 0.0, 1.0]), 1.0, obstacles=lambda _: touching)
     assert trace.steps[0].emergency
     assert "emergency" in trace.steps[0].why
@@ -180,7 +180,7 @@ def test_increments_obey_their_bounds_whatever_the_leader_does(law, bounds, fr, 
     setpoint, last = middle + half * np.array(start), np.zeros(6)
     for k in range(4 * len(targets)):
         p = np.array(targets[k // 4])
-        ball = Obstacles((p + [0.0, 0.0, 0.4])[None], np.array([0.3]), 0.0)
+        ball = Obstacles(p[None] + (0.0, 0.0, 0.4), np.array([0.3]), 0.0)
         now = Situation(0.012 * k, setpoint, last, setpoint, p, 0.012 * k, wanted, ball)
         dq = follower.step(now).dq
         assert np.isfinite(dq).all()

@@ -1,12 +1,16 @@
 import numpy as np
 import pytest
 
+from armgate.control.gains import Gains
 from armgate.control.integrate import Ended, Scheme, integrate, rk4
+from armgate.control.law import CameraLaw
 
 FAR = np.full(6, 1e3)
 
 
-def test_order_four_in_a_smooth_scene(law, fr):
+def test_order_four_in_a_smooth_scene(fr):
+    """Smooth: no repulsion, and limit weights so weak that their switch leaves no kink."""
+    law = CameraLaw(fr.model, "camera", Gains(limit=1e-9))
     goal = law.goal([1.9, 0.4, 1.2], 1.0)
 
     def end(steps):

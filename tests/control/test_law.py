@@ -24,14 +24,15 @@ def psi(robot, q, p):
     return camera_error(*(tuple(column) for column in at.R.T), tuple(p - at.t)).psi
 
 
-def scene_beside(law, q, apart=0.15):
-    """An obstacle near each of two spheres of the arm."""
-    law_spheres = law.spheres
-    centres = law_spheres.centres(q)[[6, 12]]
-    radii = law_spheres.radii[[6, 12]]
-    towards = np.array([[0.3, 0.9, 0.3], [0.1, -0.2, 0.97]])
-    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    return Obstacles(centres + towards * (radii + 0.1 + apart)[:, None], np.full(2, 0.1))
+def scene_beside(law, q):
+    """Two obstacles near the elbow, which push without touching: between contact distance and ρ0."""
+    rng, elbow = np.random.default_rng(3), law.spheres.centres(q)[9]
+    while True:
+        away = rng.normal(size=(2, 3))
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        obstacles = Obstacles(elbow + 0.42 * away, np.full(2, 0.1))
+        if 0.1 < law.scene(obstacles, q).gap < 0.25:
+            return obstacles
 
 
 def repulsion_potential(law, obstacles, q):
@@ -74,11 +75,7 @@ def test_distance_force_is_the_gradient_of_its_potential(fr, q, differences):
 
 def test_repulsion_is_the_gradient_of_its_potential(law, q, differences):
     obstacles = scene_beside(law, q)
-    law_scene = law.scene(obstacles, q)
-    if law_scene.gap < law.gains.contact:
-        obstacles = scene_beside(law, q, apart=0.29)
-        law_scene = law.scene(obstacles, q)
-    F_rep = law.terms(q, law.goal(P, 1.0, law_scene)).F_rep
+    F_rep = law.terms(q, law.goal(P, 1.0, law.scene(obstacles, q))).F_rep
     assert np.abs(F_rep).max() > 1e-3
     numeric = -differences(lambda at: repulsion_potential(law, obstacles, at), q)
     np.testing.assert_allclose(F_rep, numeric, rtol=1e-4, atol=1e-6)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armgate.control.predict import Predictor
+from armgate.control.predict import Predictor, ramp_lag
 
 T = 0.012
 
@@ -20,6 +20,14 @@ def test_constant_acceleration_is_learnt_exactly_with_gamma():
     for k in range(2000):
         predictor.update(k * T, 0.5 * a * (k * T) ** 2)
     np.testing.assert_allclose(predictor.predict(0.05)[0], 0.5 * a * (1999 * T + 0.05) ** 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03, 0.12])
+def test_ramp_lag_is_what_a_lagging_robot_trails_by(lag):
+    q, keep = 0.0, np.exp(-T / lag) if lag else 0.0
+    for k in range(1000):
+        q = k * T + keep * (q - k * T)
+    assert 999 * T - q == pytest.approx(ramp_lag(lag, T), abs=1e-12)
 
 
 def test_lost_samples_do_no_harm():

@@ -80,5 +80,5 @@ def test_hysteresis_the_wrong_way_round_is_refused():
 
 
 def test_centres_without_radii_are_refused():
-    with pytest.raises(ValueError, match=r"centres \(m, 3\)"):
+    with pytest.raises(ValueError, match=r"expected one centre \(m, 3\)"):
         Obstacles(np.zeros((2, 3)), np.zeros(1))

@@ -78,7 +78,8 @@ class Follower:
         bounds: of its increments, as the gate applies them.
         period: of its clock, s.
         ahead: how long after `Situation.time` an increment sent in answer shows in the measured position,
-            s: the delay of the loop and the robot's lag.
+            s: the delay of the loop (one period where the robot moves at its next tick) and the lag of the
+            robot (`predict.ramp_lag`).
         scheme: how (16) is integrated.
         predictor: of the target; the default takes velocity and acceleration into account.
         stale: a target older than this, s, has vanished: the follower slows to rest.

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from math import expm1
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.weights import Vector
+
+
+def ramp_lag(lag: float, period: float) -> float:
+    """By how much a first-order lag, q ← q + (1 − e^(−T/τ)) (q_ref − q) each T, trails a ramp, s.
+
+    T / (e^(T/τ) − 1), which is about τ − T/2; 0 without lag.
+
+    Args:
+        lag: time constant τ, s.
+        period: T, s.
+    """
+    return 0.0 if lag <= 0.0 else period / expm1(period / lag)
 
 
 class Predictor:

@@ -3,7 +3,7 @@
     H_j = c · 8 x / (1 − x²)²,   W⁻¹_jj = 1 / (1 + H_j²),   x = (2 q − q_M − q_m) / (q_M − q_m)   (10), (11)
 
 (11) as printed has the unit 1/angle, so that radians or degrees make another controller of it: it is H
-above with c = 1 / (q_M − q_m). Here x is the position in the half range and c is a number. A joint is
+above with c = 2 / (q_M − q_m). Here x is the position in the half range and c is a number. A joint is
 weighed only while it approaches its limit, as Chan and Dubey (1995) do: one that leaves it is free to do
 so.
 """
@@ -20,12 +20,14 @@ class LimitWeights:
     """W⁻¹ of (10) for the limits `lower` and `upper` ((n,), rad or m) and the strength c.
 
     Raises:
-        ValueError: where a joint has no range (upper ≤ lower).
+        ValueError: where a joint has no range (upper ≤ lower), or c ≤ 0.
     """
 
     def __init__(self, lower: Vector, upper: Vector, c: float) -> None:
         if not np.all(upper > lower):
             raise ValueError(f"joint limits need lower < upper, got lower {lower} and upper {upper}")
+        if not c > 0.0:
+            raise ValueError(f"expected a strength c > 0 of the limit weights, got {c}")
         self._slope = 2.0 / (upper - lower)
         self._offset = (upper + lower) / (upper - lower)
         self._squared_c = (8.0 * c) ** 2
