@@ -84,8 +84,10 @@ class NearestPairs:
         return proof
 
     def _lowest(self, robot: int) -> list[int]:
+        """The pair with the lowest bound of all, and of those with others; none while no other side is known."""
         every, others = self._clearance.pairs_of[robot], self._others[robot]
-        return [int(ids[np.argmin(self._margin[ids])]) for ids in (every, others) if len(ids)]
+        lowest = [int(ids[np.argmin(self._margin[ids])]) for ids in (every, others) if len(ids)]
+        return [pair for pair in lowest if np.isfinite(self._margin[pair])]
 
     def _side(self, group: Group, measured: Sequence[Joints | None]) -> Swept | None:
         if group.other is None:
