@@ -108,7 +108,7 @@ class Gate:
             s.residue = ()
         self._reservations.hold_plan(s)
         if event.rebased:
-            self._clearance.survey(s.index)
+            self._reservations.renew(s)
         out = self._fault(s, fault, strayed) if fault is not None else []
         self._report(s)
         return out
@@ -116,7 +116,7 @@ class Gate:
     def _first_tick(self, s: RobotState, event: Tick) -> list[GateOutput]:
         s.take_tick(event, event.q)
         self._reservations.hold_plan(s)
-        self._clearance.survey(s.index)
+        self._reservations.renew(s)
         self._report(s)
         return []
 
@@ -239,15 +239,11 @@ class Gate:
 
     def _rebase(self, s: RobotState) -> Rebase:
         """The setpoint becomes the measured q; what was proven of a robot that faulted is proven anew."""
-        s.held, s.played, s.resets = None, -1, s.resets + 1
-        s.setpoint, s.last, s.q = s.measured, s.zeros, s.measured
-        s.slot = s.tick
-        s.history.clear()
-        s.residue, s.strayed = (), 0.0
+        s.rebase()
         self._reservations.hold_plan(s)
         if s.faulted:
             s.faulted = False
-            self._clearance.survey(s.index)
+            self._reservations.renew(s)
         return Rebase(s.name, s.setpoint, s.resets)
 
     def _link(self, event: LinkChange) -> list[GateOutput]:
@@ -265,7 +261,7 @@ class Gate:
         """
         s.strayed += strayed
         self._reservations.hold_plan(s)
-        self._clearance.survey(s.index)
+        self._reservations.renew(s)
         out: list[GateOutput] = []
         if not s.faulted:
             out.append(self._raise_stop([s], reason, "gate"))

@@ -56,5 +56,12 @@ class Reservations:
         self._staged.pop(s.index, None)
         self._hold(s)
 
+    def renew(self, s: RobotState) -> None:
+        """Proves a robot's pairs anew where what was proven is void; also for what waits for an answer."""
+        self._clearance.survey(s.index)
+        ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
+        for staged in self._staged.values():
+            staged[ids] = np.minimum(staged[ids], bound[ids])
+
     def _hold(self, s: RobotState) -> None:
         self._clearance.hold(s.index, [r.swept for r in s.reserved])

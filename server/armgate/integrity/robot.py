@@ -1,5 +1,6 @@
 """All that the gate knows of one robot: what its clock told, what its link holds, who may command it."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -13,6 +14,9 @@ from armgate.integrity.swept import Swept
 
 _STILL = 1e-6
 """A robot that moves less in a tick rests, rad or m: a lag's last exponential part never quite ends."""
+
+_SAME_TIME = 1e-9
+"""Rounding of times, s."""
 
 JOINT_SLACK = 1e-4
 """How far a joint that starts outside its limits may fall back in all, rad or m."""
@@ -46,6 +50,8 @@ class RobotState:
         outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
             ratcheted back.
         slot: The tick that a command was judged for already.
+        history: Setpoints that a robot with transport delay may still follow, each with the time until which it was
+            in force (infinite: until the next tick).
     """
 
     robot: Robot
@@ -147,9 +153,17 @@ class RobotState:
         window = self.robot.lag_window
         if window <= 0.0 or self.tick < 0:
             return
-        self.history.append((self.time, self.setpoint))
-        while self.history and self.history[0][0] < event.time - window - self.robot.period:
-            self.history.popleft()
+        self.history.append((event.time, self.setpoint))
+        past = [(min(until, event.time), q) for until, q in self.history]
+        self.history = deque((until, q) for until, q in past if until >= event.time - window - _SAME_TIME)
+
+    def rebase(self) -> None:
+        """The setpoint becomes the measured q, from rest; a delayed robot may still be on its way to the old one."""
+        if self.robot.lag_window > 0.0:
+            self.history.append((math.inf, self.setpoint))
+        self.held, self.played, self.resets = None, -1, self.resets + 1
+        self.setpoint, self.last, self.q = self.measured, self.zeros, self.measured
+        self.slot, self.residue, self.strayed = self.tick, (), 0.0
 
     def _ratchet(self) -> tuple[Joints, Joints]:
         low = tuple(max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True))
