@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import ClassVar
 
-from armgate.protocol import Connection, Refusal, Side
+from armgate.protocol import Connection, LocalProtocolError, Refusal, Side
 from armgate.protocol import messages as m
 
 PATIENCE = 20.0
@@ -151,7 +151,7 @@ class Mover:
 
     async def ended(self):
         """Wait until the server has closed the connection."""
-        with contextlib.suppress(EOFError, ConnectionError):
+        with contextlib.suppress(EOFError, ConnectionError, LocalProtocolError):
             await asyncio.wait_for(self.task, PATIENCE)
 
     async def stop(self):
