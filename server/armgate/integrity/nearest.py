@@ -84,7 +84,7 @@ class NearestPairs:
         return proof
 
     def _lowest(self, robot: int) -> list[int]:
-        """The pair with the lowest bound of all, and of those with others; none while no other side is known."""
+        """The pair with the lowest bound of all, and of those with others; none of unknown robots."""
         every, others = self._clearance.pairs_of[robot], self._others[robot]
         lowest = [int(ids[np.argmin(self._margin[ids])]) for ids in (every, others) if len(ids)]
         return [pair for pair in lowest if np.isfinite(self._margin[pair])]

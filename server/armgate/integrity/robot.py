@@ -50,8 +50,8 @@ class RobotState:
         outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
             ratcheted back.
         slot: The tick that a command was judged for already.
-        history: Setpoints that a robot with transport delay may still follow, each with the time until which it was
-            in force (infinite: until the next tick).
+        history: Setpoints that a robot with transport delay may still follow, each with the time until which it
+            was in force (infinite: until the next tick).
     """
 
     robot: Robot
@@ -158,7 +158,7 @@ class RobotState:
         self.history = deque((until, q) for until, q in past if until >= event.time - window - _SAME_TIME)
 
     def rebase(self) -> None:
-        """The setpoint becomes the measured q, from rest; a delayed robot may still be on its way to the old one."""
+        """The setpoint becomes the measured q; a delayed robot may still be on its way to the old one."""
         if self.robot.lag_window > 0.0:
             self.history.append((math.inf, self.setpoint))
         self.held, self.played, self.resets = None, -1, self.resets + 1
