@@ -49,7 +49,6 @@ class ErrorCode(StrEnum):
     NOT_HELD = "not_held"
     STOPPED = "stopped"
     MOVING = "moving"
-    NOT_READY = "not_ready"
     NO_LOCKSTEP = "no_lockstep"
     NOT_PARTICIPANT = "not_participant"
     WRONG_STEP = "wrong_step"
@@ -111,7 +110,6 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ErrorCode.NOT_HELD: _single("the session does not hold that lease", "acquire the robot"),
     ErrorCode.STOPPED: _single("the robot is stopped", "have an operator reset the stop, then acquire again"),
     ErrorCode.MOVING: _single("a robot still moves", "reset when it rests"),
-    ErrorCode.NOT_READY: _single("the robot's link is not ready", "wait until its entry says ready"),
     ErrorCode.NO_LOCKSTEP: _single("the server does not run in lock-step", "send no pass"),
     ErrorCode.NOT_PARTICIPANT: _single(
         "this session is no participant of the lock-step", "connect by its name"
