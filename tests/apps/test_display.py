@@ -35,13 +35,14 @@ def test_the_picture_shows_robots_camera_path_and_warnings(
     description: Description, make_state: Make
 ) -> None:
     counts = {"admitted": 41, "limited:acceleration": 5, "refused:clearance": 2}
-    state = make_state(
-        48, angle=0.31, distance=-0.0042, progress=0.42, counts=counts, warnings=("engine gap",)
-    )
+    near = (("FR/link_1", "FR/link_3", 0.01, 0.02),)
+    more = {"counts": counts, "warnings": ("engine gap",), "near": near}
+    state = make_state(48, angle=0.31, distance=-0.0042, progress=0.42, **more)
     shown = text_of(picture(seen_of(make_state(0), state), description, 1.0))
     for expected in (
-        "demo", "0.6 s by the clock", "1.0 × real time", "FR", "GR", "48", "follower", "28.6", "2.930",
-        "41 / 5 / 2", "400 mm", "FR/link_5 – GR/link_6", "+0.31°", "± 1°", "-4.2 mm", "± 20 mm", "300 mm",
+        "demo", "0.6 s by the clock", "1.0 × real time", "FR", "GR", "48", "follower",
+        "28.6  -57.3°", "2.930 m", "FR refused: too near",
+        "41", "5", "2", "400 mm", "FR/link_5 – GR/link_6", "+0.31°", "± 1°", "-4.2 mm", "± 20 mm", "300 mm",
         "42 %", "! engine gap",
     ):  # fmt: skip
         assert expected in shown, f"{expected!r} is not in\n{shown}"

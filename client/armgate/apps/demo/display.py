@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from armgate.apps.demo.metrics import ANGLE_BAND, DISTANCE_BAND
-from armgate.apps.demo.observation import Observation
+from armgate.apps.demo.observation import Observation, same_robot
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31
@@ -25,7 +25,9 @@ def picture(seen: Observation, cell: Description, factor: float | None) -> Rende
         cell: The cell's description: units of the joints, distances kept.
         factor: How much faster than the clock the run goes, None if not known yet.
     """
-    parts: list[RenderableType] = [_robots(seen, cell), _camera(seen), _path(seen)]
+    parts: list[RenderableType] = [
+        _robots(seen, cell), Text(), _gate(seen), *_bound(seen), Text(), _camera(seen), _path(seen),
+    ]  # fmt: skip
     parts += [Text(f"! {text}", style="yellow") for text in seen.warnings[-3:]]
     mode = "lock-step" if cell.lockstep else "by the clock"
     speed = "" if factor is None else f" · {factor:.1f} × real time"
@@ -49,30 +51,36 @@ def line(seen: Observation) -> str:
 
 
 def _robots(seen: Observation, cell: Description) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
-    for name in ("robot", "tick", "driven by"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("q  (m, °)", ratio=1)
-    table.add_column("let through / limited / refused", no_wrap=True)
-    table.add_column("nearest now", no_wrap=True)
+    table = _table("robot", "tick", "driven by", "q")
     units = {robot.name: [joint.unit for joint in robot.joints] for robot in cell.robots}
     for entry in seen.entries:
-        table.add_row(
-            Text(entry.robot, style="bold"),
-            str(entry.tick),
-            entry.holder or Text(entry.link or "–", style="dim"),
-            _position(entry.q or (), units.get(entry.robot, [])),
-            _counts(entry),
-            _nearest(entry.nearest or ()),
-        )
+        holder = entry.holder or Text(entry.link or "–", style="dim")
+        q = _position(entry.q or (), units.get(entry.robot, []))
+        table.add_row(Text(entry.robot, style="bold"), str(entry.tick), holder, q)
+    return table
+
+
+def _gate(seen: Observation) -> Table:
+    """What the gate made of the commands, and what is nearest: a table of its own, to fit 80 columns."""
+    table = _table("robot", "admitted", "limited", "refused", "nearest now")
+    for entry in seen.entries:
+        table.add_row(Text(entry.robot, style="bold"), *_counts(entry), _nearest(entry.nearest or ()))
+    return table
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for name in columns:
+        table.add_column(name, no_wrap=True, header_style="dim")
     return table
 
 
 def _position(q: Sequence[float], units: Sequence[str]) -> str:
-    return " ".join(
-        f"{value:6.3f}" if unit == "m" else f"{math.degrees(value):6.1f}"
-        for value, unit in zip(q, units, strict=False)
-    )
+    """Lengths in one line, angles in the next."""
+    lengths = [f"{x:6.3f}" for x, unit in zip(q, units, strict=False) if unit == "m"]
+    angles = [f"{math.degrees(x):6.1f}" for x, unit in zip(q, units, strict=False) if unit == "rad"]
+    lines = [" ".join(lengths) + " m"] if lengths else []
+    return "\n".join([*lines, " ".join(angles) + "°"] if angles else lines)
 
 
 def tally(entry: Entry) -> tuple[int, int, int]:
@@ -87,31 +95,39 @@ def _verdicts(entry: Entry) -> str:
     return "/".join(str(number) for number in tally(entry))
 
 
-def _counts(entry: Entry) -> Text:
-    admitted, limited, refused = tally(entry)
-    text = Text.assemble(
-        (str(admitted), "green"), " / ", (str(limited), "yellow" if limited else "dim"),
-        " / ", (str(refused), "red" if refused else "dim"),
-    )  # fmt: skip
-    if entry.verdict is not None and entry.verdict.cause:
-        text.append(f"  last: {entry.verdict.cause}", style="dim")
-    return text
+def _counts(entry: Entry) -> list[Text]:
+    styles = ("green", "yellow", "red")
+    return [
+        Text(str(number), style=style if number else "dim")
+        for number, style in zip(tally(entry), styles, strict=True)
+    ]
 
 
 def _nearest(near: Sequence[Nearest]) -> Text:
-    """The pair that is tightest for its own limit."""
+    """The nearest pair with something else; within the robot itself only where the others are not told."""
     if not near:
         return Text("–", style="dim")
-    tightest = min(near, key=lambda pair: pair.distance - pair.limit)
-    margin = tightest.distance - tightest.limit
+    nearest = min(near, key=lambda pair: (same_robot(pair.pair), pair.distance))
+    margin = nearest.distance - nearest.limit
     style = "red" if margin < 0.0 else "yellow" if margin < 0.05 else "green"
-    a, b = tightest.pair
-    return Text.assemble((_millimetres(tightest.distance), style), f"  {a} – {b}")
+    a, b = nearest.pair
+    return Text.assemble((_millimetres(nearest.distance), style), f"  {a} – {b}")
+
+
+def _bound(seen: Observation) -> list[Text]:
+    """What bound the newest command of a robot, in words."""
+    return [
+        Text(
+            f"{entry.robot} {entry.verdict.outcome}: {entry.verdict.text or entry.verdict.cause}", style="dim"
+        )
+        for entry in seen.entries
+        if entry.verdict is not None and entry.verdict.cause
+    ]
 
 
 def _camera(seen: Observation) -> Table:
     angle, distance = seen.scalar("follow.angle_error"), seen.scalar("follow.distance_error")
-    table = Table(box=None, padding=(1, 2, 0, 0), show_header=False)
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     table.add_row("view angle", *_gauge(None if angle is None else math.degrees(angle), ANGLE_BAND, "°", 2))
     in_mm = None if distance is None else 1000 * distance
     table.add_row("view distance", *_gauge(in_mm, 1000 * DISTANCE_BAND, " mm", 1))
