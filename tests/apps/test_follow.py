@@ -1,0 +1,186 @@
+"""The follower's loop: what it looks at, what it shares, when it ends."""
+
+import json
+import os
+import signal
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgate.apps.data import default_file
+from armgate.apps.errors import AppError, UsageError
+from armgate.apps.follow.loop import FollowLoop, Progress, chase, floor_of, tell_changes
+from armgate.apps.interrupt import Interrupt, interrupt
+from armgate.cell.cell import Cell as BuiltCell
+from armgate.cell.cell import Robot, build_cell
+from armgate.cell.config import load_config
+from armgate.client import Description, Tick
+from armgate.client.tick import State
+
+T = 0.012
+
+
+@pytest.fixture(scope="module")
+def built() -> BuiltCell:
+    return build_cell(load_config([default_file("demo.yaml")]))
+
+
+def described(robot: Robot) -> dict[str, Any]:
+    joints = [
+        {
+            "name": joint.name, "kind": joint.kind, "unit": "rad" if joint.kind == "revolute" else "m",
+            "lower": robot.lower[j], "upper": robot.upper[j], "velocity": robot.velocity[j],
+            "acceleration": robot.acceleration[j], "deceleration": robot.deceleration[j],
+        }
+        for j, joint in enumerate(robot.model.joints)
+    ]  # fmt: skip
+    base = robot.config.base.placement
+    return {
+        "name": robot.name, "urdf": {"hash": "0" * 64, "size": 1, "media": "x"}, "joints": joints,
+        "base_xyz": list(base.t), "base_xyzw": list(base.xyzw()), "period": T, "start": list(robot.start),
+        "frames": ["tool0"], "tool": robot.tool, "camera": robot.camera,
+    }  # fmt: skip
+
+
+class Connection:
+    """A cell that is described, and keeps what is shared."""
+
+    def __init__(self, built: BuiltCell, **body: Any) -> None:
+        floor = {
+            "name": "floor", "robot": None, "link": None, "shape": {"kind": "box", "size": [8.0, 7.0, 0.2]},
+            "xyz": [1.5, 0.0, -0.1], "xyzw": [0.0, 0.0, 0.0, 1.0], **body,
+        }  # fmt: skip
+        text = {
+            "name": "demo", "hash": "0" * 64, "stop_distance": 0.05, "self_distance": 0.02,
+            "response": "stop", "lockstep": True, "bodies": [floor],
+            "robots": [described(robot) for robot in built.robots],
+        }  # fmt: skip
+        self.description = Description.model_validate_json(json.dumps(text, default=float))
+        self.built = built
+        self.shared: list[tuple[str, Any]] = []
+
+    def urdf(self, name: str) -> str:
+        return self.built.robot(name).urdf
+
+    def signal(self, name: str, value: Any) -> None:
+        self.shared.append((name, value))
+
+
+class Held:
+    """FR without lag; GR stands still at its start, but moves once, from tick 20 to 40."""
+
+    def __init__(self, built: BuiltCell, progress: Any) -> None:
+        self.q, self.leader = built.robot("FR").start.copy(), built.robot("GR").start.copy()
+        self.progress = progress
+        self.sent: list[np.ndarray] = []
+
+    def ticks(self) -> Any:
+        for tick in range(2000):
+            self.leader[1] += 0.003 if 20 <= tick < 40 else 0.0
+            yield Tick("FR", self.state(tick))
+        raise AssertionError("never ended")
+
+    def state(self, tick: int) -> State:
+        value = self.progress(tick)
+        common = {"tick": tick, "time": T * tick}
+        signals = {} if value is None else {"lead.progress": {"owner": "l", "value": (value,), "time": 0.0}}
+        q, leader = tuple(self.q.tolist()), tuple(self.leader.tolist())
+        entries = ({"robot": "FR", "q": q, "setpoint": q, **common}, {"robot": "GR", "q": leader, **common})
+        return State.model_validate({"robot": "FR", "entries": entries, "signals": signals, **common})
+
+    def send(self, dq: list[float]) -> None:
+        self.sent.append(np.array(dq))
+        self.q = self.q + dq
+
+
+def chased(
+    built: BuiltCell, progress: Any, wish: Interrupt | None = None, duration: float | None = None
+) -> Any:
+    cell, robot = Connection(built), Held(built, progress)
+    loop = FollowLoop.build(cell, "FR", "GR", 1.0, lag=0.0)  # type: ignore[arg-type]
+    try:
+        ended = chase(cell, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
+    except AppError as error:
+        ended = str(error)
+    return ended, cell, robot
+
+
+def test_it_follows_until_the_path_is_done_within_its_bounds(built: BuiltCell) -> None:
+    ended, cell, robot = chased(built, lambda tick: min(1.0, tick / 150))
+    assert ended == "the leader's path is done, at rest"
+    angles = [value[0] for name, value in cell.shared if name == "follow.angle_error"]
+    assert angles[-1] < np.radians(0.05)
+    own = built.robot("FR")
+    u = np.array(robot.sent)
+    assert np.all(np.abs(u) <= own.velocity * T)
+    assert np.all(np.abs(np.diff(u, axis=0)) <= own.acceleration * T * T)
+    np.testing.assert_array_equal(u[-1], 0.0)
+
+
+def test_it_shares_what_it_measures(built: BuiltCell) -> None:
+    _, cell, robot = chased(built, lambda tick: None, duration=1.0)
+    names = {name for name, _ in cell.shared}
+    assert names == {
+        f"follow.{x}" for x in ("angle_error", "distance_error", "focus", "distance", "repulsion")
+    }
+    newest = dict(cell.shared)
+    camera = built.robot("FR").model.frame(robot.q, "camera")
+    tool = built.robot("GR").model.frame(robot.leader, "tool0").t
+    np.testing.assert_allclose(newest["follow.focus"], tool, atol=1e-12)
+    distance = float(np.linalg.norm(tool - camera.t)) - 1.0
+    assert newest["follow.distance_error"][0] == pytest.approx(distance, abs=1e-6)
+
+
+def test_time_and_interrupt_end_it(built: BuiltCell) -> None:
+    ended, _, robot = chased(built, lambda tick: None, duration=0.6)
+    assert ended == "time is over, at rest"
+    assert 50 <= len(robot.sent) < 150
+    wish = Interrupt()
+    wish.asked = True
+    assert chased(built, lambda tick: 0.0, wish)[0] == "interrupted, at rest"
+
+
+def test_a_leader_that_leaves_early_is_told_at_rest(built: BuiltCell) -> None:
+    ended, _, robot = chased(built, lambda tick: tick / 100 if tick < 30 else None)
+    assert ended == "FR is at rest: the leader left at 29 % of its path"
+    np.testing.assert_array_equal(robot.sent[-1], 0.0)
+
+
+def test_progress_before_the_leader_came() -> None:
+    watched = Progress()
+    assert watched.ending(SimpleNamespace(signals={})) is None  # type: ignore[arg-type]
+    assert not watched.left
+
+
+def test_robots_that_cannot_do_it_are_named(built: BuiltCell) -> None:
+    cell: Any = Connection(built)
+    with pytest.raises(UsageError, match="no robot 'XR'; it has FR, GR"):
+        FollowLoop.build(cell, "XR", "GR", 1.0, 0.0)
+    with pytest.raises(UsageError, match="robot 'GR' has no camera"):
+        FollowLoop.build(cell, "GR", "FR", 1.0, 0.0)
+    with pytest.raises(UsageError, match="cannot follow itself"):
+        FollowLoop.build(cell, "FR", "FR", 1.0, 0.0)
+
+
+def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
+    assert floor_of(Connection(built).description) == pytest.approx(0.0)
+    assert floor_of(Connection(built, name="table").description) is None
+    tilted = Connection(built, xyzw=[0.1, 0.0, 0.0, 0.995])
+    assert floor_of(tilted.description) is None
+
+
+def test_only_what_is_new_is_shared(built: BuiltCell) -> None:
+    cell: Any = Connection(built)
+    told = tell_changes(cell, {"a": (1.0,), "b": (2.0,)}, {})
+    tell_changes(cell, {"a": (1.0,), "b": (3.0,)}, told)
+    assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]
+
+
+def test_an_interrupt_is_a_wish_first() -> None:
+    with interrupt() as wish:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert wish.asked
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
