@@ -3,6 +3,8 @@
 import asyncio
 import inspect
 import math
+import socket
+import struct
 
 import numpy as np
 import pytest
@@ -265,6 +267,30 @@ async def test_a_lease_is_given_back_when_the_loop_fails(connect, server):
             async with await cell.acquire("FR"):
                 1 / 0  # noqa: B018
         await server.said(m.Release)
+
+
+async def test_a_release_that_is_refused_does_not_hide_what_went_wrong_before(connect, server):
+    server.on[m.Release] = lambda seat, request: seat.say(error(request, "not_held"))
+    async with await connect() as cell:
+        with pytest.raises(Refused, match="not_held"):
+            async with await cell.acquire("FR"):
+                pass
+        with pytest.raises(ZeroDivisionError):
+            async with await cell.acquire("FR"):
+                1 / 0  # noqa: B018
+
+
+async def test_a_connection_that_is_reset(connect, server):
+    async with await connect() as cell, await cell.acquire("FR") as robot:
+        await first(robot.ticks())
+        sock = server.seat.transport.get_extra_info("socket")
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        server.seat.transport.abort()
+        async with asyncio.timeout(10):
+            await server.gone.wait()
+        with pytest.raises(ConnectionLost, match="connect again"):
+            while True:
+                await robot.post([0.0, 0.0])
 
 
 async def test_waiting_keeps_the_lease(connect, server):
