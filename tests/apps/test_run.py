@@ -37,14 +37,14 @@ def plan(**changes: object) -> course.Plan:
 
 
 def test_the_commands() -> None:
-    assert plan().daemon()[3:] == ["serve", "a.yaml", "b.yaml", "--port", "0"]
+    assert plan().daemon()[4:] == ["serve", "a.yaml", "b.yaml", "--port", "0"]
     assert plan(lockstep=True).daemon()[-2:] == ["--lockstep", "leader,follower"]
     lead = plan(duration=2.5).controller("leader", "h:1")
-    assert lead[3:] == (
+    assert lead[4:] == (
         ["lead", "h:1", "--robot", "GR", "--path", "p.csv", "--duration", "2.5", "--name", "leader"]
     )
     follow = plan(lag=0.12).controller("follower", "h:1")
-    assert follow[3:] == (
+    assert follow[4:] == (
         ["follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12", "--name", "follower"]
     )
 

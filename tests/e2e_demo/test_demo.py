@@ -1,8 +1,10 @@
 """The whole stack as a user starts it: daemon, leader and follower as processes of the demo."""
 
+import contextlib
 import csv
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -46,8 +48,18 @@ def children(pid: int) -> dict[str, int]:
     found = {}
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-        found[words[3].decode()] = int(child)
+        found[words[4].decode()] = int(child)
     return found
+
+
+def ended(pid: int) -> None:
+    """Waits until a process that is no child of ours has ended."""
+    with contextlib.suppress(ProcessLookupError):
+        handle = os.pidfd_open(pid)
+        try:
+            assert select.select([handle], [], [], 60.0)[0], f"{pid} still runs"
+        finally:
+            os.close(handle)
 
 
 def alive(pid: int) -> bool:
@@ -142,3 +154,12 @@ def test_a_child_that_dies_is_named_and_nothing_is_left(tmp_path: Path, command:
     assert f"the {name} was killed by SIGKILL" in err
     assert "Traceback" not in err
     assert not any(alive(pid) for pid in started.values())
+
+
+def test_a_demo_that_is_killed_leaves_nothing_running(tmp_path: Path) -> None:
+    with running(tmp_path, "--lockstep", "--out", "run") as child:
+        started = children(child.pid)
+        child.kill()
+        for pid in started.values():
+            ended(pid)
+    assert '"event": "closing"' in (tmp_path / "run" / "logs" / "daemon.log").read_text()

@@ -11,10 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-ARMGATE = (sys.executable, "-m", "armgate.apps")
 TAIL = 12
 """Lines of a dead child's log that are shown."""
 _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def armgate(*arguments: str) -> list[str]:
+    """The command line of a child that ends when this process is gone."""
+    return [sys.executable, "-m", "armgate.apps.demo.child", str(os.getpid()), *arguments]
 
 
 @dataclass(frozen=True)

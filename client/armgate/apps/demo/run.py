@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from armgate.apps.demo.observation import Observation
-from armgate.apps.demo.processes import ARMGATE, Asked, Crew, Event, Exited, Printed
+from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed, armgate
 from armgate.apps.errors import AppError
 from armgate.client import ClientError, Description, State, connect
 
@@ -51,7 +51,7 @@ class Plan:
 
     def daemon(self) -> list[str]:
         """The command that starts the daemon."""
-        command = [*ARMGATE, "serve", *map(str, self.configs), "--port", "0"]
+        command = armgate("serve", *map(str, self.configs), "--port", "0")
         return [*command, "--lockstep", ",".join(CONTROLLERS)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:
@@ -70,7 +70,7 @@ class Plan:
         else:
             own = ["lead", address, "--robot", self.leader, "--path", str(self.path)]
             own += [] if self.duration is None else ["--duration", str(self.duration)]
-        return [*ARMGATE, *own, "--name", name]
+        return armgate(*own, "--name", name)
 
 
 @dataclass
