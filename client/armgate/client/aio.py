@@ -289,6 +289,8 @@ class Cell(CellHandle):
         if not data:
             return
         self._wire.write(data)
+        # A loop that only sends must let the event loop read, too: else it never learns that nobody listens.
+        await asyncio.sleep(0)
         if not await _bounded(self._wire.writable, self.timeout):
             self._session.receive_eof(f"the server has read nothing for {self.timeout:g} s")
             self._session.check()
