@@ -50,8 +50,8 @@ class RobotState:
         outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
             ratcheted back.
         slot: The tick that a command was judged for already.
-        history: Setpoints that a robot with transport delay may still follow, each with the time until which it
-            was in force (infinite: until the next tick).
+        history: Setpoints that a robot with transport delay may still follow, each with the time until which
+            it was in force (infinite: until the next tick).
     """
 
     robot: Robot
