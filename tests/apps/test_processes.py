@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from armgate.apps.demo import child
 from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed
 
 PYTHON = (sys.executable, "-u", "-c")
@@ -82,3 +83,18 @@ def test_the_tail_is_the_end_of_the_log(crew: Crew) -> None:
 def test_an_event_from_a_signal_handler(crew: Crew) -> None:
     crew.events.put(Asked(signal.SIGINT))
     assert crew.next(WAIT) == Asked(signal.SIGINT)
+
+
+def test_children_go_before_ordinary_programs_where_the_system_lets_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+    monkeypatch.setattr(os, "setpriority", lambda *how: asked.append(how))
+    child.hurry()
+    assert asked == [(os.PRIO_PROCESS, 0, child.HURRY)]
+
+    def refuse(*_: int) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    child.hurry()
