@@ -85,7 +85,7 @@ def test_an_event_from_a_signal_handler(crew: Crew) -> None:
     assert crew.next(WAIT) == Asked(signal.SIGINT)
 
 
-def test_children_go_before_ordinary_programs_where_the_system_lets_them(
+def test_children_go_before_ordinary_programs_where_they_may(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = []
