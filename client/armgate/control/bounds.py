@@ -98,6 +98,18 @@ class IncrementBounds:
         ahead = np.where(dq > 0.0, self.upper - setpoint, setpoint - self.lower)
         return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
 
+    def box(self, wanted: Vector, last: Vector, setpoint: Vector) -> tuple[Vector, Vector]:
+        """Bounds (n,), (n,) on each joint's increment after `last` at `setpoint`, about as long as `wanted`.
+
+        The step, what the limits leave with braking, and, above these, the change that is allowed.
+        """
+        share = 1.0 / (1.0 + self.stop(wanted))
+        down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)
+        least, most = last - self.change, last + self.change
+        low: Vector = np.clip(np.maximum(-self.step, share * down), least, most)
+        high: Vector = np.clip(np.minimum(self.step, share * up), least, most)
+        return low, high
+
     def within(self, wanted: Vector, last: Vector, setpoint: Vector) -> Vector:
         """The increment nearest to `wanted` that may follow `last` at `setpoint`, (n,).
 
@@ -105,11 +117,8 @@ class IncrementBounds:
         change than the acceleration allows. Where that leaves no stop within the limits, less of the way
         from the braking increment, which always has one.
         """
-        u = np.clip(wanted, -self.step, self.step)
-        share = 1.0 / (1.0 + self.stop(u))
-        down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)
-        u = np.clip(u, share * down, share * up)
-        u = np.clip(u, last - self.change, last + self.change)
+        low, high = self.box(np.clip(wanted, -self.step, self.step), last, setpoint)
+        u: Vector = np.clip(wanted, low, high)
         return u if self.admits(u, setpoint) else self._blend(self.braked(last), u, setpoint)
 
     def _blend(self, safe: Vector, wanted: Vector, setpoint: Vector) -> Vector:

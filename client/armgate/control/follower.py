@@ -8,13 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
-from armgate.control.integrate import Ended, Scheme, integrate
+from armgate.control.integrate import Ended, Scheme, rk4
+from armgate.control.keeping import corrected, drawn_in, projection, view_vector
 from armgate.control.law import CameraLaw, Goal, Scene
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
 from armgate.control.shaping import RESERVE, braking_way, shape_chord
 from armgate.control.view import view_errors
 from armgate.control.weights import Vector
+
+# Increments nearer to each other than this are the same, rad or m.
+SHORT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,16 @@ class Situation:
     target_time: float
     distance: float
     obstacles: Obstacles
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """What is followed in one increment: the target where dq takes effect, its velocity, obstacles, mode."""
+
+    focus: Vector
+    velocity: Vector
+    scene: Scene
+    emergency: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +98,10 @@ class Follower:
         predictor: of the target; the default takes velocity and acceleration into account.
         stale: a target older than this, s, has vanished: the follower slows to rest.
         predict: False leaves the target where it was measured, as the paper does.
+        measured: (17) taken literally: start from the measured position. On robots that lag behind their
+            setpoint this cycles; the default starts from the setpoint.
+        real_time: integrate one period of real time with the term P ṗ of (4), instead of as far as the
+            increment bounds allow in virtual time.
     """
 
     def __init__(
@@ -97,6 +115,8 @@ class Follower:
         predictor: Predictor | None = None,
         stale: float = 0.1,
         predict: bool = True,
+        measured: bool = False,
+        real_time: bool = False,
     ) -> None:
         if not (period > 0.0 and ahead >= 0.0 and stale > 0.0):
             raise ValueError(f"expected period > 0, ahead ≥ 0, stale > 0; got {period}, {ahead}, {stale}")
@@ -110,6 +130,8 @@ class Follower:
         self._predictor = Predictor() if predictor is None else predictor
         self._stale = stale
         self._predict = predict
+        self._measured = measured
+        self._real_time = real_time
         self._emergency = Emergency(law.gains)
         # Far enough to see what has to be braked for at full speed.
         self._reach = braking_way(bounds.step, RESERVE * bounds.change)
@@ -130,8 +152,8 @@ class Follower:
             dq = self._bounds.within(self._bounds.braked(now.last), now.last, now.setpoint)
             return self._told(now, scene, dq, _lost(age))
         focus, velocity = self._focus(age)
-        goal = self._law.goal(focus, now.distance, scene, emergency=emergency)
-        dq, why, steps = self._increment(now, goal, velocity)
+        plan = self._drift if self._real_time else self._chase
+        dq, why, steps = plan(now, Aim(focus, velocity, scene, emergency))
         return self._told(now, scene, dq, why, focus=focus, steps=steps)
 
     def _focus(self, age: float) -> tuple[Vector, Vector]:
@@ -140,13 +162,49 @@ class Follower:
             return self._predictor.predict(age + self._ahead)
         return self._predictor.predict(0.0)[0], np.zeros(3)
 
-    def _increment(self, now: Situation, goal: Goal, velocity: Vector) -> tuple[Vector, str, int]:
-        law, q, bounds = self._law, now.setpoint, self._bounds
-        run = integrate(lambda at: law(at, goal), q, self._reach, self._scheme)
-        induced = np.zeros_like(q) if goal.emergency else law.induced(q, goal, velocity) * self._period
+    def _chase(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
+        """As far towards the optimum as the bounds allow."""
+        law, bounds = self._law, self._bounds
+        q = now.q if self._measured else now.setpoint
+        goal = law.goal(aim.focus, now.distance, aim.scene, emergency=aim.emergency)
+        induced = np.zeros_like(q)
+        if not aim.emergency and aim.velocity.any():
+            induced = self._period * law.induced(q, goal, aim.velocity)
+        run = law.run(q + induced, goal, self._reach, self._scheme, origin=q)
         wanted = shape_chord(run.q - q, induced, bounds.step, bounds.change)
-        dq = bounds.within(wanted, now.last, q)
-        return dq, _reason(run.ended, goal.emergency, bool(np.abs(dq - wanted).max() > 1e-9)), run.steps
+        dq = bounds.within(wanted, now.last, now.setpoint)
+        bounded = bool(np.abs(dq - wanted).max() > SHORT)
+        if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
+            dq = self._kept(dq, q, (q + induced, run.q), goal, now)
+        return dq, _reason(run.ended, aim.emergency, bounded), run.steps
+
+    def _kept(self, dq: Vector, q: Vector, way: tuple[Vector, Vector], goal: Goal, now: Situation) -> Vector:
+        """`dq` with the view of the law, which a piece of the straight way to its reference has not."""
+        law, bounds = self._law, self._bounds
+        start, end = (view_vector(law.task(at, goal)[0]) for at in way)
+        psi, J_t = law.task(q + dq, goal)
+        v = view_vector(psi)
+        if (allowed := drawn_in(v, start, end)) == v:
+            return dq
+        wanted = projection(allowed)
+        low, high = bounds.box(dq, now.last, now.setpoint)
+        dq = corrected(dq, (wanted[0] - psi[0], wanted[1] - psi[1]), J_t, low, high)
+        return bounds.within(dq, now.last, now.setpoint)
+
+    def _drift(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
+        """One period of real time along the law with P ṗ, the target at its place in the middle of it."""
+        law, q = self._law, now.q if self._measured else now.setpoint
+        goal = law.goal(
+            aim.focus - 0.5 * self._period * aim.velocity,
+            now.distance,
+            aim.scene,
+            emergency=aim.emergency,
+            velocity=aim.velocity,
+        )
+        wanted = rk4(lambda at: law(at, goal), q, self._period, law(q, goal)) - q
+        dq = self._bounds.within(wanted, now.last, now.setpoint)
+        bounded = bool(np.abs(dq - wanted).max() > SHORT)
+        return dq, _reason(Ended.BOUND, aim.emergency, bounded), 1
 
     def _told(
         self,

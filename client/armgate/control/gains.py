@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
+from armgate.control.weights import LimitRule
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
@@ -22,7 +24,8 @@ class Gains:
         contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart,
             finitely.
         push: no pair of spheres pushes harder than this.
-        limit: c of the joint limit weights, see `weights.limit_weights`.
+        limits: the rule by which joints near their limits are weighed.
+        limit: c of that rule where it is the unit-free one.
         roll_fade: the roll control fades out between these angles of the view axis from the vertical, rad.
         emergency_on: (13) replaces (9) when a pair of spheres is nearer than this, m …
         emergency_off: … and (9) comes back when all are farther than this, m.
@@ -35,6 +38,7 @@ class Gains:
     reach: float = 0.3
     contact: float = 0.02
     push: float = 20.0
+    limits: LimitRule = LimitRule.UNIT_FREE
     limit: float = 0.02
     roll_fade: tuple[float, float] = (radians(5.0), radians(15.0))
     emergency_on: float = 0.03

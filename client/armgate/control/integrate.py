@@ -1,9 +1,9 @@
 """The on-line scheme, equations (16) and (17): the law is integrated within a tick as far as makes sense.
 
-The reference q^r starts at the robot's position (17) and follows q̇^r = f(q^r) (16) in virtual time by the
-explicit Runge-Kutta method of 4th order. It ends when a joint has left its reach (the increment bound, or
-what is needed to brake for it), when the budget of steps is used up, or, saving time, when the rest of the
-way is not worth a step.
+The reference q^r starts at the robot's position (17), or where the target's known motion takes it within
+the tick, and follows q̇^r = f(q^r) (16) in virtual time by the explicit Runge-Kutta method of 4th order. It
+ends when a joint has left its reach (the increment bound, or what is needed to brake for it), when the
+budget of steps is used up, or, saving time, when the rest of the way is not worth a step.
 """
 
 from __future__ import annotations
@@ -70,13 +70,24 @@ def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:
     return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
 
 
-def integrate(f: Field, start: Vector, reach: Vector, scheme: Scheme) -> Integration:
-    """Integrate (16) from `start` (17) until a joint is its `reach` (n,) away, or the scheme ends it."""
+def integrate(
+    f: Field, start: Vector, reach: Vector, scheme: Scheme, origin: Vector | None = None
+) -> Integration:
+    """Integrate (16) from `start` until a joint is its `reach` (n,) away, or the scheme ends it.
+
+    Args:
+        f: the law.
+        start: where the reference starts, (n,).
+        reach: how far a joint goes from the origin, (n,).
+        scheme: steps and budget.
+        origin: the robot's position (17), from which the way made is counted; `start` by default.
+    """
+    origin = start if origin is None else origin
     q, largest_step = start, scheme.split * reach
     for steps in range(scheme.budget):
         k1 = f(q)
         way = scheme.step * float(np.abs(k1).max())
-        made = np.abs(q - start)
+        made = np.abs(q - origin)
         if way <= max(scheme.resolution, scheme.tolerance * float(made.max())):
             return Integration(q, steps, Ended.CONVERGED)
         if (made >= reach).any():
@@ -84,5 +95,5 @@ def integrate(f: Field, start: Vector, reach: Vector, scheme: Scheme) -> Integra
         slowest = float((np.abs(k1) / largest_step).max())
         h = min(scheme.step, 1.0 / slowest) if slowest > 0.0 else scheme.step
         q = rk4(f, q, h, k1)
-    ended = Ended.BOUND if (np.abs(q - start) >= reach).any() else Ended.BUDGET
+    ended = Ended.BOUND if (np.abs(q - origin) >= reach).any() else Ended.BUDGET
     return Integration(q, scheme.budget, ended)

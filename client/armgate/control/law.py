@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from armgate.cell.model import RobotModel
 from armgate.control.gains import Gains
-from armgate.control.gradient import limited_gradient
+from armgate.control.gradient import limited_gradient, weighted_gradient
+from armgate.control.integrate import Integration, Scheme, integrate
 from armgate.control.kinematics import CameraArm
 from armgate.control.repulsion import Obstacles, Repulsion
 from armgate.control.spheres import Spheres
@@ -46,12 +47,15 @@ class Goal:
         distance: d_r, the wanted view distance, m.
         scene: the obstacles; None for none.
         emergency: (13) instead of (9).
+        velocity: ṗ, m/s, for the term P ṗ of (4). Only a law that integrates real time may have it: in the
+            virtual time of (16) the target stands still.
     """
 
     p: V3
     distance: float
     scene: Scene | None = None
     emergency: bool = False
+    velocity: V3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +111,7 @@ class CameraLaw:
         self.gains = Gains() if gains is None else gains
         self.spheres = Spheres.of(model) if spheres is None else spheres
         self._arm = CameraArm(model, frame, self.spheres)
-        self._weights = LimitWeights(model.lower, model.upper, self.gains.limit)
+        self._weights = LimitWeights.of(model, self.gains.limits, self.gains.limit)
         self._nothing = np.zeros(model.n)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> Scene:
@@ -117,14 +121,41 @@ class CameraLaw:
         return Scene(repulsion, q, repulsion.least_gap(self._arm.centres()))
 
     def goal(
-        self, p: ArrayLike, distance: float, scene: Scene | None = None, *, emergency: bool = False
+        self,
+        p: ArrayLike,
+        distance: float,
+        scene: Scene | None = None,
+        *,
+        emergency: bool = False,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Goal:
-        """What to evaluate the law for: target p (3,), m; wanted distance d_r, m; obstacles; (13) or (9)."""
-        return Goal(vector(np.asarray(p, dtype=np.float64)), distance, scene, emergency)
+        """What to evaluate the law for.
+
+        Args:
+            p: the target, (3,), world, m.
+            distance: d_r, m.
+            scene: the obstacles; None for none.
+            emergency: (13) instead of (9).
+            velocity: ṗ, (3,), m/s; see `Goal`.
+        """
+        target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
+        return Goal(target, distance, scene, emergency, moving)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
         """f(q, p, d_r) of (16), (n,), rad/s."""
-        return self.velocity(q, self.terms(q, goal), emergency=goal.emergency)
+        terms = self.terms(q, goal)
+        return self.velocity(q, terms, emergency=goal.emergency, drift=_drift(terms, goal.velocity))
+
+    def run(
+        self, start: Vector, goal: Goal, reach: Vector, scheme: Scheme, origin: Vector | None = None
+    ) -> Integration:
+        """The on-line scheme (16), (17) for this law; see `integrate`."""
+        return integrate(lambda q: self(q, goal), start, reach, scheme, origin)
+
+    def task(self, q: Vector, goal: Goal) -> tuple[tuple[float, float], Vector]:
+        """Ψ (2) and ∂Ψ/∂q (2, n) at q."""
+        terms = self.terms(q, goal)
+        return terms.psi, terms.J_t
 
     def terms(self, q: Vector, goal: Goal) -> Terms:
         """Errors, Jacobians and fields at q, (n,).
@@ -160,17 +191,22 @@ class CameraLaw:
         F: Vector = ((wrenches @ arm.J) * arm.spheres_moved[which]).sum(axis=0)
         return F
 
-    def velocity(self, q: Vector, terms: Terms, *, emergency: bool = False) -> Vector:
-        """q̇ of (9), or of (13) in an emergency, from the terms at q, (n,), rad/s."""
-        x = self._weights.position(q)
+    def velocity(
+        self, q: Vector, terms: Terms, *, emergency: bool = False, drift: tuple[float, float] = (0.0, 0.0)
+    ) -> Vector:
+        """q̇ of (9), or of (13) in an emergency, from the terms at q, (n,), rad/s; `drift` is P ṗ of (4)."""
+        x, always = self._weights.position(q), self.gains.limits.always
         w = self._weights.inverse(x)
         if emergency:
-            return np.where(terms.F_rep * x > 0.0, w, 1.0) * terms.F_rep
+            return np.where((terms.F_rep * x > 0.0) | always, w, 1.0) * terms.F_rep
         M = np.empty((3, len(q)))
         M[:2] = terms.J_t
         M[2] = terms.F + terms.F_rep
         k_p, (psi1, psi2) = self.gains.task, terms.psi
-        return limited_gradient(M, (-k_p * psi1, -k_p * psi2), x, w, steepness=terms.steepness)
+        rate = (-k_p * psi1 - drift[0], -k_p * psi2 - drift[1])
+        if always:
+            return weighted_gradient(M, rate, w, terms.steepness)
+        return limited_gradient(M, rate, x, w, steepness=terms.steepness)
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
         """The joint velocity that keeps angle and distance while the target moves at `velocity` (3,), m/s.
@@ -181,9 +217,14 @@ class CameraLaw:
         """
         terms = self.terms(q, goal)
         v = vector(np.asarray(velocity, dtype=np.float64))
-        slope = 1.0 / terms.steepness
-        rate = (-slope * dot(terms.P[0], v), -slope * dot(terms.P[1], v), -dot(terms.ray, v))
+        slope, (drift1, drift2) = 1.0 / terms.steepness, _drift(terms, v)
+        rate = (-slope * drift1, -slope * drift2, -dot(terms.ray, v))
         J = np.vstack((slope * terms.J_t, terms.J_d))
         A = J * self._weights.inverse(self._weights.position(q))
         qd: Vector = np.linalg.solve(A @ J.T + INDUCED_DAMPING * np.eye(3), rate) @ A
         return qd
+
+
+def _drift(terms: Terms, velocity: V3) -> tuple[float, float]:
+    """P ṗ of (4), 1/s."""
+    return dot(terms.P[0], velocity), dot(terms.P[1], velocity)

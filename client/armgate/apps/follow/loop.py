@@ -14,6 +14,7 @@ from armgate.client import Cell, Description, Robot, RobotDescription, Tick
 from armgate.control.bounds import IncrementBounds
 from armgate.control.follower import Follower, FollowStep, Situation
 from armgate.control.law import CameraLaw
+from armgate.control.predict import ramp_lag
 from armgate.control.repulsion import Obstacles
 from armgate.control.spheres import Spheres
 
@@ -68,7 +69,7 @@ class FollowLoop:
             CameraLaw(model_of(cell, own), own.camera),
             bounds,
             period=own.period,
-            ahead=LOOP_TICKS * own.period + lag,
+            ahead=LOOP_TICKS * own.period + ramp_lag(lag, own.period),
         )
         return cls(
             own, other, target, Spheres.of(target), follower, bounds, distance, floor_of(cell.description)

@@ -1,0 +1,83 @@
+"""Keeping the view on an increment that is shorter than, or beside, the way of the law.
+
+Null-space motion is exact along the integrated path (16) only. An increment that covers a part of the
+chord to its end, or that bounded accelerations bend away from it, turns the view. So the task is solved
+again at the end of the increment. With the view vector
+
+    v = θ Ψ / ‖Ψ‖,   θ = 2 arctan ‖Ψ‖,
+
+the increment may not end at a wider angle than the straight line of v, from where the increment starts to
+where the law takes it, has nearest to it; else it is corrected. An approach is free to turn another way,
+as long as the angle falls; where the view is right already, it stays so.
+"""
+
+from __future__ import annotations
+
+from math import atan, hypot, tan
+
+import numpy as np
+
+from armgate.control.weights import Vector
+
+V2 = tuple[float, float]
+
+# Joints are tried in turn at most so often; each time some more have come to their bounds.
+ROUNDS = 4
+# Against a task that the joints left free hardly move: per largest joint mobility, relative to Ψ's own scale.
+DAMPING = 1e-6
+
+
+def view_vector(psi: V2) -> V2:
+    """The view vector, (2), rad, of Ψ."""
+    rho = hypot(*psi)
+    scale = 2.0 if rho < 1e-9 else 2.0 * atan(rho) / rho
+    return scale * psi[0], scale * psi[1]
+
+
+def projection(v: V2) -> V2:
+    """Ψ (2) of a view vector: the inverse."""
+    theta = hypot(*v)
+    scale = 0.5 if theta < 1e-9 else tan(0.5 * theta) / theta
+    return scale * v[0], scale * v[1]
+
+
+def drawn_in(v: V2, start: V2, end: V2) -> V2:
+    """The view vector v, its angle no wider than at the nearest point of the line from `start` to `end`."""
+    way = end[0] - start[0], end[1] - start[1]
+    length_squared = way[0] ** 2 + way[1] ** 2
+    share = 1.0
+    if length_squared > 0.0:
+        share = ((v[0] - start[0]) * way[0] + (v[1] - start[1]) * way[1]) / length_squared
+        share = min(max(share, 0.0), 1.0)
+    widest = hypot(start[0] + share * way[0], start[1] + share * way[1])
+    angle = hypot(*v)
+    scale = 1.0 if angle <= widest else widest / angle
+    return scale * v[0], scale * v[1]
+
+
+def corrected(dq: Vector, missing: V2, J_t: Vector, low: Vector, high: Vector) -> Vector:
+    """The increment between `low` and `high`, near `dq`, that changes Ψ by `missing` more than dq does.
+
+    Least squares, joints weighed by the room that they have; those at their bounds are left out and the
+    rest takes over what they could not do. Where all together cannot, what they can do.
+
+    Args:
+        dq: within the bounds, (n,).
+        missing: the change of Ψ, (2).
+        J_t: ∂Ψ/∂q at dq, (2, n).
+        low: bounds of the increment, (n,).
+        high: the same, upper.
+    """
+    mobility, e = (high - low) ** 2, np.array(missing)
+    floor = DAMPING * float((J_t * J_t * mobility).sum()) * np.eye(2)
+    if not floor.any():
+        return dq
+    for _ in range(ROUNDS):
+        A = J_t * mobility
+        u = np.clip(dq + np.linalg.solve(A @ J_t.T + floor, e) @ A, low, high)
+        e -= J_t @ (u - dq)
+        free = (u > low) & (u < high)
+        dq, mobility = u, np.where(free, mobility, 0.0)
+        if not free.any() or float(np.abs(e).max()) < 1e-12:
+            break
+    return dq
