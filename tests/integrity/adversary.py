@@ -1,0 +1,244 @@
+"""Adversaries: controllers that want to break things, and the long form of their attack.
+
+    STEPS=1000000 python tests/integrity/adversary.py
+
+prints, last, ``violations: N`` with the acceptance rate and the smallest margin that the oracle saw; exits 1 on any violation.
+"""
+
+import os
+import random
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+if __name__ == "__main__":
+    sys.path.insert(0, os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+import numpy as np
+
+from armgate.cell.cell import Cell
+from integrity import rig as bench
+from integrity import scenes
+from integrity.oracle import Oracle
+from integrity.rig import HARSH, PROMPT, ROUGH, Rig, Tally, Traffic
+
+Vector = np.ndarray
+
+
+def full(rig: Rig, i: int) -> Vector:
+    """The largest increment of every joint."""
+    robot = rig.cell.robots[i]
+    return robot.velocity * robot.period
+
+
+def signs(rng: random.Random, n: int) -> Vector:
+    return np.array([rng.choice((-1.0, 1.0)) for _ in range(n)])
+
+
+# Each attack gives a wish for one tick. ``mind`` is the robot's own memory, emptied when the attack changes.
+
+
+def wild(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Anything, up to three times what is allowed."""
+    return full(rig, i) * np.array([rng.uniform(-3, 3) for _ in full(rig, i)])
+
+
+def jerky(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """A new direction at full speed every tick."""
+    return full(rig, i) * signs(rng, len(full(rig, i)))
+
+
+def steady(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """One direction at full speed."""
+    u = full(rig, i)
+    return u * mind.setdefault("d", np.array([rng.uniform(-1, 1) for _ in u]))
+
+
+def greedy(rig: Rig, i: int, rng: random.Random, mind: dict, sign: float = 1.0) -> Vector:
+    """Of some directions the one that takes the robot's nearest pair closest."""
+    u = full(rig, i)
+    tries = [u * np.array([rng.uniform(-1, 1) for _ in u]) for _ in range(6)]
+    tries.append(mind.get("u", tries[0]))
+    qs = [np.tile(p.setpoint, (len(tries), 1)) for p in rig.players]
+    qs[i] = qs[i] + 8.0 * np.array(tries)
+    nearest = rig.margins(qs)[:, _own(rig, i)].min(axis=1)
+    mind["u"] = tries[int(np.argmin(sign * nearest))]
+    return mind["u"]
+
+
+def _own(rig: Rig, i: int) -> Vector:
+    cache = rig.__dict__.setdefault("own_pairs", {})
+    if i not in cache:
+        robots = [(rig.cell.bodies[p.a].robot, rig.cell.bodies[p.b].robot) for p in rig.cell.pairs]
+        cache[i] = np.array([k for k, pair in enumerate(robots) if i in pair], dtype=int)
+    return cache[i]
+
+
+def shy(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Back and forth at the boundary: toward the nearest body, away after a refusal, and again."""
+    verdict = rig.last_verdict[i]
+    if verdict is not None and verdict.outcome == "refused":
+        mind["away"] = rng.randrange(1, 6)
+    mind["away"] = mind.get("away", 0) - 1
+    return greedy(rig, i, rng, mind, -1.0 if mind["away"] > 0 else 1.0)
+
+
+def aimed(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Full speed at a place that another robot or nobody is at: two robots so meet in the middle."""
+    robot, player = rig.cell.robots[i], rig.players[i]
+    if "goal" not in mind:
+        mind["goal"] = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
+        if rng.random() < 0.5:
+            mind["goal"] = robot.start * np.array([rng.choice((-1, 0, 1)) for _ in robot.start])
+    v = mind["goal"] - np.array(player.setpoint)
+    return v if np.all(np.abs(v) < full(rig, i)) else v / np.max(np.abs(v) / full(rig, i))
+
+
+def first_and_last(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """A1 with A6 at full speed: the fast wrist drags the slow axis through the stop."""
+    u = np.zeros(len(full(rig, i)))
+    a, b = mind.setdefault("s", signs(rng, 2))
+    if rng.random() < 0.05:
+        mind["s"] = signs(rng, 2)
+    u[0], u[-1] = a, b
+    return full(rig, i) * u
+
+
+def limits(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Into the nearest limit of every joint, turning one joint round at random."""
+    robot, q = rig.cell.robots[i], np.array(rig.players[i].setpoint)
+    d = mind.setdefault("d", np.where(q - robot.lower < robot.upper - q, -1.0, 1.0))
+    if rng.random() < 0.3:
+        d[rng.randrange(len(d))] *= -1.0
+    return full(rig, i) * d
+
+
+def stretched(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Straight arm and wrist, then trembling: near singularities."""
+    v = -np.array(rig.players[i].setpoint)
+    v[0] = 0.0
+    if np.max(np.abs(v)) < 0.1:
+        return jerky(rig, i, rng, mind)
+    return full(rig, i) * np.clip(v / 0.1, -1, 1)
+
+
+def tremble(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Less than anybody would notice: rounding must not add up."""
+    return full(rig, i) * 10.0 ** rng.uniform(-12, -2) * signs(rng, len(full(rig, i)))
+
+
+ATTACKS: dict[str, Callable[..., Vector]] = {
+    f.__name__: f
+    for f in (wild, jerky, steady, greedy, shy, aimed, first_and_last, limits, stretched, tremble)
+}  # fmt: skip
+
+
+@dataclass
+class Adversary:
+    """Changes its attack now and then; leaves out a command now and then."""
+
+    rng: random.Random
+    attacks: Sequence[str] = tuple(ATTACKS)
+    skips: float = 0.1
+    _mode: dict[int, tuple[str, int, dict]] = field(default_factory=dict)
+
+    def __call__(self, rig: Rig, i: int) -> Vector | None:
+        name, left, mind = self._mode.get(i, ("", 0, {}))
+        if left <= 0:
+            name, left, mind = self.rng.choice(list(self.attacks)), self.rng.randrange(3, 120), {}
+        self._mode[i] = name, left - 1, mind
+        if self.rng.random() < self.skips:
+            return None
+        return ATTACKS[name](rig, i, self.rng, mind)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One kind of run."""
+
+    scene: str
+    lag: float | tuple[float, ...] = 0.0
+    delay: float | tuple[float, ...] = 0.0
+    traffic: Traffic = PROMPT
+    response: str = "stop"
+    share: float = 1.0
+
+
+SETTINGS = (
+    Setting("duel", lag=0.03),
+    Setting("duel_delayed", delay=(0.12, 0.0), traffic=ROUGH),
+    Setting("duel", lag=(0.0, 0.12), traffic=HARSH, response="slow"),
+    Setting("wire"),
+    Setting("wire", lag=0.03, response="slow", traffic=ROUGH),
+    Setting("corner", lag=0.12),
+    Setting("corner", response="slow", traffic=HARSH),
+    Setting("tree", lag=0.03),
+    Setting("tree", response="slow"),
+    Setting("planar", traffic=ROUGH),
+    Setting("planar", lag=0.12, response="slow"),
+    Setting("demo", lag=0.03, share=0.5),
+)
+
+
+def duel_delayed(**changes) -> Cell:
+    return scenes.duel(window=(0.12, 0.0), **changes)
+
+
+_MAKE = scenes.SCENES | {"duel_delayed": duel_delayed}
+
+
+@dataclass
+class Arena:
+    """A cell and its oracle, used for many runs."""
+
+    cell: Cell
+    oracle: Oracle
+    starts: list[list[Vector]] = field(default_factory=list)
+
+
+def arena(setting: Setting) -> Arena:
+    cell = _MAKE[setting.scene](response=setting.response)
+    return Arena(cell, Oracle(cell))
+
+
+def attack(
+    place: Arena, setting: Setting, seed: int, commands: int, attacks: Sequence[str] = tuple(ATTACKS)
+) -> Tally:
+    """One run: a fresh gate, at times from a start that violates the stop distance or a limit."""
+    rng = random.Random(seed)
+    start = None
+    if rng.random() < 0.3:
+        start = [np.array([rng.uniform(*ends) for ends in zip(r.lower - 0.02, r.upper + 0.02, strict=True)])
+                 for r in place.cell.robots]  # fmt: skip
+    rig = Rig(place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle)
+    return rig.run(Adversary(rng, attacks), commands, limit=commands * 40)
+
+
+def main() -> int:
+    steps, seed = int(os.environ.get("STEPS", "20000")), int(os.environ.get("SEED", "0"))
+    arenas = {s: arena(s) for s in SETTINGS}
+    total, began, length = Tally(), time.monotonic(), 400
+    while total.commands < steps:
+        setting = SETTINGS[seed % len(SETTINGS)]
+        tally = attack(arenas[setting], setting, seed, max(1, int(length * setting.share)))
+        for text in tally.violations[:5]:
+            print(f"seed {seed}, {setting}: {text}", flush=True)
+        total.add(tally)
+        if seed % 50 == 49:
+            print(f"{total.commands} commands, {time.monotonic() - began:.0f} s, {len(total.violations)} violations",
+                  flush=True)  # fmt: skip
+        seed += 1
+    print(
+        f"{total.commands} commands: {total.admitted} admitted, {total.limited} limited, {total.refused} refused"
+    )
+    print(
+        f"{total.samples} positions executed and {total.stop_samples} of stops looked at every {1e3 * bench.GRID:g} ms"
+    )
+    print(f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  "
+          f"smallest margin over the stop distance: {1e3 * total.least:.4f} mm")  # fmt: skip
+    return 1 if total.violations else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,224 @@
+"""Small hand-written cells beside the demo cell: each has something that the others lack."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from armgate.cell.cell import Cell, build_cell
+from armgate.cell.config import load_config
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def body(kind: str, *size: float, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)) -> dict[str, Any]:
+    return {"kind": kind, "size": size, "xyz": xyz, "rpy": rpy}
+
+
+def joint(
+    parent, kind="revolute", xyz=(0, 0, 0), axis=(0, 0, 1), lower=-2.5, upper=2.5, speed=2.0, bodies=()
+):
+    return {
+        "parent": parent, "kind": kind, "xyz": xyz, "axis": axis,
+        "lower": lower, "upper": upper, "speed": speed, "bodies": bodies,
+    }  # fmt: skip
+
+
+def urdf(joints: list[dict[str, Any]], base: tuple[dict[str, Any], ...] = ()) -> str:
+    """A URDF whose joint k (``Jk``) carries link ``Lk``; a parent is −1 for the base or an earlier joint."""
+    links = ["".join(map(_collision, base))] + ["".join(map(_collision, j["bodies"])) for j in joints]
+    names = ["base"] + [f"L{k}" for k in range(len(joints))]
+    parts = [f'<link name="{name}">{inner}</link>' for name, inner in zip(names, links, strict=True)]
+    for k, j in enumerate(joints):
+        parts.append(
+            f'<joint name="J{k}" type="{j["kind"]}"><parent link="{names[j["parent"] + 1]}"/><child link="L{k}"/>'
+            f'<origin xyz="{_text(j["xyz"])}"/><axis xyz="{_text(j["axis"])}"/>'
+            f'<limit lower="{j["lower"]}" upper="{j["upper"]}" velocity="{j["speed"]}" effort="0"/></joint>'
+        )
+    parts.append('<link name="tool0"/><joint name="flange" type="fixed">')
+    parts.append(f'<parent link="{names[-1]}"/><child link="tool0"/></joint>')
+    return f'<robot name="r">{"".join(parts)}</robot>'
+
+
+def _text(values) -> str:
+    return " ".join(str(float(x)) for x in values)
+
+
+def _collision(b: dict[str, Any]) -> str:
+    keys = {
+        "sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length"), "box": ("size",)
+    }[b["kind"]]  # fmt: skip
+    values = (_text(b["size"]),) if b["kind"] == "box" else b["size"]
+    attributes = " ".join(f'{k}="{v}"' for k, v in zip(keys, values, strict=True))
+    return (
+        f'<collision><origin xyz="{_text(b["xyz"])}" rpy="{_text(b["rpy"])}"/>'
+        f"<geometry><{b['kind']} {attributes}/></geometry></collision>"
+    )
+
+
+def build(robots: Mapping[str, dict[str, Any]], **cell: Any) -> Cell:
+    """A cell of robots whose ``urdf`` is a text."""
+    with tempfile.TemporaryDirectory() as folder:
+        tree: dict[str, Any] = {"armgate": 1, "name": "scene", "stop_distance": 0.02, "self_distance": 0.01}
+        tree |= cell | {"robots": {}}
+        for name, robot in robots.items():
+            file = Path(folder) / f"{name}.urdf"
+            file.write_text(robot["urdf"])
+            tree["robots"][name] = robot | {"urdf": file.name}
+        path = Path(folder) / "cell.yaml"
+        path.write_text(yaml.safe_dump(_plain(tree), sort_keys=False))
+        return build_cell(load_config([path]))
+
+
+def _plain(x: Any) -> Any:
+    if isinstance(x, Mapping):
+        return {k: _plain(v) for k, v in x.items()}
+    if isinstance(x, np.floating):
+        return float(x)
+    return [_plain(v) for v in x] if isinstance(x, list | tuple) else x
+
+
+# --- robots -----------------------------------------------------------------------------------------------
+
+
+def elbow(speed: float = 2.0) -> str:
+    """Four joints: turn, shoulder, elbow, wrist with a bar across; one of every shape."""
+    along = (0.0, 1.5707963267948966, 0.0)
+    return urdf(
+        [
+            joint(-1, lower=-3.0, upper=3.0, speed=speed, bodies=(body("cylinder", 0.06, 0.16),)),
+            joint(0, xyz=(0, 0, 0.15), axis=(0, 1, 0), lower=-1.6, upper=1.6, speed=speed,
+                  bodies=(body("capsule", 0.05, 0.3, xyz=(0.2, 0, 0), rpy=along),)),
+            joint(1, xyz=(0.4, 0, 0), axis=(0, 1, 0), speed=1.5 * speed,
+                  bodies=(body("box", 0.3, 0.06, 0.08, xyz=(0.17, 0, 0)),)),
+            joint(2, xyz=(0.35, 0, 0), axis=(1, 0, 0), lower=-3.0, upper=3.0, speed=2 * speed,
+                  bodies=(body("capsule", 0.02, 0.24, xyz=(0.06, 0, 0)), body("sphere", 0.03, xyz=(0.1, 0, 0.12)))),
+        ],
+        base=(body("cylinder", 0.08, 0.1, xyz=(0, 0, -0.03)),),
+    )  # fmt: skip
+
+
+def slide() -> str:
+    """A prismatic joint behind a revolute one, and a wrist behind that."""
+    return urdf(
+        [
+            joint(-1, lower=-3.0, upper=3.0, bodies=(body("box", 0.3, 0.1, 0.1),)),
+            joint(0, "prismatic", xyz=(0.2, 0, 0), axis=(1, 0, 0), lower=0.0, upper=0.8, speed=0.8,
+                  bodies=(body("box", 0.1, 0.08, 0.08, xyz=(0.15, 0, 0)),)),
+            joint(1, xyz=(0.25, 0, 0), axis=(0, 0, 1), speed=3.0,
+                  bodies=(body("capsule", 0.03, 0.2, xyz=(0.12, 0, 0), rpy=(0, 1.5707963267948966, 0)),)),
+        ]
+    )  # fmt: skip
+
+
+def torso() -> str:
+    """A tree: two arms of two joints each on one turning trunk."""
+    along = (0.0, 1.5707963267948966, 0.0)
+
+    def upper(y: float) -> dict[str, Any]:
+        return joint(0, xyz=(0, y, 0.3), bodies=(body("capsule", 0.04, 0.25, xyz=(0.17, 0, 0), rpy=along),))
+
+    def fore(parent: int) -> dict[str, Any]:
+        return joint(parent, xyz=(0.35, 0, 0), bodies=(body("box", 0.25, 0.06, 0.06, xyz=(0.15, 0, 0)),))
+
+    trunk = joint(-1, lower=-3.0, upper=3.0, bodies=(body("cylinder", 0.1, 0.4, xyz=(0, 0, 0.1)),))
+    return urdf([trunk, upper(0.25), fore(1), upper(-0.25), fore(3)])
+
+
+def cart(*axes: tuple[float, float, float], speed: float = 1.0, shape=None) -> str:
+    """Prismatic joints that carry one body: straight ways, nothing turns."""
+    shape = shape or body("sphere", 0.05)
+    joints = [
+        joint(k - 1, "prismatic", axis=a, lower=-2.0, upper=2.0, speed=speed) for k, a in enumerate(axes)
+    ]
+    joints[-1]["bodies"] = (shape,)
+    return urdf(joints)
+
+
+# --- cells ------------------------------------------------------------------------------------------------
+
+
+def demo(**changes: Any) -> Cell:
+    return build_cell(load_config([CONFIGS / "demo.yaml"]).model_copy(update=changes))
+
+
+def planar(**changes: Any) -> Cell:
+    return build_cell(load_config([CONFIGS / "planar.yaml"]).model_copy(update=changes))
+
+
+def duel(window=(0.0, 0.0), periods=(0.004, 0.012), gap: float = 1.5, **changes: Any) -> Cell:
+    """Two elbows face to face on clocks of their own, a post between them at the side."""
+    arms = {
+        "A": {"urdf": elbow(), "base": {"xyz": [0, 0, 0.4]}, "start": [0.6, -0.8, 1.2, 0.0],
+              "period": periods[0], "lag_window": window[0]},
+        "B": {"urdf": elbow(), "base": {"xyz": [gap, 0, 0.4], "rpy": [0, 0, 3.141592653589793]},
+              "start": [0.6, -0.8, 1.2, 0.0], "period": periods[1], "lag_window": window[1]},
+    }  # fmt: skip
+    around = {
+        "floor": {"shape": {"box": [5, 5, 0.2]}, "xyz": [0.7, 0, -0.1]},
+        "post": {"shape": {"cylinder": [0.05, 1.2]}, "xyz": [gap / 2, 0.5, 0.6]},
+    }
+    return build(arms, surroundings=around, **changes)
+
+
+def wire(**changes: Any) -> Cell:
+    """An elbow that can go over, under and around wires of 5 mm."""
+    arm = {"urdf": elbow(3.0), "base": {"xyz": [0, 0, 0.5]}, "start": [0.5, -0.6, 1.0, 0.3]}
+    around = {
+        "upright": {"shape": {"cylinder": [0.0025, 2.0]}, "xyz": [0.55, 0, 0.8]},
+        "across": {
+            "shape": {"cylinder": [0.0025, 2.0]},
+            "xyz": [0.2, 0.6, 0.5],
+            "rpy": [0, 1.5707963267948966, 0],
+        },
+    }
+    return build(
+        {"A": arm}, surroundings=around, **(dict(stop_distance=0.005, self_distance=0.005) | changes)
+    )
+
+
+def corner(**changes: Any) -> Cell:
+    """A sliding arm whose bar turns past the corners of boxes."""
+    arm = {"urdf": slide(), "base": {"xyz": [0, 0, 0.5]}, "start": [0.0, 0.2, 0.0], "lag_window": 0.0}
+    around = {
+        f"box_{k}": {"shape": {"box": [0.3, 0.3, 0.3]}, "xyz": xyz, "rpy": [0, 0, 0.4]}
+        for k, xyz in enumerate(([0.9, 0.5, 0.5], [0.9, -0.55, 0.5], [-0.6, 0.6, 0.45]))
+    }
+    return build({"A": arm}, surroundings=around, **changes)
+
+
+def tree(**changes: Any) -> Cell:
+    """Two arms on one trunk that can hit each other, and a pole."""
+    robot = {"urdf": torso(), "base": {"xyz": [0, 0, 0]}, "start": [0.0, 0.3, -0.2, -0.3, 0.2]}
+    around = {"pole": {"shape": {"capsule": [0.05, 0.5]}, "xyz": [0.65, 0, 0.35]}}
+    return build({"A": robot}, surroundings=around, **changes)
+
+
+def lane(period=0.012, response="stop", shape=None, window: float = 0.0, **changes: Any) -> Cell:
+    """One cart that runs straight at a wall."""
+    robot = {"urdf": cart((1, 0, 0), (0, 1, 0), shape=shape), "start": [-1.0, 0.0], "period": period,
+             "lag_window": window, "q_tolerance": 0.0}  # fmt: skip
+    wall = {"wall": {"shape": {"box": [0.2, 4.0, 1.0]}, "xyz": [0.6, 0, 0]}}
+    return build({"A": robot}, surroundings=wall, response=response, stop_distance=0.05, **changes)
+
+
+def crossing(window: float = 0.12, tolerance: float = 0.0, periods=(0.012, 0.004)) -> Cell:
+    """Two carts whose ways cross: a delayed one goes out and back while the other comes in."""
+    fast = {
+        "urdf": cart((1, 0, 0), (0, 1, 0), speed=1.0),
+        "start": [-0.5, 0.0],
+        "period": periods[0],
+        "lag_window": window,
+        "q_tolerance": tolerance,
+    }
+    slow = {"urdf": cart((1, 0, 0), (0, 1, 0), speed=0.4), "start": [0.0, 0.5], "period": periods[1],
+            "q_tolerance": tolerance}  # fmt: skip
+    return build({"fast": fast, "slow": slow})
+
+
+SCENES: dict[str, Callable[..., Cell]] = {
+    "demo": demo, "planar": planar, "duel": duel, "wire": wire, "corner": corner, "tree": tree,
+}  # fmt: skip
