@@ -5,6 +5,7 @@ import socket
 
 import pytest
 
+from armgate.daemon.listener import Guest
 from armgate.daemon.peer import Encoded
 from armgate.daemon.session import Session
 from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
@@ -31,8 +32,17 @@ class Transport(asyncio.Transport):
         assert not self.eof
         self.written += data
 
+    def can_write_eof(self):
+        return True
+
     def write_eof(self):
         self.eof = True
+
+    def pause_reading(self):
+        self.reading = False
+
+    def resume_reading(self):
+        self.reading = True
 
     def is_closing(self):
         return self.aborted
@@ -86,9 +96,9 @@ class Desk:
 class Line:
     """A session with its desk, its transport, and the client's end."""
 
-    def __init__(self, send_buffer=1000):
+    def __init__(self, send_buffer=1000, rate=None):
         self.desk = Desk()
-        self.session = Session(self.desk, 1, send_buffer)
+        self.session = Session(self.desk, 1, Guest("127.0.0.1"), send_buffer, rate)
         self.transport = Transport()
         self.session.connection_made(self.transport)
         self.client = Connection(Side.CLIENT)

@@ -63,6 +63,7 @@ async def test_listening_beyond_this_machine_is_refused_with_the_reason(tmp_path
     assert (status, out) == (2, "")
     assert host in err
     assert "TLS" in err
+    assert "server.tls and server.tokens" in err
 
 
 async def test_participants_that_are_none_are_wrong_use(tmp_path):

@@ -138,19 +138,26 @@ class Connection:
         owes the peer ``send(refusal.error)`` for each refusal (server side), and must close after a fatal
         one.
         """
-        found: list[Message | Refusal] = []
-        if self._deaf:
-            return found
-        self._decoder.push(data)
-        while not self._deaf:
-            try:
-                payload = self._decoder.pop()
-                if payload is None:
-                    break
-                found.append(self._accept(payload))
-            except ProtocolError as error:
-                found.append(self._refuse(error))
+        self.push(data)
+        found = []
+        while (item := self.pop()) is not None:
+            found.append(item)
         return found
+
+    def push(self, data: bytes) -> None:
+        """Takes bytes from the peer, of which ``pop`` gives what they complete, one by one."""
+        if not self._deaf:
+            self._decoder.push(data)
+
+    def pop(self) -> Message | Refusal | None:
+        """The next of what the peer said; None: nothing more is complete."""
+        if self._deaf:
+            return None
+        try:
+            payload = self._decoder.pop()
+            return None if payload is None else self._accept(payload)
+        except ProtocolError as error:
+            return self._refuse(error)
 
     def receive_eof(self) -> list[Message | Refusal]:
         """The peer sends no more: the connection is closed; a frame that was cut off is a refusal."""

@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from ssl import SSLContext
+
     from armgate.cell.cell import Cell
-    from armgate.cell.config import CellConfig
+    from armgate.cell.config import CellConfig, ServerConfig
+    from armgate.daemon.access import Keys
+    from armgate.daemon.tokens import Tokens
 
 Configs = Annotated[
     list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
@@ -25,7 +29,9 @@ class ServeError(Exception):
 
 def serve(
     configs: Configs,
-    host: Annotated[str | None, typer.Option(help="Address to listen on; loopback only.")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on; beyond loopback with TLS and tokens only.")
+    ] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any.")] = None,
     lockstep: Annotated[str | None, typer.Option(metavar="NAMES", help="Run in lock-step with A,B,…")] = None,
 ) -> None:
@@ -33,8 +39,8 @@ def serve(
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
-    _refuse_foreign(config.server.host)
-    raise typer.Exit(_serve(_built(config)))
+    keys = _keys(config)
+    raise typer.Exit(_serve(_built(config), keys))
 
 
 def check(configs: Configs) -> None:
@@ -67,14 +73,45 @@ def _overridden(
     return config.model_copy(update=changed)
 
 
-def _refuse_foreign(host: str) -> None:
+def _keys(config: "CellConfig") -> "Keys":
+    from armgate.daemon.access import Keys  # noqa: PLC0415
     from armgate.daemon.address import is_loopback  # noqa: PLC0415
 
-    if not is_loopback(host):
+    server = config.server
+    if not is_loopback(server.host):
+        _refuse_foreign(server)
+    return Keys(_tls(config), _tokens(config))
+
+
+def _refuse_foreign(server: "ServerConfig") -> None:
+    missing = [key for key in ("tls", "tokens") if getattr(server, key) is None]
+    if missing:
         raise ServeError(
-            f"refusing to listen on {host}: without TLS and tokens anybody who reaches that address could "
-            "command the robots; listen on 127.0.0.1 and reach it from elsewhere through a tunnel (ssh -L)"
+            f"refusing to listen on {server.host}: without TLS and tokens anybody who reaches that address "
+            f"could command the robots, or listen in; configure server.{' and server.'.join(missing)} "
+            "(docs/security.md), or listen on 127.0.0.1 and reach it through a tunnel (ssh -L)"
         )
+
+
+def _tls(config: "CellConfig") -> "SSLContext | None":
+    from armgate.daemon.tls import server_context  # noqa: PLC0415
+
+    tls = config.server.tls
+    if tls is None:
+        return None
+    base = ("server", "tls")
+    return server_context(
+        config.file((*base, "certificate"), tls.certificate),
+        config.file((*base, "key"), tls.key),
+        None if tls.client_ca is None else config.file((*base, "client_ca"), tls.client_ca),
+    )
+
+
+def _tokens(config: "CellConfig") -> "Tokens | None":
+    from armgate.daemon.tokens import read  # noqa: PLC0415
+
+    tokens = config.server.tokens
+    return None if tokens is None else read(config.file(("server", "tokens"), tokens))
 
 
 @contextmanager
@@ -95,7 +132,7 @@ def _built(config: "CellConfig") -> "Cell":
         return build_cell(config)
 
 
-def _serve(cell: "Cell") -> int:
+def _serve(cell: "Cell", keys: "Keys") -> int:
     import asyncio  # noqa: PLC0415
 
     from armgate.daemon.log import Log  # noqa: PLC0415
@@ -106,7 +143,7 @@ def _serve(cell: "Cell") -> int:
 
     log = Log(sys.stderr)
     try:
-        return asyncio.run(Daemon(cell, Gate, log).run(_announce))
+        return asyncio.run(Daemon(cell, Gate, log, keys).run(_announce))
     except OSError as error:
         where = f"{cell.config.server.host}:{cell.config.server.port}"
         text = (

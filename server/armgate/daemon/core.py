@@ -104,7 +104,9 @@ class Core:
         ticks = [self._links[index].advance(time) for index in due]
         for tick in ticks:
             before = self._ticks.get(tick.robot, tick)
-            self._moved[tick.robot] = max(abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
+            # What was just played is measured at the next tick: until then it counts by itself.
+            moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
+            self._moved[tick.robot] = max(*moved, *map(abs, tick.increment))
             self._ticks[tick.robot] = tick
         return ticks
 
@@ -177,6 +179,9 @@ class Core:
             roles = " or ".join(sorted(RIGHTS[type(message)]))
             text = f"{message.type}: not as {peer.role}; connect as {roles}"
             raise RemoteProtocolError(ErrorCode.FORBIDDEN, text, about=message.type)
+        if isinstance(message, m.Acquire) and peer.robots is not None and message.robot not in peer.robots:
+            text = f"acquire: your token is not for {message.robot}; use one that names it"
+            raise RemoteProtocolError(ErrorCode.FORBIDDEN, text, about="acquire")
 
     def _known(self, robot: str, about: str, seq: int | None = None) -> None:
         if robot not in self.robots:

@@ -35,6 +35,8 @@ class Peer(Protocol):
     id: str
     name: str
     role: Role
+    robots: frozenset[str] | None
+    """The robots that it may command, None: all."""
     subscription: Subscription | None
 
     def say(self, message: Message) -> None:

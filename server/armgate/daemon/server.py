@@ -7,11 +7,15 @@ import traceback
 from collections.abc import Callable
 from enum import Enum
 from importlib.metadata import version
+from time import monotonic
 from typing import Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
+from armgate.daemon.access import Access, Keys
+from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core
+from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
 from armgate.daemon.peer import answer
@@ -48,9 +52,12 @@ class Daemon:
         cell: The cell.
         gate: Makes the gate, from the cell and the daemon's start id.
         log: Where events are told.
+        keys: Certificates and tokens; None: none.
     """
 
-    def __init__(self, cell: Cell, gate: Callable[[Cell, str], Judge], log: Log) -> None:
+    def __init__(
+        self, cell: Cell, gate: Callable[[Cell, str], Judge], log: Log, keys: Keys | None = None
+    ) -> None:
         clock = cell.config.clock
         lockstep = isinstance(clock, LockstepClockConfig)
         # In lock-step nothing that a client sees may differ between two runs.
@@ -64,9 +71,10 @@ class Daemon:
         self._over = asyncio.Event()
         self._emptied = asyncio.Event()
         self._sessions: set[Session] = set()
-        self._admitted: set[Session] = set()
         self._numbers = 0
-        self._server: asyncio.Server | None = None
+        keys = keys or Keys()
+        self._listener = self._listening(keys)
+        self._access = self._door(keys)
         periods = [robot.period for robot in cell.robots]
         self._pace: Wall | Lockstep = (
             Lockstep(periods, clock.participants, clock.grace, self._instant, log)
@@ -96,10 +104,9 @@ class Daemon:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._unexpected)
         host = self._settings.host
-        self._server = await loop.create_server(self._session, host, self._settings.port)
+        port = await self._listener.open(host, self._settings.port)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
-        port = self._server.sockets[0].getsockname()[1]
         self._log.info("listening", host=host, port=port, start=self.start, lockstep=self._pace.lockstep)
         self._begin()
         announce(host, port)
@@ -147,8 +154,7 @@ class Daemon:
         self._phase = phase
         playing = max(link.remaining * self._periods[link.robot] for link in self._links)
         self._rest_by = self._pace.now() + playing + _SETTLE
-        if self._server is not None:
-            self._server.close()
+        self._listener.close()
 
     def _instant(self, instant: Instant) -> None:
         if self._phase is Phase.OVER:
@@ -207,29 +213,48 @@ class Daemon:
 
     # --- sessions -----------------------------------------------------------------------------------------
 
-    def _session(self) -> Session:
+    def _listening(self, keys: Keys) -> Listener:
+        own = self._settings
+        return Listener(
+            self._session,
+            rate=own.connection_rate,
+            in_all=own.max_connections,
+            per_origin=own.max_connections_per_address,
+            tls=keys.tls,
+            handshake=own.handshake_timeout,
+            log=self._log,
+        )
+
+    def _door(self, keys: Keys) -> Access:
+        now = monotonic()
+        own = self._settings
+        return Access(
+            keys.tokens, Attempts(own.login_failures, own.login_failures_per_address, now), self._log
+        )
+
+    def _session(self, guest: Guest) -> Session:
         self._numbers += 1
-        return Session(self, self._numbers, self._settings.send_buffer)
+        rate = None if self._pace.lockstep else self._settings.message_rate
+        return Session(self, self._numbers, guest, self._settings.send_buffer, rate)
 
     def opened(self, session: Session) -> None:
         """A connection was made: it may stay if there is room, and says hello in time."""
         self._sessions.add(session)
-        if len(self._admitted) >= self._settings.max_connections:
-            text = f"there are {self._settings.max_connections} connections already; try again later"
-            session.end(RemoteProtocolError(ErrorCode.TOO_MANY, text).message())
+        if session.guest.refusal:
+            session.end(RemoteProtocolError(ErrorCode.TOO_MANY, session.guest.refusal).message())
         else:
             seconds = self._settings.handshake_timeout
             text = f"no hello within {seconds:g} s; say hello at once after connecting"
             session.allow(seconds, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, text))
-            self._admitted.add(session)
 
     def hello(self, session: Session, hello: m.Hello) -> None:
-        """A client said who it is. On loopback it is believed."""
-        session.name, session.role = hello.name, hello.role
-        session.id = self._pace.session_id(session.name, session.number)
+        """A client said who it is."""
         try:
             if self._phase is not Phase.RUNNING:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
+            admitted = self._access.admit(hello, session.guest.origin, monotonic())
+            session.name, session.role, session.robots = hello.name, admitted.role, admitted.robots
+            session.id = self._pace.session_id(session.name, session.number)
             self._pace.join(session)
         except RemoteProtocolError as error:
             session.id, error.re = "", hello.id
@@ -238,7 +263,7 @@ class Daemon:
             return
         session.allow(None)
         session.say(self._welcome(session, hello))
-        fields = {"session": session.id, "name": session.name, "role": session.role}
+        fields = {"session": session.id, "name": session.name, "role": session.role, "token": admitted.token}
         self._log.info("welcome", address=session.address, software=hello.software, **fields)
 
     def said(self, session: Session, message: m.Message) -> None:
@@ -255,7 +280,7 @@ class Daemon:
     def closed(self, session: Session) -> None:
         """A connection is closed."""
         self._sessions.discard(session)
-        self._admitted.discard(session)
+        self._listener.left(session.guest)
         self._look_for_emptiness()
 
     def _look_for_emptiness(self) -> None:

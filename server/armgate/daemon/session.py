@@ -5,6 +5,8 @@ import socket
 from collections.abc import Callable
 from typing import Protocol
 
+from armgate.daemon.bucket import Bucket
+from armgate.daemon.listener import Guest
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
 from armgate.protocol import Connection, ErrorCode, LocalProtocolError, Refusal, RemoteProtocolError, Side
@@ -15,6 +17,9 @@ _LINGER = 1.0
 
 _BUFFER = 256 * 1024
 """Bytes that the transport may hold before frames wait in the outbox."""
+
+_AT_ONCE = 8
+"""Messages of one client that are read at one turn of the event loop: then it is the others' turn."""
 
 _TCP = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
 _USER_TIMEOUT_MS = 20_000
@@ -48,14 +53,23 @@ class Session(asyncio.Protocol):
     Args:
         desk: Who is told.
         number: Count of the connection, for the log.
+        guest: Where the client connects from, and whether it may stay.
         send_buffer: Bytes of answers and verdicts that may wait for this client.
+        rate: Messages of this client that are read per second on average; None: no bound.
+
+    Attributes:
+        robots: The robots that the client may command, None: all.
     """
 
-    def __init__(self, desk: Desk, number: int, send_buffer: int) -> None:
+    def __init__(
+        self, desk: Desk, number: int, guest: Guest, send_buffer: int, rate: float | None = None
+    ) -> None:
         self.number = number
+        self.guest = guest
         self.id = ""
         self.name = ""
         self.role: m.Role = "observer"
+        self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
         self.address = ""
         self._desk = desk
@@ -63,6 +77,9 @@ class Session(asyncio.Protocol):
         self._outbox = Outbox(self._write, send_buffer)
         self._transport: asyncio.Transport
         self._timer: asyncio.TimerHandle | None = None
+        self._rate = rate
+        self._bucket: Bucket | None = None
+        self._reading: asyncio.Handle | None = None
         self._closing = self._told_gone = False
 
     @property
@@ -77,6 +94,8 @@ class Session(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.set_write_buffer_limits(high=_BUFFER)
+        if self._rate is not None:
+            self._bucket = Bucket(self._rate, self._rate / 4, asyncio.get_running_loop().time())
         _keep_alive(transport.get_extra_info("socket"))
         host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
         self.address = f"{host}:{port}"
@@ -85,12 +104,17 @@ class Session(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """Bytes came in."""
         if not self._closing:
-            self._guarded(self._read, self._connection.receive(data))
+            self._connection.push(data)
+            if self._reading is None:
+                self._read_on()
 
     def eof_received(self) -> None:
         """The client sends no more."""
+        while not self._closing and (item := self._connection.pop()) is not None:
+            self._guarded(self._hear, item)
         if not self._closing:
-            self._guarded(self._read, self._connection.receive_eof())
+            for item in self._connection.receive_eof():
+                self._guarded(self._hear, item)
             self._leave("closed by the client")
             self._closing = True
 
@@ -98,6 +122,8 @@ class Session(asyncio.Protocol):
         """The connection is gone."""
         self._closing = True
         self.allow(None)
+        if self._reading is not None:
+            self._reading.cancel()
         self._leave("connection lost" if exc is None else str(exc))
         self._guarded(self._desk.closed, self)
 
@@ -155,20 +181,43 @@ class Session(asyncio.Protocol):
 
     # --- inside -------------------------------------------------------------------------------------------
 
-    def _read(self, items: list[m.Message | Refusal]) -> None:
-        for item in items:
-            if self._closing:
+    def _read_on(self) -> None:
+        """Hear some of what came; the rest when the others had their turn, or when the rate allows it."""
+        loop = asyncio.get_running_loop()
+        self._reading = None
+        if self._bucket is not None and (wait := self._bucket.wait(loop.time())):
+            self._read_later(loop.call_later(wait, self._read_on))
+            return
+        for heard in range(_AT_ONCE):
+            item = None if self._closing else self._connection.pop()
+            if item is None:
+                self._spend(heard)
+                self._transport.resume_reading()
                 return
-            match item:
-                case Refusal():
-                    self._refuse(item)
-                case m.Hello():
-                    self._desk.hello(self, item)
-                case m.Bye():
-                    self._leave(f"bye: {item.reason}" if item.reason else "bye")
-                    self.end(m.Bye())
-                case _:
-                    self._desk.said(self, item)
+            self._guarded(self._hear, item)
+        self._spend(_AT_ONCE)
+        self._read_later(loop.call_soon(self._read_on))
+
+    def _spend(self, count: int) -> None:
+        if self._bucket is not None:
+            self._bucket.spend(count)
+
+    def _read_later(self, handle: asyncio.Handle) -> None:
+        # Not reading from the socket meanwhile makes the client wait, not us keep what it sends.
+        self._reading = handle
+        self._transport.pause_reading()
+
+    def _hear(self, item: m.Message | Refusal) -> None:
+        match item:
+            case Refusal():
+                self._refuse(item)
+            case m.Hello():
+                self._desk.hello(self, item)
+            case m.Bye():
+                self._leave(f"bye: {item.reason}" if item.reason else "bye")
+                self.end(m.Bye())
+            case _:
+                self._desk.said(self, item)
 
     def _refuse(self, refusal: Refusal) -> None:
         if refusal.fatal:
@@ -186,15 +235,19 @@ class Session(asyncio.Protocol):
             return
         self._closing = True
         self.allow(None)
+        self._transport.resume_reading()  # to see when the client closes
         self._timer = asyncio.get_running_loop().call_later(_LINGER, self._transport.abort)
         self._write_eof()
 
     def _write_eof(self) -> None:
         # Closing with unread bytes of the client would make the kernel take back what was written last: say
-        # that there is no more, and read on until the client closes.
+        # that there is no more, and read on until the client closes. TLS does the same by its own means.
         if self._outbox.empty and not self._transport.is_closing():
             try:
-                self._transport.write_eof()
+                if self._transport.can_write_eof():
+                    self._transport.write_eof()
+                else:
+                    self._transport.close()
             except OSError:  # the client has reset the connection meanwhile: its own affair
                 self.abort()
 

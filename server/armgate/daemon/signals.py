@@ -1,17 +1,8 @@
 """Named values that clients share with each other; the gate never reads them."""
 
-from dataclasses import dataclass
-
+from armgate.daemon.bucket import Bucket
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import MAX_SIGNALS, SignalValue
-
-
-@dataclass(slots=True)
-class _Bucket:
-    """Allowance of one session: refilled with time, up to one second's worth."""
-
-    left: float
-    time: float
 
 
 class Signals:
@@ -30,7 +21,7 @@ class Signals:
         self._limit = limit
         self._owners: dict[str, str] = {}
         self._values: dict[str, SignalValue] = {}
-        self._buckets: dict[str, _Bucket] = {}
+        self._buckets: dict[str, Bucket] = {}
 
     def set(self, session: str, owner: str, name: str, value: tuple[float, ...], now: float) -> None:
         """Take a value over.
@@ -72,10 +63,9 @@ class Signals:
         return self._values
 
     def _spend(self, session: str, now: float) -> None:
-        bucket = self._buckets.setdefault(session, _Bucket(self._burst, now))
-        bucket.left = min(self._burst, bucket.left + (now - bucket.time) * self._rate)
-        bucket.time = now
-        if bucket.left < 1.0:
+        bucket = self._buckets.get(session)
+        if bucket is None:
+            bucket = self._buckets[session] = Bucket(self._rate, self._burst, now)
+        if not bucket.take(now):
             text = f"more than {self._rate:g} signals per second; this one was dropped"
             raise RemoteProtocolError(ErrorCode.SIGNAL_RATE, text, about="signal")
-        bucket.left -= 1.0

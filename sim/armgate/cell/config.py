@@ -260,24 +260,53 @@ class LockstepClockConfig(Part):
         return self
 
 
+class TlsConfig(Part):
+    """Files in PEM; relative paths count from the file in which they stand.
+
+    Attributes:
+        certificate: The server's certificate, then those between it and its CA.
+        key: Its private key, not encrypted and not readable by everybody.
+        client_ca: Where given, a client must show a certificate that one of these CAs has signed.
+    """
+
+    certificate: str
+    key: str
+    client_ca: str | None = None
+
+
 class ServerConfig(Part):
     """Where and how the daemon serves; port 0 takes any free one.
 
     Attributes:
-        host: Address to listen on.
+        host: Address to listen on; beyond loopback only with ``tls`` and ``tokens``.
         port: Port to listen on.
+        tls: Certificate and key; None: no encryption.
+        tokens: File of those who may come in, see ``armgate token``; None: roles are self-declared.
         lease_ttl: How long a lease lives without a sign of life from its holder, s.
-        max_connections: How many clients there may be at once.
+        max_connections: How many connections there may be at once.
+        max_connections_per_address: How many of them from one address.
+        connection_rate: How many connections are taken in per second on average; others wait.
         signal_rate: How many signals a client may send per second on average.
-        handshake_timeout: How long a new connection may take to say hello, s.
+        message_rate: How many messages of a client are read per second on average; others wait. Not in
+            lock-step.
+        login_failures: How many wrong tokens per minute on average before none is looked at any more.
+        login_failures_per_address: The same for one address.
+        handshake_timeout: How long a new connection may take for TLS, and then to say hello, s.
         send_buffer: Bytes of answers and verdicts that may wait for a slow client before it is closed.
     """
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 7411
+    tls: TlsConfig | None = None
+    tokens: str | None = None
     lease_ttl: Period = 1.0
-    max_connections: Annotated[int, Field(ge=1, le=4096)] = 64
+    max_connections: Annotated[int, Field(ge=1, le=4096)] = 128
+    max_connections_per_address: Annotated[int, Field(ge=1, le=4096)] = 64
+    connection_rate: Annotated[float, Field(gt=0.0)] = 100.0
     signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
+    message_rate: Annotated[float, Field(gt=0.0)] = 2000.0
+    login_failures: Annotated[float, Field(ge=1.0)] = 100.0
+    login_failures_per_address: Annotated[float, Field(ge=1.0)] = 10.0
     handshake_timeout: Period = 5.0
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
 
@@ -304,10 +333,13 @@ class CellConfig(Part):
 
     def urdf_path(self, robot: str) -> Path:
         """The file that holds a robot's URDF: relative paths count from the file in which they stand."""
-        given = Path(self.robots[robot].urdf)
+        return self.file(("robots", robot, "urdf"), self.robots[robot].urdf)
+
+    def file(self, path: Path_, given: str) -> Path:
+        """The file that stands under these keys: relative paths count from the file in which they stand."""
         if self._tree is None:
-            return given
-        return self._tree.locate(("robots", robot, "urdf")).file.parent / given
+            return Path(given)
+        return self._tree.locate(path).file.parent / given
 
 
 def load_config(paths: Sequence[Path]) -> CellConfig:

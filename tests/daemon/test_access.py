@@ -1,0 +1,241 @@
+"""Who may come in: tokens, their file, failures, and what is told of them."""
+
+import io
+import json
+
+import pytest
+
+from armgate.daemon import tokens as t
+from armgate.daemon.access import Access
+from armgate.daemon.address import origin
+from armgate.daemon.attempts import Attempts
+from armgate.daemon.bucket import Bucket
+from armgate.daemon.log import Log
+from armgate.protocol import RemoteProtocolError
+from armgate.protocol import messages as m
+
+HERE = "192.0.2.1"
+
+
+class House:
+    """A door, tokens that fit, and the log."""
+
+    def __init__(self, in_all=100.0, per_origin=3.0):
+        self.made = {
+            "eye": t.make("eye", "observer", None),
+            "lab": t.make("lab", "controller", ["FR"]),
+            "boss": t.make("boss", "operator", None),
+        }
+        self.stream = io.StringIO()
+        self.log = Log(self.stream)
+        known = t.Tokens([made.token for made in self.made.values()])
+        self.access = Access(known, Attempts(in_all, per_origin, 0.0), self.log)
+
+    def enter(self, name, role="controller", origin=HERE, now=0.0):
+        """Come in with the token of this name, or with a text that is none."""
+        secret = self.made[name].secret if name in self.made else name
+        token = {} if secret is None else {"token": secret}
+        return self.access.admit(m.Hello(versions=(1,), name="x", role=role, **token), origin, now)
+
+    def refusal(self, *args, **more):
+        with pytest.raises(RemoteProtocolError) as caught:
+            self.enter(*args, **more)
+        assert (caught.value.code, caught.value.fatal) == ("unauthorized", True)
+        return caught.value.text
+
+    def lines(self):
+        self.log.close()
+        return [json.loads(line) for line in self.stream.getvalue().splitlines()]
+
+
+# --- what a token allows ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("eye", {"observer"}),
+        ("lab", {"observer", "controller"}),
+        ("boss", {"observer", "controller", "operator"}),
+    ],
+)
+def test_a_token_allows_its_role_and_less(name, allowed):
+    house = House(per_origin=100.0)
+    for role in ("observer", "controller", "operator"):
+        if role in allowed:
+            assert house.enter(name, role).role == role
+        else:
+            house.refusal(name, role)
+
+
+def test_the_robots_are_the_tokens():
+    house = House()
+    assert house.enter("lab").robots == {"FR"}
+    assert house.enter("boss", "operator").robots is None
+
+
+def test_the_answer_does_not_tell_what_was_wrong():
+    house = House(per_origin=100.0)
+    right = house.made["eye"].secret
+    texts = {
+        house.refusal(None),
+        house.refusal("wrong"),
+        house.refusal(right[:-1]),
+        house.refusal("eye", "operator"),
+        house.refusal(house.made["eye"].token.sha256),
+    }
+    assert len(texts) == 1
+    assert "armgate token" in texts.pop()
+
+
+def test_the_log_tells_who_failed_and_no_secret():
+    house = House(per_origin=100.0)
+    for name, role in (("lab", "operator"), ("guess-1234", "observer"), (None, "observer")):
+        house.refusal(name, role)
+    lines = house.lines()
+    assert [(line["why"], line["token"]) for line in lines] == [
+        ("role", "lab"), ("unknown token", None), ("no token", None),
+    ]  # fmt: skip
+    text = house.stream.getvalue()
+    assert "guess" not in text
+    assert all(made.secret not in text and made.token.sha256 not in text for made in house.made.values())
+
+
+def test_every_token_is_compared_in_constant_time(monkeypatch):
+    house, compared = House(), []
+    real = t.hmac.compare_digest
+    monkeypatch.setattr(t.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or real(a, b))
+    house.enter("eye", "observer")
+    assert len(compared) == len(house.made)
+
+
+# --- failures ---------------------------------------------------------------------------------------------
+
+
+def test_who_fails_too_often_is_not_heard_for_a_while_and_others_are():
+    house = House(per_origin=3.0)
+    for _ in range(3):
+        assert "too many" not in house.refusal("wrong")
+    assert "try again in 20 s" in house.refusal("wrong")
+    assert "too many" in house.refusal("lab", now=19.0)
+    assert house.enter("lab", origin="192.0.2.2")
+    assert house.enter("lab", now=21.0)
+
+
+def test_waiting_is_not_prolonged_by_knocking():
+    house = House(per_origin=1.0)
+    house.refusal("wrong")
+    for now in range(1, 60):
+        assert "too many" in house.refusal("wrong", now=float(now))
+    assert house.enter("lab", now=61.0)
+
+
+def test_many_guessers_cannot_lock_out_whoever_was_in_before():
+    house = House(in_all=50.0)
+    house.enter("lab")
+    for number in range(50):
+        house.refusal("wrong", origin=f"198.51.100.{number}")
+    assert "too many" in house.refusal("boss", origin="203.0.113.1")
+    assert house.enter("lab")
+    assert house.enter("boss", origin="203.0.113.1", now=10.0)
+
+
+def test_only_so_many_guessers_are_remembered():
+    attempts = Attempts(1e9, 1.0, 0.0)
+    for number in range(5000):
+        attempts.failed(f"a{number}", 0.0)
+        attempts.succeeded(f"b{number}")
+    assert len(attempts._failing) == len(attempts._trusted) == 1024
+
+
+def test_a_bucket_refills_up_to_its_burst():
+    bucket = Bucket(rate=2.0, burst=3.0, now=0.0)
+    assert [bucket.take(0.0) for _ in range(4)] == [True, True, True, False]
+    assert bucket.wait(0.0) == pytest.approx(0.5)
+    assert [bucket.take(0.5), bucket.take(0.5)] == [True, False]
+    assert [bucket.take(100.0) for _ in range(4)] == [True, True, True, False]
+    bucket.spend(2)
+    assert bucket.wait(100.0) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("host", "counted"),
+    [
+        ("192.0.2.7", "192.0.2.7"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("2001:db8:1:2:3::4", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("?", "?"),
+    ],
+)
+def test_whose_a_connection_is(host, counted):
+    assert origin(host) == counted
+
+
+# --- the file ---------------------------------------------------------------------------------------------
+
+
+def test_what_is_written_is_read_and_the_secret_is_not_in_it(tmp_path):
+    file = tmp_path / "tokens"
+    made = [t.make("a", "controller", ["FR", "GR"]), t.make("b", "observer", None)]
+    for one in made:
+        t.append(file, one.token)
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert [*t.read(file)] == [one.token for one in made]
+    assert all(one.secret not in file.read_text() for one in made)
+    assert t.read(file).find(made[1].secret) == made[1].token
+    assert t.read(file).find(made[1].secret + "x") is None
+    assert t.read(file).find(None) is None
+
+
+def test_a_line_deleted_is_a_token_taken_back(tmp_path):
+    file = tmp_path / "tokens"
+    made = [t.make(name, "observer", None) for name in "ab"]
+    for one in made:
+        t.append(file, one.token)
+    file.write_text(file.read_text().splitlines()[1])
+    assert t.read(file).find(made[0].secret) is None
+    t.append(file, made[0].token)
+    assert [token.name for token in t.read(file)] == ["b", "a"]
+
+
+def test_secrets_are_long_and_never_the_same():
+    secrets = {t.make("a", "observer", None).secret for _ in range(100)}
+    assert len(secrets) == 100
+    assert all(secret.startswith("armgate_") and len(secret) == 8 + 43 for secret in secrets)
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("{}", "name: Field required"),
+        ("not json", "Invalid JSON"),
+        ('{"name": "a", "role": "god", "robots": null, "sha256": "%s"}' % ("0" * 64), "role"),
+        ('{"name": "a", "role": "observer", "robots": [], "sha256": "%s"}' % ("0" * 64), "robots"),
+        ('{"name": "a", "role": "observer", "sha256": "0"}', "sha256"),
+    ],
+)
+def test_a_line_that_is_no_token_is_named(tmp_path, line, told):
+    file = tmp_path / "tokens"
+    file.write_text("\n" + line + "\n")
+    file.chmod(0o600)
+    with pytest.raises(t.TokenError, match=r"tokens:2: .*armgate token") as caught:
+        t.read(file)
+    assert told in str(caught.value)
+
+
+def test_a_file_that_others_may_write_is_refused(tmp_path):
+    file = tmp_path / "tokens"
+    t.append(file, t.make("a", "observer", None).token)
+    file.chmod(0o620)
+    with pytest.raises(t.TokenError, match="chmod 600"):
+        t.read(file)
+
+
+def test_a_missing_file_and_a_name_used_twice_are_named(tmp_path):
+    file = tmp_path / "tokens"
+    with pytest.raises(t.TokenError, match=r"No such file.*armgate token"):
+        t.read(file)
+    t.append(file, t.make("a", "observer", None).token)
+    with pytest.raises(t.TokenError, match="two tokens named a"):
+        t.append(file, t.make("a", "observer", None).token)
