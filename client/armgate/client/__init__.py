@@ -25,6 +25,7 @@ from armgate.client.errors import (
     TimedOut,
 )
 from armgate.client.tick import Tick
+from armgate.client.tls import Tls, tls_context
 from armgate.protocol.messages import (
     Body,
     Description,
@@ -67,8 +68,10 @@ __all__ = [
     "State",
     "Tick",
     "TimedOut",
+    "Tls",
     "Verdict",
     "Welcome",
     "connect",
     "parse_address",
+    "tls_context",
 ]

@@ -15,10 +15,11 @@ from typing import Any, Self, TypeVar
 
 from armgate.client.address import parse_address
 from armgate.client.asset import Download
-from armgate.client.errors import ClientError, ConnectionLost, TimedOut
+from armgate.client.errors import ClientError, TimedOut
 from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
 from armgate.client.session import Session, build
 from armgate.client.tick import Tick
+from armgate.client.tls import Tls, check_token, context_of, no_connection
 from armgate.protocol.messages import (
     Acquire,
     Answer,
@@ -52,6 +53,7 @@ async def connect(
     role: Role = "controller",
     token: str | None = None,
     *,
+    tls: Tls = None,
     timeout: float = 5.0,
     patience: float = 30.0,
 ) -> "Cell":
@@ -63,24 +65,27 @@ async def connect(
         role: ``observer`` looks on, ``controller`` also moves robots, ``operator`` also resets and takes
             over.
         token: Where the daemon asks for one.
+        tls: Where it speaks TLS: the file with its CA, True for the system's CAs, or an ``SSLContext``, see
+            ``tls_context``.
         timeout: How long connecting and each answer may take, s.
         patience: How long the robots' clock may stand still before a wait for it ends, s.
 
     Raises:
-        BadArgument: The address or the name has no sense.
+        BadArgument: The address or the name has no sense, or the token would cross a network readable.
         ConnectionLost: Nobody listens there, or (``Rejected``) the daemon does not want this client.
         TimedOut: No welcome in time.
     """
     host, port = parse_address(address)
+    context = context_of(tls)
     wire = Wire(Session())
     loop = asyncio.get_running_loop()
     try:
-        await asyncio.wait_for(loop.create_connection(lambda: wire, host, port), timeout)
+        await asyncio.wait_for(loop.create_connection(lambda: wire, host, port, ssl=context), timeout)
     except OSError as error:
-        text = f"no connection to {address}: {error.strerror or error}; does `armgate serve` run there?"
-        raise ConnectionLost(text) from error
+        raise no_connection(address, error) from error
     cell = Cell(wire, timeout, patience)
     try:
+        check_token(token, context, wire.peer)
         await cell._greet(name, role, token)
     except BaseException:
         wire.close()
@@ -102,6 +107,11 @@ class Wire(asyncio.Protocol):
         """The stream stands."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
+
+    @property
+    def peer(self) -> Any:
+        """The address of the other end."""
+        return self._transport.get_extra_info("peername")
 
     def data_received(self, data: bytes) -> None:
         """Bytes came."""

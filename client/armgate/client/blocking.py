@@ -5,8 +5,6 @@ it waits, the SDK pings; a controller that computes for longer than the lease's 
 Handles belong to one thread at a time.
 """
 
-import select
-import socket
 from collections.abc import Callable, Iterable, Iterator
 from time import monotonic
 from types import TracebackType
@@ -14,10 +12,12 @@ from typing import Any, Self, TypeVar
 
 from armgate.client.address import parse_address
 from armgate.client.asset import Download
-from armgate.client.errors import ClientError, ConnectionLost, TimedOut
+from armgate.client.errors import ClientError, TimedOut
 from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
 from armgate.client.session import Session, build
+from armgate.client.stream import Stream
 from armgate.client.tick import Tick
+from armgate.client.tls import Tls, check_token, context_of, no_connection
 from armgate.protocol.messages import (
     Acquire,
     Answer,
@@ -41,7 +41,6 @@ from armgate.protocol.messages import (
     Verdict,
 )
 
-_CHUNK = 256 * 1024
 _ROUNDS = 64
 """How often the socket is read before what came is looked at: a flood must not hold up a tick."""
 
@@ -55,6 +54,7 @@ def connect(
     role: Role = "controller",
     token: str | None = None,
     *,
+    tls: Tls = None,
     timeout: float = 5.0,
     patience: float = 30.0,
 ) -> "Cell":
@@ -66,25 +66,28 @@ def connect(
         role: ``observer`` looks on, ``controller`` also moves robots, ``operator`` also resets and takes
             over.
         token: Where the daemon asks for one.
+        tls: Where it speaks TLS: the file with its CA, True for the system's CAs, or an ``SSLContext``, see
+            ``tls_context``.
         timeout: How long connecting and each answer may take, s.
         patience: How long the robots' clock may stand still before a wait for it ends, s.
 
     Raises:
-        BadArgument: The address or the name has no sense.
+        BadArgument: The address or the name has no sense, or the token would cross a network readable.
         ConnectionLost: Nobody listens there, or (``Rejected``) the daemon does not want this client.
         TimedOut: No welcome in time.
     """
     host, port = parse_address(address)
+    context = context_of(tls)
     try:
-        sock = socket.create_connection((host, port), timeout)
+        stream = Stream.open(host, port, timeout, context)
     except OSError as error:
-        text = f"no connection to {address}: {error.strerror or error}; does `armgate serve` run there?"
-        raise ConnectionLost(text) from error
-    cell = Cell(sock, Session(), timeout, patience)
+        raise no_connection(address, error) from error
+    cell = Cell(stream, Session(), timeout, patience)
     try:
+        check_token(token, context, stream.peer)
         cell._greet(name, role, token)
     except BaseException:
-        sock.close()
+        stream.close()
         raise
     return cell
 
@@ -92,11 +95,9 @@ def connect(
 class Cell(CellHandle):
     """A connection to a cell; a context manager that closes it."""
 
-    def __init__(self, sock: socket.socket, session: Session, timeout: float, patience: float) -> None:
+    def __init__(self, stream: Stream, session: Session, timeout: float, patience: float) -> None:
         super().__init__(session, timeout, patience)
-        sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket = sock
+        self._stream = stream
 
     def __enter__(self) -> Self:
         return self
@@ -199,7 +200,7 @@ class Cell(CellHandle):
         except ClientError:
             pass  # there is nobody left to say it to
         finally:
-            self._socket.close()
+            self._stream.close()
 
     # --- waiting -------------------------------------------------------------------------------------------
 
@@ -234,21 +235,21 @@ class Cell(CellHandle):
             raise TimedOut(f"{late}; is the server overloaded, or the network slow?")
         self._write(self._session.keepalive(now))
         self._session.check_silence(now, self.timeout)
-        self._select(min(deadline, self._session.keepalive_due) - now, writing=False)
+        self._stream.wait(min(deadline, self._session.keepalive_due) - now, writing=False)
         self._drain()
 
-    # --- the socket ----------------------------------------------------------------------------------------
+    # --- the stream ----------------------------------------------------------------------------------------
 
     def _drain(self) -> None:
         for _ in range(_ROUNDS):
             if self._session.closed is not None:
                 return
             try:
-                data = self._socket.recv(_CHUNK)
-            except BlockingIOError:
-                return
+                data = self._stream.receive()
             except OSError as error:
                 self._session.receive_eof(f"the connection broke ({error.strerror or error})")
+                return
+            if data is None:
                 return
             if not data:
                 self._session.receive_eof()
@@ -259,28 +260,24 @@ class Cell(CellHandle):
         left = memoryview(data)
         while left:
             try:
-                left = left[self._socket.send(left) :]
-            except BlockingIOError:
-                self._make_room()
+                sent = self._stream.send(left)
             except OSError as error:
                 self._drain()  # the server may have said why
                 self._session.receive_eof(f"the connection broke ({error.strerror or error})")
                 self._session.check()
+            if sent:
+                left = left[sent:]
+            else:
+                self._make_room()
         if data:
             self._session.sent(monotonic())
 
     def _make_room(self) -> None:
         # Reading meanwhile keeps two peers with full buffers from waiting for each other.
-        if not self._select(self.timeout, writing=True):
+        if not self._stream.wait(self.timeout, writing=True):
             self._session.receive_eof(f"the server has read nothing for {self.timeout:g} s")
         self._drain()
         self._session.check()
-
-    def _select(self, timeout: float, *, writing: bool) -> bool:
-        poller = select.poll()
-        poller.register(self._socket, select.POLLIN | (select.POLLOUT if writing else 0))
-        wait = None if timeout == float("inf") else max(0.0, timeout) * 1000
-        return bool(poller.poll(wait))
 
 
 class Robot(RobotHandle):

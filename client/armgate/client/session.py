@@ -170,7 +170,13 @@ class Session:
     def receive_eof(self, why: str = "the server closed the connection") -> None:
         """The server sends no more."""
         self._connection.receive_eof()
-        self._close(ConnectionLost(f"{why}; robots held come to rest; connect again when the server runs"))
+        if self.welcome is None:
+            text = (
+                f"{why} without a welcome; does it ask for TLS (tls=…, --ca), or for a certificate (--cert)?"
+            )
+        else:
+            text = f"{why}; robots held come to rest; connect again when the server runs"
+        self._close(ConnectionLost(text))
 
     def check(self) -> None:
         """Raises why the connection is closed, if it is."""

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+
 
 def follow(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
@@ -26,16 +28,18 @@ def follow(
         ),
     ] = None,
     name: Annotated[str, typer.Option(help="This participant's name.")] = "follower",
-    token: Annotated[
-        str | None, typer.Option(help="Token, where the daemon asks for one.", show_default=False)
-    ] = None,
+    token_file: TokenFile = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
     from armgate.apps.follow.loop import FollowLoop, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
 
-    with interrupt() as wish, connect(address, name=name, role="controller", token=token) as cell:
+    own = login(token_file, ca, cert, key)
+    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         loop = FollowLoop.build(cell, robot, leader, distance, lag)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
         with cell.acquire(robot) as arm:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+
 
 def lead(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
@@ -19,9 +21,10 @@ def lead(
         typer.Option(min=0.1, metavar="S", help="Play only the first S seconds and come to rest."),
     ] = None,
     name: Annotated[str, typer.Option(help="This participant's name.")] = "leader",
-    token: Annotated[
-        str | None, typer.Option(help="Token, where the daemon asks for one.", show_default=False)
-    ] = None,
+    token_file: TokenFile = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
 ) -> None:
     """Drive a robot along a recorded path."""
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
@@ -31,7 +34,8 @@ def lead(
     from armgate.client import connect  # noqa: PLC0415
 
     recorded = read_path(path)
-    with interrupt() as wish, connect(address, name=name, role="controller", token=token) as cell:
+    own = login(token_file, ca, cert, key)
+    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         described = check_path(recorded, cell.description, robot or recorded.robot)
         cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
         playback = Playback(recorded, bounds_of(described), duration)

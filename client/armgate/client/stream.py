@@ -1,0 +1,78 @@
+"""The blocking shell's bytes: a socket that never blocks by itself, plain or with TLS."""
+
+import select
+import socket
+import ssl
+from typing import Any
+
+_CHUNK = 256 * 1024
+
+
+class Stream:
+    """A connected socket.
+
+    Args:
+        sock: The socket; this takes it over.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        self._socket = sock
+        self._tls = sock if isinstance(sock, ssl.SSLSocket) else None
+
+    @classmethod
+    def open(cls, host: str, port: int, timeout: float, tls: ssl.SSLContext | None) -> "Stream":
+        """Connects, within ``timeout`` for TCP and again for TLS.
+
+        Raises:
+            OSError: Nobody listens there, or TLS fails.
+        """
+        sock = socket.create_connection((host, port), timeout)
+        if tls is None:
+            return cls(sock)
+        try:
+            return cls(tls.wrap_socket(sock, server_hostname=host))
+        except BaseException:
+            sock.close()
+            raise
+
+    @property
+    def peer(self) -> Any:
+        """The address of the other end."""
+        return self._socket.getpeername()
+
+    def receive(self) -> bytes | None:
+        """What has come; empty at the end, None for nothing yet.
+
+        Raises:
+            OSError: The connection broke.
+        """
+        try:
+            return self._socket.recv(_CHUNK)
+        except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+            return None
+
+    def send(self, data: memoryview) -> int:
+        """Sends what fits; how much that was.
+
+        Raises:
+            OSError: The connection broke.
+        """
+        try:
+            return self._socket.send(data)
+        except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+            return 0
+
+    def wait(self, timeout: float, *, writing: bool) -> bool:
+        """Waits until something has come, or (``writing``) can be sent; whether it was so in time."""
+        if self._tls is not None and self._tls.pending():
+            return True
+        poller = select.poll()
+        poller.register(self._socket, select.POLLIN | (select.POLLOUT if writing else 0))
+        wait = None if timeout == float("inf") else max(0.0, timeout) * 1000
+        return bool(poller.poll(wait))
+
+    def close(self) -> None:
+        """Closes it."""
+        self._socket.close()
