@@ -1,106 +1,107 @@
-"""The tables of the specification are those of the code."""
+"""The specification says what the code does: tables, bounds, causes, errors."""
 
 import re
-from pathlib import Path
 
 import pytest
 
-import armgate.protocol
 from armgate.cell.events import Cause
-from armgate.protocol import (
-    CODES,
-    HANDSHAKE_LIMIT,
-    INBOUND_LIMIT,
-    OUTBOUND_LIMIT,
-    Side,
-    codec,
-    connection,
-    lease,
-)
+from armgate.protocol import CODES, HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, codec
 from armgate.protocol import messages as m
+from armgate.protocol.statements import spec_text, statements
+from tools.spec.__main__ import main, products
+from tools.spec.tables import BLOCKS
+from tools.spec.text import filled
 
-SPEC = (Path(armgate.protocol.__file__).parent / "SPEC.md").read_text(encoding="utf-8")
-
-
-def section(number):
-    """The text of one section."""
-    return re.split(r"^## (?=\d)", SPEC, flags=re.MULTILINE)[number]
-
-
-def rows(text):
-    """The rows of all tables in a text, without their heads."""
-    found = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"
-    ]
-    return [row for row in found if not re.fullmatch(r"-+", row[0])]
+SPEC = spec_text()
+WHOLE = {key: statement.text for key, statement in statements().items()}
 
 
-def fields(model):
-    names = [(name, field) for name, field in model.model_fields.items() if name != "type"]
-    return ", ".join(f"`{name}`" if field.is_required() else f"`{name}`?" for name, field in names) or "–"
+def test_what_is_drawn_from_the_code_is_up_to_date(capsys):
+    assert main(["--check"]) == 0, capsys.readouterr().err
+    assert all(path.exists() for path in products())
 
 
-@pytest.mark.parametrize(("number", "models"), [(3, m.CLIENT_MESSAGES), (4, m.SERVER_MESSAGES)])
-def test_messages_and_their_fields(number, models):
-    told = [row[:2] for row in rows(section(number)) if row[0].startswith("`")]
-    assert told == [[f"`{model.model_fields['type'].default}`", fields(model)] for model in models]
+def test_a_difference_is_told_and_a_wrong_call_too(tmp_path, monkeypatch, capsys):
+    file = tmp_path / "drawn" / "x.md"
+    monkeypatch.setattr("tools.spec.__main__.products", lambda: {file: "drawn"})
+    assert main(["--check"]) == 1
+    assert "make spec" in capsys.readouterr().err
+    assert not file.exists()
+    assert main([]) == 0
+    assert file.read_text() == "drawn"
+    assert main(["--check"]) == 0
+    assert main(["--chekc"]) == 2
 
 
-def test_maps_inside_messages():
-    parts = [x for x in vars(m).values() if isinstance(x, type) and issubclass(x, m.Part) and x is not m.Part]
-    table = rows(section(4).partition("Maps inside messages")[2])[1:]
-    assert table == [[part.__name__, fields(part)] for part in parts]
+def test_a_block_is_filled_and_nothing_else_changes():
+    text = "a\n<!-- begin x -->\nold\n<!-- end -->\nb\n"
+    assert filled(text, {"x": lambda: "new"}) == text.replace("old", "new")
+    for blocks in ({}, {"x": str, "y": str}):
+        with pytest.raises(ValueError, match="blocks"):
+            filled(text, blocks)
+    with pytest.raises(ValueError, match="blocks"):
+        filled(text + text, {"x": str})
 
 
-def test_the_connection():
-    told = {}
-    for state, client, server, following in rows(section(5))[1:]:
-        side, cell, says = (
-            (Side.CLIENT, client, m.CLIENT_MESSAGES) if client else (Side.SERVER, server, m.SERVER_MESSAGES)
-        )
-        events = set(re.findall("`([a-z]+)`", cell.replace("a fatal `error`", "`fatal`")))
-        if "any other message" in cell:
-            events |= {model.model_fields["type"].default for model in says} - {"hello", "welcome", "bye"}
-        told |= {(state, side, event): following for event in events}
-    assert told == {(s.value, side, e): after.value for (s, side, e), after in connection.TRANSITIONS.items()}
+def test_every_message_map_and_code_is_told():
+    for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
+        assert f"**`{message.model_fields['type'].default}`**" in SPEC
+        for name in message.model_fields.keys() - {"type"}:
+            assert f"|  | `{name}` | " in SPEC
+    assert "| `signal` | `signaled` |" in BLOCKS["answers"]()
+    assert [line.split("`")[1] for line in BLOCKS["errors"]().splitlines()[2:]] == list(CODES)
 
 
-def test_leases():
-    told = {(state, event): after for state, event, after in rows(section(6))[1:]}
-    assert told == {(s.value, e.value): after.value for (s, e), after in lease.TRANSITIONS.items()}
+def test_every_request_has_an_answer():
+    requests = [message for message in m.CLIENT_MESSAGES if issubclass(message, m.Request)]
+    assert list(m.ANSWERS) == requests
+    assert set(m.ANSWERS.values()) <= set(m.SERVER_MESSAGES)
 
 
-def test_error_codes():
-    expected = [
-        [f"`{code.value}`", "yes" if row.fatal else "no", row.meaning, row.advice]
-        for code, row in CODES.items()
-    ]
-    assert rows(section(11))[1:] == expected
+def test_the_diagrams_hold_every_transition():
+    drawn = BLOCKS["lease"]()
+    assert "held --> free: release / expire / drop" in drawn
+    assert "ready --> ready: client: any other message / server: any other message" in BLOCKS["connection"]()
 
 
 def test_the_order_of_checks_is_that_of_the_causes():
-    told = re.findall("`([a-z_]+)`", section(7).partition("**7.4**")[2].partition("**7.6**")[0])
-    causes = [name for name in told if name in set(Cause)]
+    told = [re.search("with cause `([a-z_]+)`", WHOLE[f"CMD-{n}"])[1] for n in range(8, 17)]
+    told += re.findall("`([a-z_]+)`", WHOLE["CMD-19"])
     order = [cause.value for cause in Cause]
-    assert sorted(causes, key=order.index) == sorted(order, key=order.index)
-    assert [c for c in causes if c not in ("ahead", "stale")] == [
-        c for c in order if c not in ("ahead", "stale")
-    ]
+    assert sorted(told, key=order.index) == order
+    # A command is based on a tick to come or on one long gone, never on both: their order does not matter.
+    assert [cause for cause in told if cause != "ahead"] == [cause for cause in order if cause != "ahead"]
 
 
-def test_limits():
-    assert (HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT) == (4 * 1024, 64 * 1024, 1024 * 1024)
-    framing = " ".join(section(1).split())
-    assert (
-        "4 KiB towards the server before its welcome, 64 KiB towards the server after it, 1 MiB towards"
-        in framing
-    )
-    payloads = " ".join(section(2).split())
-    for text in (
-        f"nesting {codec.MAX_DEPTH} deep",
-        f"{codec.MAX_MAP} keys a map",
-        f"{codec.MAX_ARRAY_INBOUND} items an array towards the server, {codec.MAX_ARRAY} towards the client",
-        f"{codec.MAX_STR} bytes a text",
-        f"{m.MAX_CHUNK // 1024} KiB of binary data",
-    ):
-        assert text in payloads
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("FRM-3", f"longer than {HANDSHAKE_LIMIT} bytes before"),
+        ("FRM-3", f"longer than {INBOUND_LIMIT:,} bytes after"),
+        ("FRM-4", f"longer than {OUTBOUND_LIMIT:,} bytes"),
+        ("FRM-5", f"a payload of {HANDSHAKE_LIMIT} bytes"),
+        ("FRM-6", f"a payload of {INBOUND_LIMIT:,} bytes"),
+        ("PAY-5", f"nested {codec.MAX_DEPTH} deep"),
+        ("PAY-6", f"maps of {codec.MAX_MAP} keys"),
+        ("PAY-7", f"arrays of {codec.MAX_ARRAY_INBOUND} items"),
+        ("PAY-8", f"texts of {codec.MAX_STR} bytes"),
+        ("PAY-11", f"up to {codec.MAX_ARRAY} items"),
+        ("PAY-11", f"{m.MAX_CHUNK:,} bytes"),
+        ("HEL-12", f"`inbound` {INBOUND_LIMIT:,} and `outbound` {OUTBOUND_LIMIT:,}"),
+        ("SIG-5", f"more than {m.MAX_SIGNAL}"),
+    ],
+)
+def test_limits(key, text):
+    assert text in WHOLE[key]
+
+
+def test_every_code_in_a_statement_is_one_of_the_table():
+    known = set(CODES) | {"fatal"}
+    for text in WHOLE.values():
+        for code in re.findall(r"(?:a fatal|answer\w* .*? by|by(?: an)?) `([a-z_]+)`", text):
+            assert code in known | BLOCKED, text
+
+
+BLOCKED = {m.ANSWERS[request].model_fields["type"].default for request in m.ANSWERS} | {
+    "bye", "hello", "verdict", "release", "ping",
+}  # fmt: skip

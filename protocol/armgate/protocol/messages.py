@@ -124,7 +124,7 @@ class Pass(Message):
 
 
 class Subscribe(Request):
-    """Asks for the state: at every n-th tick of these robots, with these fields (None: all)."""
+    """Asks for the state: at every n-th tick of these robots, with these fields (nil: all)."""
 
     type: Literal["subscribe"] = "subscribe"
     every: Annotated[int, Field(ge=0, le=10_000)] = 1
@@ -230,7 +230,7 @@ class Shape(Part):
 
 
 class Body(Part):
-    """A rigid body: on a robot's link, or (robot and link None) standing in the world."""
+    """A rigid body: on a robot's link, or (robot and link nil) standing in the world."""
 
     name: Name
     robot: Name | None
@@ -300,7 +300,7 @@ class Lease(Answer):
 
 
 class Reason(Part):
-    """One cause that bound a command, with its numbers (see the table of reasons)."""
+    """One cause that bound a command, with its numbers."""
 
     cause: Name
     text: Text
@@ -345,7 +345,7 @@ class LastVerdict(Part):
 
 
 class Entry(Part):
-    """One robot in the state; a field that was not subscribed is None."""
+    """One robot in the state; a field that was not subscribed is left out."""
 
     robot: Name
     tick: Count
@@ -446,6 +446,20 @@ SERVER_MESSAGES: tuple[type[Message], ...] = (
     Welcome, Description, Chunk, Lease, Verdict, State, Subscribed,
     Signaled, Stopped, Resumed, Pong, Error, Bye,
 )  # fmt: skip
+
+ANSWERS: dict[type[Request], type[Answer]] = {
+    Hello: Welcome,
+    Describe: Description,
+    Asset: Chunk,
+    Acquire: Lease,
+    Release: Lease,
+    Subscribe: Subscribed,
+    Signal: Signaled,
+    Stop: Stopped,
+    Reset: Resumed,
+    Ping: Pong,
+}
+"""What answers a request, if no error does."""
 
 
 class Catalogue:

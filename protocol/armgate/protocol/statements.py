@@ -1,0 +1,126 @@
+"""The numbered statements of SPEC.md, for those who quote or count them: the conformance kit, the tests.
+
+SPEC.md is the one place where they are written; this reads it.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+
+_ITEM = re.compile(r"^- \*\*(.*?)\*\*(.*(?:\n  .*)*)", re.MULTILINE)
+_ID = re.compile(r"[A-Z]{3}-[1-9][0-9]*")
+_REST = re.compile(r" \((\w+)(?:, ([a-z-]+))?\): (.+\.)")
+_WORDS = re.compile(r"\b(MUST|SHOULD|MAY)\b")
+
+
+class SpecError(Exception):
+    """The text of the specification does not keep its own form."""
+
+
+class Binds(StrEnum):
+    """Whom a statement binds."""
+
+    SERVER = "server"
+    CLIENT = "client"
+    BOTH = "both"
+    HOST = "host"
+    """Whoever runs the server, in what the wire does not show."""
+
+
+class When(StrEnum):
+    """When a statement applies."""
+
+    ALWAYS = "always"
+    CLOCK = "clock"
+    """Time passes by the wall clock."""
+    LOCKSTEP = "lock-step"
+    TOKENS = "tokens"
+    TLS = "tls"
+
+
+class Level(StrEnum):
+    """How binding it is: the strongest of its words."""
+
+    MUST = "MUST"
+    SHOULD = "SHOULD"
+    MAY = "MAY"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One statement.
+
+    Attributes:
+        id: As ``LEA-7``; stable.
+        section: Title of the section that it stands in.
+        binds: Whom it binds.
+        when: When it applies.
+        level: How binding it is.
+        text: The sentence.
+    """
+
+    id: str
+    section: str
+    binds: Binds
+    when: When
+    level: Level
+    text: str
+
+    @property
+    def about_server(self) -> bool:
+        """Whether a server can be held to it from outside."""
+        return self.binds in (Binds.SERVER, Binds.BOTH)
+
+
+def spec_text() -> str:
+    """The specification, in Markdown."""
+    return files(__package__).joinpath("SPEC.md").read_text(encoding="utf-8")
+
+
+@cache
+def statements() -> Mapping[str, Statement]:
+    """All statements by id, in the order of the text.
+
+    Raises:
+        SpecError: See :func:`parse`.
+    """
+    return MappingProxyType(parse(spec_text()))
+
+
+def parse(text: str) -> dict[str, Statement]:
+    """The statements in a text.
+
+    Raises:
+        SpecError: A statement lacks its id, whom it binds, its sentence or its MUST, SHOULD or MAY, or an id
+            stands twice.
+    """
+    found: dict[str, Statement] = {}
+    for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        title = section.partition("\n")[0].strip()
+        for item in _ITEM.finditer(section):
+            statement = _statement(title, item[1], " ".join(item[2].split()))
+            if statement.id in found:
+                raise SpecError(f"{statement.id} stands twice")
+            found[statement.id] = statement
+    return found
+
+
+def _statement(section: str, id_: str, rest: str) -> Statement:
+    if not _ID.fullmatch(id_):
+        raise SpecError(f"{id_}: expected an id like LEA-7")
+    match = _REST.fullmatch(f" {rest}")
+    if match is None:
+        raise SpecError(f"{id_}: expected `(whom, when): sentence.`, got {rest[:40]}")
+    words = set(_WORDS.findall(match[3]))
+    level = next((level for level in Level if level.value in words), None)
+    if level is None:
+        raise SpecError(f"{id_}: expected a MUST, SHOULD or MAY in {match[3][:40]}")
+    try:
+        binds, when = Binds(match[1]), When(match[2] or When.ALWAYS)
+    except ValueError as error:
+        raise SpecError(f"{id_}: {error}") from error
+    return Statement(id_, section, binds, when, level, match[3])

@@ -1,0 +1,45 @@
+"""Writes what is drawn from the code: the tables of SPEC.md.
+
+python -m tools.spec            # write
+python -m tools.spec --check    # only compare; 1 if something differs
+"""
+
+import sys
+from pathlib import Path
+
+import armgate.protocol
+from tools.spec.tables import BLOCKS
+from tools.spec.text import filled
+
+HOME = Path(armgate.protocol.__file__).parent
+
+
+def products() -> dict[Path, str]:
+    """Every generated file and what belongs into it."""
+    spec = HOME / "SPEC.md"
+    return {spec: filled(spec.read_text(encoding="utf-8"), BLOCKS)}
+
+
+def main(arguments: list[str]) -> int:
+    """Write or compare; returns the exit status."""
+    if arguments not in ([], ["--check"]):
+        print(__doc__, file=sys.stderr)
+        return 2
+    differing = [path for path, text in products().items() if _read(path) != text]
+    if arguments:
+        for path in differing:
+            print(f"{path}: differs from the code; run: make spec", file=sys.stderr)
+        return 1 if differing else 0
+    for path in differing:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(products()[path], encoding="utf-8")
+        print(path)
+    return 0
+
+
+def _read(path: Path) -> str | None:
+    return path.read_text(encoding="utf-8") if path.exists() else None
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
