@@ -176,7 +176,7 @@ def wire(**changes: Any) -> Cell:
         },
     }
     return build(
-        {"A": arm}, surroundings=around, **(dict(stop_distance=0.005, self_distance=0.005) | changes)
+        {"A": arm}, surroundings=around, **({"stop_distance": 0.005, "self_distance": 0.005} | changes)
     )
 
 

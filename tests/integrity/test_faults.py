@@ -5,6 +5,7 @@ import pytest
 
 from armgate.cell.events import (
     Command,
+    LeaseChange,
     LinkChange,
     LinkState,
     PlanAnswer,
@@ -80,11 +81,8 @@ def approach_after_fault(acknowledge_late: bool) -> float:
     cell = scenes.crossing(window=0.0)
     gate = Gate(cell, "s")
     q = {"fast": (-0.5, 0.0), "slow": (0.0, 0.5)}
-    ticks = {"fast": 0, "slow": 0}
-    from armgate.cell.events import LeaseChange
-
-    for name in q:
-        gate.step(Tick(name, 0, 0.0, q[name], q[name], (0.0, 0.0)))
+    for name, at in q.items():
+        gate.step(Tick(name, 0, 0.0, at, at, (0.0, 0.0)))
         gate.step(LinkChange(name, LinkState.READY))
         gate.step(LeaseChange(name, 1))
     setpoint, plan = q["slow"], None
@@ -98,7 +96,6 @@ def approach_after_fault(acknowledge_late: bool) -> float:
         if plans and not (k == 1 and acknowledge_late):
             gate.step(PlanAnswer("slow", plans[0].key, True))
         if k == 1:
-            ticks["fast"] = 1
             out = gate.step(Tick("fast", 1, 0.004, (-0.4, 0.0), q["fast"], (0.0, 0.0)))
             assert [o.robots for o in out if isinstance(o, Stopped)] == [("fast",)]
             if acknowledge_late:

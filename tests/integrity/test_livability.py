@@ -104,7 +104,7 @@ def violated(cell, oracle, q):
 
 
 def test_retreat_admits_what_truly_widens():
-    """From starts up to some cm too deep; a direction widens if all violated margins grow and nothing new is violated."""
+    """From starts up to some cm too deep; all violated margins grow, no new one appears."""
     cell = scenes.planar()
     oracle, rng = Oracle(cell), random.Random(5)
     robot = cell.robots[0]
