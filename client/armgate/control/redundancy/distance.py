@@ -1,0 +1,73 @@
+"""Signed distances of points from primitive shapes, and the directions in which they grow."""
+
+import numpy as np
+
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.control.redundancy.spaces import Array
+
+
+def point_distances(points: Array, shape: Shape, placement: Placement) -> tuple[Array, Array]:
+    """Distances of points from a shape's surface, negative inside.
+
+    Args:
+        points: (k, 3), world, m.
+        shape: what they are near.
+        placement: where it is in the world.
+
+    Returns:
+        Distances (k,), m, and their gradients, unit vectors (k, 3) in the world. Where several points of the
+        surface are nearest (the centre of a sphere) it is the direction to one of them.
+    """
+    local = placement.inverse().apply(points)
+    match shape:
+        case Sphere(radius):
+            d, n = _from_points(local, radius)
+        case Capsule(radius, length):
+            axis = np.zeros_like(local)
+            axis[:, 2] = np.clip(local[:, 2], -0.5 * length, 0.5 * length)
+            d, n = _from_points(local - axis, radius)
+        case Cylinder(radius, length):
+            d, n = _from_cylinder(local, radius, length)
+        case Box(x, y, z):
+            d, n = _from_corner(np.abs(local) - 0.5 * np.array([x, y, z]))
+            n *= _signs(local)
+    return d, n @ placement.R.T
+
+
+def _from_points(ways: Array, radius: float) -> tuple[Array, Array]:
+    length = np.linalg.norm(ways, axis=1)
+    return length - radius, _units(ways, length)
+
+
+def _from_cylinder(local: Array, radius: float, length: float) -> tuple[Array, Array]:
+    """In the half plane through the axis and the point a cylinder is the corner of a box."""
+    across = local * np.array([1.0, 1.0, 0.0])
+    outward = np.linalg.norm(across, axis=1)
+    d, corner = _from_corner(np.stack([outward - radius, np.abs(local[:, 2]) - 0.5 * length], axis=1))
+    n = corner[:, :1] * _units(across, outward)
+    n[:, 2] = corner[:, 1] * _signs(local[:, 2])
+    return d, n
+
+
+def _from_corner(beyond: Array) -> tuple[Array, Array]:
+    """Distance from the corner {x ≤ 0}: `beyond` is how far a point is past each of its faces, (k, c)."""
+    outside = np.maximum(beyond, 0.0)
+    length = np.linalg.norm(outside, axis=1)
+    nearest = np.eye(beyond.shape[1])[np.argmax(beyond, axis=1)]
+    inside = length == 0.0
+    d = np.where(inside, beyond.max(axis=1), length)
+    n = np.where(inside[:, None], nearest, outside / np.where(inside, 1.0, length)[:, None])
+    return d, n
+
+
+def _units(ways: Array, length: Array) -> Array:
+    """Ways of these lengths, made unit vectors; x where there is no way."""
+    none = length == 0.0
+    units: Array = ways / np.where(none, 1.0, length)[:, None]
+    units[none] = (1.0, 0.0, 0.0)
+    return units
+
+
+def _signs(values: Array) -> Array:
+    return np.where(values < 0.0, -1.0, 1.0)

@@ -1,0 +1,118 @@
+"""Controllers that bring a task to a target: q̇ from the error, by one of the inverses (slides 10-13, 38-42).
+
+    ẋ = gain · error, no faster than a speed
+    q̇ = J^# ẋ + (I − J⁺J) q̇₀,   J^# the pseudoinverse, a damped inverse or the transpose
+
+The transpose's q̇ = Jᵀẋ goes down the gradient of ½‖error‖²: it never needs an inverse and always ends where
+Jᵀ·error = 0, but bends its way and is slow along short axes of the velocity ellipsoid.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.control.redundancy.inverses import damped_inverse, pseudoinverse, variably_damped_inverse
+from armgate.control.redundancy.objective import Objective, wanted_velocity
+from armgate.control.redundancy.resolution import null_space_part
+from armgate.control.redundancy.spaces import Array
+from armgate.control.redundancy.tasks import Task
+
+P = TypeVar("P")
+
+
+class Method(Enum):
+    """How q̇ follows from ẋ."""
+
+    PSEUDO = "pseudo"
+    DAMPED = "damped"
+    VARIABLE = "variable"
+    TRANSPOSE = "transpose"
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Numbers of a controller.
+
+    Attributes:
+        method: which inverse.
+        gain: ẋ per error, 1/s. A loop of period T is stable below 2/T, the transpose's below 2/(T σ_max²).
+        speed: ‖ẋ‖ is no more, m/s and rad/s.
+        damping: k, or k_max of the variable one, in the unit of J.
+        threshold: σ_min below which the variable damping sets in.
+    """
+
+    method: Method = Method.DAMPED
+    gain: float = 2.0
+    speed: float = 0.25
+    damping: float = 0.05
+    threshold: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "speed", "damping", "threshold"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"expected a {name} > 0, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What the controller wants at one position.
+
+    Attributes:
+        qd: q̇ (n,), rad/s or m/s, not yet bounded by what the joints can do.
+        error: the rows that are left, (m,), m and rad.
+    """
+
+    qd: Array
+    error: Array
+
+
+class Reach(Generic[P]):
+    """Brings a task to a target and lowers potentials in its null space.
+
+    Args:
+        task: What is brought.
+        target: Where to.
+        tuning: How.
+        objectives: What to pursue beside it, each with its gain.
+    """
+
+    def __init__(
+        self,
+        task: Task[P],
+        target: P,
+        tuning: Tuning | None = None,
+        objectives: Sequence[tuple[Objective, float]] = (),
+    ) -> None:
+        self.task = task
+        self.target = target
+        self.tuning = Tuning() if tuning is None else tuning
+        self._objectives = tuple(objectives)
+        self._inverse = _inverse(self.tuning)
+
+    def velocity(self, q: ArrayLike) -> Answer:
+        """q̇ at q (n,)."""
+        q = np.asarray(q, dtype=np.float64)
+        J = self.task.jacobian(q)
+        error = self.task.error(q, self.target)
+        xd = self.tuning.gain * error
+        xd *= min(1.0, self.tuning.speed / max(float(np.linalg.norm(xd)), 1e-12))
+        qd = self._inverse(J) @ xd
+        if self._objectives:
+            qd = qd + null_space_part(J, wanted_velocity(self._objectives, q))
+        return Answer(qd, error)
+
+
+def _inverse(tuning: Tuning) -> Callable[[Array], Array]:
+    match tuning.method:
+        case Method.PSEUDO:
+            return pseudoinverse
+        case Method.DAMPED:
+            return lambda J: damped_inverse(J, tuning.damping)
+        case Method.VARIABLE:
+            return lambda J: variably_damped_inverse(J, tuning.threshold, tuning.damping)
+        case Method.TRANSPOSE:
+            return np.transpose

@@ -1,0 +1,168 @@
+"""Tasks: rows of the Jacobians of frames, how far a position is from a target, and how the rows change.
+
+Rows are of the velocity [v; ω] of a frame: linear at its origin, then angular, world axes.
+"""
+
+from collections.abc import Sequence
+from math import atan2
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.cell.model import RobotModel
+from armgate.cell.placement import Placement
+from armgate.control.redundancy.spaces import Array, matrix
+
+ROWS = ("x", "y", "z", "rx", "ry", "rz")
+"""Names of the six rows: velocity of the origin [m/s], angular velocity [rad/s], world axes."""
+
+P = TypeVar("P")
+
+
+class Task(Protocol[P]):
+    """What the toolbox asks of a task; P is the type of its places.
+
+    Attributes:
+        model: The robot.
+        m: Number of rows.
+    """
+
+    model: RobotModel
+    m: int
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """J (m, n) at q (n,)."""
+        ...
+
+    def jacobian_derivative(self, q: ArrayLike) -> Array:
+        """∂J/∂q (m, n, n), the last index that of the joint by which is derived."""
+        ...
+
+    def place(self, q: ArrayLike) -> P:
+        """Where the task is at q."""
+        ...
+
+    def error(self, q: ArrayLike, target: P) -> Array:
+        """The rows of the way from the place at q to the target (m,), m and rad."""
+        ...
+
+
+class FrameTask:
+    """Some rows of one frame's motion.
+
+    Args:
+        model: The robot.
+        frame: A frame of it.
+        rows: Names out of `ROWS`, or a matrix (m, 6) whose rows say which combinations are meant.
+
+    With all three angular rows, or none, the error's derivative at the target is −J. Angular rows that leave
+    directions out (rx without ry and rz, on a robot that turns in space) are velocities that belong to no
+    position; what is said of errors and self motions holds for them on robots that cannot turn otherwise, a
+    planar arm for one.
+
+    Raises:
+        ModelError: There is no such frame.
+        ValueError: A row has another name, or the matrix another shape.
+    """
+
+    def __init__(self, model: RobotModel, frame: str, rows: Sequence[str] | Array) -> None:
+        model.frame_joint(frame)  # raises for an unknown one
+        self.model = model
+        self.frame = frame
+        self._S = _selection(rows)
+        self.m = len(self._S)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """J (m, n) at q (n,)."""
+        J: Array = self._S @ self.model.frame_jacobian(q, self.frame)
+        return J
+
+    def jacobian_derivative(self, q: ArrayLike) -> Array:
+        """∂J/∂q (m, n, n), exact."""
+        whole = frame_jacobian_derivative(self.model.frame_jacobian(q, self.frame))
+        rows: Array = np.tensordot(self._S, whole, axes=1)
+        return rows
+
+    def place(self, q: ArrayLike) -> Placement:
+        """Where the frame is at q, in the world."""
+        return self.model.frame(q, self.frame)
+
+    def error(self, q: ArrayLike, target: Placement) -> Array:
+        """The rows of [t* − t; log(R*Rᵀ)] (m,): way of the origin and rotation vector that are left."""
+        here = self.place(q)
+        way = np.concatenate([target.t - here.t, rotation_vector(target.R @ here.R.T)])
+        rows: Array = self._S @ way
+        return rows
+
+
+def _selection(rows: Sequence[str] | Array) -> Array:
+    if isinstance(rows, np.ndarray):
+        S = matrix(rows)
+        if S.shape[1] != len(ROWS):
+            raise ValueError(f"expected rows of {len(ROWS)} numbers, got a matrix {S.shape}")
+        return S
+    unknown = [row for row in rows if row not in ROWS]
+    if unknown or not rows or len(set(rows)) != len(rows):
+        raise ValueError(f"rows {','.join(rows)!r}; expected some of {', '.join(ROWS)}, each at most once")
+    return np.eye(len(ROWS))[[ROWS.index(row) for row in rows]]
+
+
+class StackedTask:
+    """Several frames' tasks of one robot at once, row under row; its places are tuples.
+
+    Raises:
+        ValueError: There is none, or they are of different robots.
+    """
+
+    def __init__(self, tasks: Sequence[FrameTask]) -> None:
+        if not tasks or any(task.model is not tasks[0].model for task in tasks):
+            raise ValueError("expected one task or more, all of one robot model")
+        self.model = tasks[0].model
+        self.m = sum(task.m for task in tasks)
+        self._tasks = tuple(tasks)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """J (m, n) at q (n,)."""
+        return np.concatenate([task.jacobian(q) for task in self._tasks])
+
+    def jacobian_derivative(self, q: ArrayLike) -> Array:
+        """∂J/∂q (m, n, n), exact."""
+        return np.concatenate([task.jacobian_derivative(q) for task in self._tasks])
+
+    def place(self, q: ArrayLike) -> tuple[Placement, ...]:
+        """Where the frames are at q, in the world."""
+        return tuple(task.place(q) for task in self._tasks)
+
+    def error(self, q: ArrayLike, target: tuple[Placement, ...]) -> Array:
+        """The errors of the tasks, one after the other (m,)."""
+        errors = [task.error(q, place) for task, place in zip(self._tasks, target, strict=True)]
+        return np.concatenate(errors)
+
+
+def frame_jacobian_derivative(J: Array) -> Array:
+    """∂J/∂q (6, n, n) of a frame's Jacobian J (6, n), rows as in `ROWS`, from J alone.
+
+    Let joint i come before joint k on the way to the frame. Moving i turns all that k does, moving k leaves
+    alone what i is:
+
+        ∂²x/∂q_i∂q_k = ω_i × v_k,    ∂ω_k/∂q_i = ω_i × ω_k,    ∂ω_i/∂q_k = 0,
+
+    v and ω being the columns of J: zero for joints that do not move the frame, ω zero for prismatic ones. The
+    order of the columns must be that of the joints from the base, as it is in a `RobotModel`.
+    """
+    v, w = J[:3].T, J[3:].T
+    n = len(v)
+    before = np.tri(n, dtype=bool).T[:, :, None]  # [i, k]: i before k, or the same
+    bend = np.where(before, np.cross(w[:, None], v[None]), 0.0)
+    bend += np.where(before, 0.0, bend.transpose(1, 0, 2))
+    turn = np.where(before.transpose(1, 0, 2), np.cross(w[None], w[:, None]), 0.0)
+    return np.concatenate([bend, turn], axis=2).transpose(2, 0, 1)
+
+
+def rotation_vector(R: Array) -> Array:
+    """Axis times angle (3,), rad, of a rotation matrix; the angle is in [0, π]."""
+    x, y, z, w = Placement(R, np.zeros(3)).xyzw()
+    v = np.array([x, y, z])
+    s = float(np.linalg.norm(v))
+    return v * (2.0 * atan2(s, w) / s) if s > 0.0 else v
