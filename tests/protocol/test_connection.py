@@ -1,6 +1,7 @@
 """Who may say what when: the whole product of states, sides and messages, written down a second time."""
 
 import itertools
+from dataclasses import replace
 
 import msgpack
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armgate.protocol import (
+    DIALECTS,
     HANDSHAKE_LIMIT,
     INBOUND_LIMIT,
     Connection,
@@ -200,17 +202,22 @@ def test_both_sides_agree_about_where_they_are(event):
 # --- versions ---------------------------------------------------------------------------------------------
 
 
+def speaking(*versions):
+    return [replace(DIALECTS[0], version=version) for version in versions]
+
+
 def test_the_server_takes_the_highest_version_in_common():
-    server = Connection(Side.SERVER, versions=(1, 2, 3))
+    server = Connection(Side.SERVER, speaking(1, 2, 3))
     server.receive(encode(m.Hello(versions=(2, 1, 9), name="c")))
     assert (server.version, server.hello.versions) == (2, (2, 1, 9))
 
 
 def test_no_version_in_common_is_fatal_and_names_both_lists():
-    (refusal,) = Connection(Side.SERVER, versions=(1, 2)).receive(
+    (refusal,) = Connection(Side.SERVER, speaking(1, 2)).receive(
         encode(m.Hello(versions=(9, 7), name="c", id=4))
     )
     assert (refusal.fatal, refusal.error.code, refusal.error.about) == (True, "version", "hello")
+    assert refusal.error.re == 4
     assert "server speaks [1, 2], the client [7, 9]" in refusal.error.text
 
 
@@ -224,7 +231,7 @@ def test_no_version_in_common_is_fatal_and_names_both_lists():
     ],
 )
 def test_a_downgrade_shows(change, told):
-    client = Connection(Side.CLIENT, versions=(1, 2))
+    client = Connection(Side.CLIENT, speaking(1, 2))
     client.send(m.Hello(versions=(1, 2), name="c"))
     (refusal,) = client.receive(encode(welcome(**change)))
     assert (refusal.fatal, refusal.error.code) == (True, "version")
@@ -275,6 +282,13 @@ def test_before_the_welcome_every_refusal_is_fatal(payload):
         (refusal,) = server.receive(frame(msgpack.packb(payload)))
         assert refusal.fatal
         assert server.state is State.FAILED
+
+
+def test_what_may_not_be_said_is_answered_to_who_asked():
+    (refusal,) = connection(Side.SERVER, State.AWAIT_HELLO).receive(encode(m.Describe(id=7)))
+    assert (refusal.error.code, refusal.error.about, refusal.error.re) == ("unexpected", "describe", 7)
+    (refusal,) = connection(Side.SERVER, State.AWAIT_HELLO).receive(encode(CLIENT_SAYS["command"]))
+    assert (refusal.error.about, refusal.error.seq) == ("command", 1)
 
 
 @pytest.mark.parametrize(

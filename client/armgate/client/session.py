@@ -6,14 +6,14 @@ Nothing here waits or knows a socket; times are handed in, s, of any clock that 
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
 from armgate.client.errors import BadArgument, ClientError, ConnectionLost, Rejected, TimedOut
 from armgate.client.holdings import Holdings
 from armgate.client.pending import Pending
 from armgate.client.tick import Tick
-from armgate.protocol import VERSIONS, Connection, ErrorCode, LocalProtocolError, Refusal, Side
+from armgate.protocol import DIALECTS, Connection, Dialect, ErrorCode, LocalProtocolError, Refusal, Side
 from armgate.protocol.messages import (
     Answer,
     Bye,
@@ -53,7 +53,7 @@ class Session:
         closed: Why nothing more can be said, None while the connection stands.
     """
 
-    def __init__(self, versions: tuple[int, ...] = VERSIONS) -> None:
+    def __init__(self, dialects: Sequence[Dialect] = DIALECTS) -> None:
         self.pending = Pending()
         self.holdings = Holdings()
         self.welcome: Welcome | None = None
@@ -61,7 +61,7 @@ class Session:
         self.states = 0
         self.subscription: Subscribed | None = None
         self.closed: ClientError | None = None
-        self._connection = Connection(Side.CLIENT, versions)
+        self._connection = Connection(Side.CLIENT, dialects)
         self._newest: dict[str, State] = {}
         # The tick for which each robot's newest command was judged: its slot is taken.
         self._slot: dict[str, int] = {}

@@ -1,8 +1,9 @@
 """The wire: what controllers, observers and the daemon say to each other over TCP, without I/O.
 
 ``messages`` (the models), ``framing`` (cuts the stream), ``codec`` (bytes to messages and back),
-``connection`` (who may say what when), ``versions`` (which version), ``lease`` (who may command a robot),
-``errors`` (exceptions and the table of codes). SPEC.md beside this file is the same in words.
+``connection`` (who may say what when), ``versions`` (which version, and what is said in it), ``lease`` (who
+may command a robot), ``errors`` (exceptions and the table of codes). SPEC.md beside this file is the same in
+words, ``statements`` reads it.
 
 The messages themselves are used as ``messages.State`` etc.: their short names (``Stop``, ``Error``) say
 little alone.
@@ -19,10 +20,11 @@ from armgate.protocol.framing import (
     FrameDecoder,
 )
 from armgate.protocol.lease import Denial, Grant, Leases, LeaseState, Loss
-from armgate.protocol.versions import VERSIONS
+from armgate.protocol.versions import DIALECTS, VERSIONS, Dialect
 
 __all__ = [
     "CODES",
+    "DIALECTS",
     "HANDSHAKE_LIMIT",
     "INBOUND_LIMIT",
     "OUTBOUND_LIMIT",
@@ -30,6 +32,7 @@ __all__ = [
     "Connection",
     "ConnectionState",
     "Denial",
+    "Dialect",
     "ErrorCode",
     "FrameDecoder",
     "Grant",

@@ -1,7 +1,8 @@
 """One connection's conversation, without I/O, for either side.
 
 Who speaks when is one table, ``TRANSITIONS``: (state, sender, event) → state, where an event is a message's
-type, and a fatal error counts as ``fatal``. The table does not know which side it runs on.
+type, and a fatal error counts as ``fatal``. The table does not know which side it runs on. Each version of
+the protocol has its own: the same one, with the messages of its dialect.
 
 Use, on both sides::
 
@@ -16,23 +17,16 @@ Use, on both sides::
 On the client side a refusal is not sent: there is no error message from client to server.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 
 from armgate.protocol import versions as v
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
-from armgate.protocol.messages import (
-    CLIENT_MESSAGES,
-    SERVER_MESSAGES,
-    Catalogue,
-    Error,
-    Hello,
-    Message,
-    Welcome,
-)
+from armgate.protocol.messages import Command, Error, Hello, Message, Request, Welcome
 
 
 class Side(Enum):
@@ -66,14 +60,16 @@ _State = ConnectionState
 Key = tuple[ConnectionState, Side, str]
 
 
-def _types(messages: Iterable[type[Message]], *left_out: str) -> list[str]:
-    return [name for m in messages if (name := m.model_fields["type"].default) not in left_out]
+def _types(known: Iterable[str], *left_out: str) -> list[str]:
+    return [name for name in known if name not in left_out]
 
 
-def _table() -> dict[Key, ConnectionState]:
+@cache
+def transitions(dialect: v.Dialect) -> dict[Key, ConnectionState]:
+    """All that may be said in one version: what is not in here may not."""
     client, server = Side.CLIENT, Side.SERVER
-    from_client = _types(CLIENT_MESSAGES, "hello", "bye")
-    from_server = _types(SERVER_MESSAGES, "welcome", "bye")
+    from_client = _types(dialect.client, "hello", "bye")
+    from_server = _types(dialect.server, "welcome", "bye")
     table: dict[Key, ConnectionState] = {
         (_State.AWAIT_HELLO, client, "hello"): _State.AWAIT_WELCOME,
         (_State.AWAIT_WELCOME, server, "welcome"): _State.READY,
@@ -94,8 +90,8 @@ def _table() -> dict[Key, ConnectionState]:
     return table
 
 
-TRANSITIONS: dict[Key, ConnectionState] = _table()
-"""All that may be said: what is not in here may not."""
+TRANSITIONS = transitions(v.DIALECTS[0])
+"""The table of version 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,20 +111,29 @@ class Connection:
 
     Attributes:
         role: The side that this object plays.
+        versions: The versions that this side speaks.
         state: Where the conversation is.
         version: The version spoken, None before it is known (server: hello, client: welcome).
         hello: The hello sent or received, None before.
+        capabilities: What the peer has named in its hello or welcome.
+
+    Args:
+        role: The side to play.
+        dialects: The versions to speak, ascending.
     """
 
-    def __init__(self, role: Side, versions: tuple[int, ...] = v.VERSIONS) -> None:
+    def __init__(self, role: Side, dialects: Sequence[v.Dialect] = v.DIALECTS) -> None:
         self.role = role
-        self.versions = versions
+        self.versions = tuple(dialect.version for dialect in dialects)
         self.state = ConnectionState.AWAIT_HELLO
         self.version: int | None = None
         self.hello: Hello | None = None
+        self.capabilities: frozenset[str] = frozenset()
+        self._dialects = {dialect.version: dialect for dialect in dialects}
+        # Before one is chosen only that is said which is the same in all of them.
+        self._dialect = dialects[-1]
         server = role is Side.SERVER
         self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
-        self._catalogue = Catalogue.client if server else Catalogue.server
         self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
 
     def receive(self, data: bytes) -> list[Message | Refusal]:
@@ -169,22 +174,26 @@ class Connection:
         return [Refusal(RemoteProtocolError(ErrorCode.TRUNCATED, text).message())]
 
     def send(self, message: Message, frame: bytes | None = None) -> bytes:
-        """The bytes of ``message``, to be written in this order.
+        """The bytes of ``message``, to be written in this order; none if this version has no word for it.
 
         Args:
             message: What to say.
-            frame: Its frame where it is known already (one state to many observers); it is not encoded again.
+            frame: Its frame where it is known already (one state to many observers); it is not encoded again,
+                unless this version says it otherwise.
 
         Raises:
             LocalProtocolError: It may not be said now, or has no form within the limit; nothing has changed.
         """
-        following = TRANSITIONS.get((self.state, self.role, _event(message)))
+        said = self._dialect.outward(message)
+        if said is None:
+            return b""
+        following = self._following(self.role, said)
         if following is None:
             text = f"{message.type}: the {self.role.value} may not send this in state {self.state.value}"
             raise LocalProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
-        if frame is None:
-            frame = encode(message, self._outgoing_limit)
-        self._note(message, following)
+        if frame is None or said is not message:
+            frame = encode(said, self._outgoing_limit)
+        self._note(said, following)
         return frame
 
     @property
@@ -203,21 +212,35 @@ class Connection:
         return HANDSHAKE_LIMIT if self.state is ConnectionState.AWAIT_HELLO else INBOUND_LIMIT
 
     def _accept(self, payload: bytes) -> Message:
-        message = decode(payload, self._catalogue, self._max_array)
-        following = TRANSITIONS.get((self.state, self.role.other, _event(message)))
-        if following is None:
-            text = f"{message.type}: not allowed from the {self.role.other.value} in state {self.state.value}"
-            raise RemoteProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
-        self._agree(message)
+        dialect = self._dialect
+        known = dialect.client if self.role is Side.SERVER else dialect.server
+        message = decode(payload, known, self._max_array)
+        try:
+            following = self._following(self.role.other, message)
+            if following is None:
+                text = f"{message.type}: not allowed from the {self.role.other.value}"
+                text += f" in state {self.state.value}"
+                raise RemoteProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
+            self._agree(message)
+            inward = dialect.inward(message)
+        except RemoteProtocolError as error:
+            raise _about(error, message) from None
         self._note(message, following)
-        return message
+        return inward
+
+    def _following(self, side: Side, message: Message) -> ConnectionState | None:
+        return transitions(self._dialect).get((self.state, side, _event(message)))
 
     def _agree(self, message: Message) -> None:
         if isinstance(message, Hello):
-            self.version = v.choose(self.versions, message.versions)
+            self._speak(v.choose(self.versions, message.versions), message.capabilities)
         elif isinstance(message, Welcome):
             v.check_choice(message.version, message.versions, message.client_versions, self.versions)
-            self.version = message.version
+            self._speak(message.version, message.capabilities)
+
+    def _speak(self, version: int, capabilities: Iterable[str]) -> None:
+        self.version, self._dialect = version, self._dialects[version]
+        self.capabilities = frozenset(capabilities)
 
     def _note(self, message: Message, following: ConnectionState) -> None:
         if isinstance(message, Hello):
@@ -233,6 +256,15 @@ class Connection:
         if error.fatal:
             self.state = ConnectionState.FAILED
         return Refusal(error.message())
+
+
+def _about(error: RemoteProtocolError, message: Message) -> RemoteProtocolError:
+    """The error with what the peer needs to find the message again."""
+    if isinstance(message, Request):
+        error.re = message.id
+    elif isinstance(message, Command):
+        error.seq = message.seq
+    return error
 
 
 def _event(message: Message) -> str:

@@ -1,10 +1,45 @@
-"""Which version of the protocol is spoken: ``VERSIONS`` (mine), ``choose`` (the highest in common)."""
+"""Which versions of the protocol are spoken (``DIALECTS``), and which one on a connection (``choose``).
 
-from collections.abc import Iterable
+The program behind a connection knows messages in one form, the newest. What an older version says otherwise
+is translated at the connection, by its dialect; so a server speaks several at once without knowing it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from armgate.protocol.errors import ErrorCode, RemoteProtocolError
+from armgate.protocol.messages import Catalogue, Message
 
-VERSIONS: tuple[int, ...] = (1,)
+
+def unchanged(message: Message) -> Message:
+    """The message itself: both forms are the same."""
+    return message
+
+
+@dataclass(frozen=True, eq=False)
+class Dialect:
+    """What is said in one version.
+
+    Attributes:
+        version: Its number.
+        client: The models of what clients say, by ``type``, as they stand on the wire.
+        server: The same for the server.
+        inward: From the wire's form to the program's; may raise a ``RemoteProtocolError``.
+        outward: From the program's form to the wire's; None: this version has no word for it, nothing is
+            said. Hello, welcome, error and bye are the same in every version.
+    """
+
+    version: int
+    client: Mapping[str, type[Message]]
+    server: Mapping[str, type[Message]]
+    inward: Callable[[Message], Message] = unchanged
+    outward: Callable[[Message], Message | None] = unchanged
+
+
+DIALECTS: tuple[Dialect, ...] = (Dialect(1, Catalogue.client, Catalogue.server),)
+"""All that this build speaks, in ascending order."""
+
+VERSIONS: tuple[int, ...] = tuple(dialect.version for dialect in DIALECTS)
 
 
 def choose(server: Iterable[int], client: Iterable[int]) -> int:

@@ -4,7 +4,7 @@ import asyncio
 import secrets
 import signal
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from importlib.metadata import version
 from time import monotonic
@@ -24,7 +24,14 @@ from armgate.daemon.session import Session
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
 from armgate.links import EmulatedLink
-from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, VERSIONS, ErrorCode, RemoteProtocolError
+from armgate.protocol import (
+    DIALECTS,
+    INBOUND_LIMIT,
+    OUTBOUND_LIMIT,
+    Dialect,
+    ErrorCode,
+    RemoteProtocolError,
+)
 from armgate.protocol import messages as m
 
 _SETTLE = 5.0
@@ -53,10 +60,16 @@ class Daemon:
         gate: Makes the gate, from the cell and the daemon's start id.
         log: Where events are told.
         keys: Certificates and tokens; None: none.
+        dialects: The versions of the protocol to speak, all at once.
     """
 
     def __init__(
-        self, cell: Cell, gate: Callable[[Cell, str], Judge], log: Log, keys: Keys | None = None
+        self,
+        cell: Cell,
+        gate: Callable[[Cell, str], Judge],
+        log: Log,
+        keys: Keys | None = None,
+        dialects: Sequence[Dialect] = DIALECTS,
     ) -> None:
         clock = cell.config.clock
         lockstep = isinstance(clock, LockstepClockConfig)
@@ -65,6 +78,7 @@ class Daemon:
         self._settings = cell.config.server
         self._max_age = cell.config.max_age_ticks
         self._log = log
+        self._dialects = dialects
         self._phase = Phase.RUNNING
         self._status = 0
         self._rest_by = 0.0
@@ -235,7 +249,7 @@ class Daemon:
     def _session(self, guest: Guest) -> Session:
         self._numbers += 1
         rate = None if self._pace.lockstep else self._settings.message_rate
-        return Session(self, self._numbers, guest, self._settings.send_buffer, rate)
+        return Session(self, self._numbers, guest, self._settings.send_buffer, rate, self._dialects)
 
     def opened(self, session: Session) -> None:
         """A connection was made: it may stay if there is room, and says hello in time."""
@@ -299,8 +313,8 @@ class Daemon:
         return answer(
             m.Welcome,
             hello,
-            version=max(set(VERSIONS) & set(hello.versions)),
-            versions=VERSIONS,
+            version=session.version,
+            versions=tuple(dialect.version for dialect in self._dialects),
             client_versions=hello.versions,
             start=self.start,
             session=session.id,

@@ -2,14 +2,23 @@
 
 import asyncio
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from armgate.daemon.bucket import Bucket
 from armgate.daemon.listener import Guest
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
-from armgate.protocol import Connection, ErrorCode, LocalProtocolError, Refusal, RemoteProtocolError, Side
+from armgate.protocol import (
+    DIALECTS,
+    Connection,
+    Dialect,
+    ErrorCode,
+    LocalProtocolError,
+    Refusal,
+    RemoteProtocolError,
+    Side,
+)
 from armgate.protocol import messages as m
 
 _LINGER = 1.0
@@ -56,13 +65,20 @@ class Session(asyncio.Protocol):
         guest: Where the client connects from, and whether it may stay.
         send_buffer: Bytes of answers and verdicts that may wait for this client.
         rate: Messages of this client that are read per second on average; None: no bound.
+        dialects: The versions of the protocol to speak.
 
     Attributes:
         robots: The robots that the client may command, None: all.
     """
 
     def __init__(
-        self, desk: Desk, number: int, guest: Guest, send_buffer: int, rate: float | None = None
+        self,
+        desk: Desk,
+        number: int,
+        guest: Guest,
+        send_buffer: int,
+        rate: float | None = None,
+        dialects: Sequence[Dialect] = DIALECTS,
     ) -> None:
         self.number = number
         self.guest = guest
@@ -73,7 +89,7 @@ class Session(asyncio.Protocol):
         self.subscription: Subscription | None = None
         self.address = ""
         self._desk = desk
-        self._connection = Connection(Side.SERVER)
+        self._connection = Connection(Side.SERVER, dialects)
         self._outbox = Outbox(self._write, send_buffer)
         self._transport: asyncio.Transport
         self._timer: asyncio.TimerHandle | None = None
@@ -81,6 +97,11 @@ class Session(asyncio.Protocol):
         self._bucket: Bucket | None = None
         self._reading: asyncio.Handle | None = None
         self._closing = self._told_gone = False
+
+    @property
+    def version(self) -> int | None:
+        """The version of the protocol that is spoken, None before the hello."""
+        return self._connection.version
 
     @property
     def greeted(self) -> bool:
