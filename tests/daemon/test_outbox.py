@@ -28,8 +28,8 @@ class Pipe:
 def test_a_client_that_reads_gets_everything_at_once():
     pipe = Pipe()
     pipe.outbox.put(b"v1")
-    pipe.outbox.put_state("A", b"s1")
-    pipe.outbox.put_state("A", b"s2")
+    pipe.outbox.put_states({"A": b"s1"})
+    pipe.outbox.put_states({"A": b"s2"})
     assert pipe.taken == [b"v1", b"s1", b"s2"]
     assert pipe.outbox.empty
 
@@ -39,8 +39,8 @@ def test_a_slow_client_gets_every_verdict_and_each_robots_newest_state():
     pipe.outbox.put(b"v0")
     for number in range(1, 5):
         pipe.outbox.put(b"v%d" % number)
-        pipe.outbox.put_state("A", b"a%d" % number)
-        pipe.outbox.put_state("B", b"b%d" % number)
+        pipe.outbox.put_states({"A": b"a%d" % number})
+        pipe.outbox.put_states({"B": b"b%d" % number})
     assert pipe.taken == [b"v0"]
     pipe.drain(room=100)
     assert pipe.taken == [b"v0", b"v1", b"v2", b"v3", b"v4", b"a4", b"b4"]
@@ -51,7 +51,7 @@ def test_too_many_unread_answers_are_an_overflow_and_states_are_none():
     pipe = Pipe(room=0, limit=10)
     pipe.outbox.pause()
     for _ in range(1000):
-        pipe.outbox.put_state("A", b"x" * 1000)
+        pipe.outbox.put_states({"A": b"x" * 1000})
     pipe.outbox.put(b"12345")
     pipe.outbox.put(b"67890")
     with pytest.raises(Overflow, match="10 bytes wait"):
@@ -68,7 +68,7 @@ def test_verdicts_come_in_order_whenever_the_client_reads(actions):
             pipe.outbox.put(sent[-1])
         elif action == "state":
             states += 1
-            pipe.outbox.put_state("A", b"s%d" % states)
+            pipe.outbox.put_states({"A": b"s%d" % states})
         else:
             pipe.drain(action)
     pipe.drain(10**6)

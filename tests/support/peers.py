@@ -23,8 +23,8 @@ class Peer:
     def say(self, message):
         self.heard.append(message)
 
-    def show(self, state):
-        self.heard.append(state.state)
+    def show(self, *states):
+        self.heard += [state.state for state in states]
 
     def end(self, message):
         self.say(message)

@@ -130,6 +130,11 @@ class Leases:
         """All grants of one session."""
         return [grant for grant in self._grants.values() if grant.session == session]
 
+    @property
+    def sessions(self) -> set[str]:
+        """All sessions that hold a robot."""
+        return {grant.session for grant in self._grants.values()}
+
     def holds(self, robot: str, session: str, fence: int, now: float) -> bool:
         """Whether this is the grant in force at ``now``."""
         grant = self._grants.get(robot)

@@ -33,6 +33,9 @@ RIGHTS: dict[type[m.Message], frozenset[m.Role]] = {
 
 _OURSELVES = "daemon"
 
+_AT_ONCE = 8
+"""Onlookers that are shown the state at one turn of the event loop."""
+
 
 class Core:
     """One cell's gate, links, leases, signals and states.
@@ -44,6 +47,8 @@ class Core:
         now: Daemon time, s.
         lockstep: Whether time passes in lock-step; leases do not expire then.
         log: Where events are told.
+        defer: Calls a function at the next turn of the event loop. With it, those who only look on are shown
+            states a few at a time, so that a command in between does not wait for all of them.
 
     Attributes:
         peers: The sessions by id.
@@ -59,6 +64,8 @@ class Core:
         now: Callable[[], float],
         lockstep: bool,
         log: Log,
+        *,
+        defer: Callable[[Callable[[], None]], None] | None = None,
     ) -> None:
         server = cell.config.server
         self.robots = tuple(robot.name for robot in cell.robots)
@@ -77,6 +84,10 @@ class Core:
         self._library = Library(cell, lockstep)
         self._ticks: dict[str, events.Tick] = {}
         self._moved: dict[str, float] = {}
+        self._defer = defer
+        self._shown: Sequence[events.Tick] = ()
+        self._onlookers: dict[str, Peer] = {}
+        self._showing = False
 
     # --- time ---------------------------------------------------------------------------------------------
 
@@ -133,6 +144,7 @@ class Core:
         if self.peers.get(peer.id) is peer:
             self.leasing.leave(peer)
             self._signals.drop(peer.id)
+            self._onlookers.pop(peer.id, None)
             del self.peers[peer.id]
 
     def handle(self, peer: Peer, message: m.Message) -> None:
@@ -217,13 +229,13 @@ class Core:
     def _subscribe(self, peer: Peer, request: m.Subscribe) -> None:
         subscription = self._board.subscription(request)
         peer.subscription = subscription if subscription.every else None
+        self._onlookers.pop(peer.id, None)  # it is shown the newest right below
         robots = self._board.subscribed_robots(subscription)
         fields = subscription.fields
         peer.say(answer(m.Subscribed, request, every=request.every, robots=robots, fields=fields))
         if subscription.every:
             newest = (self._board.newest(robot, fields) for robot in robots)
-            for state in filter(None, newest):
-                peer.show(state)
+            peer.show(*filter(None, newest))
 
     # --- stop and reset -----------------------------------------------------------------------------------
 
@@ -285,15 +297,46 @@ class Core:
         warnings = tuple(self.warnings.values())
         for tick in ticks:
             self._board.put(tick, entries, self._signals.values, warnings, step)
+        self._show_to_all(ticks)
+
+    def _show_to_all(self, ticks: Sequence[events.Tick]) -> None:
+        """First to those who have to answer before the next tick, then to those who only look on."""
+        while self._onlookers:
+            self._show_some()
+        self._shown = ticks
+        holders = self.leasing.sessions
         for peer in tuple(self.peers.values()):
-            wanted = peer.subscription
-            if wanted is None:
-                continue
-            for tick in ticks:
-                if wanted.wants(tick.robot, tick.tick):
-                    state = self._board.newest(tick.robot, wanted.fields)
-                    assert state is not None  # put just now
-                    peer.show(state)
+            if self._defer is None or peer.id in holders:
+                self._show(peer)
+            elif peer.subscription is not None:
+                self._onlookers[peer.id] = peer
+        self._show_later()
+
+    def _show_later(self) -> None:
+        if self._defer is not None and self._onlookers and not self._showing:
+            self._showing = True
+            self._defer(self._show_on)
+
+    def _show_on(self) -> None:
+        self._showing = False
+        self._show_some()
+        self._show_later()
+
+    def _show_some(self) -> None:
+        for id_ in tuple(self._onlookers)[:_AT_ONCE]:
+            self._show(self._onlookers.pop(id_))
+
+    def _show(self, peer: Peer) -> None:
+        wanted = peer.subscription
+        if wanted is None:
+            return
+        shown = [
+            self._board.newest(tick.robot, wanted.fields)
+            for tick in self._shown
+            if wanted.wants(tick.robot, tick.tick)
+        ]
+        if states := [state for state in shown if state is not None]:
+            peer.show(*states)
 
     def _entry(self, robot: str) -> m.Entry:
         return translate.entry(robot, self._runner.view(robot), self.leasing.holder(robot))

@@ -36,6 +36,11 @@ class Leasing:
         """The robots that a session holds."""
         return {grant.robot for grant in self._leases.held_by(session)}
 
+    @property
+    def sessions(self) -> set[str]:
+        """The sessions that hold a robot."""
+        return self._leases.sessions
+
     def acquire(self, peer: Peer, request: m.Acquire, now: float) -> None:
         """Give the lease and answer, or raise the error to answer."""
         granted = self._leases.acquire(

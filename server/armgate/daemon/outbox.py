@@ -1,7 +1,7 @@
 """What waits to be written to one client: messages that may not be dropped, and the newest states."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 
 class Overflow(Exception):  # noqa: N818 (an event of the client, not a defect)
@@ -46,12 +46,12 @@ class Outbox:
         self._queue.append(frame)
         self._queued += len(frame)
 
-    def put_state(self, robot: str, frame: bytes) -> None:
-        """Send the state at a tick of ``robot``, in place of one that still waits."""
+    def put_states(self, frames: Mapping[str, bytes]) -> None:
+        """Send the states at a tick of these robots, each in place of one that still waits."""
         if self._paused:
-            self._states[robot] = frame
-        else:
-            self._write(frame)
+            self._states.update(frames)
+        elif frames:
+            self._write(b"".join(frames.values()))
 
     def pause(self) -> None:
         """The transport's buffer is full: let everything wait."""

@@ -42,8 +42,8 @@ class Peer(Protocol):
     def say(self, message: Message) -> None:
         """Send a message that may not be dropped."""
 
-    def show(self, state: Encoded) -> None:
-        """Send a state, in place of an older one of the same robot that still waits."""
+    def show(self, *states: Encoded) -> None:
+        """Send states, each in place of an older one of the same robot that still waits."""
 
     def end(self, message: Message) -> None:
         """Send a last message and close."""

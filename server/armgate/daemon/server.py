@@ -97,7 +97,9 @@ class Daemon:
         )
         links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
         runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links})
-        self._core = Core(cell, runner, links, self._pace.now, lockstep, log)
+        # In lock-step what a client is sent must not depend on how fast others are.
+        defer = None if lockstep else self._soon
+        self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer)
         self._periods = dict(zip((link.robot for link in links), periods, strict=True))
         self._links = links
 
@@ -156,6 +158,9 @@ class Daemon:
         for session in tuple(self._sessions):
             session.end(RemoteProtocolError(ErrorCode.INTERNAL, text, fatal=True).message())
         self._pace.let_rest(judging=False)
+
+    def _soon(self, function: Callable[[], None]) -> None:
+        asyncio.get_running_loop().call_soon(function)
 
     def _begin(self) -> None:
         try:

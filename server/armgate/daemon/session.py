@@ -174,12 +174,12 @@ class Session(asyncio.Protocol):
             self._leave(f"{ErrorCode.OVERFLOW}: {error}")
             self.abort()
 
-    def show(self, state: Encoded) -> None:
-        """Send a state, in place of an older one of the same robot that still waits."""
-        if self._closing:
-            return
-        frame = self._connection.send(state.state, state.frame)
-        self._outbox.put_state(state.state.robot, frame)
+    def show(self, *states: Encoded) -> None:
+        """Send states, each in place of an older one of the same robot that still waits."""
+        if not self._closing:
+            self._outbox.put_states(
+                {state.state.robot: self._connection.send(state.state, state.frame) for state in states}
+            )
 
     def end(self, message: m.Message) -> None:
         """Send a last message and close."""
