@@ -55,6 +55,8 @@ def shape_wish(
     u, reasons = _clamp_speed(dq, bounds, share)
     u, more = _clamp_acceleration(u, last, bounds)
     reasons += more
+    if stays_inside(u, setpoint, bounds) is None:
+        return Wish(u, 1.0, tuple(reasons))
     u, more = _clamp_limits(u, last, setpoint, bounds)
     reasons += more
     u, beta, more = _blend_into_limits(u, brake, setpoint, bounds)
