@@ -255,3 +255,85 @@ async def test_a_defect_of_ours_is_told_and_not_raised(line):
     line.desk.fail_on = "ping"
     line.send(m.Ping(time=1.0))
     assert isinstance(line.desk.told[-1], RuntimeError)
+
+
+# --- how much is read -------------------------------------------------------------------------------------
+
+
+def pings(line, count):
+    return b"".join(line.client.send(m.Ping(time=float(number))) for number in range(count))
+
+
+def heard(line):
+    return [message.time for message in line.desk.told if isinstance(message, m.Ping)]
+
+
+async def test_a_flood_is_read_a_few_messages_at_each_turn(line):
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    assert heard(line) == [*range(8)]
+    assert not line.transport.reading
+    await asyncio.sleep(0)
+    assert len(heard(line)) == 16
+    await until(lambda: line.transport.reading)
+    assert heard(line) == [*range(30)]
+
+
+async def test_what_comes_meanwhile_keeps_its_place(line):
+    line.hello()
+    first, second = pings(line, 10), line.client.send(m.Ping(time=10.0))
+    line.session.data_received(first)
+    line.session.data_received(second)
+    assert len(heard(line)) == 8
+    await until(lambda: line.transport.reading)
+    assert heard(line) == [*range(11)]
+
+
+async def test_a_client_that_closes_after_a_flood_is_heard_to_the_end(line):
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    line.session.eof_received()
+    assert heard(line) == [*range(30)]
+    assert line.desk.told[-1] == "gone: closed by the client"
+
+
+async def test_a_bye_in_a_flood_is_the_last_that_is_heard(line):
+    line.hello()
+    data = pings(line, 10) + line.client.send(m.Bye())
+    line.session.data_received(data)
+    await until(lambda: line.transport.eof)
+    assert heard(line) == [*range(10)]
+    assert line.transport.reading
+
+
+async def test_more_messages_than_the_rate_allows_wait():
+    line = Line(rate=40.0)
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    await asyncio.sleep(0)
+    assert len(heard(line)) == 16  # the burst, and what was begun
+    await asyncio.sleep(0)
+    assert not line.transport.reading
+    await until(lambda: line.transport.reading, turns=10**7)
+    assert heard(line) == [*range(30)]
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
+async def test_a_connection_that_is_lost_reads_no_more(line):
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    line.session.connection_lost(None)
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert heard(line) == [*range(8)]
+
+
+async def test_the_end_of_a_stream_that_has_no_half_is_its_close(line, monkeypatch):
+    closed = []
+    monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
+    monkeypatch.setattr(line.transport, "close", lambda: closed.append(True), raising=False)
+    line.hello()
+    line.session.end(m.Bye())
+    assert closed == [True]
+    assert not line.transport.eof
