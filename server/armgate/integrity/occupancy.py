@@ -62,19 +62,19 @@ def occupancy(
 def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:
     """Returns the measured position to go on with, None if no held occupancy explains it.
 
-    A measurement off the proven cover by no more than its own rounding is taken at the cover's edge, so that
-    rounding never makes an occupancy grow.
+    The robot is within the rounding of the proven cover (which begins at a measurement too), and what is
+    measured within the rounding of the robot. A measurement off the cover by no more than both is taken at the
+    cover's edge, so that rounding never makes an occupancy grow.
     """
-    for one in held:
-        exact = tuple(e - tolerance + _ROUNDING for e in one.tube)
-        if _share_within(q, one, exact) is not None:
-            return q
-    for one in held:
-        at = _share_within(q, one, tuple(e + _ROUNDING for e in one.tube))
-        if at is not None:
-            slack = [e - tolerance for e in one.tube]
-            return tuple(min(max(x, c - w), c + w) for x, c, w in zip(q, at, slack, strict=True))
-    return None
+    if any(_stretches(q, one, -tolerance) for one in held):
+        return q
+    near = [(p, one.tube) for one in held for stretch in _stretches(q, one, tolerance) for p in stretch]
+    if not near:
+        return None
+    # Wherever on these stretches the robot is near to: a joint's value is within the rounding of this one.
+    low = [min(p[j] - (e[j] - tolerance) for p, e in near) for j in range(len(q))]
+    high = [max(p[j] + (e[j] - tolerance) for p, e in near) for j in range(len(q))]
+    return tuple(min(max(x, lo), hi) for x, lo, hi in zip(q, low, high, strict=True))
 
 
 def deviation(q: Joints, one: Occupancy) -> float:
@@ -109,18 +109,30 @@ def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
     return tuple(p + share * d for p, d in zip(a, along, strict=True))
 
 
-def _share_within(q: Joints, one: Occupancy, width: Joints) -> Joints | None:
-    """Returns a point of the polyline within ``width`` of ``q`` in every joint, None if there is none."""
-    for a, b in one.segments:
-        low, high = 0.0, 1.0
-        for x, p, r, w in zip(q, a, b, width, strict=True):
-            d = r - p
-            if abs(d) < _ROUNDING:
-                low, high = (low, high) if abs(x - p) <= w + abs(d) else (1.0, 0.0)
-                continue
+def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Joints]]:
+    """Returns the stretches of the polyline, end by end, that ``q`` is within tube and ``extra`` of."""
+    width = tuple(e + extra + _ROUNDING for e in one.tube)
+    pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
+    found = []
+    for a, b in pairs:
+        low, high = _shares(q, a, b, width)
+        if low <= high:
+            found.append((_between(a, b, low), _between(a, b, high)))
+    return found
+
+
+def _shares(q: Joints, a: Joints, b: Joints, width: Joints) -> tuple[float, float]:
+    """Returns from where to where on the way from a to b every joint of ``q`` is within its width."""
+    low, high = 0.0, 1.0
+    for x, p, r, w in zip(q, a, b, width, strict=True):
+        d = r - p
+        if abs(d) >= _ROUNDING:
             s, t = (x - p - w) / d, (x - p + w) / d
             low, high = max(low, min(s, t)), min(high, max(s, t))
-        if low <= high:
-            middle = 0.5 * (low + high)
-            return tuple(p + middle * (r - p) for p, r in zip(a, b, strict=True))
-    return None
+        elif abs(x - p) > w + abs(d):
+            return 1.0, 0.0
+    return low, high
+
+
+def _between(a: Joints, b: Joints, share: float) -> Joints:
+    return tuple(p + share * (r - p) for p, r in zip(a, b, strict=True))
