@@ -168,13 +168,13 @@ class Process:
 
     @classmethod
     @contextlib.asynccontextmanager
-    async def serving(cls, *arguments, port=0):
-        """A daemon that listens; killed at the end unless it has ended."""
+    async def serving(cls, *arguments, port=0, host="127.0.0.1"):
+        """A daemon that listens at ``host``; killed at the end unless it has ended."""
         process = await launch("serve", *map(str, arguments), "--port", str(port))
         try:
             async with asyncio.timeout(PATIENCE):
                 line = (await process.stdout.readline()).decode()
-            assert line.startswith("armgate: listening on 127.0.0.1:"), line
+            assert line.startswith(f"armgate: listening on {host}:"), line
             yield cls(process, int(line.rpartition(":")[2]))
         finally:
             await Raw.close_all()
@@ -192,12 +192,12 @@ class Process:
         return self.process.returncode, [json.loads(line) for line in errors.decode().splitlines()]
 
 
-async def launch(*arguments):
+async def launch(*arguments, env=None):
     """The command line as a process."""
     return await asyncio.create_subprocess_exec(
         sys.executable, "-m", "armgate.apps", *arguments,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-        env=os.environ | {"COLUMNS": "200"}, cwd=Path(__file__).parents[2],
+        env=(os.environ if env is None else env) | {"COLUMNS": "200"}, cwd=Path(__file__).parents[2],
     )  # fmt: skip
 
 

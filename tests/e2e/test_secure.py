@@ -1,0 +1,340 @@
+"""A daemon with TLS and tokens: both shells of the SDK, the command line, and those who may not come in."""
+
+import asyncio
+import contextlib
+import json
+import os
+import stat
+
+import pytest
+import pytest_asyncio
+
+from armgate.client import BadArgument, ConnectionLost, Refused, Rejected, aio, blocking, tls_context
+from armgate.client.tls import check_token
+from armgate.protocol import messages as m
+from support.cells import arms_yaml
+from support.certificates import Authority
+from support.clients import PATIENCE, Process, Raw, launch, run
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+LOGINS = "login_failures: 1000, login_failures_per_address: 1000"
+
+
+class Site:
+    """A daemon, its CA and its tokens."""
+
+    def __init__(self, folder, daemon, authority, tokens):
+        self.folder, self.daemon, self.authority, self.tokens = folder, daemon, authority, tokens
+        self.address = f"127.0.0.1:{daemon.port}"
+        self.other = Authority(folder, "stranger")
+
+
+async def token(file, *arguments):
+    """The secret that `armgate token` prints, and what it says."""
+    status, out, err = await run("token", "--file", file, *arguments)
+    assert status == 0, err
+    return out.strip(), err
+
+
+@contextlib.asynccontextmanager
+async def site(folder, **tls):
+    authority = Authority(folder)
+    certificate, key = authority.issue("cell", "127.0.0.1")
+    file = folder / "tokens"
+    tokens = {
+        "eye": (await token(file, "--role", "observer", "--name", "eye"))[0],
+        "lab": (await token(file, "--role", "controller", "--name", "lab", "--robots", "A"))[0],
+        "boss": (await token(file, "--role", "operator", "--name", "boss"))[0],
+    }
+    files = ", ".join(
+        f"{k}: {v}" for k, v in ({"certificate": certificate.name, "key": key.name} | tls).items()
+    )
+    config = folder / "arms.yaml"
+    server = f"{{host: 0.0.0.0, tls: {{{files}}}, tokens: tokens, handshake_timeout: 1.0, {LOGINS}}}"
+    config.write_text(arms_yaml(max_age_ticks=1000, server=server))
+    async with Process.serving(config, host="0.0.0.0") as daemon:
+        yield Site(folder, daemon, authority, tokens)
+        daemon.signal()
+        status, log = await daemon.end()
+        assert status == 0
+        text = json.dumps(log)
+        assert all(secret not in text for secret in tokens.values())
+        assert "guessed" not in text
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def secured(tmp_path_factory):
+    async with site(tmp_path_factory.mktemp("secured")) as made:
+        yield made
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def mutual(tmp_path_factory):
+    """The same, where clients need certificates."""
+    async with site(tmp_path_factory.mktemp("mutual"), client_ca="ca.pem") as made:
+        yield made
+
+
+@pytest.fixture(params=["aio", "blocking"])
+def connect(request):
+    """``connect`` of one of the shells, and an end to what it opened."""
+
+    async def call(address, *args, **more):
+        if request.param == "aio":
+            return await aio.connect(address, *args, **more)
+        return await asyncio.to_thread(blocking.connect, address, *args, **more)
+
+    return call
+
+
+async def done(result):
+    return await result if asyncio.iscoroutine(result) else result
+
+
+# --- TLS --------------------------------------------------------------------------------------------------
+
+
+async def test_a_controller_over_tls(secured, connect):
+    cell = await connect(secured.address, "lab", token=secured.tokens["lab"], tls=secured.authority.file)
+    assert cell.welcome.role == "controller"
+    assert len(await done(cell.urdf("A"))) > 1000
+    robot = await done(cell.acquire("A"))
+    if isinstance(cell, aio.Cell):
+        ticks = robot.ticks()
+        for _ in range(20):
+            await anext(ticks)
+            verdict = await robot.send([0.0005, 0.0, 0.0])
+        await robot.release()
+        await cell.close()
+    else:
+        verdict = await asyncio.to_thread(drive, cell, robot)
+    assert verdict.seq == 20
+
+
+def drive(cell, robot):
+    ticks = robot.ticks()
+    for _ in range(20):
+        next(ticks)
+        verdict = robot.send([0.0005, 0.0, 0.0])
+    robot.release()
+    cell.close()
+    return verdict
+
+
+async def test_a_context_of_ones_own(secured, connect):
+    context = tls_context(secured.authority.file)
+    cell = await connect(secured.address, "eye", "observer", secured.tokens["eye"], tls=context)
+    await done(cell.close())
+
+
+async def test_a_certificate_of_a_stranger_is_not_trusted(secured, connect):
+    with pytest.raises(ConnectionLost, match=r"no connection to .*; give the CA"):
+        await connect(secured.address, "eye", token=secured.tokens["eye"], tls=secured.other.file)
+    with pytest.raises(ConnectionLost, match="give the CA"):
+        await connect(secured.address, "eye", token=secured.tokens["eye"], tls=True)
+
+
+async def test_a_certificate_for_another_host_is_not_trusted(secured, connect):
+    with pytest.raises(ConnectionLost, match="not valid for"):
+        await connect(
+            f"127.0.0.2:{secured.daemon.port}", "eye", token=secured.tokens["eye"], tls=secured.authority.file
+        )
+
+
+async def test_without_tls_the_text_asks_for_it(secured, connect):
+    with pytest.raises(ConnectionLost, match="does it ask for TLS"):
+        await connect(secured.address, "eye", token=secured.tokens["eye"])
+
+
+async def test_tls_where_there_is_none_is_told(tmp_path, connect):
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml())
+    authority = Authority(tmp_path)
+    async with Process.serving(config) as daemon:
+        with pytest.raises(ConnectionLost, match="does the daemon there speak TLS"):
+            await connect(f"127.0.0.1:{daemon.port}", "eye", tls=authority.file)
+
+
+async def test_files_that_are_no_certificates_are_bad_arguments(secured, connect):
+    with pytest.raises(BadArgument, match=r"none\.pem: No such file"):
+        await connect(secured.address, "eye", tls=secured.folder / "none.pem")
+    with pytest.raises(BadArgument, match=r"tokens: .*PEM"):
+        await connect(secured.address, "eye", tls=secured.folder / "tokens")
+    with pytest.raises(BadArgument, match="no certificate"):
+        tls_context(secured.authority.file, key="a.key")
+
+
+async def test_where_clients_need_certificates_others_are_not_heard(mutual, connect):
+    own = mutual.authority.issue("client")
+    good = tls_context(mutual.authority.file, *own)
+    cell = await connect(mutual.address, "eye", "observer", mutual.tokens["eye"], tls=good)
+    await done(cell.close())
+    foreign = tls_context(mutual.authority.file, *mutual.other.issue("foreign"))
+    for context in (foreign, tls_context(mutual.authority.file)):
+        with pytest.raises(ConnectionLost):
+            await connect(mutual.address, "eye", "observer", mutual.tokens["eye"], tls=context)
+
+
+async def test_a_token_never_crosses_a_network_readable():
+    check_token("secret", None, ("127.0.0.1", 1))
+    check_token("secret", None, ("::1", 1, 0, 0))
+    check_token(None, None, ("192.0.2.1", 1))
+    check_token("secret", tls_context(), ("192.0.2.1", 1))
+    with pytest.raises(BadArgument, match=r"192\.0\.2\.1 could read it"):
+        check_token("secret", None, ("192.0.2.1", 1))
+
+
+async def test_half_open_tls_disturbs_nobody(secured, connect):
+    silent = [await asyncio.open_connection("127.0.0.1", secured.daemon.port) for _ in range(20)]
+    cell = await connect(
+        secured.address, "eye", "observer", secured.tokens["eye"], tls=secured.authority.file
+    )
+    await done(cell.close())
+    for reader, writer in silent:
+        assert await asyncio.wait_for(reader.read(), PATIENCE) == b""
+        writer.close()
+
+
+# --- tokens -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "role"),
+    [(None, "observer"), ("guessed", "observer"), ("lab", "operator"), ("eye", "controller")],
+)
+async def test_without_a_token_that_allows_it_nobody_comes_in(secured, connect, given, role):
+    secret = secured.tokens.get(given, given)
+    with pytest.raises(Rejected, match="armgate token") as caught:
+        await connect(secured.address, "x", role, secret, tls=secured.authority.file)
+    assert caught.value.code == "unauthorized"
+
+
+async def test_a_token_is_for_the_robots_that_it_names(secured):
+    context = tls_context(secured.authority.file)
+    async with await aio.connect(
+        secured.address, "lab", "controller", secured.tokens["lab"], tls=context
+    ) as cell:
+        with pytest.raises(Refused, match="not for B") as caught:
+            await cell.acquire("B")
+        assert caught.value.code == "forbidden"
+        async with await cell.acquire("A") as robot:
+            assert robot.held
+
+
+async def test_an_operator_takes_over_and_resets(secured):
+    context = tls_context(secured.authority.file)
+    lab = await aio.connect(secured.address, "lab", "controller", secured.tokens["lab"], tls=context)
+    boss = await aio.connect(secured.address, "boss", "operator", secured.tokens["boss"], tls=context)
+    async with lab, boss:
+        await lab.acquire("A")
+        with pytest.raises(Refused, match="only an operator"):
+            await lab.acquire("A", takeover=True)
+        await boss.acquire("A", takeover=True)
+        stopped = await lab.stop()
+        with pytest.raises(Refused, match="not as controller"):
+            await lab.reset(stopped.stop)
+        await boss.reset(stopped.stop)
+
+
+async def test_on_loopback_too_tokens_are_asked_for(tmp_path):
+    secret, _ = await token(tmp_path / "tokens", "--role", "observer")
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml(server="{tokens: tokens, login_failures_per_address: 2}"))
+    async with Process.serving(config) as daemon:
+        for role, given, code in (
+            ("observer", {"token": secret}, None),
+            ("operator", {}, "unauthorized"),
+            ("operator", {"token": secret}, "unauthorized"),
+            ("observer", {"token": secret}, "unauthorized"),
+        ):
+            raw = await Raw.open(daemon.port)
+            raw.send(m.Hello(versions=(1,), name="x", role=role, **given))
+            answer = await raw.get((m.Welcome, m.Error))
+            assert getattr(answer, "code", None) == code
+        assert "try again in" in answer.text
+
+
+# --- the command line -------------------------------------------------------------------------------------
+
+
+async def test_a_token_is_shown_once_and_kept_as_a_hash(tmp_path):
+    file = tmp_path / "tokens"
+    secret, said = await token(file, "--role", "controller", "--robots", "A, B", "--name", "lab")
+    assert secret.startswith("armgate_")
+    assert "lab" in said
+    assert secret not in said
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    (line,) = file.read_text().splitlines()
+    assert {**json.loads(line), "sha256": "…"} == {
+        "name": "lab", "role": "controller", "robots": ["A", "B"], "sha256": "…",
+    }  # fmt: skip
+    assert secret not in line
+    status, out, err = await run("token", "--role", "observer", "--name", "lab", "--file", file)
+    assert (status, out) == (2, "")
+    assert "two tokens named lab" in err
+    status, out, err = await run("token", "--role", "observer", "--name", "two words", "--file", file)
+    assert (status, out) == (2, "")
+    assert "two words" in err
+
+
+@pytest.mark.parametrize(
+    ("server", "told"),
+    [
+        ("{host: 0.0.0.0, tokens: tokens}", "configure server.tls ("),
+        ("{host: 0.0.0.0, tls: {certificate: cell.pem, key: cell.key}}", "configure server.tokens ("),
+        ("{tls: {certificate: cell.pem, key: none.key}}", "none.key: No such file"),
+        ("{tokens: none}", "none: No such file"),
+        ("{tokens: ca.pem}", "ca.pem:1"),
+    ],
+)
+async def test_what_is_missing_to_listen_is_named(tmp_path, server, told):
+    authority = Authority(tmp_path)
+    authority.issue("cell", "127.0.0.1")
+    await token(tmp_path / "tokens", "--role", "observer")
+    authority.file.chmod(0o600)
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml(server=server))
+    status, out, err = await run("serve", config)
+    assert (status, out) == (2, "")
+    assert told in err, err
+    assert "Traceback" not in err
+
+
+async def lead(secured, *arguments, **environment):
+    path = "configs/paths/inspection.csv"
+    process = await launch(
+        "lead", secured.address, "--path", path, *map(str, arguments),
+        env={k: v for k, v in os.environ.items() if k != "ARMGATE_TOKEN"} | environment,
+    )  # fmt: skip
+    async with asyncio.timeout(PATIENCE):
+        _, err = await process.communicate()
+    return process.returncode, err.decode()
+
+
+async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
+    ca = ("--ca", secured.authority.file)
+    status, err = await lead(secured, *ca)
+    assert status == 1
+    assert "unauthorized" in err
+    file = secured.folder / "mine"
+    file.write_text(secured.tokens["lab"] + "\n")
+    inside = "no robot 'GR'"  # it came in, and then found another cell than the path's
+    status, err = await lead(secured, *ca, "--token-file", file)
+    assert inside in err, err
+    status, err = await lead(secured, *ca, ARMGATE_TOKEN=secured.tokens["lab"])
+    assert inside in err, err
+
+
+async def test_programs_say_what_is_wrong_with_a_login(secured):
+    empty = secured.folder / "empty"
+    empty.write_text("")
+    for arguments, told in (
+        (("--token-file", empty), "one token"),
+        (("--token-file", secured.folder / "none"), "none: No such file"),
+        (("--cert", "a.pem"), "--ca"),
+        (("--ca", secured.folder / "none"), "none: No such file"),
+    ):
+        status, err = await lead(secured, *arguments)
+        assert status == 2
+        assert told in err
