@@ -10,7 +10,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint coverage clean
+.PHONY: help install demo test lint spec coverage clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -36,6 +36,9 @@ lint: $(VENV)/.linted  ## check style, types and who imports whom
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
+
+spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema and the vectors from the code
+	@$(BIN)/python -m tools.spec $(ARGS)
 
 coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)

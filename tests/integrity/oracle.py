@@ -312,6 +312,7 @@ class Oracle:
             )
             low = max((self._plane(a, b, R, t, q - p) for p, q in ends), default=-np.inf)
             normal = max((q - p for p, q in ends), key=lambda v: self._plane(a, b, R, t, v))
+            normal = normal / max(np.linalg.norm(normal), 1e-12)
             return self._improve(a, b, R, t, normal, low, high)
         return self._deep(a, b, R, t, ends)
 

@@ -112,7 +112,8 @@ ORDER = list(SPOILED)
         (a, b)
         for k, a in enumerate(ORDER)
         for b in ORDER[k + 1 :]
-        if {a, b} not in ({Cause.LEASE, Cause.FENCE}, {Cause.AHEAD, Cause.STALE}, {Cause.LENGTH, Cause.NOT_FINITE})
+        if {a, b}
+        not in ({Cause.LEASE, Cause.FENCE}, {Cause.AHEAD, Cause.STALE}, {Cause.LENGTH, Cause.NOT_FINITE})
     ],
 )
 def test_of_two_causes_the_earlier_is_named(first, second):
@@ -275,7 +276,11 @@ def test_until_the_answer_both_ways_are_reserved(answered):
     assert plan is not None
     assert slow.outcome is Outcome.ADMITTED
     assert free.reasons[0].cause is Cause.OCCUPIED
-    gate.step(PlanAnswer("fast", plan.key, bool(answered)) if answered else PlanAnswer("fast", plan.key, False, "late"))
+    gate.step(
+        PlanAnswer("fast", plan.key, bool(answered))
+        if answered
+        else PlanAnswer("fast", plan.key, False, "late")
+    )
     assert gate.view("fast").stop_end == ((0.0, 0.0005) if answered else (0.0, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""Writes what is drawn from the code: the tables of SPEC.md.
+"""Writes what is drawn from the code: the tables of SPEC.md, the JSON Schema, the vectors.
 
 python -m tools.spec            # write
 python -m tools.spec --check    # only compare; 1 if something differs
@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 
 import armgate.protocol
+from tools.spec.schema import schema
 from tools.spec.tables import BLOCKS
 from tools.spec.text import filled
+from tools.spec.vectors import FILES
 
 HOME = Path(armgate.protocol.__file__).parent
 
@@ -17,7 +19,11 @@ HOME = Path(armgate.protocol.__file__).parent
 def products() -> dict[Path, str]:
     """Every generated file and what belongs into it."""
     spec = HOME / "SPEC.md"
-    return {spec: filled(spec.read_text(encoding="utf-8"), BLOCKS)}
+    vectors = {HOME / "vectors" / name: made() for name, made in FILES.items()}
+    return {
+        spec: filled(spec.read_text(encoding="utf-8"), BLOCKS),
+        HOME / "schema.json": schema(),
+    } | vectors
 
 
 def main(arguments: list[str]) -> int:
@@ -25,14 +31,14 @@ def main(arguments: list[str]) -> int:
     if arguments not in ([], ["--check"]):
         print(__doc__, file=sys.stderr)
         return 2
-    differing = [path for path, text in products().items() if _read(path) != text]
+    differing = {path: text for path, text in products().items() if _read(path) != text}
     if arguments:
         for path in differing:
             print(f"{path}: differs from the code; run: make spec", file=sys.stderr)
         return 1 if differing else 0
-    for path in differing:
+    for path, text in differing.items():
         path.parent.mkdir(exist_ok=True)
-        path.write_text(products()[path], encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         print(path)
     return 0
 

@@ -1,0 +1,112 @@
+"""Adversaries against the gate, judged by an oracle of their own; the long form is ``make adversary``."""
+
+import random
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from integrity import adversary, scenes
+from integrity.adversary import ATTACKS, SETTINGS, Arena, arena
+from integrity.oracle import Oracle
+from integrity.rig import HARSH, ROUGH, Rig, Tally
+
+
+@pytest.mark.parametrize("number", range(len(SETTINGS)))
+def test_no_adversary_breaks_the_invariant(number):
+    setting = SETTINGS[number]
+    place = arena(setting)
+    total = Tally()
+    for seed in range(3):
+        total.add(adversary.attack(place, setting, 1000 * seed + number, int(480 * setting.share)))
+    assert total.violations == []
+    assert total.accepted > 0.1
+
+
+@pytest.mark.parametrize("name", sorted(ATTACKS))
+def test_no_single_attack_breaks_the_invariant(name):
+    cell = scenes.duel(gap=1.2)
+    rig = Rig(cell, 7, lag=(0.0, 0.03), oracle=Oracle(cell))
+    tally = rig.run(adversary.Adversary(random.Random(name), (name,)), 400)
+    assert tally.violations == []
+
+
+def test_two_at_full_speed_at_each_other_on_clocks_of_their_own():
+    """The one asked first keeps its way: both move, neither comes too near, and they do come near."""
+    cell = scenes.duel(gap=1.2)
+    rig = Rig(cell, 1, lag=0.03, oracle=Oracle(cell), stops=0.05)
+
+    def wish(rig, i):
+        v = -rig.cell.robots[i].start * (0, 1, 1, 0) * 0.4 - rig.players[i].setpoint
+        return v / max(1e-9, max(abs(v) / (rig.cell.robots[i].velocity * rig.cell.robots[i].period)))
+
+    tally = rig.run(wish, 600)
+    assert tally.violations == []
+    assert tally.admitted + tally.limited > 50
+
+
+def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch):
+    """The attack would be noticed: with needs of nothing the same run breaks the stop distance."""
+    from armgate.integrity.clearance import Clearance
+
+    original = Clearance.__init__
+
+    def blind(self, cell):
+        original(self, cell)
+        self.limits = self.limits - 10.0
+
+    monkeypatch.setattr(Clearance, "__init__", blind)
+    setting = SETTINGS[3]
+    place = Arena(scenes.wire(), Oracle(scenes.wire()))
+    assert adversary.attack(place, setting, 3, 600, ("greedy", "steady")).violations != []
+
+
+class Machine(RuleBasedStateMachine):
+    """Hypothesis drives two robots, their stops and their messages."""
+
+    place = None
+
+    @initialize(seed=st.integers(0, 10**6), rough=st.sampled_from([ROUGH, HARSH]))
+    def begin(self, seed, rough):
+        if Machine.place is None:
+            cell = scenes.duel(gap=1.1)
+            Machine.place = Arena(cell, Oracle(cell))
+        self.rig = Rig(self.place.cell, seed, (0.0, 0.03), 0.0, rough, oracle=self.place.oracle, stops=0.0)
+        self.wishes = [None, None]
+        self.standing = []
+
+    @rule(i=st.integers(0, 1), u=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
+    def want(self, i, u):
+        robot = self.rig.cell.robots[i]
+        self.wishes[i] = robot.velocity * robot.period * u
+
+    @rule(i=st.integers(0, 1))
+    def fall_silent(self, i):
+        self.wishes[i] = None
+
+    @rule(grids=st.integers(1, 40))
+    def wait(self, grids):
+        for _ in range(grids):
+            self.rig.step(lambda rig, i: self.wishes[i])
+
+    @rule(i=st.integers(0, 1))
+    def stop(self, i):
+        self.standing.append(self.rig.stop(self.rig.cell.robots[i].name))
+
+    @rule()
+    def reset(self):
+        self.standing = [s for s in self.standing if not self.rig.reset(s)[0].accepted]
+
+    @rule()
+    def look_at_a_stop(self):
+        self.rig.check_stop()
+
+    @invariant()
+    def unbroken(self):
+        if hasattr(self, "rig"):
+            self.rig.check()
+            assert self.rig.tally.violations == []
+
+
+Machine.TestCase.settings = settings(max_examples=12, stateful_step_count=25, deadline=None)
+TestMachine = Machine.TestCase

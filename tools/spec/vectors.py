@@ -1,0 +1,82 @@
+"""The vectors: JSON files with bytes in hex, made from the examples, the faults and the streams."""
+
+import json
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgpack
+
+from armgate.protocol import encode
+from armgate.protocol.framing import HEADER
+from armgate.protocol.versions import DIALECTS
+from tools.spec.examples import messages
+from tools.spec.faults import faults
+from tools.spec.streams import STREAMS
+from tools.spec.unusual import unusual
+from tools.spec.values import to_json
+
+_SIDES = {"client": DIALECTS[0].client, "server": DIALECTS[0].server}
+
+
+def valid() -> str:
+    """Messages and their bytes, both ways."""
+    return _lines(
+        {"name": name, "from": side, "value": to_json(value), "hex": _payload(side, value).hex()}
+        for side, name, value in messages()
+    )
+
+
+def readable() -> str:
+    """Bytes that mean a message, though they are not the shortest, or hold what is to be ignored."""
+    return _lines(
+        {"name": name, "statements": list(told), "from": "client", "hex": data.hex(), "value": to_json(value)}
+        for name, told, data, value in unusual()
+    )
+
+
+def invalid() -> str:
+    """Bytes that are refused, and how."""
+    return _lines(
+        {
+            "name": fault.name,
+            "statements": list(fault.statements),
+            "from": fault.side,
+            "state": fault.state,
+            "hex": fault.payload.hex(),
+            "error": {"code": fault.code, "fatal": fault.fatal, **fault.more},
+        }
+        for fault in faults()
+    )
+
+
+def streams() -> str:
+    """Pieces of a stream, and what is read from them."""
+    return _lines(
+        {
+            "name": name,
+            "statements": list(told),
+            "pieces": [{"hex": data.hex(), "times": times} for data, times in pieces],
+            "events": [e if isinstance(e, str) else {"code": e[0], "fatal": e[1]} for e in events],
+        }
+        for name, told, pieces, events in STREAMS
+    )
+
+
+FILES: dict[str, Callable[[], str]] = {
+    "messages.json": valid,
+    "readable.json": readable,
+    "invalid.json": invalid,
+    "streams.json": streams,
+}
+
+
+def _payload(side: str, value: dict[str, Any]) -> bytes:
+    model = _SIDES[side][value["type"]]
+    fields = msgpack.unpackb(msgpack.packb(value), use_list=False)
+    return encode(model.model_validate(fields))[HEADER:]
+
+
+def _lines(vectors: Iterable[dict[str, Any]]) -> str:
+    """A JSON array with one vector a line, so that a change shows as the lines that it touches."""
+    lines = [json.dumps(vector, ensure_ascii=False, allow_nan=False) for vector in vectors]
+    return "[\n" + ",\n".join(lines) + "\n]\n"
