@@ -1,8 +1,8 @@
 """An oracle that shares no code with the gate: what bodies do, how far apart they are, what joints may do.
 
-Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first; what it says is
-bracketed by this module's own figures, because it over-reports: from above by points that lie in the bodies (a
-closer pair of points is a proof of a violation), from below by planes (a proof that there is none).
+Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first; what it says
+is bracketed by this module's own figures, because it over-reports: from above by points that lie in the bodies
+(a closer pair of points proves a violation), from below by planes (they prove that there is none).
 """
 
 import math
@@ -45,7 +45,7 @@ def _pose(element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Solid:
-    """A body: a kind with sizes, and a segment with a thickness that holds it (exactly, for ball and capsule)."""
+    """A body: a kind with sizes, and a thick segment that holds it (exactly, for ball and capsule)."""
 
     name: str
     kind: str
@@ -135,7 +135,7 @@ class Arm:
                 self._places.append((link.get("name"), *_pose(c)))
 
     def _sorted(self) -> list[str]:
-        """Links from the base on, in the order of their joints' names' occurrence along the tree (depth first)."""
+        """Links from the base on, depth first, in the order of their joints' names."""
         (root,) = [n for n in self._links if n not in self._joints]
         order, stack = [], [root]
         while stack:
@@ -183,7 +183,7 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def segments_apart(p, u, q, v) -> np.ndarray:
-    """Distance of segments p ± u and q ± v, (…, 3) each: the least over the free minimum and the four ends."""
+    """Distance of segments p ± u and q ± v, (…, 3) each: least of free minimum and ends."""
     w = q - p
     a, b, c = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
     d, e = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
@@ -254,7 +254,7 @@ class Oracle:
         return np.concatenate([p[0] for p in parts], 1), np.concatenate([p[1] for p in parts], 1)
 
     def below(self, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Lower bounds of all pairs, (m, pairs): balls around bodies, for what is near the segments that hold them.
+        """Lower bounds of all pairs, (m, pairs): balls, for what is near the segments that hold it.
 
         The segments are exact for two balls or capsules.
         """
@@ -317,7 +317,7 @@ class Oracle:
         return self._deep(a, b, R, t, ends)
 
     def _deep(self, a, b, R, t, ends) -> Apart:
-        """In penetration no two points prove anything: the best plane of many is as near to the truth as it gets."""
+        """In penetration no two points prove anything: the best plane of many is nearest to the truth."""
         depth, normal = self._coal_distance(a, b, R, t, ends)
         if depth > 0:
             return Apart(self._plane(a, b, R, t, normal), depth, normal)
@@ -398,7 +398,7 @@ class Oracle:
 
 @dataclass(frozen=True)
 class Least:
-    """The smallest margin over the need, where (position, pair), and all proven violations (position, pair, m)."""
+    """The smallest margin over the need, where (position, pair), and all violations (position, pair, m)."""
 
     margin: float
     where: tuple[int, int] | None

@@ -1,7 +1,7 @@
-"""A test bench around the gate in virtual time: drives that lag, links that play plans, messages that go astray.
+"""A test bench around the gate in virtual time: drives that lag, links with plans, messages that go astray.
 
-Everything happens on a grid of time. The bench feeds the gate, keeps what the robots really did between the ticks too,
-and asks the oracle about all of it. It is written from the description of plans, not from the links' code.
+Everything happens on a grid of time. The bench feeds the gate, keeps what the robots really did, between the
+ticks too, and asks the oracle about all of it. It is written from the description of plans, not from the links' code.
 """
 
 import copy
@@ -39,7 +39,7 @@ GRID = 0.002
 
 
 class Drive:
-    """The true position of a robot: first order behind its setpoint, or on the ramp between setpoints, after a delay."""
+    """The true position of a robot: first order behind its setpoint, or on a ramp to it, after a delay."""
 
     def __init__(self, q: Sequence[float], period: float, lag: float, delay: float) -> None:
         self.q = np.array(q, dtype=float)
@@ -166,7 +166,7 @@ class Tally:
 
 
 class Rig:
-    """A gate with its robots. ``need`` is what every pair must keep, m; it may be lowered for starts in violation."""
+    """A gate with its robots. ``need`` is what every pair must keep, m; less for starts in violation."""
 
     def __init__(
         self,
@@ -210,7 +210,7 @@ class Rig:
     # --- time ---------------------------------------------------------------------------------------------
 
     def run(self, wish: Wish, commands: int, limit: int = 1_000_000) -> Tally:
-        """Lets time pass until so many commands are judged; ``wish(rig, robot)`` gives the next one or None."""
+        """Lets time pass until so many commands are judged; ``wish(rig, robot)`` gives the next or None."""
         goal = self.tally.commands + commands
         for _ in range(limit):
             if self.tally.commands >= goal:
@@ -383,7 +383,7 @@ class Rig:
         self.tally.violations.append(text)
 
     def margins(self, qs: Sequence[np.ndarray]) -> np.ndarray:
-        """Lower bounds of all pairs less their limits at one or more positions, for adversaries that seek the edge."""
+        """Lower bounds of all pairs less their limits at some positions, for those that seek the edge."""
         return self.oracle.below(*self.oracle.place(qs)) - self.oracle.limits
 
     def _beyond(self, i: int) -> float:
@@ -392,7 +392,7 @@ class Rig:
         return worst + 1e-4 if worst > 0 else 0.0
 
     def _needs(self) -> np.ndarray:
-        """Limits; for pairs that start in violation what they start with, less the retreat's slack and the tolerance."""
+        """Limits; for pairs that start in violation the start's, less the retreat's slack and the tolerance."""
         need = self.oracle.limits.copy()
         R, t = self.oracle.place([d.q[None, :] for d in self.drives])
         for p in np.flatnonzero(self.oracle.below(R, t)[0] < need):

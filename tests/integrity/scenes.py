@@ -34,7 +34,8 @@ def urdf(joints: list[dict[str, Any]], base: tuple[dict[str, Any], ...] = ()) ->
     parts = [f'<link name="{name}">{inner}</link>' for name, inner in zip(names, links, strict=True)]
     for k, j in enumerate(joints):
         parts.append(
-            f'<joint name="J{k}" type="{j["kind"]}"><parent link="{names[j["parent"] + 1]}"/><child link="L{k}"/>'
+            f'<joint name="J{k}" type="{j["kind"]}">'
+            f'<parent link="{names[j["parent"] + 1]}"/><child link="L{k}"/>'
             f'<origin xyz="{_text(j["xyz"])}"/><axis xyz="{_text(j["axis"])}"/>'
             f'<limit lower="{j["lower"]}" upper="{j["upper"]}" velocity="{j["speed"]}" effort="0"/></joint>'
         )
@@ -49,7 +50,8 @@ def _text(values) -> str:
 
 def _collision(b: dict[str, Any]) -> str:
     keys = {
-        "sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length"), "box": ("size",)
+        "sphere": ("radius",), "capsule": ("radius", "length"),
+        "cylinder": ("radius", "length"), "box": ("size",),
     }[b["kind"]]  # fmt: skip
     values = (_text(b["size"]),) if b["kind"] == "box" else b["size"]
     attributes = " ".join(f'{k}="{v}"' for k, v in zip(keys, values, strict=True))
@@ -95,7 +97,8 @@ def elbow(speed: float = 2.0) -> str:
             joint(1, xyz=(0.4, 0, 0), axis=(0, 1, 0), speed=1.5 * speed,
                   bodies=(body("box", 0.3, 0.06, 0.08, xyz=(0.17, 0, 0)),)),
             joint(2, xyz=(0.35, 0, 0), axis=(1, 0, 0), lower=-3.0, upper=3.0, speed=2 * speed,
-                  bodies=(body("capsule", 0.02, 0.24, xyz=(0.06, 0, 0)), body("sphere", 0.03, xyz=(0.1, 0, 0.12)))),
+                  bodies=(body("capsule", 0.02, 0.24, xyz=(0.06, 0, 0)),
+                          body("sphere", 0.03, xyz=(0.1, 0, 0.12)))),
         ],
         base=(body("cylinder", 0.08, 0.1, xyz=(0, 0, -0.03)),),
     )  # fmt: skip

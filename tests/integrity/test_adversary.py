@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
 from integrity import adversary, scenes
 from integrity.adversary import ATTACKS, SETTINGS, Arena, arena
 from integrity.oracle import Oracle
@@ -38,7 +39,7 @@ def test_two_at_full_speed_at_each_other_on_clocks_of_their_own():
 
     def wish(rig, i):
         v = -rig.cell.robots[i].start * (0, 1, 1, 0) * 0.4 - rig.players[i].setpoint
-        return v / max(1e-9, max(abs(v) / (rig.cell.robots[i].velocity * rig.cell.robots[i].period)))
+        return v / max(1e-09, *(abs(v) / (rig.cell.robots[i].velocity * rig.cell.robots[i].period)))
 
     tally = rig.run(wish, 600)
     assert tally.violations == []

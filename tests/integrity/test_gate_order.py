@@ -1,11 +1,8 @@
-"""Which cause is named, what each outcome does to the slot, stops and resets, plans without answers, replay."""
+"""Which cause is named, what outcomes do to the slot, stops and resets, plans without answers, replay."""
 
 import math
 
 import pytest
-from integrity import scenes
-from integrity.adversary import Adversary
-from integrity.rig import HARSH, Rig, Traffic
 
 from armgate.cell.errors import ModelError
 from armgate.cell.events import (
@@ -25,6 +22,9 @@ from armgate.cell.events import (
     Verdict,
 )
 from armgate.integrity import Gate, replay
+from integrity import scenes
+from integrity.adversary import Adversary
+from integrity.rig import HARSH, Rig, Traffic
 
 STEP = (0.0005, 0.0)
 

@@ -1,11 +1,9 @@
-"""Support functions, slabs, certificates, nearest pairs and motion between nodes, against samples and the oracle."""
+"""Support functions, slabs, certificates, nearest pairs and motion bounds, against samples and the oracle."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from integrity import scenes
-from integrity.oracle import Oracle, Solid
 
 from armgate.cell.shapes import Box, Capsule, Cylinder, Sphere
 from armgate.integrity.certificate import Budget
@@ -14,6 +12,8 @@ from armgate.integrity.groups import ChainGroup
 from armgate.integrity.nearest import NearestPairs, start_clearances
 from armgate.integrity.occupancy import occupancy
 from armgate.integrity.support import support, support_table
+from integrity import scenes
+from integrity.oracle import Oracle, Solid
 
 SHAPES = [Sphere(0.1), Capsule(0.05, 0.3), Cylinder(0.1, 0.2), Box(0.1, 0.2, 0.4)]
 CELLS = {name: make() for name, make in scenes.SCENES.items() if name != "demo"}
@@ -155,7 +155,7 @@ def test_the_start_clearances_are_in_order_and_true():
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 10**6))
 def test_every_proof_is_below_the_truth(seed):
-    """All combinations of shapes: the certifier's bound never exceeds the distance of two points of the bodies."""
+    """All combinations of shapes: no bound exceeds the distance of two points of the bodies."""
     rng = np.random.default_rng(seed)
     bodies = [scenes.body(s.kind, *s.size) for s in (SHAPES[rng.integers(4)], SHAPES[rng.integers(4)])]
     start = [float(x) for x in rng.uniform(-0.3, 0.3, 2)]

@@ -109,7 +109,7 @@ def test_retreat_admits_what_truly_widens():
     oracle, rng = Oracle(cell), random.Random(5)
     robot = cell.robots[0]
     asked = admitted = 0
-    while asked < 120:
+    while asked < 60:
         q = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
         before = violated(cell, oracle, [q[None, :]])
         if not before or min(before.values()) < -0.03:
@@ -132,7 +132,7 @@ def test_a_retreat_gets_out(scene):
     cell = scenes.SCENES[scene]()
     oracle, rng, robot = Oracle(cell), random.Random(2), cell.robots[0]
     tried = out = 0
-    while tried < 8:
+    while tried < 4:
         q = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
         deep = violated(cell, oracle, [q[None, :]])
         if len(deep) != 1 or min(deep.values()) < -0.02:

@@ -1,5 +1,6 @@
 """Braking, bounds per tick and occupancy: pure arithmetic, held against brute force and samples."""
 
+import itertools
 import math
 
 import numpy as np
@@ -16,8 +17,8 @@ decels = st.one_of(st.floats(1e-2, 0.5), st.just(math.inf))
 
 
 @st.composite
-def moves(draw, n=st.integers(1, 7)):
-    k = draw(n)
+def moves(draw):
+    k = draw(st.integers(1, 7))
     return tuple(draw(st.lists(small, min_size=k, max_size=k))), tuple(
         draw(st.lists(decels, min_size=k, max_size=k))
     )
@@ -37,7 +38,7 @@ def test_the_whole_stop_is_a_straight_segment(move):
 def test_no_joint_is_braked_harder_than_it_may_be(move):
     u, d = move
     steps = [*stop_increments(u, d), (0.0,) * len(u)]
-    for a, b in zip(steps, steps[1:], strict=False):
+    for a, b in itertools.pairwise(steps):
         for x, y, most in zip(a, b, d, strict=True):
             assert abs(x - y) <= most * (1 + 1e-9) + 1e-12
             assert x * y >= 0.0
@@ -158,7 +159,8 @@ def within(q, one):
     nodes = np.array(one.nodes)
     if len(nodes) == 1:
         nodes = np.repeat(nodes, 2, axis=0)
-    line = np.concatenate([a + np.linspace(0, 1, 2001)[:, None] * (b - a) for a, b in zip(nodes, nodes[1:])])  # noqa: B905
+    share = np.linspace(0, 1, 2001)[:, None]
+    line = np.concatenate([a + share * (b - a) for a, b in itertools.pairwise(nodes)])
     coarse = np.abs(np.diff(nodes, axis=0)).max(axis=0) / 2000
     return bool(np.any(np.all(np.abs(line - q) <= np.array(one.tube) + coarse + 1e-9, axis=1)))
 
@@ -197,7 +199,7 @@ def test_a_measurement_far_off_is_not_explained(given_points):
 @settings(max_examples=400, deadline=None)
 @given(points, st.lists(st.floats(-1.0, 1.0), min_size=20, max_size=20))
 def test_rounding_never_hides_where_the_robot_is(given_points, noise):
-    """The true position is on the way; measured with an error, the position gone on with is no farther off."""
+    """The true position is on the way; measured with an error, the one gone on with is no farther off."""
     (a, b, c), history, weights = given_points
     tolerance = 1e-2
     rounded = occupancy(a, b, c, history, tolerance)

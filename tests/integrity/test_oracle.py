@@ -1,7 +1,8 @@
-"""The oracle itself: its kinematics against pinocchio's, its distances against points drawn from the bodies."""
+"""The oracle itself: its kinematics against pinocchio's, its distances against brute force."""
 
 import numpy as np
 import pytest
+
 from integrity import scenes
 from integrity.oracle import Oracle, segments_apart, step_faults
 
