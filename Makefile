@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 ARGS ?=
+STEPS ?= 20000
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,12 +11,12 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec coverage clean
+.PHONY: help install demo test lint spec coverage adversary bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
 	@echo
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo
 	@echo "ARGS are handed on:  make demo ARGS=\"--duration 10\"   make test ARGS=\"tests/protocol -x\""
 	@echo "PYTHON names the interpreter (3.11 or newer):  make install PYTHON=python3.12"
@@ -42,6 +43,12 @@ spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema an
 
 coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)
+
+adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
+	@STEPS=$(STEPS) $(BIN)/python tests/integrity/adversary.py
+
+bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
+	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
 
 clean:  ## remove .venv, caches and build products (runs/ stays)
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* coverage.xml
@@ -73,4 +80,9 @@ $(VENV)/.tested: $(VENV)/.installed
 $(VENV)/.linted: $(VENV)/.installed
 	@echo "armgate: installing the linters"
 	@$(PIP) install --editable ".[cell,plots,lint]"
+	@touch $@
+
+$(VENV)/.benched: $(VENV)/.installed
+	@echo "armgate: installing what the benchmarks measure against"
+	@$(PIP) install --editable ".[cell,plots,bench]"
 	@touch $@
