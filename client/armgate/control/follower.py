@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
-from armgate.control.integrate import Ended, Scheme, rk4
+from armgate.control.integrate import Ended, Scheme
 from armgate.control.keeping import corrected, drawn_in, projection, view_vector
 from armgate.control.law import CameraLaw, Goal, Scene
 from armgate.control.predict import Predictor
@@ -201,7 +201,7 @@ class Follower:
             emergency=aim.emergency,
             velocity=aim.velocity,
         )
-        wanted = rk4(lambda at: law(at, goal), q, self._period, law(q, goal)) - q
+        wanted = law.step(q, self._period, goal) - q
         dq = self._bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         return dq, _reason(Ended.BOUND, aim.emergency, bounded), 1

@@ -30,6 +30,7 @@ class CameraArm:
         camera_moved: 1.0 for the joints that carry the camera, else 0.0, (n,).
         spheres_moved: the same for each sphere, (k, n).
         spin: ∂φ/∂q of the last joint, φ being the roll angle of (15).
+        mount: placement of the camera in the frame of that joint.
         sinks: which spheres can come nearer to the floor at all, (k,).
         lever: no sphere's centre moves farther than lever · |Δq|, (n,), m/rad.
 
@@ -47,7 +48,8 @@ class CameraArm:
         frames = [self._add_frame(k, joint, spheres.in_joint(k)) for k, joint in enumerate(spheres.joints)]
         self._data = self._model.createData()
         oMf = self._data.oMf
-        camera = oMf[self._model.getFrameId(frame, pin.FrameType.BODY)]
+        index = self._model.getFrameId(frame, pin.FrameType.BODY)
+        camera, self.mount = oMf[index], self._model.frames[index].placement
         self.J: Vector = self._data.J
         self._R, self._t = camera.rotation.T, camera.translation
         self._centres = [oMf[k].translation for k in frames]

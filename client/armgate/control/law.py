@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from armgate.cell.model import RobotModel
 from armgate.control.gains import Gains
 from armgate.control.gradient import limited_gradient, weighted_gradient
-from armgate.control.integrate import Integration, Scheme, integrate
+from armgate.control.integrate import Integration, Scheme, integrate, rk4
 from armgate.control.kinematics import CameraArm
 from armgate.control.repulsion import Obstacles, Repulsion
 from armgate.control.spheres import Spheres
@@ -25,17 +25,26 @@ INDUCED_DAMPING = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Obstacles, as the robot's spheres feel them around one position.
+    """Obstacles, as the robot's spheres feel them around one position; what they are made of is the law's.
 
     Attributes:
-        repulsion: the forces (12).
         around: that position, (n,).
         gap: least distance to an obstacle there, m; inf without obstacles.
     """
 
-    repulsion: Repulsion
     around: Vector
     gap: float
+
+
+@dataclass(frozen=True, slots=True)
+class PushingScene(Scene):
+    """A scene for `CameraLaw`.
+
+    Attributes:
+        repulsion: the forces (12).
+    """
+
+    repulsion: Repulsion
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +127,7 @@ class CameraLaw:
         """The obstacles as seen around q, (n,); the law stays valid for them everywhere."""
         self._arm.place(q)
         repulsion = Repulsion(self.spheres.radii, self._arm.sinks, obstacles, self.gains)
-        return Scene(repulsion, q, repulsion.least_gap(self._arm.centres()))
+        return PushingScene(q, repulsion.least_gap(self._arm.centres()), repulsion)
 
     def goal(
         self,
@@ -145,6 +154,10 @@ class CameraLaw:
         """f(q, p, d_r) of (16), (n,), rad/s."""
         terms = self.terms(q, goal)
         return self.velocity(q, terms, emergency=goal.emergency, drift=_drift(terms, goal.velocity))
+
+    def step(self, q: Vector, h: float, goal: Goal) -> Vector:
+        """One step (16) of the Runge-Kutta method from q over h, s."""
+        return rk4(lambda at: self(at, goal), q, h, self(q, goal))
 
     def run(
         self, start: Vector, goal: Goal, reach: Vector, scheme: Scheme, origin: Vector | None = None
@@ -180,6 +193,8 @@ class CameraLaw:
         """Jᵀ of the forces (12) at q, where the arm is placed, (n,)."""
         if scene is None:
             return self._nothing
+        if not isinstance(scene, PushingScene):
+            raise TypeError("expected a scene made by this law")
         arm = self._arm
         # Mostly all is far away, and the way made since cannot have changed that.
         if float(np.abs(q - scene.around) @ arm.lever) < scene.gap - self.gains.reach:

@@ -13,6 +13,7 @@ from armgate.apps.demo.observation import Observation
 from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed, armgate
 from armgate.apps.errors import AppError
 from armgate.client import ClientError, Description, State, connect
+from armgate.control.compiled import prepare
 
 DAEMON, LEADER, FOLLOWER = "daemon", "leader", "follower"
 CONTROLLERS = (LEADER, FOLLOWER)
@@ -116,6 +117,8 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
         AppError: A process died or never became ready; the text says which, with its last log lines.
     """
     crew.start(DAEMON, plan.daemon())
+    # The first run after an installation compiles the law: here, and not while the leader is on its way.
+    prepare()
     address = _listening(crew)
     if address is None:
         raise AppError("interrupted before the daemon was ready")

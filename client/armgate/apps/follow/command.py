@@ -37,7 +37,9 @@ def follow(
     from armgate.apps.follow.loop import FollowLoop, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
+    from armgate.control.compiled import prepare  # noqa: PLC0415
 
+    prepare()
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         loop = FollowLoop.build(cell, robot, leader, distance, lag)

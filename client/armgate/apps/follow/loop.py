@@ -12,8 +12,8 @@ from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
 from armgate.client import Cell, Description, Robot, RobotDescription, Tick
 from armgate.control.bounds import IncrementBounds
+from armgate.control.compiled import camera_law
 from armgate.control.follower import Follower, FollowStep, Situation
-from armgate.control.law import CameraLaw
 from armgate.control.predict import ramp_lag
 from armgate.control.repulsion import Obstacles
 from armgate.control.spheres import Spheres
@@ -66,7 +66,7 @@ class FollowLoop:
         target = model_of(cell, other)
         bounds = bounds_of(own)
         follower = Follower(
-            CameraLaw(model_of(cell, own), own.camera),
+            camera_law(model_of(cell, own), own.camera),
             bounds,
             period=own.period,
             ahead=LOOP_TICKS * own.period + ramp_lag(lag, own.period),

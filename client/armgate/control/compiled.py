@@ -1,0 +1,212 @@
+"""The camera law in its compiled form, where numba is installed (extra `fast`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armgate.cell.model import RobotModel
+from armgate.control.gains import Gains
+from armgate.control.integrate import Ended, Integration, Scheme
+from armgate.control.law import CameraLaw, Goal, Scene
+from armgate.control.repulsion import Obstacles
+from armgate.control.spheres import Spheres
+from armgate.control.vectors import vector
+from armgate.control.weights import Vector
+
+Records = NDArray[np.void]
+
+_ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
+
+
+def available() -> bool:
+    """Whether numba is installed."""
+    try:
+        import_module("numba")
+    except ImportError:
+        return False
+    return True
+
+
+def camera_law(model: RobotModel, frame: str, gains: Gains | None = None) -> CameraLaw:
+    """The camera law, compiled where that is possible; both forms are the same to rounding."""
+    return CompiledLaw(model, frame, gains) if available() else CameraLaw(model, frame, gains)
+
+
+@cache
+def prepare() -> None:
+    """Compile all kernels, or take them from numba's cache: some 20 s the first time, else about one.
+
+    To be called before anything waits for an increment; a `CompiledLaw` calls it when it is made. Does
+    nothing where numba is not installed.
+    """
+    if not available():
+        return
+    kernels = _kernels()
+    arm = tuple(np.zeros(1, dtype) for dtype in (kernels.JOINT, kernels.SPHERE, kernels.CAMERA))
+    arm[0]["R"][:] = arm[2]["R"][:] = np.eye(3)
+    arm[0]["axis"], arm[0]["parent"], arm[2]["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
+    goal, q, obstacles = np.zeros(1, kernels.GOAL), np.zeros(1), np.zeros(1, kernels.OBSTACLE)
+    goal["p"] = 1.0
+    scene = (arm, goal, q, obstacles)
+    kernels.advance(kernels.field(q, scene), 0.1, scene)
+    kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1), scene)
+    kernels.task(q, scene)
+    kernels.induced(q, scene)
+    kernels.gap(q, arm, 0.0, obstacles)
+
+
+def _kernels() -> ModuleType:
+    return import_module("armgate.control.kernels")  # late: numba takes its time to import
+
+
+@dataclass(frozen=True, slots=True)
+class PackedScene(Scene):
+    """A scene as the kernels take it.
+
+    Attributes:
+        obstacles: their records.
+        floor: its height, m; −inf for none.
+    """
+
+    obstacles: Records
+    floor: float
+
+
+@dataclass(frozen=True, slots=True)
+class PackedGoal(Goal):
+    """A goal as the kernels take it.
+
+    Attributes:
+        packed: the robot, the goal and the obstacles, one argument of the kernels.
+    """
+
+    packed: tuple[object, ...] = ()
+
+
+class CompiledLaw(CameraLaw):
+    """`CameraLaw` with its evaluations compiled; see there. Scenes and goals are not exchangeable."""
+
+    def __init__(
+        self, model: RobotModel, frame: str, gains: Gains | None = None, spheres: Spheres | None = None
+    ) -> None:
+        super().__init__(model, frame, gains, spheres)
+        prepare()
+        self._kernels = _kernels()
+        self._packed = self._pack_joints(), self._pack_spheres(), self._pack_camera()
+        self._no_obstacles = np.zeros(0, self._kernels.OBSTACLE)
+
+    def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
+        """As `CameraLaw.scene`."""
+        records = np.empty(len(obstacles.radii), self._kernels.OBSTACLE)
+        records["centre"], records["radius"] = obstacles.centres, obstacles.radii
+        floor = -np.inf if obstacles.floor is None else obstacles.floor
+        around = _own(q)
+        gap = self._kernels.gap(around, self._packed, floor, records)
+        return PackedScene(around, gap, records, floor)
+
+    def goal(
+        self,
+        p: ArrayLike,
+        distance: float,
+        scene: Scene | None = None,
+        *,
+        emergency: bool = False,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> PackedGoal:
+        """As `CameraLaw.goal`."""
+        target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
+        record = np.empty(1, self._kernels.GOAL)
+        if scene is None:
+            around, obstacles = np.zeros(self.model.n), self._no_obstacles
+            floor, gap = -np.inf, np.inf
+        elif isinstance(scene, PackedScene):
+            around, obstacles, floor, gap = scene.around, scene.obstacles, scene.floor, scene.gap
+        else:
+            raise TypeError("expected a scene made by this law")
+        record[0] = (target, moving, distance, emergency, floor, gap)
+        packed = (self._packed, record, around, obstacles)
+        return PackedGoal(target, distance, scene, emergency, moving, packed)
+
+    def __call__(self, q: Vector, goal: Goal) -> Vector:
+        """As `CameraLaw.__call__`."""
+        qd: Vector = self._kernels.field(_own(q), _packed(goal))
+        return qd
+
+    def run(
+        self, start: Vector, goal: Goal, reach: Vector, scheme: Scheme, origin: Vector | None = None
+    ) -> Integration:
+        """As `CameraLaw.run`."""
+        q, steps, ended = self._kernels.integrate(
+            _own(start),
+            _own(start if origin is None else origin),
+            _own(reach),
+            (scheme.step, scheme.budget, scheme.split, scheme.resolution, scheme.tolerance),
+            _packed(goal),
+        )
+        return Integration(q, steps, _ENDED[ended])
+
+    def step(self, q: Vector, h: float, goal: Goal) -> Vector:
+        """As `CameraLaw.step`."""
+        end: Vector = self._kernels.advance(_own(q), h, _packed(goal))
+        return end
+
+    def task(self, q: Vector, goal: Goal) -> tuple[tuple[float, float], Vector]:
+        """As `CameraLaw.task`."""
+        psi1, psi2, M = self._kernels.task(_own(q), _packed(goal))
+        return (psi1, psi2), M[:2]
+
+    def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
+        """As `CameraLaw.induced`."""
+        moving = self.goal(goal.p, goal.distance, goal.scene, velocity=velocity)
+        qd: Vector = self._kernels.induced(_own(q), moving.packed)
+        return qd
+
+    def _pack_joints(self) -> Records:
+        model, weights = self.model, self._weights
+        joints = np.zeros(model.n, self._kernels.JOINT)
+        for i, joint in enumerate(model.joints):
+            placement = model.pin_model.jointPlacements[i + 1]
+            subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
+            slides = joint.kind == "prismatic"
+            joints[i]["R"], joints[i]["t"] = placement.rotation, placement.translation
+            joints[i]["axis"] = subspace[:3] if slides else subspace[3:]
+            joints[i]["slides"], joints[i]["parent"] = slides, model.parents[i]
+        joints["slope"], joints["offset"] = weights.slope, weights.offset
+        joints["strength"], joints["lever"] = weights.strength, self._arm.lever
+        return joints
+
+    def _pack_spheres(self) -> Records:
+        spheres = np.zeros(len(self.spheres.radii), self._kernels.SPHERE)
+        spheres["joint"], spheres["radius"] = self.spheres.joints, self.spheres.radii
+        spheres["sinks"] = self._arm.sinks
+        for k in range(len(spheres)):
+            spheres[k]["centre"] = self.spheres.in_joint(k)
+        return spheres
+
+    def _pack_camera(self) -> Records:
+        gains, placement = self.gains, self._arm.mount
+        camera = np.zeros(1, self._kernels.CAMERA)
+        camera[0]["R"], camera[0]["t"] = placement.rotation, placement.translation
+        camera["joint"], camera["spin"] = self._arm.last, self._arm.spin
+        camera["squared"], camera["always"] = self._weights.squared, gains.limits.always
+        camera["fade"] = gains.roll_fade
+        for name in ("task", "distance", "roll", "repulsion", "reach", "contact", "push"):
+            camera[name] = getattr(gains, name)
+        return camera
+
+
+def _own(values: Vector) -> Vector:
+    """A copy of the one kind that the kernels are compiled for: contiguous, writable, of floats."""
+    return np.array(values, dtype=np.float64)
+
+
+def _packed(goal: Goal) -> tuple[object, ...]:
+    if not isinstance(goal, PackedGoal):
+        raise TypeError("expected a goal made by this law")
+    return goal.packed

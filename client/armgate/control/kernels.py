@@ -1,0 +1,451 @@
+"""The camera law compiled by numba: the same formulas as the readable modules, in loops.
+
+Each kernel names the function that it repeats; what the formulas mean stands there. A test holds the two
+against each other. All kernels stand in one file, because numba's cache knows only the file of the function
+that it compiled: what changes here is compiled anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import asin, atan2, cos, hypot, pi, sin, sqrt
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+
+from armgate.control.gradient import DAMPING
+from armgate.control.law import INDUCED_DAMPING
+from armgate.control.stereographic import ANTIPODE_GUARD, LENS_GUARD
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# One record a joint, sphere or obstacle, whatever their number: one compilation serves all robots.
+JOINT = np.dtype(
+    [
+        ("R", "f8", (3, 3)),
+        ("t", "f8", (3,)),
+        ("axis", "f8", (3,)),
+        ("slides", "i8"),
+        ("parent", "i8"),
+        ("slope", "f8"),
+        ("offset", "f8"),
+        ("strength", "f8"),
+        ("lever", "f8"),
+    ]
+)
+SPHERE = np.dtype([("joint", "i8"), ("centre", "f8", (3,)), ("radius", "f8"), ("sinks", "i8")])
+OBSTACLE = np.dtype([("centre", "f8", (3,)), ("radius", "f8")])
+CAMERA = np.dtype(
+    [
+        ("R", "f8", (3, 3)),
+        ("t", "f8", (3,)),
+        ("joint", "i8"),
+        ("spin", "f8"),
+        ("task", "f8"),
+        ("distance", "f8"),
+        ("roll", "f8"),
+        ("fade", "f8", (2,)),
+        ("repulsion", "f8"),
+        ("reach", "f8"),
+        ("contact", "f8"),
+        ("push", "f8"),
+        ("squared", "i8"),
+        ("always", "i8"),
+    ]
+)
+GOAL = np.dtype(
+    [
+        ("p", "f8", (3,)),
+        ("velocity", "f8", (3,)),
+        ("distance", "f8"),
+        ("emergency", "i8"),
+        ("floor", "f8"),
+        ("gap", "f8"),
+    ]
+)
+
+
+def kernel(function: F) -> F:
+    """The function compiled at its first call, from numba's cache where one can be written.
+
+    numba caches beside this file, else in the user's cache folder. Where neither can be written (a
+    read-only installation without a home) each process compiles for itself.
+    """
+    try:
+        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:
+        return cast("F", numba.njit(error_model="numpy")(function))
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _turned(R, v):
+    """R v."""
+    return (
+        R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
+        R[1, 0] * v[0] + R[1, 1] * v[1] + R[1, 2] * v[2],
+        R[2, 0] * v[0] + R[2, 1] * v[1] + R[2, 2] * v[2],
+    )
+
+
+@kernel
+def _product(A, B, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@kernel
+def _about(axis, angle, out):
+    """Rodrigues' rotation matrix."""
+    c, s = cos(angle), sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    d = 1.0 - c
+    out[0, 0], out[0, 1], out[0, 2] = c + d * x * x, d * x * y - s * z, d * x * z + s * y
+    out[1, 0], out[1, 1], out[1, 2] = d * x * y + s * z, c + d * y * y, d * y * z - s * x
+    out[2, 0], out[2, 1], out[2, 2] = d * x * z - s * y, d * y * z + s * x, c + d * z * z
+
+
+@kernel
+def _place(joints, q, R, t, J):
+    """`CameraArm.place`: placements (n, 3, 3), (n, 3) of the joints and their spatial Jacobian (6, n)."""
+    here, turn = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(joints)):
+        joint = joints[i]
+        k = joint.parent
+        if k < 0:
+            here[:] = joint.R
+            t[i] = joint.t
+        else:
+            _product(R[k], joint.R, here)
+            x, y, z = _turned(R[k], joint.t)
+            t[i, 0], t[i, 1], t[i, 2] = t[k, 0] + x, t[k, 1] + y, t[k, 2] + z
+        a = _turned(here, joint.axis)
+        if joint.slides:
+            R[i] = here
+            for c in range(3):
+                t[i, c] += q[i] * a[c]
+                J[c, i], J[3 + c, i] = a[c], 0.0
+        else:
+            _about(joint.axis, q[i], turn)
+            _product(here, turn, R[i])
+            moment = _cross(t[i], a)
+            for c in range(3):
+                J[c, i], J[3 + c, i] = moment[c], a[c]
+
+
+@kernel
+def _centre(sphere, R, t):
+    o = _turned(R[sphere.joint], sphere.centre)
+    at = t[sphere.joint]
+    return at[0] + o[0], at[1] + o[1], at[2] + o[2]
+
+
+@kernel
+def _gradients(e1, e2, e3, ray, distance):
+    """`stereographic._error`."""
+    s = 1.0 + _dot(e3, ray)
+    psi1, psi2 = _dot(e1, ray) / s, _dot(e2, ray) / s
+    h = (ray[0] + e3[0], ray[1] + e3[1], ray[2] + e3[2])
+    scale = 1.0 / (s * distance)
+    g1 = ((e1[0] - psi1 * h[0]) * scale, (e1[1] - psi1 * h[1]) * scale, (e1[2] - psi1 * h[2]) * scale)
+    g2 = ((e2[0] - psi2 * h[0]) * scale, (e2[1] - psi2 * h[1]) * scale, (e2[2] - psi2 * h[2]) * scale)
+    return psi1, psi2, g1, g2, ray, distance
+
+
+@kernel
+def _error(e1, e2, e3, r):
+    """`stereographic.camera_error`."""
+    distance = sqrt(_dot(r, r))
+    if distance < LENS_GUARD:
+        return _gradients(e1, e2, e3, e3, LENS_GUARD)
+    ray = (r[0] / distance, r[1] / distance, r[2] / distance)
+    y1, y2 = _dot(e1, ray), _dot(e2, ray)
+    away = hypot(y1, y2)
+    if _dot(e3, ray) < 0.0 and away < ANTIPODE_GUARD:
+        u1, u2 = 1.0, 0.0
+        if away > 0.0:
+            u1, u2 = y1 / away, y2 / away
+        a, b = sin(ANTIPODE_GUARD), cos(pi - ANTIPODE_GUARD)
+        ray = (
+            a * (u1 * e1[0] + u2 * e2[0]) + b * e3[0],
+            a * (u1 * e1[1] + u2 * e2[1]) + b * e3[1],
+            a * (u1 * e1[2] + u2 * e2[2]) + b * e3[2],
+        )
+    return _gradients(e1, e2, e3, ray, distance)
+
+
+@kernel
+def _roll(e1, e2, camera):
+    """`subtasks.roll_rate`."""
+    off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))
+    share = (off_vertical - camera.fade[0]) / (camera.fade[1] - camera.fade[0])
+    share = min(max(share, 0.0), 1.0)
+    return -camera.roll * camera.spin * share * share * (3.0 - 2.0 * share) * atan2(e2[2], e1[2])
+
+
+@kernel
+def _push(d, camera):
+    """`repulsion.push`."""
+    d = max(d, camera.contact)
+    strength = camera.repulsion * (1.0 / d - 1.0 / camera.reach) / (d * d)
+    return min(max(strength, 0.0), camera.push)
+
+
+@kernel
+def _pushed(F, joints, J, joint, force, at):
+    """Adds Jᵀ [f; o × f] for a force at a point that `joint` carries."""
+    moment = _cross(at, force)
+    while joint >= 0:
+        F[joint] += (
+            J[0, joint] * force[0]
+            + J[1, joint] * force[1]
+            + J[2, joint] * force[2]
+            + J[3, joint] * moment[0]
+            + J[4, joint] * moment[1]
+            + J[5, joint] * moment[2]
+        )
+        joint = joints[joint].parent
+
+
+@kernel
+def _repulsion(F, q, scene, placed):
+    """`CameraLaw._repulsion` and `Repulsion.wrenches`."""
+    (joints, spheres, cameras), goals, around, obstacles = scene
+    R, t, J = placed
+    camera, goal = cameras[0], goals[0]
+    way = 0.0
+    for i in range(len(joints)):
+        way += abs(q[i] - around[i]) * joints[i].lever
+    if way < goal.gap - camera.reach:
+        return
+    for sphere in spheres:
+        o = _centre(sphere, R, t)
+        for obstacle in obstacles:
+            b = obstacle.centre
+            apart = (o[0] - b[0], o[1] - b[1], o[2] - b[2])
+            squared = _dot(apart, apart)
+            touching = sphere.radius + obstacle.radius
+            if squared < (touching + camera.reach) ** 2:
+                distance = max(sqrt(squared), 1e-9)
+                s = _push(distance - touching, camera) / distance
+                _pushed(F, joints, J, sphere.joint, (apart[0] * s, apart[1] * s, apart[2] * s), o)
+        height = o[2] - (sphere.radius + goal.floor)
+        if sphere.sinks and height < camera.reach:
+            _pushed(F, joints, J, sphere.joint, (0.0, 0.0, _push(height, camera)), o)
+
+
+@kernel
+def _terms(q, scene, M, F_rep):
+    """`CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
+    (joints, _, cameras), goals, _, _ = scene
+    camera, goal = cameras[0], goals[0]
+    n = len(joints)
+    R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
+    _place(joints, q, R, t, J)
+    last = camera.joint
+    axes = np.empty((3, 3))
+    _product(R[last], camera.R, axes)
+    e1 = (axes[0, 0], axes[1, 0], axes[2, 0])
+    e2 = (axes[0, 1], axes[1, 1], axes[2, 1])
+    e3 = (axes[0, 2], axes[1, 2], axes[2, 2])
+    o = _turned(R[last], camera.t)
+    x = (t[last, 0] + o[0], t[last, 1] + o[1], t[last, 2] + o[2])
+    p = (goal.p[0], goal.p[1], goal.p[2])
+    psi1, psi2, g1, g2, ray, distance = _error(e1, e2, e3, (p[0] - x[0], p[1] - x[1], p[2] - x[2]))
+    M[:] = 0.0
+    F_rep[:] = 0.0
+    _pushed(M[0], joints, J, last, (-g1[0], -g1[1], -g1[2]), p)
+    _pushed(M[1], joints, J, last, (-g2[0], -g2[1], -g2[2]), p)
+    _pushed(M[2], joints, J, last, (-ray[0], -ray[1], -ray[2]), x)
+    pull = camera.distance * (goal.distance - distance)
+    for i in range(n):
+        M[3, i] = pull * M[2, i]
+    M[3, last] += _roll(e1, e2, camera)
+    _repulsion(F_rep, q, scene, (R, t, J))
+    v = goal.velocity
+    return psi1, psi2, _dot(g1, v), _dot(g2, v), _dot(ray, v)
+
+
+@kernel
+def _weights(q, arm, x, w):
+    """`LimitWeights.position` and `.inverse`."""
+    joints, _, cameras = arm
+    for i in range(len(joints)):
+        x[i] = q[i] * joints[i].slope - joints[i].offset
+        m = max(1.0 - x[i] * x[i], 0.0)
+        m *= m
+        H = joints[i].strength * abs(x[i])
+        if cameras[0].squared:
+            m *= m
+            H *= H
+        w[i] = m / (m + H)
+
+
+@kernel
+def _gradient(M, F_rep, rate, w, steepness, qd):
+    """`gradient.weighted_gradient`."""
+    n = len(w)
+    s11 = s12 = s22 = b1 = b2 = 0.0
+    for i in range(n):
+        F = (M[3, i] + F_rep[i]) * w[i]
+        s11 += M[0, i] * w[i] * M[0, i]
+        s12 += M[0, i] * w[i] * M[1, i]
+        s22 += M[1, i] * w[i] * M[1, i]
+        b1 += M[0, i] * F
+        b2 += M[1, i] * F
+    least = 0.5 * (s11 + s22) - sqrt(0.25 * (s11 - s22) ** 2 + s12 * s12)
+    missing = (DAMPING * steepness) ** 2 - least
+    if missing > 0.0:
+        s11 += missing
+        s22 += missing
+    det = s11 * s22 - s12 * s12
+    c1, c2 = rate[0] - b1, rate[1] - b2
+    l1, l2 = (s22 * c1 - s12 * c2) / det, (s11 * c2 - s12 * c1) / det
+    for i in range(n):
+        qd[i] = (l1 * M[0, i] + l2 * M[1, i] + M[3, i] + F_rep[i]) * w[i]
+
+
+@kernel
+def _approached(M, F_rep, rate, near, steepness, qd):
+    """`gradient.limited_gradient`; `near` are positions in the half range and weights."""
+    x, w = near
+    n = len(w)
+    held = np.ones(n)
+    while True:
+        _gradient(M, F_rep, rate, held, steepness, qd)
+        joined = False
+        for i in range(n):
+            if qd[i] * x[i] > 0.0 and held[i] != w[i]:
+                held[i] = w[i]
+                joined = True
+        if not joined:
+            return
+
+
+@kernel
+def field(q, scene):
+    """`CameraLaw.__call__`: f(q, p, d_r) of (16), (n,)."""
+    arm, goals, _, _ = scene
+    camera = arm[2][0]
+    n = len(q)
+    M, F_rep, x, w, qd = np.empty((4, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    psi1, psi2, drift1, drift2, _ = _terms(q, scene, M, F_rep)
+    _weights(q, arm, x, w)
+    if goals[0].emergency:
+        for i in range(n):
+            held = F_rep[i] * x[i] > 0.0 or camera.always
+            qd[i] = w[i] * F_rep[i] if held else F_rep[i]
+        return qd
+    steepness = 0.5 * (1.0 + psi1 * psi1 + psi2 * psi2)
+    rate = (-camera.task * psi1 - drift1, -camera.task * psi2 - drift2)
+    if camera.always:
+        _gradient(M, F_rep, rate, w, steepness, qd)
+    else:
+        _approached(M, F_rep, rate, (x, w), steepness, qd)
+    return qd
+
+
+@kernel
+def rk4(q, h, k1, scene):
+    """`integrate.rk4`."""
+    k2 = field(q + 0.5 * h * k1, scene)
+    k3 = field(q + 0.5 * h * k2, scene)
+    k4 = field(q + h * k3, scene)
+    return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+@kernel
+def advance(q, h, scene):
+    """`CameraLaw.step`."""
+    return rk4(q, h, field(q, scene), scene)
+
+
+@kernel
+def integrate(start, origin, reach, scheme, scene):
+    """`integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
+    step, budget, split, resolution, tolerance = scheme
+    q = start.copy()
+    for steps in range(budget):
+        k1 = field(q, scene)
+        made, fastest, slowest, left = 0.0, 0.0, 0.0, False
+        for i in range(len(q)):
+            way = abs(q[i] - origin[i])
+            made, fastest = max(made, way), max(fastest, abs(k1[i]))
+            slowest = max(slowest, abs(k1[i]) / (split * reach[i]))
+            left = left or way >= reach[i]
+        if step * fastest <= max(resolution, tolerance * made):
+            return q, steps, 0
+        if left:
+            return q, steps, 1
+        h = min(step, 1.0 / slowest) if slowest > 0.0 else step
+        q = rk4(q, h, k1, scene)
+    for i in range(len(q)):
+        if abs(q[i] - origin[i]) >= reach[i]:
+            return q, budget, 1
+    return q, budget, 2
+
+
+@kernel
+def task(q, scene):
+    """`CameraLaw.task`: Ψ_1, Ψ_2 and M, whose first two rows are ∂Ψ/∂q."""
+    M, F_rep = np.empty((4, len(q))), np.empty(len(q))
+    psi1, psi2, _, _, _ = _terms(q, scene, M, F_rep)
+    return psi1, psi2, M
+
+
+@kernel
+def induced(q, scene):
+    """`CameraLaw.induced` for the goal's own velocity, (n,)."""
+    arm, _, _, _ = scene
+    n = len(q)
+    M, F_rep, x, w = np.empty((4, n)), np.empty(n), np.empty(n), np.empty(n)
+    psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
+    _weights(q, arm, x, w)
+    slope = 2.0 / (1.0 + psi1 * psi1 + psi2 * psi2)
+    S, rate = INDUCED_DAMPING * np.eye(3), np.array((-slope * drift1, -slope * drift2, -along))
+    M[0] *= slope
+    M[1] *= slope
+    for a in range(3):
+        for b in range(3):
+            for i in range(n):
+                S[a, b] += M[a, i] * w[i] * M[b, i]
+    # Solved by cofactors: symmetric, positive definite, 3 × 3.
+    c0 = _cross(S[1], S[2])
+    c1, c2 = _cross(S[2], S[0]), _cross(S[0], S[1])
+    det = _dot(S[0], c0)
+    qd = np.zeros(n)
+    for a in range(3):
+        load = (c0[a] * rate[0] + c1[a] * rate[1] + c2[a] * rate[2]) / det
+        for i in range(n):
+            qd[i] += load * M[a, i] * w[i]
+    return qd
+
+
+@kernel
+def gap(q, arm, floor, obstacles):
+    """`Repulsion.least_gap` at q."""
+    joints, spheres, _ = arm
+    n = len(joints)
+    R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
+    _place(joints, q, R, t, J)
+    least = np.inf
+    for sphere in spheres:
+        o = _centre(sphere, R, t)
+        for obstacle in obstacles:
+            b = obstacle.centre
+            r = (o[0] - b[0], o[1] - b[1], o[2] - b[2])
+            least = min(least, sqrt(_dot(r, r)) - (sphere.radius + obstacle.radius))
+        if sphere.sinks:
+            least = min(least, o[2] - (sphere.radius + floor))
+    return least
