@@ -279,6 +279,15 @@ async def test_a_flood_is_read_a_few_messages_at_each_turn(line):
     assert heard(line) == [*range(30)]
 
 
+async def test_a_request_for_much_takes_a_whole_turn(line):
+    line.hello()
+    line.session.data_received(line.client.send(m.Describe()) * 3)
+    asked = lambda: sum(isinstance(message, m.Describe) for message in line.desk.told)  # noqa: E731
+    assert asked() == 1
+    await asyncio.sleep(0)
+    assert asked() == 2
+
+
 async def test_what_comes_meanwhile_keeps_its_place(line):
     line.hello()
     first, second = pings(line, 10), line.client.send(m.Ping(time=10.0))

@@ -30,6 +30,9 @@ _BUFFER = 256 * 1024
 _AT_ONCE = 8
 """Messages of one client that are read at one turn of the event loop: then it is the others' turn."""
 
+_COSTS: dict[type[object], int] = {m.Describe: 20, m.Asset: 20}
+"""Messages whose answers are large count as so many."""
+
 _TCP = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
 _USER_TIMEOUT_MS = 20_000
 
@@ -209,14 +212,16 @@ class Session(asyncio.Protocol):
         if self._bucket is not None and (wait := self._bucket.wait(loop.time())):
             self._read_later(loop.call_later(wait, self._read_on))
             return
-        for heard in range(_AT_ONCE):
+        cost = 0
+        while cost < _AT_ONCE:
             item = None if self._closing else self._connection.pop()
             if item is None:
-                self._spend(heard)
+                self._spend(cost)
                 self._transport.resume_reading()
                 return
+            cost += _COSTS.get(type(item), 1)
             self._guarded(self._hear, item)
-        self._spend(_AT_ONCE)
+        self._spend(cost)
         self._read_later(loop.call_soon(self._read_on))
 
     def _spend(self, count: int) -> None:
@@ -248,7 +253,8 @@ class Session(asyncio.Protocol):
             self.say(refusal.error)
 
     def _write(self, frame: bytes) -> None:
-        self._transport.write(frame)
+        if not self._transport.is_closing():  # else it is lost, and asyncio is about to say so
+            self._transport.write(frame)
 
     def _close(self) -> None:
         """Close once everything is written and the client had time to read it."""

@@ -1,0 +1,104 @@
+"""Clients that behave as badly as they can, in a process of their own: ``python abusers.py PORT``.
+
+Writes "ready" when all are at work, which lasts until it is killed: one sends garbage and comes again, one
+floods with messages that cannot be read, one never reads, 200 say no hello, and 1000 come and go.
+"""
+
+import asyncio
+import contextlib
+import os
+import random
+import sys
+
+import msgpack
+
+HALF_OPEN = 200
+FLOOD = 1000
+PAUSE = 0.002
+
+
+def framed(**fields):
+    payload = msgpack.packb(fields)
+    return len(payload).to_bytes(4, "big") + payload
+
+
+HELLO = framed(type="hello", versions=[1], name="bad", role="observer")
+SUBSCRIBE = framed(type="subscribe", every=1)
+
+
+async def open_(port):
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    return reader, writer
+
+
+async def garbage(port):
+    """Random bytes, before and after a hello, again and again."""
+    chance = random.Random(1)
+    while True:
+        with contextlib.suppress(OSError):
+            reader, writer = await open_(port)
+            writer.write(chance.choice((b"", HELLO)) + chance.randbytes(chance.randrange(1, 20_000)))
+            await reader.read()
+            writer.close()
+        await asyncio.sleep(PAUSE)
+
+
+async def unreadable(port):
+    """As many small messages of no known type as the daemon takes."""
+    nonsense = framed(type="x") * 500
+    while True:
+        with contextlib.suppress(OSError):
+            reader, writer = await open_(port)
+            writer.write(HELLO)
+            while not writer.is_closing():
+                writer.write(nonsense)
+                await writer.drain()
+                await asyncio.wait_for(reader.read(1 << 20), 1.0)
+        await asyncio.sleep(PAUSE)
+
+
+async def deaf(port):
+    """Subscribes to everything, asks for more, and never reads."""
+    while True:
+        with contextlib.suppress(OSError):
+            _, writer = await open_(port)
+            writer.transport.pause_reading()
+            writer.write(HELLO + SUBSCRIBE)
+            while not writer.is_closing():
+                writer.write(framed(type="describe", id=1) * 10)
+                await writer.drain()
+                await asyncio.sleep(PAUSE)
+        await asyncio.sleep(PAUSE)
+
+
+async def half_open(port):
+    """Connections that say nothing, and come again when they are closed."""
+    while True:
+        with contextlib.suppress(OSError, TimeoutError):
+            reader, writer = await open_(port)
+            writer.write(b"\x00\x00")
+            await reader.read()
+            writer.close()
+        await asyncio.sleep(0.1)
+
+
+async def flood(port):
+    """A thousand connections that come and go as fast as they can."""
+    for _ in range(FLOOD):
+        with contextlib.suppress(OSError):
+            _, writer = await open_(port)
+            writer.transport.abort()
+        await asyncio.sleep(PAUSE)
+
+
+async def main(port):
+    os.nice(10)  # they stand for other machines, which take no time from the daemon
+    bad = [garbage, unreadable, deaf, flood, *[half_open] * HALF_OPEN]
+    tasks = [asyncio.create_task(one(port)) for one in bad]
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    await asyncio.wait(tasks)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(int(sys.argv[1])))
