@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 ARGS ?=
+RUNS ?= 100000
 STEPS ?= 20000
 
 VENV := .venv
@@ -11,7 +12,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec coverage adversary bench-control clean
+.PHONY: help install demo test lint spec fuzz coverage adversary bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -40,6 +41,9 @@ lint: $(VENV)/.linted  ## check style, types and who imports whom
 
 spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)
+
+fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
+	@$(BIN)/python -m tools.fuzz $(RUNS)
 
 coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)
@@ -75,6 +79,12 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml
 $(VENV)/.tested: $(VENV)/.installed
 	@echo "armgate: installing what the tests need"
 	@$(PIP) install --editable ".[cell,plots,test]"
+	@touch $@
+
+$(VENV)/.fuzzed: $(VENV)/.tested
+	@echo "armgate: installing what searches"
+	@$(PIP) install --editable ".[cell,plots,test,fuzz]" || \
+		echo "armgate: no atheris for this Python; hypothesis searches blindly" >&2
 	@touch $@
 
 $(VENV)/.linted: $(VENV)/.installed

@@ -197,6 +197,16 @@ class Connection:
         return frame
 
     @property
+    def buffered(self) -> int:
+        """How many bytes of an unfinished frame are kept."""
+        return self._decoder.buffered
+
+    @property
+    def limit(self) -> int:
+        """The longest payload that is accepted now."""
+        return self._decoder.limit
+
+    @property
     def closed(self) -> bool:
         """Whether nothing more can be said or read."""
         return self.state is ConnectionState.CLOSED

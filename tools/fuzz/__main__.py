@@ -1,0 +1,59 @@
+"""Searches for bytes that break the protocol's reader.
+
+``python -m tools.fuzz [RUNS]``: atheris looks at what the code does with its inputs and goes on from those
+that led somewhere new; where it is not installed, hypothesis changes the vectors blindly. Ends with 0, or
+with another status and the input that broke something.
+"""
+
+import importlib
+import importlib.util
+import resource
+import sys
+import tempfile
+from pathlib import Path
+
+_MEMORY_MB = 512
+_LONGEST = 1024
+
+
+def main(arguments: list[str]) -> int:
+    """Returns the exit status; atheris ends the process itself."""
+    if len(arguments) > 1 or not all(argument.isdecimal() for argument in arguments):
+        print(__doc__, file=sys.stderr)
+        return 2
+    runs = int(arguments[0]) if arguments else 100_000
+    if importlib.util.find_spec("atheris") is not None:
+        return _guided(runs)
+    print("fuzz: atheris is not installed; hypothesis searches blindly")
+    return _blind(runs)
+
+
+def _guided(runs: int) -> int:
+    atheris = importlib.import_module("atheris")
+    with atheris.instrument_imports(include=["armgate.protocol"]):
+        from tools.fuzz.corpus import corpus  # noqa: PLC0415 (instrumented)
+        from tools.fuzz.target import check  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as folder:
+        for number, data in enumerate(corpus()):
+            Path(folder, f"vector-{number:04}").write_bytes(data)
+        options = [f"-runs={runs}", f"-max_len={_LONGEST}", f"-rss_limit_mb={_MEMORY_MB}", "-timeout=10"]
+        atheris.Setup([sys.argv[0], *options, "-print_final_stats=1", folder], check)
+        atheris.Fuzz()
+    return 0
+
+
+def _blind(runs: int) -> int:
+    from tools.fuzz.blind import search  # noqa: PLC0415
+
+    broken = search(runs)
+    if broken is not None:
+        print(f"fuzz: {broken}", file=sys.stderr)
+        return 1
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    print(f"fuzz: {runs} runs, nothing found, {used} MB at most")
+    return 0 if used < _MEMORY_MB else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
