@@ -2,8 +2,8 @@
 
     STEPS=1000000 python tests/integrity/adversary.py
 
-prints, last, ``violations: N`` with the acceptance rate and the smallest margin that the oracle saw, and exits
-with 1 on any violation.
+prints, last, ``violations: N`` with the acceptance rate and the smallest margin that the oracle saw, and
+exits with 1 on any violation.
 """
 
 import os

@@ -1,7 +1,8 @@
 """A test bench around the gate in virtual time: drives that lag, links with plans, messages that go astray.
 
 Everything happens on a grid of time. The bench feeds the gate, keeps what the robots really did, between the
-ticks too, and asks the oracle about all of it. It is written from the description of plans, not from the links' code.
+ticks too, and asks the oracle about all of it. It is written from the description of plans, not from the code
+of the links.
 """
 
 import copy
@@ -392,7 +393,7 @@ class Rig:
         return worst + 1e-4 if worst > 0 else 0.0
 
     def _needs(self) -> np.ndarray:
-        """Limits; for pairs that start in violation the start's, less the retreat's slack and the tolerance."""
+        """Limits; for pairs that start in violation the start's, less slack and tolerance."""
         need = self.oracle.limits.copy()
         R, t = self.oracle.place([d.q[None, :] for d in self.drives])
         for p in np.flatnonzero(self.oracle.below(R, t)[0] < need):
