@@ -1,0 +1,176 @@
+"""From the command line's texts to a virtual KRC."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armgate.cell.errors import ModelError
+from armgate.emulator.krc.arm import Arm, arm_of_cell, arm_of_urdf, kr16
+from armgate.emulator.krc.context import AXISCORR, AXISCORRMON, Context, Limits, Mode
+from armgate.emulator.krc.errors import KrcError
+from armgate.emulator.krc.ethernet import LIMIT, Ethernet, read_ethernet
+from armgate.emulator.krc.network import Disturbance
+from armgate.emulator.krc.port import Peer
+from armgate.emulator.krc.profile import Profile, profile_named
+
+DIRECTIONS = ("to-pc", "to-krc")
+"""As the KRC sees them: telegrams, replies."""
+_MS = 1e-3
+
+
+@dataclass(frozen=True)
+class Setup:
+    """All that a virtual KRC is started with.
+
+    Attributes:
+        profile: Which controller.
+        ethernet: Its file.
+        context: Its RSI context.
+        arm: Its robot.
+        peer: Where the PC is.
+        network: What happens to datagrams, by direction.
+        seed: Of all that happens by chance.
+        ipoc: The first one; None: any.
+        stopped: Whether it waits for ``start``.
+    """
+
+    profile: Profile
+    ethernet: Ethernet
+    context: Context
+    arm: Arm
+    peer: Peer
+    network: dict[str, Disturbance]
+    seed: int
+    ipoc: int | None
+    stopped: bool
+
+
+def ethernet_of(path: Path) -> Ethernet:
+    """The KRC's file.
+
+    Raises:
+        KrcError: It cannot be read, or is no such file.
+    """
+    try:
+        with path.open("rb") as file:
+            return read_ethernet(file.read(LIMIT + 1))
+    except OSError as error:
+        raise KrcError(f"{path}: {error.strerror}") from error
+    except KrcError as error:
+        raise KrcError(f"{path}: {error}") from error
+
+
+def profile_of(name: str, cycle_ms: float | None) -> Profile:
+    """The profile, in another cycle if one is wanted.
+
+    Raises:
+        KrcError: There is no such profile or cycle.
+    """
+    profile = profile_named(name)
+    return profile if cycle_ms is None else profile.in_cycle(cycle_ms * _MS)
+
+
+def context_of(mode: str, precision: int, timeout: int, axiscorr: str, axiscorrmon: str) -> Context:
+    """The RSI context.
+
+    Raises:
+        KrcError: There is no such mode, or a limit is none.
+    """
+    if mode not in list(Mode):
+        raise KrcError(f"mode {mode!r}; expected {' or '.join(Mode)}")
+    return Context(
+        mode=Mode(mode),
+        precision=precision,
+        timeout=timeout,
+        limits=Limits.from_text(axiscorr, AXISCORR),
+        monitor=Limits.from_text(axiscorrmon, AXISCORRMON),
+    )
+
+
+def arm_of(robot: str, cell: Sequence[Path], start: str | None) -> Arm:
+    """The robot: ``kr16``, one of a cell, or a URDF file.
+
+    Raises:
+        KrcError: There is none, or it is no KUKA's.
+        ConfigError: The cell's files are wrong.
+    """
+    arm = _named_arm(robot, cell)
+    if start is None:
+        return arm
+    try:
+        values = [float(part) for part in start.split(",")]
+    except ValueError as error:
+        raise KrcError(f"start {start!r}; expected numbers, joined by commas") from error
+    return arm.starting(values)
+
+
+def _named_arm(robot: str, cell: Sequence[Path]) -> Arm:
+    if not cell and robot == "kr16":
+        return kr16()
+    from armgate.cell.urdf import read_urdf  # noqa: PLC0415 (what it needs takes time)
+
+    try:
+        if not cell:
+            urdf = read_urdf(Path(robot).read_text(encoding="utf-8"))
+            children = {joint.parent for joint in urdf.joints}
+            return arm_of_urdf(urdf, next(link for link in reversed(urdf.links) if link not in children))
+        from armgate.cell.cell import build_cell  # noqa: PLC0415
+        from armgate.cell.config import load_config  # noqa: PLC0415
+
+        found = build_cell(load_config(cell)).robot(robot)
+        return arm_of_cell(found, read_urdf(found.urdf))
+    except ModelError as error:
+        raise KrcError(f"robot {robot!r}: {error}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise KrcError(
+            f"robot {robot!r}: no such URDF file; expected kr16, a file, or a robot of --cell"
+        ) from error
+
+
+def peer_of(to: str | None, ethernet: Ethernet) -> Peer:
+    """The PC's address: as given, else as the KRC's file says.
+
+    Raises:
+        KrcError: It is none.
+    """
+    if to is None:
+        return Peer.resolve(ethernet.host, ethernet.port)
+    host, _, port = to.rpartition(":")
+    host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+        raise KrcError(f"address {to!r}; expected HOST:PORT, e.g. 127.0.0.1:49152")
+    return Peer.resolve(host, int(port))
+
+
+def network_of(*, loss: str, duplicate: str, reorder: str, delay: str, jitter: str) -> dict[str, Disturbance]:
+    """What happens to datagrams in each direction.
+
+    Raises:
+        KrcError: A value is none.
+    """
+    texts = {"loss": loss, "duplicate": duplicate, "reorder": reorder, "delay": delay, "jitter": jitter}
+    found: dict[str, dict[str, Any]] = {direction: {} for direction in DIRECTIONS}
+    for name, text in texts.items():
+        scale = _MS if name in ("delay", "jitter") else 1.0
+        for direction, value in _both(name, text).items():
+            found[direction][name] = scale * value
+    try:
+        return {direction: Disturbance(**values) for direction, values in found.items()}
+    except ValueError as error:
+        raise KrcError(str(error)) from error
+
+
+def _both(name: str, text: str) -> dict[str, float]:
+    """``0.1`` for both directions, ``to-pc=0.1`` or ``to-pc=0.1,to-krc=0.2``."""
+    values: dict[str, float] = {}
+    for part in text.split(","):
+        direction, equals, number = part.strip().rpartition("=")
+        try:
+            meant = dict.fromkeys([direction] if equals else DIRECTIONS, float(number))
+        except ValueError:
+            meant = {"": 0.0}
+        if not set(meant) <= set(DIRECTIONS):
+            raise KrcError(f"{name} {text!r}; expected a number, or to-pc=NUMBER,to-krc=NUMBER")
+        values |= meant
+    return values

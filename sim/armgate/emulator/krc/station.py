@@ -1,0 +1,116 @@
+"""A virtual KRC by the wall clock, on a UDP socket."""
+
+import asyncio
+from collections.abc import Callable
+from time import monotonic_ns
+
+from armgate.emulator.krc.controller import Controller
+from armgate.emulator.krc.inbox import Arrival
+from armgate.emulator.krc.network import NS, Channel
+from armgate.emulator.krc.notes import Notes
+from armgate.emulator.krc.port import Datagram, Peer, Port
+from armgate.emulator.timer import Timer
+
+_SLACK = 10
+"""A cycle that is late by more than this part of its length shifts all later ones."""
+
+
+class Station:
+    """Runs a controller cycle by cycle.
+
+    A real KRC has a steady clock. Where this process comes late, its clock slips instead of making up for it:
+    the PC always has its time to answer, and is never blamed for a lateness that is not its own.
+
+    Args:
+        controller: The KRC.
+        cycle: From one cycle to the next, s.
+        peer: Where the PC is.
+        to_pc: What happens to telegrams on their way.
+        to_krc: What happens to replies on theirs.
+        notes: The KRC's log.
+        now: The monotonic clock, ns.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        cycle: float,
+        peer: Peer,
+        *,
+        to_pc: Channel[bytes],
+        to_krc: Channel[Datagram],
+        notes: Notes,
+        now: Callable[[], int] = monotonic_ns,
+    ) -> None:
+        self._controller, self._peer, self._notes, self._now = controller, peer, notes, now
+        self._period = round(NS * cycle)
+        self._to_pc, self._to_krc = to_pc, to_krc
+        self._port = Port(peer)
+        self._clock, self._outlet = Timer(), Timer()
+        self._deadline = self._sent = 0
+        self.slips = 0
+        """How often the clock slipped."""
+        self.unsent = 0
+        """How many telegrams the network did not take."""
+
+    @property
+    def port(self) -> int:
+        """From which telegrams come."""
+        return self._port.number
+
+    def start(self) -> None:
+        """Begin: the first cycle is now."""
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._clock.fileno(), self._wake)
+        loop.add_reader(self._outlet.fileno(), self._let_out)
+        self._deadline = self._sent = self._now()
+        self._clock.arm(self._deadline)
+
+    def reopen(self) -> None:
+        """Another ephemeral port, as each RSI_ON takes one."""
+        self._port.close()
+        self._port = Port(self._peer)
+
+    def close(self) -> None:
+        """End: nothing is sent any more."""
+        loop = asyncio.get_running_loop()
+        for timer in (self._clock, self._outlet):
+            loop.remove_reader(timer.fileno())
+            timer.close()
+        self._port.close()
+
+    def _wake(self) -> None:
+        if not self._clock.expired():
+            return
+        telegram = self._controller.cycle(self._arrivals())
+        if telegram is not None:
+            self._sent = self._now()
+            self._to_pc.put(telegram, self._sent)
+        self._let_out()
+        self._arm(self._now())
+
+    def _arm(self, now: int) -> None:
+        slipped = (now - self._deadline) * _SLACK > self._period
+        self.slips += slipped
+        self._deadline = (now if slipped else self._deadline) + self._period
+        self._clock.arm(self._deadline)
+
+    def _arrivals(self) -> list[Arrival]:
+        for datagram, age in self._port.receive():
+            self._to_krc.put(datagram, self._now() - age)
+        return [
+            Arrival(datagram.data, (due - self._sent) / NS, datagram.stranger)
+            for due, datagram in self._to_krc.get(self._now())
+        ]
+
+    def _let_out(self) -> None:
+        self._outlet.expired()
+        for _, telegram in self._to_pc.get(self._now()):
+            try:
+                self._port.send(telegram)
+            except OSError as error:
+                self.unsent += 1
+                self._notes.often("unsent", self.unsent, f"the network does not take telegrams: {error}")
+        due = self._to_pc.next_due
+        if due is not None:
+            self._outlet.arm(due)

@@ -1,0 +1,129 @@
+"""The parser of replies: strict, and in plain words."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armgate.emulator.krc.reply import Fault, ReplyError, ReplyParser
+from support.krcs import element, ethernet, sen
+
+FILE = ethernet(
+    received=("AK.A1", "AK.A2"),
+    more=element("Stop", 7, "BOOL") + element("N", 8, "LONG") + element("DEF_EStr", "INTERNAL", "STRING"),
+)
+PARSER = ReplyParser(FILE)
+
+
+def named(data):
+    return {one.name: value for one, value in PARSER.parse(data).values.items()}
+
+
+def refused(data):
+    with pytest.raises(ReplyError) as caught:
+        PARSER.parse(data)
+    return caught.value.fault, str(caught.value)
+
+
+def test_a_reply_is_read_by_its_names_in_any_order():
+    text = (
+        b'<Sen Type="ImFree"><Stop>1</Stop><EStr>h&amp;i</EStr><N>-7</N><AK A2="-1.5e0" A1=" .25"/>'
+        b"<IPOC>007</IPOC></Sen>\r\n"
+    )
+    reply = PARSER.parse(text)
+    assert reply.ipoc == "007"
+    assert reply.unknown == ()
+    assert named(text) == {"AK.A1": 0.25, "AK.A2": -1.5, "Stop": True, "N": -7, "EStr": "h&i"}
+
+
+def test_what_kukas_own_example_writes_is_read():
+    text = (
+        b'<Sen Type="ImFree" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+        b' xsi:noNamespaceSchemaLocation="ExternalData.xsd">\n <EStr/>\n'
+        b' <AK A1="0.0000" A2="0.0000" />\n <IPOC>1</IPOC>\n</Sen>'
+    )
+    assert named(text) == {"EStr": "", "AK.A1": 0.0, "AK.A2": 0.0}
+
+
+def test_what_is_missing_is_not_in_it_and_what_is_unknown_is_named():
+    reply = PARSER.parse(sen(5, (1.0,), tag="AKorr", more="<Free>x</Free>"))
+    assert reply.values == {}
+    assert reply.unknown == ("AKorr.A1", "Free")
+
+
+@pytest.mark.parametrize(
+    ("data", "fault", "said"),
+    [
+        (b"", Fault.XML, "not well-formed"),
+        (b"\x00" * 40, Fault.XML, "not well-formed"),
+        (b"\xff\xfe<", Fault.XML, "byte 0 is not UTF-8"),
+        (sen(1) + b"\x00", Fault.XML, "not well-formed"),
+        (sen(1)[:-1], Fault.XML, "not well-formed"),
+        (b"<!DOCTYPE x>" + sen(1), Fault.XML, "document type"),
+        (sen(1, more="<!ENTITY>"), Fault.XML, "document type"),
+        (sen(1, more="<Z>" + "z" * 900 + "</Z>"), Fault.XML, "expected at most 1024"),
+        (sen(1).replace(b"Sen", b"Rob"), Fault.ROOT, "<Rob>; expected <Sen>"),
+        (sen(1, sentype="imfree"), Fault.SENTYPE, "Type='imfree'; the KRC's file says SENTYPE 'ImFree'"),
+        (sen(1).replace(b"Type", b"TYPE"), Fault.SENTYPE, "no Type"),
+        (b'<Sen Type="ImFree"/>', Fault.NO_IPOC, "0 elements <IPOC>"),
+        (sen(1, more="<IPOC>1</IPOC>"), Fault.NO_IPOC, "2 elements <IPOC>"),
+        (b'<Sen Type="ImFree"><IPOC>1</IPOC><AK/></Sen>', Fault.NO_IPOC, "<AK> stands after <IPOC>"),
+        (sen(""), Fault.NO_IPOC, "IPOC ''; expected digits only"),
+        (sen(" 1"), Fault.NO_IPOC, "IPOC ' 1'"),
+        (sen("-1"), Fault.NO_IPOC, "IPOC '-1'"),
+        (sen("1.0"), Fault.NO_IPOC, "IPOC '1.0'"),
+        (sen("1" * 21), Fault.NO_IPOC, "expected digits only"),
+        (sen("١"), Fault.NO_IPOC, "expected digits only"),
+        (sen(1, (1.0,), more='<AK A1="2.0"/>'), Fault.VALUE, "AK.A1 occurs twice"),
+        (sen(1, more="<AK><A1>1</A1></AK>"), Fault.VALUE, "<AK> holds elements"),
+        (sen(1, more="<Stop>2</Stop>"), Fault.VALUE, "Stop='2'; expected 0 or 1"),
+        (sen(1, more="<N>1.5</N>"), Fault.VALUE, "N='1.5'; expected a whole number"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(data, fault, said):
+    got, text = refused(data)
+    assert got is fault
+    assert said in text
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nan", "inf", "-Infinity", "1e999", "1,5", "0x1", "1_0", "--1", "1.5.2", "١"]
+)
+def test_numbers_that_are_none_are_refused(text):
+    fault, said = refused(f'<Sen Type="ImFree"><AK A1="{text}"/><IPOC>1</IPOC></Sen>'.encode())
+    assert fault is Fault.VALUE
+    assert "AK.A1" in said
+
+
+@given(st.binary(max_size=1100))
+def test_junk_is_refused(data):
+    refused(data)
+
+
+@given(st.text(alphabet='<>/="& \nSenTypImFrAK1IPOC0.', max_size=80))
+def test_junk_that_looks_like_xml_is_refused(text):
+    refused(text.encode())
+
+
+def test_every_cut_is_refused():
+    whole = sen(12, (1.0, 2.0))
+    for end in range(len(whole)):
+        refused(whole[:end])
+
+
+@given(st.integers(0, 255), st.integers(0, 200))
+def test_a_damaged_byte_is_refused_or_changes_one_thing(byte, place):
+    whole = bytearray(sen(12, (1.0, 2.0), sentype="ImFree"))
+    whole[place % len(whole)] = byte
+    try:
+        reply = PARSER.parse(bytes(whole))
+    except ReplyError:
+        return
+    same = (reply.ipoc == "12") + (named(bytes(whole)) == {"AK.A1": 1.0, "AK.A2": 2.0})
+    assert same >= 1
+
+
+@given(st.integers(0, 2**64 - 1), st.lists(st.floats(-1e4, 1e4), min_size=2, max_size=2))
+def test_what_drivers_write_is_what_is_read(ipoc, axes):
+    reply = PARSER.parse(sen(ipoc, axes))
+    assert reply.ipoc == str(ipoc)
+    assert list(reply.values.values()) == pytest.approx(axes, abs=1e-6)

@@ -1,0 +1,86 @@
+"""From the command line's texts to a virtual KRC."""
+
+from pathlib import Path
+
+import pytest
+
+from armgate.emulator.krc import KrcError, Mode, kr16, setup
+from armgate.emulator.krc.network import Disturbance
+from support.krcs import ethernet, krc_file
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+def test_the_file_is_named_in_errors(tmp_path):
+    with pytest.raises(KrcError, match=r"none\.xml: No such file"):
+        setup.ethernet_of(tmp_path / "none.xml")
+    bad = tmp_path / "bad.xml"
+    bad.write_text(krc_file().replace("49152", "x"))
+    with pytest.raises(KrcError, match=r"bad\.xml: PORT 'x'"):
+        setup.ethernet_of(bad)
+    bad.write_bytes(b" " * 10_000_000)
+    with pytest.raises(KrcError, match="expected at most 65536"):
+        setup.ethernet_of(bad)
+
+
+def test_profile_and_cycle():
+    assert setup.profile_of("krc4-rsi3", None).cycle == 0.004
+    assert setup.profile_of("krc4-rsi3", 12.0).ipoc_step == 12
+    with pytest.raises(KrcError, match="no cycle of 5 ms"):
+        setup.profile_of("krc5-rsi5", 5.0)
+
+
+def test_the_context():
+    context = setup.context_of("relative", 3, 100, "A=170,E=2000", "A=171,E=2001")
+    assert (context.mode, context.precision, context.timeout) == (Mode.RELATIVE, 3, 100)
+    assert (context.limits["A4"], context.monitor["E6"]) == (170.0, 2001.0)
+    with pytest.raises(KrcError, match="mode 'both'; expected absolute or relative"):
+        setup.context_of("both", 1, 10, "5", "6")
+
+
+def test_robots():
+    assert setup.arm_of("kr16", [], None).start == kr16().start
+    assert setup.arm_of("kr16", [], "1, 2,3,4,5,6").start == (1, 2, 3, 4, 5, 6)
+    assert setup.arm_of(str(CONFIGS / "robots" / "kr16.urdf"), [], None).names == kr16().names
+    assert setup.arm_of("GR", [CONFIGS / "demo.yaml"], None).names[6:] == ("E1", "E2", "E3")
+
+
+@pytest.mark.parametrize(
+    ("robot", "cell", "start", "said"),
+    [
+        ("kr17", [], None, "robot 'kr17': no such URDF file"),
+        (
+            "XY",
+            [CONFIGS / "demo.yaml"],
+            None,
+            "there is no robot 'XY' in cell 'demo'; expected one of FR, GR",
+        ),
+        (str(CONFIGS / "demo.yaml"), [], None, "not well-formed XML"),
+        ("kr16", [], "1,2,x", "expected numbers, joined by commas"),
+        ("kr16", [], "1,2", "start with 2 values"),
+    ],
+)
+def test_robots_that_are_none_are_named(robot, cell, start, said):
+    with pytest.raises(KrcError) as caught:
+        setup.arm_of(robot, cell, start)
+    assert said in str(caught.value)
+
+
+def test_the_peer():
+    assert setup.peer_of(None, ethernet()).address == ("127.0.0.1", 49152)
+    assert setup.peer_of("127.0.0.1:7", ethernet()).address == ("127.0.0.1", 7)
+    assert setup.peer_of("[::1]:8", ethernet()).address == ("::1", 8)
+    for wrong in ("localhost", ":5", "127.0.0.1:0", "127.0.0.1:x", "127.0.0.1:70000"):
+        with pytest.raises(KrcError, match="expected HOST:PORT"):
+            setup.peer_of(wrong, ethernet())
+
+
+NONE = {"loss": "0", "duplicate": "0", "reorder": "0", "delay": "0", "jitter": "0"}
+
+
+def test_disturbances():
+    both = setup.network_of(**NONE | {"loss": "0.1", "delay": "to-krc=2,to-pc=3"})
+    assert both == {"to-pc": Disturbance(loss=0.1, delay=0.003), "to-krc": Disturbance(loss=0.1, delay=0.002)}
+    for wrong in ({"loss": "2"}, {"delay": "x"}, {"jitter": "up=3"}, {"delay": "20000"}, {"loss": ""}):
+        with pytest.raises(KrcError, match=f"{next(iter(wrong))} .*expected"):
+            setup.network_of(**NONE | wrong)
