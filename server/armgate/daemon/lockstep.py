@@ -165,7 +165,9 @@ class Lockstep:
             ahead.append(message)
         else:
             text = f"more than {_AHEAD} messages ahead of step {self._barrier.step}; wait for the next state"
-            peer.end(RemoteProtocolError(ErrorCode.TOO_MANY, text, about=message.type).message())
+            error = RemoteProtocolError(ErrorCode.TOO_MANY, text, about=message.type)
+            error.re, error.seq = getattr(message, "id", None), getattr(message, "seq", None)
+            peer.end(error.message())
 
     def _count(self, peer: Peer, message: m.Message) -> None:
         try:
