@@ -51,6 +51,12 @@ coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
 	@STEPS=$(STEPS) $(BIN)/python tests/integrity/adversary.py
 
+soak: $(VENV)/.tested  ## abuse the daemon for 10000 ticks, and watch its memory over 100000
+	@ARMGATE_SOAK=1 $(BIN)/python -m pytest -s tests/e2e/test_abuse.py $(ARGS)
+
+bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare echo, and 50 observers
+	@$(BIN)/python benchmarks/bench_wire.py $(ARGS)
+
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
 

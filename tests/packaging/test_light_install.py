@@ -52,11 +52,11 @@ def test_help_needs_no_heavy_library() -> None:
     code = "from armgate.apps.cli import main\nsys.argv = ['armgate', '--help']\nmain()"
     done = run_light(code)
     assert done.returncode == 0, done.stderr
-    for command in ("serve", "check", "demo", "lead", "follow", "krc"):
+    for command in ("serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid"):
         assert command in done.stdout
 
 
-@pytest.mark.parametrize("command", ["serve", "check", "demo", "lead", "follow", "krc"])
+@pytest.mark.parametrize("command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid"])
 def test_a_commands_help_needs_no_heavy_library(command: str) -> None:
     code = f"from armgate.apps.cli import main\nsys.argv = ['armgate', {command!r}, '--help']\nmain()"
     done = run_light(code)
