@@ -215,19 +215,31 @@ def attack(
     return rig.run(Adversary(rng, attacks), commands, limit=commands * 40)
 
 
+def say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
 def main() -> int:
     steps, seed = int(os.environ.get("STEPS", "20000")), int(os.environ.get("SEED", "0"))
     arenas = {s: arena(s) for s in SETTINGS}
-    total, _began, length = Tally(), time.monotonic(), 400
+    total, began, length = Tally(), time.monotonic(), 400
     while total.commands < steps:
         setting = SETTINGS[seed % len(SETTINGS)]
         tally = attack(arenas[setting], setting, seed, max(1, int(length * setting.share)))
-        for _text in tally.violations[:5]:
-            pass
+        for text in tally.violations[:5]:
+            say(f"seed {seed}, {setting}: {text}")
         total.add(tally)
         if seed % 50 == 49:
-            pass  # fmt: skip
+            spent, broken = time.monotonic() - began, len(total.violations)
+            say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
         seed += 1
+    say(
+        f"{total.commands} commands: {total.admitted} admitted, {total.limited} limited, {total.refused} refused"
+    )
+    say(f"{total.samples} positions executed, {total.stop_samples} of stops, every {1e3 * bench.GRID:g} ms")
+    least = f"{1e3 * total.least:.4f} mm over the stop distance"
+    say(f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  smallest clearance: {least}")
     return 1 if total.violations else 0
 
 

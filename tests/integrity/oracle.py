@@ -1,8 +1,8 @@
 """An oracle that shares no code with the gate: what bodies do, how far apart they are, what joints may do.
 
-Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first; what it says
-is bracketed by own figures, because it over-reports: from above by points that lie in the bodies (a closer pair
-of points proves a violation), from below by planes (they prove that there is none).
+Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first; what it
+says is bracketed by own figures, because it over-reports: from above by points that lie in the bodies (a
+closer pair of points proves a violation), from below by planes (they prove that there is none).
 """
 
 import math
