@@ -11,15 +11,15 @@ from armgate.emulator.krc.notes import Notes
 from armgate.emulator.krc.port import Datagram, Peer, Port
 from armgate.emulator.timer import Timer
 
-_SLACK = 10
-"""A cycle that is late by more than this part of its length shifts all later ones."""
+_SLACK = 4
+"""A telegram that is late by more than this part of a cycle shifts all later ones."""
 
 
 class Station:
     """Runs a controller cycle by cycle.
 
-    A real KRC has a steady clock. Where this process comes late, its clock slips instead of making up for it:
-    the PC always has its time to answer, and is never blamed for a lateness that is not its own.
+    A real KRC has a steady clock. Where this process comes late by more than a quarter of a cycle, its clock
+    slips instead of making up for it: the PC always has at least three quarters of a cycle to answer.
 
     Args:
         controller: The KRC.
@@ -83,16 +83,16 @@ class Station:
         if not self._clock.expired():
             return
         telegram = self._controller.cycle(self._arrivals())
+        self._sent = self._now()
         if telegram is not None:
-            self._sent = self._now()
             self._to_pc.put(telegram, self._sent)
         self._let_out()
-        self._arm(self._now())
+        self._arm()
 
-    def _arm(self, now: int) -> None:
-        slipped = (now - self._deadline) * _SLACK > self._period
+    def _arm(self) -> None:
+        slipped = (self._sent - self._deadline) * _SLACK > self._period
         self.slips += slipped
-        self._deadline = (now if slipped else self._deadline) + self._period
+        self._deadline = (self._sent if slipped else self._deadline) + self._period
         self._clock.arm(self._deadline)
 
     def _arrivals(self) -> list[Arrival]:
