@@ -47,7 +47,8 @@ class Chain:
         for segment in self._segments:
             x, y, z = times(R, segment.origin)
             t = (t[0] + x, t[1] + y, t[2] + z)
-            R = product(R, segment.rotation)
+            if segment.rotation != IDENTITY:  # most frames are parallel at zero
+                R = product(R, segment.rotation)
             if segment.axis is not None:
                 R = product(R, about(segment.axis, math.radians(next(turning))))
         return (*t, *euler(R))
