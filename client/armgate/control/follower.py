@@ -99,7 +99,7 @@ class Follower:
         stale: a target older than this, s, has vanished: the follower slows to rest.
         predict: False leaves the target where it was measured, as the paper does.
         measured: (17) taken literally: start from the measured position. On robots that lag behind their
-            setpoint this cycles; the default starts from the setpoint.
+            setpoint this overshoots; the default starts from the setpoint.
         real_time: integrate one period of real time with the term P ṗ of (4), instead of as far as the
             increment bounds allow in virtual time.
     """
