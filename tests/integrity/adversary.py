@@ -21,7 +21,7 @@ import numpy as np
 from armgate.cell.cell import Cell
 from integrity import scenes
 from integrity.oracle import Oracle
-from integrity.rig import HARSH, PROMPT, ROUGH, Rig, Tally, Traffic
+from integrity.rig import GRID, HARSH, PROMPT, ROUGH, Rig, Tally, Traffic
 
 Vector = np.ndarray
 
@@ -237,7 +237,7 @@ def main() -> int:
     say(
         f"{total.commands} commands: {total.admitted} admitted, {total.limited} limited, {total.refused} refused"
     )
-    say(f"{total.samples} positions executed, {total.stop_samples} of stops, every {1e3 * bench.GRID:g} ms")
+    say(f"{total.samples} positions executed, {total.stop_samples} of stops, every {1e3 * GRID:g} ms")
     least = f"{1e3 * total.least:.4f} mm over the stop distance"
     say(f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  smallest clearance: {least}")
     return 1 if total.violations else 0
