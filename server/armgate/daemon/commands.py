@@ -1,5 +1,6 @@
 """``armgate serve`` and ``armgate check``."""
 
+import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -143,7 +144,12 @@ def _serve(cell: "Cell", keys: "Keys") -> int:
 
     log = Log(sys.stderr)
     try:
-        return asyncio.run(Daemon(cell, Gate, log, keys).run(_announce))
+        daemon = Daemon(cell, Gate, log, keys)
+        # What stands now stays: looking through all of it for garbage, as Python does when many clients have
+        # come and gone, takes as long as three ticks.
+        gc.collect()
+        gc.freeze()
+        return asyncio.run(daemon.run(_announce))
     except OSError as error:
         where = f"{cell.config.server.host}:{cell.config.server.port}"
         text = (
