@@ -433,3 +433,106 @@ def test_bodies_are_described_in_their_links_frame(bench):
         assert placed.t == pytest.approx(t[index], abs=1e-9)
         assert pytest.approx(R[index], abs=1e-9) == placed.R
     assert [body.name for body in description.bodies if body.robot is None] == ["post"]
+
+
+# --- who is shown states when -----------------------------------------------------------------------------
+
+
+class Turns:
+    """The event loop's turns, one by one."""
+
+    def __init__(self):
+        self.waiting = []
+
+    def __call__(self, function):
+        self.waiting.append(function)
+
+    def next(self):
+        waiting, self.waiting = self.waiting, []
+        for function in waiting:
+            function()
+
+
+@pytest.fixture
+def crowd(config):
+    """A bench by turns, a holder, and twenty who look on."""
+    turns = Turns()
+    bench = Bench(config, defer=turns).start()
+    eyes = [bench.client(f"eye{number}", "observer") for number in range(20)]
+    holder, _ = bench.holder("wave", "A")
+    for peer in (*eyes, holder):
+        bench.core.handle(peer, m.Subscribe())
+        peer.take()
+    return bench, turns, holder, eyes
+
+
+def shown(peers):
+    """How many peers were shown one instant, each robot's state once and in order."""
+    count = 0
+    for peer in peers:
+        states = peer.take(m.State)
+        assert [state.robot for state in states] in ([], ["A", "B"])
+        count += bool(states)
+    return count
+
+
+def test_holders_are_shown_states_at_once_and_onlookers_a_few_at_each_turn(crowd):
+    bench, turns, holder, eyes = crowd
+    bench.tick()
+    assert (shown([holder]), shown(eyes)) == (1, 0)
+    for count in (8, 8, 4, 0):
+        turns.next()
+        assert shown(eyes) == count
+    assert turns.waiting == []
+
+
+def test_at_the_next_tick_nobody_has_missed_a_state(crowd):
+    bench, turns, _, eyes = crowd
+    bench.tick()
+    turns.next()
+    bench.tick()
+    for _ in range(3):
+        turns.next()
+    for eye in eyes:
+        assert [state.tick for state in eye.take(m.State) if state.robot == "A"] == [1, 2]
+
+
+def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(crowd):
+    bench, turns, _, eyes = crowd
+    bench.tick()
+    bench.core.handle(eyes[-1], m.Subscribe())
+    bench.core.handle(eyes[-2], m.Subscribe(every=0))
+    bench.core.leave(eyes[-3])
+    for _ in range(3):
+        turns.next()
+    assert shown(eyes[-1:]) == 1
+    assert shown(eyes[-3:-1]) == 0
+
+
+# --- tokens -----------------------------------------------------------------------------------------------
+
+
+def test_a_robot_that_the_token_does_not_name_is_not_given(bench):
+    peer = bench.client("lab")
+    peer.robots = frozenset({"A"})
+    bench.core.handle(peer, m.Acquire(robot="B", id=3))
+    refused = error(peer, "forbidden")
+    assert (refused.re, refused.about) == (3, "acquire")
+    bench.core.handle(peer, m.Acquire(robot="A"))
+    assert peer.last(m.Lease).state == "held"
+    boss = bench.client("boss", "operator")
+    boss.robots = frozenset({"B"})
+    bench.core.handle(boss, m.Acquire(robot="A", takeover=True))
+    error(boss, "forbidden")
+
+
+def test_a_robot_that_has_just_played_its_last_increment_is_not_yet_at_rest(bench):
+    peer, fence = bench.holder("wave", "A")
+    bench.tick(3)
+    assert bench.core.at_rest
+    bench.command(peer, "A", fence, 1, (0.0001, 0.0, 0.0))
+    while not bench.core.at_rest:
+        bench.tick()
+    last = bench.core._ticks["A"]
+    assert last.q == pytest.approx(last.setpoint, abs=1e-6)
+    assert last.increment == (0.0, 0.0, 0.0)

@@ -55,7 +55,7 @@ class Time:
 class Bench:
     """A core, its time, and clients."""
 
-    def __init__(self, config, lockstep=False, judge=None):
+    def __init__(self, config, lockstep=False, judge=None, defer=None):
         self.cell = build_cell(config)
         self.log = io.StringIO()
         self.time = Time()
@@ -66,7 +66,7 @@ class Bench:
         self.gate = Gate(self.cell, "d1") if judge is None else judge
         self.events = []
         runner = GateRunner(self.gate, {link.robot: link for link in links}, self._tap)
-        self.core = Core(self.cell, runner, links, self.time, lockstep, Log(self.log))
+        self.core = Core(self.cell, runner, links, self.time, lockstep, Log(self.log), defer=defer)
         self.count = 0
 
     def _tap(self, event, outputs):

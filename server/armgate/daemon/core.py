@@ -293,6 +293,8 @@ class Core:
                 self._resumed(told, asker, request)
 
     def _publish(self, ticks: Sequence[events.Tick], step: int | None) -> None:
+        while self._onlookers:  # who has not yet been shown the last instant is, before it is forgotten
+            self._show_some()
         entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
         warnings = tuple(self.warnings.values())
         for tick in ticks:
@@ -301,8 +303,6 @@ class Core:
 
     def _show_to_all(self, ticks: Sequence[events.Tick]) -> None:
         """First to those who have to answer before the next tick, then to those who only look on."""
-        while self._onlookers:
-            self._show_some()
         self._shown = ticks
         holders = self.leasing.sessions
         for peer in tuple(self.peers.values()):
