@@ -20,10 +20,7 @@ _SIDES = {"client": DIALECTS[0].client, "server": DIALECTS[0].server}
 
 def valid() -> str:
     """Messages and their bytes, both ways."""
-    return _lines(
-        {"name": name, "from": side, "value": to_json(value), "hex": _payload(side, value).hex()}
-        for side, name, value in messages()
-    )
+    return _lines(_both_ways(side, name, value) for side, name, value in messages())
 
 
 def readable() -> str:
@@ -68,6 +65,14 @@ FILES: dict[str, Callable[[], str]] = {
     "invalid.json": invalid,
     "streams.json": streams,
 }
+
+
+def _both_ways(side: str, name: str, value: dict[str, Any]) -> dict[str, Any]:
+    payload = _payload(side, value)
+    told = to_json(msgpack.unpackb(payload))  # its keys in the order of the bytes
+    if told != to_json(value):
+        raise ValueError(f"{name}: written as {told}")
+    return {"name": name, "from": side, "value": told, "hex": payload.hex()}
 
 
 def _payload(side: str, value: dict[str, Any]) -> bytes:
