@@ -104,7 +104,7 @@ def test_an_error_in_an_overlay_names_the_overlay(write, tmp_path):
         ("[50 mm, 1 m]", "7", 10, "surroundings.post.shape.capsule", "7 is no list; expected [a, b"),
         ("capsule: [50 mm, 1 m]", "", 10, "surroundings.post.shape", "0 shapes; expected exactly one"),
         ("capsule:", "sphere: 1, capsule:", 10, "surroundings.post.shape", "2 shapes; expected exactly one"),
-        ("capsule:", "mesh:", 10, "surroundings.post.shape.mesh", "unknown key 'mesh'; expected one of"),
+        ("capsule:", "prism:", 10, "surroundings.post.shape.prism", "unknown key 'prism'; expected one of"),
         ("[1, 1, 0]", "[1, .inf, 0]", 10, "surroundings.post.xyz.1", "inf is not finite"),
         ("  post:", "  a b:", 10, "surroundings.a b", "'a b' cannot be a name"),
     ],

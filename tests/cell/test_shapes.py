@@ -73,8 +73,8 @@ def test_sizes_must_be_positive_numbers(size):
 
 def test_unknown_kind_and_wrong_count():
     with pytest.raises(
-        ModelError, match="unknown shape 'cone'; expected one of sphere, capsule, cylinder, box"
+        ModelError, match="unknown shape 'prism'; expected one of sphere, capsule, cylinder, box, cone"
     ):
-        shape_from("cone", [1.0])
+        shape_from("prism", [1.0])
     with pytest.raises(ModelError, match=r"a capsule with 1 size\(s\); expected radius, length"):
         shape_from("capsule", [1.0])

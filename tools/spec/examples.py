@@ -27,6 +27,13 @@ FLOOR = BODY | {
     "link": None,
     "shape": {"kind": "box", "size": [6.0, 6.0, 0.2]},
 }
+TANK = FLOOR | {
+    "name": "tank",
+    "exact": {
+        "kind": "convex", "size": [], "radius": 0.001,
+        "mesh": {"hash": HASH, "size": 2048, "media": "model/obj"},
+    },
+}  # fmt: skip
 ROBOT = {
     "name": "FR", "urdf": {"hash": HASH, "size": 8192, "media": "application/xml"}, "joints": [JOINT],
     "base_xyz": POINT, "base_xyzw": UPRIGHT, "period": 0.012, "start": [0.25],
@@ -51,7 +58,7 @@ EXAMPLES: dict[str, Any] = {
     "seq": 42, "tick": 1200, "dq": [0.001, -0.002, 0.0], "deadline": 14.5, "horizon": 2, "step": 1200,
     "every": 2, "robots": ["FR", "GR"], "fields": ["q", "holder"], "value": [1.5, -0.25], "reason": "enough",
     "stop": 2, "time": 14.4, "start": "5f1c0a9e", "session": "s4", "lockstep": True, "limits": LIMITS,
-    "stop_distance": 0.05, "self_distance": 0.02, "response": "stop", "bodies": [BODY, FLOOR],
+    "stop_distance": 0.05, "self_distance": 0.02, "response": "stop", "bodies": [BODY, FLOOR, TANK],
     "total": 8192, "data": b"<robot>\x00\xff", "state": "held", "ttl": 1.0, "target": 1201,
     "outcome": "limited", "beta": 0.75, "setpoint": [0.26], "reasons": [REASON], "entries": [ENTRY],
     "signals": {"zoom": {"owner": "lead", "value": [1.0], "time": 14.25}}, "warnings": ["a tick came late"],

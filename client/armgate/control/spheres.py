@@ -9,7 +9,7 @@ from math import ceil, hypot, sqrt
 import numpy as np
 
 from armgate.cell.model import RobotModel
-from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sphere
 from armgate.control.vectors import V3
 from armgate.control.weights import Vector
 
@@ -74,7 +74,7 @@ def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
 
     A row along its longest axis. Between two centres 2h apart spheres of radius √(c² + h²) cover a cross
     section of radius c. Round ends need a sphere in their own centre, flat ones have the outer centres h
-    inside.
+    inside. A cone is covered as a cylinder, a convex body as its box.
     """
     match shape:
         case Sphere(radius):
@@ -85,6 +85,11 @@ def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
         case Cylinder(radius, length):
             h = 0.5 * length / _count(length, radius)
             yield from _row(2, 0.5 * length - h, h, radius)
+        case Cone(radius, length):
+            yield from cover(Cylinder(radius, length))
+        case Convex():
+            x, y, z = (2.0 * half for half in shape.half_sides)
+            yield from cover(Box(x, y, z))
         case Box(x, y, z):
             sides = (x, y, z)
             longest = int(np.argmax(sides))

@@ -229,8 +229,32 @@ class Shape(Part):
     size: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=3)]
 
 
+class AssetRef(Part):
+    """Something large, to be had in chunks by its SHA-256."""
+
+    hash: Hash
+    size: Count
+    media: Text
+
+
+class Exact(Part):
+    """What a body is that is no primitive, in the body's frame; kinds may be added.
+
+    cone: ``size`` is radius and length, m, its tip at +length/2. convex: the hull of the vertices of ``mesh``
+    (Wavefront OBJ in m, with the triangles of the hull), thickened by ``radius``, m.
+    """
+
+    kind: Name
+    size: Annotated[tuple[Finite, ...], Field(max_length=3)] = ()
+    mesh: AssetRef | None = None
+    radius: Finite = 0.0
+
+
 class Body(Part):
-    """A rigid body: on a robot's link, or (robot and link nil) standing in the world."""
+    """A rigid body: on a robot's link, or (robot and link nil) standing in the world.
+
+    It is its ``shape``, or, where ``exact`` is given, something inside of it.
+    """
 
     name: Name
     robot: Name | None
@@ -238,14 +262,7 @@ class Body(Part):
     shape: Shape
     xyz: Point
     xyzw: Quaternion
-
-
-class AssetRef(Part):
-    """Something large, to be had in chunks by its SHA-256."""
-
-    hash: Hash
-    size: Count
-    media: Text
+    exact: Exact | None = None
 
 
 class RobotDescription(Part):

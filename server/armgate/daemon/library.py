@@ -2,13 +2,19 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from armgate.cell.cell import Body, Cell, Robot
+from armgate.cell.mesh.hull import hull_of
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import Shape
+from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+
+BODY_EXACT = "body.exact"
+"""The capability that says that bodies may be something else than the primitives around them."""
 
 
 class Library:
@@ -24,6 +30,8 @@ class Library:
 
     def __init__(self, cell: Cell, lockstep: bool) -> None:
         self._assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
+        meshes = {body.shape: _obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
+        self._assets |= {_sha256(text): text.encode() for text in meshes.values()}
         self.description = m.Description(
             name=cell.name,
             hash=cell.hash,
@@ -32,7 +40,7 @@ class Library:
             response=cell.config.response,
             lockstep=lockstep,
             robots=tuple(_robot(robot) for robot in cell.robots),
-            bodies=tuple(_body(cell, body) for body in cell.bodies),
+            bodies=tuple(_body(cell, body, meshes) for body in cell.bodies),
         )
 
     def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
@@ -57,11 +65,15 @@ def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def _asset(text: str, media: str) -> m.AssetRef:
+    return m.AssetRef(hash=_sha256(text), size=len(text.encode()), media=media)
+
+
 def _robot(robot: Robot) -> m.RobotDescription:
     base = robot.model.base
     return m.RobotDescription(
         name=robot.name,
-        urdf=m.AssetRef(hash=_sha256(robot.urdf), size=len(robot.urdf.encode()), media="application/xml"),
+        urdf=_asset(robot.urdf, "application/xml"),
         joints=tuple(_joint(robot, index) for index in range(robot.model.n)),
         base_xyz=_point(base.t.tolist()),
         base_xyzw=base.xyzw(),
@@ -88,27 +100,65 @@ def _joint(robot: Robot, index: int) -> m.Joint:
     )
 
 
-def _body(cell: Cell, body: Body) -> m.Body:
+def _body(cell: Cell, body: Body, meshes: Mapping[Convex, str]) -> m.Body:
     if body.robot is None:
-        return _wire_body(body.name, None, None, body.shape, body.placement)
+        return _wire_body((body.name, None, None), body.shape, body.placement, meshes)
     robot = cell.robots[body.robot]
     own = robot.model.bodies[body.index]
     # Told in the frame of the link that the URDF names; the position does not matter.
     R, t = robot.model.body_placements(robot.start)
     link = robot.model.frame(robot.start, own.link)
     in_link = link.inverse() @ Placement(R[body.index], t[body.index])
-    return _wire_body(body.name, robot.name, own.link, body.shape, in_link)
+    return _wire_body((body.name, robot.name, own.link), body.shape, in_link, meshes)
 
 
-def _wire_body(name: str, robot: str | None, link: str | None, shape: Shape, place: Placement) -> m.Body:
+def _wire_body(
+    names: tuple[str, str | None, str | None], shape: Shape, place: Placement, meshes: Mapping[Convex, str]
+) -> m.Body:
+    name, robot, link = names
     return m.Body(
         name=name,
         robot=robot,
         link=link,
-        shape=m.Shape(kind=shape.kind, size=tuple(shape.size)),
+        shape=_around(shape),
         xyz=_point(place.t.tolist()),
         xyzw=place.xyzw(),
+        exact=_exact(shape, meshes),
     )
+
+
+def _around(shape: Shape) -> m.Shape:
+    """The primitive in the same frame that contains a shape: itself, if it is one that all clients know."""
+    match shape:
+        case Cone(radius=radius, length=length):
+            return _around(Cylinder(radius, length))
+        case Convex():
+            x, y, z = (2.0 * half for half in shape.half_sides)
+            return _around(Box(x, y, z))
+        case _:
+            return m.Shape(kind=shape.kind, size=shape.size)
+
+
+def _exact(shape: Shape, meshes: Mapping[Convex, str]) -> m.Exact | None:
+    match shape:
+        case Cone():
+            return m.Exact(kind=shape.kind, size=shape.size)
+        case Convex(radius=radius):
+            return m.Exact(kind=shape.kind, mesh=_asset(meshes[shape], "model/obj"), radius=radius)
+        case _:
+            return None
+
+
+def _obj(shape: Convex) -> str:
+    """A convex hull as Wavefront OBJ, its triangles wound outward."""
+    hull = hull_of(np.array(shape.vertices))
+    middle = hull.vertices.mean(axis=0)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull.vertices.tolist()]
+    for face in hull.faces:
+        a, b, c = hull.vertices[face] - middle
+        i, j, k = (face if np.dot(np.cross(b - a, c - a), a) >= 0.0 else face[::-1]) + 1
+        lines.append(f"f {i} {j} {k}")
+    return "\n".join(lines) + "\n"
 
 
 def _point(values: Sequence[float]) -> m.Point:

@@ -15,6 +15,7 @@ from armgate.cell.config import LockstepClockConfig
 from armgate.daemon.access import Access, Keys
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core
+from armgate.daemon.library import BODY_EXACT
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
@@ -321,6 +322,7 @@ class Daemon:
             version=session.version,
             versions=tuple(dialect.version for dialect in self._dialects),
             client_versions=hello.versions,
+            capabilities=(BODY_EXACT,),
             start=self.start,
             session=session.id,
             name=session.name,

@@ -1,6 +1,6 @@
 """A pair's direction, found by an engine and judged by the slab it proves.
 
-Only lb = −h_B(−n) − h_A(n) is believed. Where it falls short of what coal claims by more than ``GAP``,
+Only lb = −h_B(−n) − h_A(n) is believed. Where it differs from what coal claims by more than ``GAP``,
 python-fcl is asked too and the better proof counts; such gaps are counted.
 """
 
@@ -11,11 +11,11 @@ from armgate.cell.cell import Cell
 from armgate.cell.events import Point
 from armgate.integrity.engine import CoalEngine, Engine, FclEngine
 from armgate.integrity.groups import ChainGroup, Group
-from armgate.integrity.support import support
+from armgate.integrity.support import Rows, support
 from armgate.integrity.swept import Array, Swept
 
 GAP = 1e-4
-"""A proof this much below the engine's claim asks for a second opinion, m."""
+"""A proof this much off the engine's claim asks for a second opinion, m."""
 
 
 @dataclass(slots=True)
@@ -63,7 +63,7 @@ class Certifier:
     def _best(self, a: "_Posed", b: "_Posed") -> tuple[Array, float, tuple[Point, Point]]:
         said = self._first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
         lb = _slab(a, b, said.normal)
-        if said.distance - lb > GAP:
+        if abs(said.distance - lb) > GAP:  # below lb: coal gave up, as it may where bodies overlap
             self.gaps += 1
             other = self._second.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
             second = _slab(a, b, other.normal)
@@ -77,7 +77,7 @@ class _Posed(NamedTuple):
     """A body at a place: its index in the cell, support parameters, R and t (world)."""
 
     shape: int
-    row: Array
+    row: Rows
     R: Array
     t: Array
 

@@ -3,6 +3,9 @@
 coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to
 0.6 mm. python-fcl, another implementation, is asked when the proof falls short of what coal claims. Measured,
 python-fcl alone over-reports by up to 43 mm for cylinders: neither engine is ever believed.
+
+Both are asked about a convex body's hull without its radius, which is taken off afterwards: hulls that are
+apart still have a direction where the bodies around them touch.
 """
 
 from dataclasses import dataclass
@@ -13,7 +16,8 @@ import fcl
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.cell.mesh.hull import hull_of
+from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sphere
 
 Array = NDArray[np.float64]
 _TOLERANCE = 1e-8
@@ -41,6 +45,7 @@ class CoalEngine:
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
         self._shapes = [_coal_shape(s) for s in shapes]
+        self._radii = [_radius(s) for s in shapes]
         self._request = coal.DistanceRequest()
         self._request.gjk_tolerance = _TOLERANCE
         self._request.epa_tolerance = _TOLERANCE
@@ -52,7 +57,8 @@ class CoalEngine:
         place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
         d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, self._result)
         p, q = self._result.getNearestPoint1().copy(), self._result.getNearestPoint2().copy()
-        return Suggestion(float(d), _direction(p, q, float(d), self._result.normal), (p, q))
+        found = Suggestion(float(d), _direction(p, q, float(d), self._result.normal), (p, q))
+        return _thickened(found, self._radii[a], self._radii[b])
 
 
 class FclEngine:
@@ -60,6 +66,7 @@ class FclEngine:
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
         self._shapes = [_fcl_shape(s) for s in shapes]
+        self._radii = [_radius(s) for s in shapes]
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Asks python-fcl with a fresh result: a reused one keeps the old minimum."""
@@ -68,7 +75,8 @@ class FclEngine:
         two = fcl.CollisionObject(self._shapes[b], fcl.Transform(*pose_b))
         d = float(fcl.distance(one, two, fcl.DistanceRequest(enable_nearest_points=True), result))
         p, q = (np.asarray(x, dtype=np.float64) for x in result.nearest_points)
-        return Suggestion(d, _direction(p, q, d, pose_b[1] - pose_a[1]), (p, q))
+        found = Suggestion(d, _direction(p, q, d, pose_b[1] - pose_a[1]), (p, q))
+        return _thickened(found, self._radii[a], self._radii[b])
 
 
 def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
@@ -77,6 +85,18 @@ def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
     if not np.isfinite(length) or length < _TOUCHING:
         return np.array([0.0, 0.0, 1.0])
     return np.asarray(v / length, dtype=np.float64)
+
+
+def _radius(shape: Shape) -> float:
+    """What an engine's shape lacks around it, m."""
+    return shape.radius if isinstance(shape, Convex) else 0.0
+
+
+def _thickened(found: Suggestion, radius_a: float, radius_b: float) -> Suggestion:
+    if radius_a == radius_b == 0.0:
+        return found
+    n, (p, q) = found.normal, found.points
+    return Suggestion(found.distance - radius_a - radius_b, n, (p + radius_a * n, q - radius_b * n))
 
 
 def _coal_shape(shape: Shape) -> Any:
@@ -89,6 +109,13 @@ def _coal_shape(shape: Shape) -> Any:
             return coal.Cylinder(r, length)
         case Box(x=x, y=y, z=z):
             return coal.Box(x, y, z)
+        case Cone(radius=r, length=length):
+            return coal.Cone(r, length)
+        case Convex(vertices=vertices):
+            points = coal.StdVec_Vec3s()
+            for vertex in vertices:
+                points.append(np.array(vertex))
+            return coal.Convex.convexHull(points, True, "Qt")
 
 
 def _fcl_shape(shape: Shape) -> Any:
@@ -101,3 +128,9 @@ def _fcl_shape(shape: Shape) -> Any:
             return fcl.Cylinder(r, length)
         case Box(x=x, y=y, z=z):
             return fcl.Box(x, y, z)
+        case Cone(radius=r, length=length):
+            return fcl.Cone(r, length)
+        case Convex(vertices=vertices):
+            hull = hull_of(np.array(vertices))
+            faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces])
+            return fcl.Convex(np.ascontiguousarray(hull.vertices), len(hull.faces), faces.ravel())

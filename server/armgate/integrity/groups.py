@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.cell.cell import Body, Cell, Pair
-from armgate.integrity.support import support
+from armgate.integrity.support import Rows, support
 from armgate.integrity.swept import Array, Index, Space, Swept
 
 
@@ -26,7 +26,7 @@ class Group:
         sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
         limit: Distance to keep, m, (P,).
         shape_mine, shape_theirs: The bodies' indices in the cell, (P,).
-        rows_mine, rows_theirs: Their support parameters, (P, 5).
+        rows_mine, rows_theirs: Their support parameters, P.
         growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
     """
 
@@ -38,8 +38,8 @@ class Group:
     limit: Array
     shape_mine: Index
     shape_theirs: Index
-    rows_mine: Array
-    rows_theirs: Array
+    rows_mine: Rows
+    rows_theirs: Rows
     growth: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:

@@ -18,7 +18,7 @@ from armgate.cell.cell import Cell
 from armgate.cell.events import Joints
 from armgate.cell.motion import bend_bounds, motion_bounds
 from armgate.integrity.occupancy import Occupancy
-from armgate.integrity.support import support, support_table
+from armgate.integrity.support import Rows, support, support_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -76,7 +76,7 @@ class Swept:
         """Returns (R, t) of one body at one node."""
         return self.R[node, body], self.t[node, body]
 
-    def reach(self, rows: Array, bodies: Index, n: Array) -> tuple[Array, Index]:
+    def reach(self, rows: Rows, bodies: Index, n: Array) -> tuple[Array, Index]:
         """Returns max n·x over the occupancy for P bodies and directions n (P, 3), and the binding node."""
         local = np.einsum("mpji,pj->mpi", self.R[:, bodies], n)
         along = support(rows, local) + np.einsum("mpj,pj->mp", self.t[:, bodies], n)

@@ -5,7 +5,9 @@ import json
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,9 @@ from armgate.cell.config import CellConfig, RobotConfig
 from armgate.cell.errors import ModelError
 from armgate.cell.gantry import add_body, add_frame, add_gantry
 from armgate.cell.model import RobotModel
+from armgate.cell.names import whole_name
 from armgate.cell.pairs import Body, Pair, PairKind, collect_bodies, collect_pairs
+from armgate.cell.parts import parts_of_shape
 from armgate.cell.source import Path_
 from armgate.cell.urdf import parse_xml, read_urdf
 
@@ -121,7 +125,7 @@ def build_cell(config: CellConfig) -> Cell:
     models = [robot.model for robot in robots]
     bodies = collect_bodies(config, models)
     pairs = collect_pairs(config, models, bodies)
-    return Cell(config.name, config, robots, bodies, pairs, _hash(config, robots))
+    return Cell(config.name, config, robots, bodies, pairs, _hash(config, robots, bodies))
 
 
 def _robot(config: CellConfig, name: str) -> Robot:
@@ -159,13 +163,27 @@ def _composed(config: CellConfig, name: str) -> str:
     except UnicodeDecodeError as error:
         raise config.error(key, f"{path} is not UTF-8; expected a URDF file") from error
     try:
-        read_urdf(text)
         robot = parse_xml(text)
+        if robot.find("link/collision/geometry/mesh") is not None:
+            _inline_meshes(config, name, robot, path.parent)
+        read_urdf(ET.tostring(robot, encoding="unicode"))
     except ModelError as error:
         raise config.error(key, f"{path}: {error}") from error
     _add_parts(config, name, robot)
     ET.indent(robot)
     return ET.tostring(robot, encoding="unicode")
+
+
+def _inline_meshes(config: CellConfig, name: str, robot: ET.Element, folder: Path) -> None:
+    from armgate.cell.mesh.urdf import inline_meshes  # noqa: PLC0415  (most cells have no meshes)
+
+    inline_meshes(robot, folder, config.robots[name].meshes, _packages(config, name))
+
+
+def _packages(config: CellConfig, name: str) -> dict[str, Path]:
+    key = ("robots", name, "meshes", "packages")
+    given = config.robots[name].meshes.packages
+    return {package: config.file((*key, package), folder) for package, folder in given.items()}
 
 
 def _add_parts(config: CellConfig, name: str, robot: ET.Element) -> None:
@@ -179,7 +197,9 @@ def _add_parts(config: CellConfig, name: str, robot: ET.Element) -> None:
             add_frame(robot, frame, frame_config)
     for body, body_config in own.bodies.items():
         with _blaming(config, (*key, "bodies", body)):
-            add_body(robot, body, body_config)
+            folder = config.file((*key, "bodies", body, "shape", "mesh", "file"), "")
+            parts = parts_of_shape(body_config.shape, folder, _packages(config, name))
+            add_body(robot, body, body_config, parts)
 
 
 @contextmanager
@@ -198,9 +218,10 @@ def _check_frames(config: CellConfig, name: str, model: RobotModel) -> None:
             raise config.error(("robots", name, key), f"there is no frame {frame!r}; expected one of {known}")
 
 
-def _hash(config: CellConfig, robots: tuple[Robot, ...]) -> str:
+def _hash(config: CellConfig, robots: tuple[Robot, ...], bodies: tuple[Body, ...]) -> str:
     """Over values, not texts: comments, units, paths and where the cell is served do not change it."""
     resolved = config.model_dump(mode="json", exclude={"server": True})
+    _without_files(resolved, bodies)
     for robot in robots:
         own = resolved["robots"][robot.name]
         own["urdf"] = robot.urdf
@@ -210,3 +231,14 @@ def _hash(config: CellConfig, robots: tuple[Robot, ...]) -> str:
     text = json.dumps(resolved, sort_keys=True, separators=(",", ":"))
     order = json.dumps([robot.name for robot in robots])
     return hashlib.sha256(f"{order}\n{text}".encode()).hexdigest()
+
+
+def _without_files(resolved: dict[str, Any], bodies: tuple[Body, ...]) -> None:
+    """Puts what meshes have become in the place of their files; a robot's are in its composed URDF."""
+    for own in resolved["robots"].values():
+        del own["meshes"]
+        own["bodies"] = {name: body for name, body in own["bodies"].items() if "mesh" not in body["shape"]}
+    for name, own in resolved["surroundings"].items():
+        if "mesh" in own["shape"]:
+            parts = (body for body in bodies if body.robot is None and whole_name(body.name) == name)
+            own["shape"]["mesh"] = [(asdict(part.shape), part.placement.t.tolist()) for part in parts]

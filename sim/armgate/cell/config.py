@@ -42,6 +42,12 @@ def _si(dimension: str) -> BeforeValidator:
     return BeforeValidator(lambda given: to_si(given, dimension))
 
 
+def _not_zero(factor: float) -> float:
+    if factor == 0.0:
+        raise ValueError("a factor of 0; expected another number")
+    return factor
+
+
 def _version(version: int) -> int:
     if version != VERSION:
         raise ValueError(f"version {version} of the configuration is not known; expected {VERSION}")
@@ -92,20 +98,70 @@ class SparsePart(Part):
         return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
 
 
+def _scale(given: object) -> object:
+    """One factor counts for all axes."""
+    return (given,) * 3 if isinstance(given, float | int) and not isinstance(given, bool) else given
+
+
+Factor = Annotated[float, AfterValidator(_not_zero)]
+
+
+class MeshOptions(Part):
+    """How a mesh becomes convex bodies.
+
+    Attributes:
+        method: ``decompose``: cut into parts that follow its form; ``hull``: its convex hull.
+        threshold: How much concavity a part may have before it is cut, as a share of the mesh's size.
+        max_parts: At most so many parts.
+        max_vertices: At most so many corners a part; what that loses, the part is thickened by.
+    """
+
+    method: Literal["decompose", "hull"] = "decompose"
+    threshold: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
+    max_parts: Annotated[int, Field(ge=1, le=256)] = 32
+    max_vertices: Annotated[int, Field(ge=32, le=512)] = 96
+
+
+class MeshConfig(MeshOptions):
+    """A mesh.
+
+    Attributes:
+        file: Relative to the file in which it stands, ``file://…`` or ``package://…``.
+        scale: What its coordinates are multiplied with to be in m.
+    """
+
+    file: str
+    scale: Annotated[tuple[Factor, Factor, Factor], BeforeValidator(_scale)] = (1.0, 1.0, 1.0)
+
+
+class MeshesConfig(MeshOptions):
+    """How the meshes in a robot's URDF become convex bodies, and where its packages are.
+
+    Attributes:
+        packages: Folders for ``package://NAME/…``, relative to the file in which they stand.
+        bodies: Other options for some links or bodies of the URDF.
+    """
+
+    packages: dict[Name, str] = {}
+    bodies: dict[Name, MeshOptions] = {}
+
+
 class ShapeConfig(SparsePart):
-    """Exactly one shape with its sizes [m], as ``{box: [x, y, z]}`` or ``{capsule: [radius, length]}``."""
+    """Exactly one shape: a mesh, or sizes [m] as in ``{box: [x, y, z]}``, ``{capsule: [radius, length]}``."""
 
     sphere: Size | None = None
     capsule: tuple[Size, Size] | None = None
     cylinder: tuple[Size, Size] | None = None
     box: tuple[Size, Size, Size] | None = None
+    cone: tuple[Size, Size] | None = None
+    mesh: MeshConfig | None = None
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(self._given()) != 1:
-            raise ValueError(
-                f"{len(self._given())} shapes; expected exactly one of sphere, capsule, cylinder, box"
-            )
+        count = len(self._given()) + (self.mesh is not None)
+        if count != 1:
+            known = ", ".join(type(self).model_fields)
+            raise ValueError(f"{count} shapes; expected exactly one of {known}")
         return self
 
     def _given(self) -> dict[Kind, tuple[float, ...]]:
@@ -115,12 +171,17 @@ class ShapeConfig(SparsePart):
             "capsule": self.capsule,
             "cylinder": self.cylinder,
             "box": self.box,
+            "cone": self.cone,
         }
         return {kind: size for kind, size in sizes.items() if size is not None}
 
     @property
     def shape(self) -> Shape:
-        """The shape."""
+        """The primitive.
+
+        Raises:
+            ValueError: It is a mesh.
+        """
         ((kind, size),) = self._given().items()
         return shape_from(kind, size)
 
@@ -234,6 +295,7 @@ class RobotConfig(Part):
     start: tuple[JointValue, ...]
     period: Period = 0.012
     joints: dict[Name, JointConfig] = {}
+    meshes: MeshesConfig = MeshesConfig()
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
     q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-6

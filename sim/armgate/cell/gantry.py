@@ -7,12 +7,13 @@ telescope takes less room, so this is on the safe side).
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from armgate.cell.errors import ModelError
-from armgate.cell.shapes import Box, Shape
-from armgate.cell.urdf import Urdf, read_urdf
+from armgate.cell.parts import Part, add_parts
+from armgate.cell.shapes import Box
+from armgate.cell.urdf import Urdf, number_text, read_urdf, write_body
 
 if TYPE_CHECKING:
     from armgate.cell.config import BodyConfig, FrameConfig, GantryConfig, Pose
@@ -37,13 +38,13 @@ def add_frame(robot: ET.Element, name: str, frame: "FrameConfig") -> None:
     _check(robot)
 
 
-def add_body(robot: ET.Element, name: str, body: "BodyConfig") -> None:
-    """Adds a body to a link.
+def add_body(robot: ET.Element, name: str, body: "BodyConfig", parts: Sequence[Part]) -> None:
+    """Adds a body, which consists of these parts, to a link.
 
     Raises:
         ModelError: The link does not exist, or the name is taken.
     """
-    _add_body(_require_link(robot, body.link), name, body.shape.shape, body.xyz, body.rpy)
+    add_parts(_require_link(robot, body.link), name, parts, body.xyz, body.rpy)
     _check(robot)
 
 
@@ -66,9 +67,9 @@ def add_gantry(robot: ET.Element, gantry: "GantryConfig") -> None:
     axes: tuple[Triple, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for number, (name, axis, travel) in enumerate(zip(GANTRY_JOINTS, axes, travels, strict=True)):
         joint = _add_joint(robot, name, "prismatic", GANTRY_LINKS[number], GANTRY_LINKS[number + 1])
-        ET.SubElement(joint, "axis", xyz=_text(axis))
+        ET.SubElement(joint, "axis", xyz=number_text(axis))
         limits = {"lower": travel[0], "upper": travel[1], "velocity": gantry.speed, "effort": 0.0}
-        ET.SubElement(joint, "limit", {key: _text((value,)) for key, value in limits.items()})
+        ET.SubElement(joint, "limit", {key: number_text((value,)) for key, value in limits.items()})
     _add_joint(robot, "gantry_mount", "fixed", GANTRY_LINKS[-1], arm_root, pose=gantry.mount)
     _check(robot)
 
@@ -127,10 +128,6 @@ def _column(gantry: "GantryConfig") -> NamedBox:
 # --- elements ---------------------------------------------------------------------------------------------
 
 
-def _text(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
 def _add_link(robot: ET.Element, name: str) -> ET.Element:
     if any(link.get("name") == name for link in robot.findall("link")):
         raise ModelError(f"link {name!r} exists already; expected another name for the frame")
@@ -151,21 +148,10 @@ def _add_joint(
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
     if pose is not None:
-        ET.SubElement(joint, "origin", xyz=_text(pose.xyz), rpy=_text(pose.rpy))
+        ET.SubElement(joint, "origin", xyz=number_text(pose.xyz), rpy=number_text(pose.rpy))
     return joint
 
 
 def _add_boxes(link: ET.Element, boxes: Iterable[NamedBox]) -> None:
     for name, size, centre in boxes:
-        _add_body(link, name, Box(*size), centre, (0.0, 0.0, 0.0))
-
-
-def _add_body(link: ET.Element, name: str, shape: Shape, xyz: Triple, rpy: Triple) -> None:
-    collision = ET.SubElement(link, "collision", name=name)
-    ET.SubElement(collision, "origin", xyz=_text(xyz), rpy=_text(rpy))
-    geometry = ET.SubElement(collision, "geometry")
-    if isinstance(shape, Box):
-        ET.SubElement(geometry, "box", size=_text(shape.size))
-    else:
-        names = ("radius", "length")[: len(shape.size)]
-        ET.SubElement(geometry, shape.kind, dict(zip(names, map(repr, shape.size), strict=True)))
+        write_body(link, name, Box(*size), centre, (0.0, 0.0, 0.0))

@@ -6,8 +6,10 @@ from itertools import combinations
 from typing import Literal
 
 from armgate.cell.config import CellConfig
+from armgate.cell.errors import ModelError
 from armgate.cell.model import ModelBody, RobotModel
-from armgate.cell.names import MAX_NAME
+from armgate.cell.names import MAX_NAME, part_name, whole_name
+from armgate.cell.parts import Part, parts_of_shape
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
 
@@ -19,7 +21,7 @@ class Body:
     """A body of the cell.
 
     Attributes:
-        name: ``FR/link_3``, or a surrounding's name.
+        name: ``FR/link_3``, or a surrounding's name; with ``/1``, ``/2``… for the convex parts of a mesh.
         robot: Index of its robot, None for a surrounding.
         index: Its index in that robot's ``model.bodies``, or in ``cell.surroundings``.
         shape: Its shape.
@@ -51,19 +53,42 @@ def collect_bodies(config: CellConfig, models: Sequence[RobotModel]) -> tuple[Bo
     """The bodies of all robots, robot by robot, then the surroundings.
 
     Raises:
-        ConfigError: A robot's and its body's name are too long together.
+        ConfigError: A robot's and its body's name are too long together, a name stands for two bodies, or a
+            mesh of the surroundings cannot be used.
     """
     bodies = []
     for robot, (name, model) in enumerate(zip(config.robots, models, strict=True)):
         for index, body in enumerate(model.bodies):
             full = f"{name}/{body.name}"
-            if len(full) > MAX_NAME:
-                text = f"the body's name {full!r} is too long; expected at most {MAX_NAME} characters"
-                raise config.error(("robots", name), text)
+            _check_length(config, ("robots", name), full)
             bodies.append(Body(full, robot, index, body.shape, body.placement))
-    for index, (name, body_config) in enumerate(config.surroundings.items()):
-        bodies.append(Body(name, None, index, body_config.shape.shape, body_config.placement))
+    taken, index = {body.name for body in bodies}, 0
+    for name in config.surroundings:
+        for body_name, part, placement in _standing(config, name):
+            if body_name in taken:
+                raise config.error(("surroundings", name), f"{body_name!r} is the name of a robot's body too")
+            bodies.append(Body(body_name, None, index, part.shape, placement))
+            index += 1
     return tuple(bodies)
+
+
+def _standing(config: CellConfig, name: str) -> Iterator[tuple[str, Part, Placement]]:
+    """The parts of one of the surroundings: their names and places in the world."""
+    own, key = config.surroundings[name], ("surroundings", name)
+    try:
+        parts = parts_of_shape(own.shape, config.file((*key, "shape", "mesh", "file"), ""), {})
+    except ModelError as error:
+        raise config.error(key, str(error)) from error
+    for number, part in enumerate(parts, start=1):
+        body_name = part_name(name, number, len(parts))
+        _check_length(config, key, body_name)
+        yield body_name, part, Placement(own.placement.R, own.placement.apply(part.at))
+
+
+def _check_length(config: CellConfig, key: tuple[str, str], name: str) -> None:
+    if len(name) > MAX_NAME:
+        text = f"the body's name {name!r} is too long; expected at most {MAX_NAME} characters"
+        raise config.error(key, text)
 
 
 def collect_pairs(
@@ -79,7 +104,7 @@ def collect_pairs(
     """
     ignored: set[frozenset[str]] = set()
     for name, model in zip(config.robots, models, strict=True):
-        ignored |= _ignored(config, name, model)
+        ignored |= _ignored(config, name, model, bodies)
     return tuple(_pairs(config, models, bodies, ignored))
 
 
@@ -118,21 +143,27 @@ def _moves(models: Sequence[RobotModel], body: Body) -> bool:
     return body.robot is not None and models[body.robot].bodies[body.index].joint >= 0
 
 
-def _ignored(config: CellConfig, robot: str, model: RobotModel) -> set[frozenset[str]]:
+def _ignored(
+    config: CellConfig, robot: str, model: RobotModel, bodies: Sequence[Body]
+) -> set[frozenset[str]]:
     """Pairs of names of bodies that a robot's ``ignore_pairs`` names."""
     ignored: set[frozenset[str]] = set()
     for number, names in enumerate(config.robots[robot].ignore_pairs):
-        first, second = (_named(config, (robot, number, i), name, model) for i, name in enumerate(names))
+        first, second = (
+            _named(config, (robot, number, i), name, model, bodies) for i, name in enumerate(names)
+        )
         ignored.update(frozenset((a, b)) for a in first for b in second)
     return ignored
 
 
-def _named(config: CellConfig, at: tuple[str, int, int], name: str, model: RobotModel) -> list[str]:
+def _named(
+    config: CellConfig, at: tuple[str, int, int], name: str, model: RobotModel, bodies: Sequence[Body]
+) -> list[str]:
     """The bodies, as the cell calls them, of a link or body of the robot, or the surrounding of this name."""
     robot, number, i = at
-    found = [f"{robot}/{body.name}" for body in model.bodies if name in (body.name, body.link)]
+    found = [f"{robot}/{body.name}" for body in model.bodies if name in (whole_name(body.name), body.link)]
     if not found and i == 1 and name in config.surroundings:
-        found = [name]
+        found = [body.name for body in bodies if body.robot is None and whole_name(body.name) == name]
     if not found:
         raise config.error(
             ("robots", robot, "ignore_pairs", number, i),
@@ -143,5 +174,5 @@ def _named(config: CellConfig, at: tuple[str, int, int], name: str, model: Robot
 
 
 def _known(bodies: Sequence[ModelBody]) -> str:
-    names = dict.fromkeys(name for body in bodies for name in (body.link, body.name))
+    names = dict.fromkeys(name for body in bodies for name in (body.link, whole_name(body.name)))
     return "one of " + ", ".join(names)

@@ -1,4 +1,7 @@
-"""The primitive bodies: convex, centred in their frame, their axis along z; all sizes in m."""
+"""The bodies: convex, centred in their frame, their axis along z; all sizes in m.
+
+Primitives have a few sizes; a ``Convex`` body, such as a part of a mesh, has its corners.
+"""
 
 import math
 from collections.abc import Sequence
@@ -6,10 +9,19 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import ClassVar, Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from armgate.cell.errors import ModelError
 
-Kind = Literal["sphere", "capsule", "cylinder", "box"]
+Kind = Literal["sphere", "capsule", "cylinder", "box", "cone", "convex"]
 Points = tuple[tuple[float, float, float], ...]
+
+THINNEST = 1e-6
+"""A convex body must be at least this thick, m, and 1e-5 of its extent: flat ones have no inside."""
+
+_RIM = 16
+"""Corners of the polygon that holds the rim of a cone."""
 
 
 class Primitive:
@@ -43,7 +55,8 @@ class Primitive:
     def core(self) -> Points:
         """Points whose convex hull, thickened by ``core_radius``, holds the shape.
 
-        It is exactly the shape but for a cylinder, which is held by the capsule of its ends.
+        It is exactly the shape but for a cylinder, which is held by the capsule of its ends, and a cone,
+        which is held by a pyramid.
         """
         raise NotImplementedError
 
@@ -57,7 +70,7 @@ class Primitive:
 class Sphere(Primitive):
     """All points within ``radius`` of the centre."""
 
-    kind: ClassVar[Kind] = "sphere"
+    kind: ClassVar[Literal["sphere"]] = "sphere"
     radius: float
 
     @property
@@ -98,7 +111,7 @@ class _Round(Primitive):
 class Capsule(_Round):
     """All points within ``radius`` of a segment of ``length`` along z (the caps are not in the length)."""
 
-    kind: ClassVar[Kind] = "capsule"
+    kind: ClassVar[Literal["capsule"]] = "capsule"
     radius: float
     length: float
 
@@ -112,7 +125,7 @@ class Capsule(_Round):
 class Cylinder(_Round):
     """A flat-ended cylinder around z."""
 
-    kind: ClassVar[Kind] = "cylinder"
+    kind: ClassVar[Literal["cylinder"]] = "cylinder"
     radius: float
     length: float
 
@@ -126,7 +139,7 @@ class Cylinder(_Round):
 class Box(Primitive):
     """A box with full edge lengths ``x``, ``y``, ``z``."""
 
-    kind: ClassVar[Kind] = "box"
+    kind: ClassVar[Literal["box"]] = "box"
     x: float
     y: float
     z: float
@@ -148,15 +161,111 @@ class Box(Primitive):
         return 0.0
 
 
-Shape = Sphere | Capsule | Cylinder | Box
+@dataclass(frozen=True, slots=True)
+class Cone(Primitive):
+    """A cone around z: its base of ``radius`` at −length/2, its tip at +length/2."""
 
-_CLASSES: dict[str, type[Sphere] | type[Capsule] | type[Cylinder] | type[Box]] = {
-    cls.kind: cls for cls in (Sphere, Capsule, Cylinder, Box)
+    kind: ClassVar[Literal["cone"]] = "cone"
+    radius: float
+    length: float
+
+    @property
+    def bounding_radius(self) -> float:
+        """From the centre to the rim, m."""
+        return math.hypot(self.length / 2, self.radius)
+
+    @property
+    def core(self) -> Points:
+        """The tip, and the corners of a polygon around the base."""
+        out, turn = self.radius / math.cos(math.pi / _RIM), 2 * math.pi / _RIM
+        rim = ((out * math.cos(i * turn), out * math.sin(i * turn), -self.length / 2) for i in range(_RIM))
+        return ((0.0, 0.0, self.length / 2), *rim)
+
+    @property
+    def core_radius(self) -> float:
+        """Nothing."""
+        return 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Convex(Primitive):
+    """All points within ``radius`` of the convex hull of ``vertices``, which need not be its corners.
+
+    The tighter the origin sits in the middle, the tighter are bounds of its motion: see ``centred``.
+    """
+
+    kind: ClassVar[Literal["convex"]] = "convex"
+    vertices: Points
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        points = np.array(self.vertices, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
+            raise ModelError(f"{len(self.vertices)} corners of a convex body; expected 4 points or more")
+        if not (np.all(np.isfinite(points)) and math.isfinite(self.radius) and self.radius >= 0.0):
+            raise ModelError("a convex body has a corner or a radius that is no finite number of metres")
+        if not is_solid(self.vertices):
+            raise ModelError(
+                f"a convex body is flat; expected it at least {THINNEST:g} m and 1e-5 of its extent thick"
+            )
+
+    @classmethod
+    def centred(
+        cls, vertices: Sequence[Sequence[float]], radius: float = 0.0
+    ) -> "tuple[Convex, tuple[float, float, float]]":
+        """A convex body whose frame is in the middle of its axis-aligned box, and where that middle was."""
+        points = np.array(vertices, dtype=np.float64)
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        x, y, z = middle.tolist()
+        return cls(tuple((a, b, c) for a, b, c in (points - middle).tolist()), radius), (x, y, z)
+
+    @property
+    def size(self) -> tuple[float, ...]:
+        """Nothing: a convex body has corners, no sizes."""
+        return ()
+
+    @property
+    def half_sides(self) -> tuple[float, float, float]:
+        """Half the sides of the axis-aligned box around the origin that holds the shape, m."""
+        x, y, z = (np.abs(np.array(self.vertices)).max(axis=0) + self.radius).tolist()
+        return x, y, z
+
+    @property
+    def bounding_radius(self) -> float:
+        """From the origin to the farthest corner, and the radius, m."""
+        return max(math.hypot(*vertex) for vertex in self.vertices) + self.radius
+
+    @property
+    def core(self) -> Points:
+        """The corners."""
+        return self.vertices
+
+    @property
+    def core_radius(self) -> float:
+        """The radius, m."""
+        return self.radius
+
+
+Shape = Sphere | Capsule | Cylinder | Box | Cone | Convex
+
+_CLASSES: dict[str, type[Sphere] | type[Capsule] | type[Cylinder] | type[Box] | type[Cone]] = {
+    cls.kind: cls for cls in (Sphere, Capsule, Cylinder, Box, Cone)
 }
 
 
+def is_solid(vertices: ArrayLike) -> bool:
+    """Whether the convex hull of these points is thick enough to have an inside."""
+    points = np.array(vertices, dtype=np.float64)
+    if len(points) < 4:
+        return False
+    middle = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(middle.T @ middle)
+    extent = np.ptp(middle @ axes, axis=0)
+    return bool(extent.min() >= max(THINNEST, 1e-5 * extent.max()))
+
+
 def shape_from(kind: str, size: Sequence[float]) -> Shape:
-    """The shape of this kind and size (m, in the order of ``Shape.size``).
+    """The primitive of this kind and size (m, in the order of ``Shape.size``).
 
     Raises:
         ModelError: An unknown kind, a wrong count of sizes, or a size that is not positive.

@@ -2,8 +2,10 @@
 
 Supported: trees of ``revolute``, ``prismatic`` and ``fixed`` joints, and collision bodies of
 ``<sphere radius>``, ``<box size>``, ``<cylinder radius length>`` and, beyond the standard,
-``<capsule radius length>`` (the length without its caps, axis along z). Visuals, inertias and everything else
-that a gate does not need are ignored.
+``<capsule radius length>`` (the length without its caps, axis along z), ``<cone radius length>`` (its tip at
++length/2) and ``<convex vertices radius>`` (the hull of points "x y z x y z …", thickened). A ``<mesh>`` is
+cut into ``<convex>`` bodies before (``armgate.cell.mesh.urdf``), so that the text needs no other files.
+Visuals, inertias and everything else that a gate does not need are ignored.
 """
 
 import math
@@ -13,13 +15,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 from armgate.cell.errors import ModelError
-from armgate.cell.names import NAME_TEXT, is_name
+from armgate.cell.names import NAME_TEXT, is_name, is_part_name, whole_name
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import Shape, shape_from
+from armgate.cell.shapes import Box, Convex, Shape, shape_from
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
 _KINDS: dict[str, JointKind] = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
-_SIZES = {"sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length")}
+_SIZES = {
+    "sphere": ("radius",),
+    "capsule": ("radius", "length"),
+    "cylinder": ("radius", "length"),
+    "cone": ("radius", "length"),
+}
+_SHAPES = "sphere, capsule, cylinder, box, cone, mesh or convex"
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,8 @@ def read_urdf(text: str) -> Urdf:
     _refuse_doubles("joint", (joint.name for joint in joints))
     bodies = tuple(body for element in root.findall("link") for body in _bodies(element))
     _refuse_doubles("body", (body.name for body in bodies))
+    wholes = {whole_name(body.name) for body in bodies if body.name != whole_name(body.name)}
+    _refuse_doubles("body", [*wholes, *(body.name for body in bodies if body.name in wholes)])
     return Urdf(root.get("name", ""), _root_link(links, joints), links, joints, bodies)
 
 
@@ -150,9 +160,15 @@ def _name(element: ET.Element, what: str) -> str:
     return name
 
 
-def _numbers(
+def numbers(
     element: ET.Element, attribute: str, count: int, where: str, default: str | None = None
 ) -> list[float]:
+    """The numbers in an attribute.
+
+    Raises:
+        ModelError: It is missing, or holds anything but ``count`` finite numbers; the text begins with
+            ``where``.
+    """
     text = element.get(attribute, default)
     if text is None:
         raise ModelError(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
@@ -167,14 +183,21 @@ def _numbers(
     return values
 
 
-def _origin(element: ET.Element, where: str) -> Placement:
+def origin_of(element: ET.Element, where: str) -> tuple[list[float], list[float]]:
+    """The ``<origin>`` in an element: xyz [m] and rpy [rad].
+
+    Raises:
+        ModelError: It holds something else than numbers; the text begins with ``where``.
+    """
     origin = element.find("origin")
     if origin is None:
-        return Placement.identity()
+        return [0.0] * 3, [0.0] * 3
     zeros = "0 0 0"
-    return Placement.from_rpy(
-        _numbers(origin, "xyz", 3, where, zeros), _numbers(origin, "rpy", 3, where, zeros)
-    )
+    return numbers(origin, "xyz", 3, where, zeros), numbers(origin, "rpy", 3, where, zeros)
+
+
+def _origin(element: ET.Element, where: str) -> Placement:
+    return Placement.from_rpy(*origin_of(element, where))
 
 
 # --- joints -----------------------------------------------------------------------------------------------
@@ -215,7 +238,7 @@ def _joint_link(element: ET.Element, end: str, links: tuple[str, ...], where: st
 
 def _axis(element: ET.Element, where: str) -> tuple[float, float, float]:
     found = element.find("axis")
-    x, y, z = (1.0, 0.0, 0.0) if found is None else _numbers(found, "xyz", 3, where, "1 0 0")
+    x, y, z = (1.0, 0.0, 0.0) if found is None else numbers(found, "xyz", 3, where, "1 0 0")
     norm = math.hypot(x, y, z)
     if norm < 1e-9:
         raise ModelError(f"{where}: its axis is zero; expected a direction")
@@ -227,7 +250,7 @@ def _limits(element: ET.Element, where: str) -> tuple[float, float, float]:
     if limit is None:
         raise ModelError(f"{where}: lacks <limit lower=… upper=… velocity=…/>")
     lower, upper, velocity = (
-        _numbers(limit, attribute, 1, where)[0] for attribute in ("lower", "upper", "velocity")
+        numbers(limit, attribute, 1, where)[0] for attribute in ("lower", "upper", "velocity")
     )
     if lower >= upper:
         raise ModelError(f"{where}: lower limit {lower:g} is not below the upper limit {upper:g}")
@@ -239,14 +262,45 @@ def _limits(element: ET.Element, where: str) -> tuple[float, float, float]:
 # --- bodies -----------------------------------------------------------------------------------------------
 
 
-def _bodies(link: ET.Element) -> list[UrdfBody]:
-    name, bodies = _name(link, "link"), []
+def collisions(link: ET.Element) -> list[tuple[str, ET.Element]]:
+    """The collision elements of a link with the names of their bodies.
+
+    Raises:
+        ModelError: A name is not possible.
+    """
+    name, named = _name(link, "link"), []
     for number, element in enumerate(link.findall("collision"), start=1):
         # A link may have several nameless collisions; the first takes the link's name.
-        fallback = name if number == 1 else f"{name}_{number}"
-        body = element.get("name", fallback)
-        if not is_name(body):
+        body = element.get("name", name if number == 1 else f"{name}_{number}")
+        if not is_part_name(body):
             raise ModelError(f"link {name!r}: a body cannot be called {body!r}; expected {NAME_TEXT}")
+        named.append((body, element))
+    return named
+
+
+def write_body(link: ET.Element, name: str, shape: Shape, xyz: Iterable[float], rpy: Iterable[float]) -> None:
+    """Adds a collision body to a link, at an origin [m] and roll, pitch, yaw [rad] in the link's frame."""
+    collision = ET.SubElement(link, "collision", name=name)
+    ET.SubElement(collision, "origin", xyz=number_text(xyz), rpy=number_text(rpy))
+    geometry = ET.SubElement(collision, "geometry")
+    if isinstance(shape, Box):
+        ET.SubElement(geometry, "box", size=number_text(shape.size))
+    elif isinstance(shape, Convex):
+        corners = number_text(value for vertex in shape.vertices for value in vertex)
+        ET.SubElement(geometry, "convex", radius=repr(shape.radius), vertices=corners)
+    else:
+        sizes = zip(_SIZES[shape.kind], map(repr, shape.size), strict=True)
+        ET.SubElement(geometry, shape.kind, dict(sizes))
+
+
+def number_text(values: Iterable[float]) -> str:
+    """Numbers as URDF writes them; reading gives the same numbers again."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _bodies(link: ET.Element) -> list[UrdfBody]:
+    bodies, name = [], link.get("name", "")
+    for body, element in collisions(link):
         where = f"link {name!r}, body {body!r}"
         bodies.append(UrdfBody(body, name, _shape(element, where), _origin(element, where)))
     return bodies
@@ -257,17 +311,25 @@ def _shape(element: ET.Element, where: str) -> Shape:
     if geometry is None or len(geometry) != 1:
         raise ModelError(f"{where}: expected one <geometry> with one shape in it")
     shape = geometry[0]
-    if shape.tag == "mesh":
-        raise ModelError(
-            f"{where}: meshes are not in this version; expected sphere, capsule, cylinder or box"
-        )
-    if shape.tag == "box":
-        size = _numbers(shape, "size", 3, where)
-    elif shape.tag in _SIZES:
-        size = [_numbers(shape, attribute, 1, where)[0] for attribute in _SIZES[shape.tag]]
-    else:
-        raise ModelError(f"{where}: unknown shape <{shape.tag}>; expected sphere, capsule, cylinder or box")
     try:
-        return shape_from(shape.tag, size)
+        return _convex(shape, where) if shape.tag == "convex" else shape_from(shape.tag, _sizes(shape, where))
     except ModelError as error:
-        raise ModelError(f"{where}: {error}") from error
+        raise error if str(error).startswith(where) else ModelError(f"{where}: {error}") from error
+
+
+def _sizes(shape: ET.Element, where: str) -> list[float]:
+    if shape.tag == "box":
+        return numbers(shape, "size", 3, where)
+    if shape.tag in _SIZES:
+        return [numbers(shape, attribute, 1, where)[0] for attribute in _SIZES[shape.tag]]
+    if shape.tag == "mesh":
+        raise ModelError(f"{where}: <mesh> names a file, not its content; load the URDF through a cell")
+    raise ModelError(f"{where}: unknown shape <{shape.tag}>; expected {_SHAPES}")
+
+
+def _convex(shape: ET.Element, where: str) -> Convex:
+    count = len(shape.get("vertices", "").split())
+    values = numbers(shape, "vertices", max(3, count - count % 3), where)
+    (radius,) = numbers(shape, "radius", 1, where, "0")
+    x, y, z = values[::3], values[1::3], values[2::3]
+    return Convex(tuple(zip(x, y, z, strict=True)), radius)

@@ -1,0 +1,141 @@
+"""Convex hulls with corners, faces and planes (qhull, as coal brings it), and distances to them."""
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.cell.errors import ModelError
+from armgate.cell.shapes import is_solid
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_BLOCK = 1 << 18
+"""How many distances of a point and a face are computed at once: bounds memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """A convex hull.
+
+    Attributes:
+        vertices: Its corners, (v, 3), m.
+        faces: Its triangles as indices of corners, (f, 3), in either winding.
+        normals: Outward unit normals of the planes that bound it, (p, 3).
+        offsets: A point x is inside where normals·x + offsets ≤ 0, (p,).
+    """
+
+    vertices: Array
+    faces: Index
+    normals: Array
+    offsets: Array
+
+    def height(self, points: Array) -> Array:
+        """How far points (k, 3) stand out of the planes, (k,): a lower bound of their distance, m."""
+        heights: Array = (points @ self.normals.T + self.offsets).max(axis=1)
+        return heights
+
+    def distance(self, points: Array) -> Array:
+        """Distance of points (k, 3) to the hull, (k,), m; 0 inside."""
+        distances = np.zeros(len(points))
+        outside = np.flatnonzero(self.height(points) > 0.0)
+        block = max(1, _BLOCK // len(self.faces))
+        for start in range(0, len(outside), block):
+            some = outside[start : start + block]
+            distances[some] = _to_triangles(points[some], self.vertices[self.faces])
+        return distances
+
+
+def hull_of(points: Array) -> Hull:
+    """The convex hull of points (k, 3), m.
+
+    Raises:
+        ModelError: The points are flat: their hull has no inside.
+    """
+    if not is_solid(points):  # qhull within coal dies of flat input, so it must not get there
+        raise ModelError("the points lie in a plane; expected something that has an inside")
+    middle = points.mean(axis=0)
+    given = coal.StdVec_Vec3s()
+    for point in points - middle:
+        given.append(point)
+    try:
+        convex = coal.Convex.convexHull(given, True, "Qt")
+    except ValueError as error:
+        raise ModelError(f"qhull cannot make a convex hull: {error}") from error
+    polygons = (convex.polygons(i) for i in range(convex.num_polygons))
+    faces = np.array([[polygon[0], polygon[1], polygon[2]] for polygon in polygons], dtype=np.intp)
+    normals = np.array(convex.normals())
+    corners = np.array(convex.points()) + middle
+    return Hull(corners, faces, normals, np.array(convex.offsets()) - normals @ middle)
+
+
+def thinned(hull: Hull, most: int) -> tuple[Hull, float]:
+    """A hull of at most ``most`` of the corners, and the farthest distance [m] of one that was left out.
+
+    The hull lies within that distance of the thinner one: the distance to a convex body is a convex function,
+    so it is largest at a corner. The thinner hull begins with the extreme corners along 26 directions; then
+    the corner that stands out farthest is added again and again.
+    """
+    if len(hull.vertices) <= most:
+        return hull, 0.0
+    kept = _extreme(hull.vertices)
+    thin = hull_of(hull.vertices[kept])
+    while len(kept) < most:
+        kept.append(int(np.argmax(thin.height(hull.vertices))))
+        thin = hull_of(hull.vertices[kept])
+    return thin, float(thin.distance(hull.vertices).max())
+
+
+def _extreme(points: Array) -> list[int]:
+    """Indices of the extreme points along the axes, edges and corners of a cube in the points' own axes.
+
+    Both ends of all three principal axes come first, so the points found are not flat if ``points`` are not.
+    """
+    middle = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(middle.T @ middle)
+    grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
+    directions = sorted((d for d in grid.tolist() if any(d)), key=lambda d: sum(map(abs, d)))
+    along = middle @ axes @ np.array(directions).T
+    return list(dict.fromkeys(map(int, along.argmax(axis=0))))
+
+
+# --- distance of points to triangles -----------------------------------------------------------------------
+
+
+def _to_triangles(points: Array, triangles: Array) -> Array:
+    """Distance of points (k, 3) to the nearest of triangles (f, 3, 3), (k,), m.
+
+    The nearest point of a triangle is on an edge, or is the foot of the perpendicular where that is inside.
+    """
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    edges = [_to_segments(points, p, q) for p, q in ((a, b), (b, c), (c, a))]
+    squares = np.minimum.reduce([*edges, _to_planes(points, a, b - a, c - a)])
+    distances: Array = np.sqrt(squares.min(axis=1))
+    return distances
+
+
+def _to_segments(points: Array, start: Array, end: Array) -> Array:
+    """Squared distances of points (k, 3) to segments (f, 3) each, (k, f)."""
+    along = end - start
+    length = np.maximum(np.einsum("fi,fi->f", along, along), 1e-300)
+    away = points[:, None] - start
+    share = np.clip(np.einsum("kfi,fi->kf", away, along) / length, 0.0, 1.0)
+    away = away - share[:, :, None] * along
+    squares: Array = np.einsum("kfi,kfi->kf", away, away)
+    return squares
+
+
+def _to_planes(points: Array, corner: Array, u: Array, v: Array) -> Array:
+    """Squared distances along the normal where the foot is in the triangle, else infinite, (k, f)."""
+    normal = np.cross(u, v)
+    area = np.einsum("fi,fi->f", normal, normal)
+    good = area > 1e-24 * np.einsum("fi,fi->f", u, u) * np.einsum("fi,fi->f", v, v) + 1e-300
+    safe = np.where(good, area, 1.0)
+    away = points[:, None] - corner
+    s = np.einsum("kfi,fi->kf", away, np.cross(v, normal)) / safe
+    t = np.einsum("kfi,fi->kf", away, np.cross(normal, u)) / safe
+    inside = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & good
+    squares: Array = np.where(inside, np.einsum("kfi,fi->kf", away, normal) ** 2 / safe, np.inf)
+    return squares
