@@ -79,3 +79,36 @@ def test_in_space_with_orientation(models):
 def test_numbers_must_be_positive(name):
     with pytest.raises(ValueError, match=name):
         Tuning(**{name: 0.0})
+
+
+def test_a_joint_at_its_limit_is_locked_and_the_others_do_its_part(models):
+    model = models["P"]
+    task = FrameTask(model, "tool0", ("x", "y"))
+    q = np.array([0.3, 2.6, 0.5])
+    # Along this direction the second joint would turn on.
+    target = task.place(q + np.array([0.0, 0.2, 0.1]))
+    free = Reach(task, target, Tuning(Method.PSEUDO, speed=9.0), limits=(model.lower - 9.0, model.upper + 9.0))
+    locked = Reach(task, target, Tuning(Method.PSEUDO, speed=9.0))
+    assert free.velocity(q).qd[1] > 0.01
+    answer = locked.velocity(q)
+    assert answer.qd[1] == 0.0
+    np.testing.assert_allclose(task.jacobian(q) @ answer.qd, 2.0 * answer.error, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", Method)
+def test_no_joint_is_pushed_against_its_limit(method, models):
+    model = models["GR"]
+    task = FrameTask(model, "tool0", ("x", "y", "z"))
+    rng = np.random.default_rng(4)
+    middle = TowardsCentre(model.lower, model.upper)
+    pressed = 0
+    for _ in range(40):
+        q = rng.uniform(model.lower, model.upper)
+        side = rng.integers(3, size=model.n)
+        q = np.where(side == 0, model.lower, np.where(side == 1, model.upper, q))
+        place = Placement(np.eye(3), task.place(q).t + rng.normal(size=3))
+        answer = Reach(task, place, Tuning(method), [(middle, 0.1)]).velocity(q)
+        assert not ((answer.qd < 0.0) & (side == 0)).any()
+        assert not ((answer.qd > 0.0) & (side == 1)).any()
+        pressed += int(((answer.qd == 0.0) & (side < 2)).any())
+    assert pressed > 20

@@ -14,6 +14,7 @@ Times in s from 0 on, one sample time apart; units are m, rad or deg. Inside, an
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -128,6 +129,25 @@ def read_path(file: Path) -> RecordedPath:
     q *= [_UNITS[unit] for unit in units]
     inside = tuple("m" if unit == "m" else "rad" for unit in units)
     return RecordedPath(file, header["robot"][1], joints, inside, period, q, columns_at + 2)
+
+
+def format_path(robot: str, joints: Sequence[tuple[str, str]], period: float, q: Array) -> str:
+    """The text of a path file.
+
+    Args:
+        robot: Its name.
+        joints: Name and unit (m or rad) of each joint.
+        period: Sample time, s.
+        q: Samples (k, n), m or rad; a single one is written twice, since a path has a beginning and an end.
+    """
+    names, units = zip(*joints, strict=True)
+    head = [MAGIC, f"# robot: {robot}", f"# joints: {' '.join(names)}", f"# units: {' '.join(units)}"]
+    head += [f"# sample time: {period:g}", ",".join(("t", *names))]
+    samples = q if len(q) > 1 else np.repeat(q, 2, axis=0)
+    rows = [
+        ",".join((f"{k * period:.6f}", *(f"{value:.9f}" for value in row))) for k, row in enumerate(samples)
+    ]
+    return "\n".join([*head, *rows]) + "\n"
 
 
 def _header(file: Path, lines: list[str]) -> tuple[dict[str, tuple[int, str]], int]:

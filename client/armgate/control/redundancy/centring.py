@@ -7,10 +7,10 @@ from armgate.control.redundancy.spaces import Array
 
 
 class TowardsCentre:
-    """V = ½ Σ ((q_j − m_j) / h_j)², m the middle of the range and h half of it.
+    """V = ½ ‖q − q_m‖², q_m the middle of the range: the lecture's squared distance from the centre.
 
-    The lecture's squared distance from the centre, counted in half ranges (Liégeois 1977), so that rad and m
-    may stand beside each other and a limit is at 1 for every joint.
+    Down its gradient every joint goes back at the same rate, q̇₀ = gain · (q_m − q), the gain in 1/s, be it
+    revolute or prismatic and its range wide or narrow.
 
     Args:
         lower: joint limits, rad or m, (n,).
@@ -25,14 +25,13 @@ class TowardsCentre:
         if low.shape != high.shape or low.ndim != 1 or not (high > low).all():
             raise ValueError(f"expected lower < upper for each joint, got {low} and {high}")
         self._middle = 0.5 * (low + high)
-        self._half = 0.5 * (high - low)
 
     def potential(self, q: ArrayLike) -> float:
         """V at q."""
-        x = (np.asarray(q) - self._middle) / self._half
-        return 0.5 * float(x @ x)
+        way = self.gradient(q)
+        return 0.5 * float(way @ way)
 
     def gradient(self, q: ArrayLike) -> Array:
         """∂V/∂q (n,)."""
-        gradient: Array = (np.asarray(q) - self._middle) / self._half**2
+        gradient: Array = np.asarray(q, dtype=np.float64) - self._middle
         return gradient

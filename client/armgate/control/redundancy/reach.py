@@ -5,6 +5,9 @@
 
 The transpose's q̇ = Jᵀẋ goes down the gradient of ½‖error‖²: it never needs an inverse and always ends where
 Jᵀ·error = 0, but bends its way and is slow along short axes of the velocity ellipsoid.
+
+A joint at a limit that q̇ would push against it is locked, its column of J taken as zero, and q̇ is computed
+anew: the other joints do its part. Clamped only, it would leave the task undone.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,6 +25,9 @@ from armgate.control.redundancy.spaces import Array
 from armgate.control.redundancy.tasks import Task
 
 P = TypeVar("P")
+
+AT_LIMIT = 5e-3
+"""A joint this near to a limit, rad or m, is at it."""
 
 
 class Method(Enum):
@@ -78,6 +84,7 @@ class Reach(Generic[P]):
         target: Where to.
         tuning: How.
         objectives: What to pursue beside it, each with its gain.
+        limits: Lower and upper joint limits (n,) that lock joints; by default the model's.
     """
 
     def __init__(
@@ -86,12 +93,14 @@ class Reach(Generic[P]):
         target: P,
         tuning: Tuning | None = None,
         objectives: Sequence[tuple[Objective, float]] = (),
+        limits: tuple[Array, Array] | None = None,
     ) -> None:
         self.task = task
         self.target = target
         self.tuning = Tuning() if tuning is None else tuning
         self._objectives = tuple(objectives)
         self._inverse = _inverse(self.tuning)
+        self._lower, self._upper = limits or (task.model.lower, task.model.upper)
 
     def velocity(self, q: ArrayLike) -> Answer:
         """q̇ at q (n,)."""
@@ -100,10 +109,20 @@ class Reach(Generic[P]):
         error = self.task.error(q, self.target)
         xd = self.tuning.gain * error
         xd *= min(1.0, self.tuning.speed / max(float(np.linalg.norm(xd)), 1e-12))
+        wanted = wanted_velocity(self._objectives, q)
+        low, high = q <= self._lower + AT_LIMIT, q >= self._upper - AT_LIMIT
+        free = np.ones(len(q), dtype=bool)
+        while True:
+            # Rounding must not move what is locked, nor keep this from coming to an end.
+            qd = np.where(free, self._resolve(J * free, xd, wanted * free), 0.0)
+            pushed = (low & (qd < 0.0)) | (high & (qd > 0.0))
+            if not pushed.any():
+                return Answer(qd, error)
+            free &= ~pushed
+
+    def _resolve(self, J: Array, xd: Array, wanted: Array) -> Array:
         qd = self._inverse(J) @ xd
-        if self._objectives:
-            qd = qd + null_space_part(J, wanted_velocity(self._objectives, q))
-        return Answer(qd, error)
+        return qd + null_space_part(J, wanted) if self._objectives else qd
 
 
 def _inverse(tuning: Tuning) -> Callable[[Array], Array]:

@@ -1,0 +1,1 @@
+"""Pictures of manipulability ellipsoids along a motion."""

@@ -1,0 +1,166 @@
+"""The loop of ``armgate reach``: setpoint in, one increment out, until the target is reached or cannot be."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.apps.errors import AppError, UsageError
+from armgate.apps.increments import LastIncrement
+from armgate.apps.interrupt import Interrupt
+from armgate.apps.lead.path import format_path
+from armgate.apps.reach.goal import Arm
+from armgate.client import Cell, Robot, RobotDescription, Verdict
+from armgate.control.bounds import IncrementBounds
+
+Array = NDArray[np.float64]
+
+AT_REST = 1e-9
+"""An increment below this is rest, rad or m."""
+SETTLED = 1e-3
+"""A robot that moves with less than this share of its speed …"""
+SETTLE = 0.25
+"""… for so long, s, has come where its objectives lead it."""
+STALL = 3.0
+"""An error that has not fallen by the tolerance for so long, s, will not."""
+
+
+@dataclass
+class Done:
+    """How it ended.
+
+    Attributes:
+        text: In words.
+        reached: Whether the target was reached; None where somebody ended it before.
+        setpoints: The setpoints at all ticks, (k, n).
+    """
+
+    text: str
+    reached: bool | None
+    setpoints: Array
+
+    def check(self, robot: str) -> None:
+        """Fails the command where the target was not reached.
+
+        Raises:
+            AppError: It was not; the text says why.
+        """
+        if self.reached is False:
+            raise AppError(f"{robot}: {self.text}")
+
+
+@dataclass
+class Watch:
+    """Decides when it is over.
+
+    Attributes:
+        tolerance: An error that is none, m and rad.
+        duration: For how long it may be tried, s.
+        limit: The last reason for which a command was not admitted as it was.
+    """
+
+    tolerance: float
+    duration: float
+    limit: str = ""
+    _begin: float | None = None
+    _best: float = np.inf
+    _improved: float = 0.0
+    _moved: float = 0.0
+
+    def update(self, time: float, error: float, pace: float) -> tuple[str, bool] | None:
+        """How it ends at this tick, in words, and whether the target is reached; None to go on.
+
+        Args:
+            time: Of the tick, s.
+            error: Length of the rows that are left, m and rad.
+            pace: The largest share of its speed with which a joint moves.
+        """
+        if self._begin is None:
+            self._begin = self._improved = self._moved = time
+        if pace > SETTLED:
+            self._moved = time
+        if error < self._best - self.tolerance or error <= self.tolerance:
+            self._best, self._improved = error, time
+        passed = time - self._begin
+        if error <= self.tolerance and time - self._moved >= SETTLE:
+            return f"target reached in {passed:.2f} s, {error:.1e} left", True
+        if time - self._improved >= STALL:
+            return f"stuck {error:.4g} from the target after {passed:.2f} s{self._why()}", False
+        if passed >= self.duration:
+            return f"time is over, {error:.4g} from the target{self._why()}", error <= self.tolerance
+        return None
+
+    def take(self, verdict: Verdict) -> None:
+        """Remembers why the gate did not admit a wish as it was."""
+        self.limit = "" if verdict.outcome == "admitted" or not verdict.reasons else verdict.reasons[0].text
+
+    def _why(self) -> str:
+        return f": {self.limit}" if self.limit else ""
+
+
+@dataclass
+class Steps:
+    """From a wanted joint velocity to an increment that the gate lets through."""
+
+    bounds: IncrementBounds
+    period: float
+    _last: LastIncrement = field(default_factory=LastIncrement)
+
+    def played(self, tick: int, setpoint: Array) -> Array:
+        """The increment that the robot played last (n,)."""
+        return self._last.update(tick, setpoint.tolist())
+
+    def increment(self, qd: Array, last: Array, setpoint: Array) -> Array:
+        """The increment for q̇, shortened as a whole to the speeds, within limits and accelerations."""
+        dq = qd * self.period
+        dq = dq / max(1.0, float((np.abs(dq) / self.bounds.step).max()))
+        return self.bounds.within(dq, last, setpoint)
+
+    def pace(self, increment: Array) -> float:
+        """The largest share of its speed with which a joint moves."""
+        return float((np.abs(increment) / self.bounds.step).max())
+
+
+def drive(cell: Cell, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: float, duration: float) -> Done:
+    """Drives until the target is reached and the objectives are at rest, or it cannot be; then comes to rest.
+
+    Raises:
+        Lost: The lease was lost or the robot stopped.
+        ConnectionLost: The daemon is gone.
+    """
+    steps, watch = Steps(arm.bounds, arm.robot.period), Watch(tolerance, duration)
+    setpoints: list[Array] = []
+    controller = None
+    ended: tuple[str, bool | None] | None = None
+    for tick in robot.ticks():
+        setpoint = np.array(tick.setpoint)
+        setpoints.append(setpoint)
+        played = steps.played(tick.tick, setpoint)
+        if ended is not None:
+            if np.all(np.abs(played) < AT_REST):
+                break
+            robot.send(arm.bounds.braked(played).tolist())
+            continue
+        controller = controller or arm.controller(setpoint)
+        answer = controller.velocity(setpoint)
+        error = float(np.linalg.norm(answer.error))
+        cell.signal("reach.error", error)
+        ended = ("interrupted", None) if wish.asked else watch.update(tick.time, error, steps.pace(played))
+        dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
+        watch.take(robot.send(dq.tolist()))
+    assert ended is not None  # ticks end only by an exception
+    return Done(f"{ended[0]}, at rest", ended[1], np.array(setpoints))
+
+
+def write_motion(file: Path, robot: RobotDescription, setpoints: Array) -> None:
+    """Writes setpoints as a path file.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
+    joints = [(joint.name, joint.unit) for joint in robot.joints]
+    try:
+        file.write_text(format_path(robot.name, joints, robot.period, setpoints), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be written ({error.strerror})") from error
