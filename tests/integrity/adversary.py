@@ -234,10 +234,10 @@ def main() -> int:
             spent, broken = time.monotonic() - began, len(total.violations)
             say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
         seed += 1
-    say(
-        f"{total.commands} commands: {total.admitted} admitted, {total.limited} limited, {total.refused} refused"
-    )
-    say(f"{total.samples} positions executed, {total.stop_samples} of stops, every {1e3 * GRID:g} ms")
+    outcomes = f"{total.admitted} admitted, {total.limited} limited, {total.refused} refused"
+    say(f"{total.commands} commands: {outcomes}")
+    seen = f"{total.samples} positions executed, {total.stop_samples} of stops"
+    say(f"{seen}, every {1e3 * GRID:g} ms")
     least = f"{1e3 * total.least:.4f} mm over the stop distance"
     say(f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  smallest clearance: {least}")
     return 1 if total.violations else 0
