@@ -143,6 +143,10 @@ def _serve(cell: "Cell", keys: "Keys") -> int:
         from armgate.integrity import Gate  # noqa: PLC0415
 
     log = Log(sys.stderr)
+    names = {robot.name for robot in cell.robots}
+    for token in keys.tokens or ():
+        if strange := sorted(set(token.robots or ()) - names):
+            log.warning("token.robots", token=token.name, unknown=strange, robots=sorted(names))
     try:
         daemon = Daemon(cell, Gate, log, keys)
         # What stands now stays: looking through all of it for garbage, as Python does when many clients have
