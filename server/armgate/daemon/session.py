@@ -12,6 +12,7 @@ from armgate.daemon.peer import Encoded, Subscription
 from armgate.protocol import (
     DIALECTS,
     Connection,
+    ConnectionState,
     Dialect,
     ErrorCode,
     LocalProtocolError,
@@ -170,8 +171,9 @@ class Session(asyncio.Protocol):
         try:
             self._outbox.put(self._connection.send(message))
         except LocalProtocolError:
-            # It said bye, or never hello: it is owed nothing any more. Anything else is a defect of ours.
-            if not self._connection.closed and self.greeted:
+            # It said bye, broke the protocol, or never said hello: it is owed nothing any more. Anything else
+            # is a defect of ours.
+            if self.greeted and self._connection.state is ConnectionState.READY:
                 raise
         except Overflow as error:
             self._leave(f"{ErrorCode.OVERFLOW}: {error}")
