@@ -12,7 +12,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec fuzz coverage adversary bench-control clean
+.PHONY: help install demo test lint spec fuzz conformance coverage adversary bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -44,6 +44,11 @@ spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema an
 
 fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
 	@$(BIN)/python -m tools.fuzz $(RUNS)
+
+conformance: $(VENV)/.installed  ## try the daemon against its specification, by the wall clock and in lock-step
+	@$(BIN)/armgate conformance --start "$(BIN)/armgate serve configs/conformance.yaml --port 0" $(ARGS)
+	@$(BIN)/armgate conformance --participants kit-a,kit-b $(ARGS) --start \
+		"$(BIN)/armgate serve configs/conformance.yaml configs/conformance-lockstep.yaml --port 0"
 
 coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)

@@ -41,6 +41,8 @@ def test_the_blocker_blocks() -> None:
         "armgate.cell.config",
         "armgate.cell.events",
         "armgate.apps.cli",
+        "armgate.conformance.command",
+        "armgate.conformance.kit",
     ],
 )
 def test_it_imports_without_the_cells_libraries(module: str) -> None:
@@ -52,11 +54,11 @@ def test_help_needs_no_heavy_library() -> None:
     code = "from armgate.apps.cli import main\nsys.argv = ['armgate', '--help']\nmain()"
     done = run_light(code)
     assert done.returncode == 0, done.stderr
-    for command in ("serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid"):
+    for command in ("serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid", "conformance"):
         assert command in done.stdout
 
 
-@pytest.mark.parametrize("command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid"])
+@pytest.mark.parametrize("command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid", "conformance"])
 def test_a_commands_help_needs_no_heavy_library(command: str) -> None:
     code = f"from armgate.apps.cli import main\nsys.argv = ['armgate', {command!r}, '--help']\nmain()"
     done = run_light(code)

@@ -1,0 +1,1 @@
+"""The cases, by what of the specification they try. Each module registers its own."""

@@ -1,0 +1,118 @@
+"""Tokens and TLS."""
+
+import ssl
+
+from armgate.conformance.case import case
+from armgate.conformance.ledger import Ledger
+from armgate.conformance.trial import Trial
+from armgate.conformance.verdicts import Skip, check
+from armgate.conformance.wire import Wire
+
+_WRONG = "armgate_" + "A" * 43
+
+
+@case("SEC-2/none", "Say hello without a token", "A fatal unauthorized", also=("HEL-15",))
+async def _(trial: Trial) -> None:
+    wire = await trial.open()
+    hello = trial.target.hello(trial.name("none"), "observer")
+    del hello["token"]
+    wire.say(hello)
+    await wire.fails("unauthorized")
+
+
+@case(
+    "SEC-2/wrong",
+    "Say hello with a token that looks right and is wrong",
+    "A fatal unauthorized whose text does not repeat it",
+    also=("SEC-7", "ERR-8"),
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.open()
+    wire.say({**trial.target.hello(trial.name("wrong"), "observer"), "token": _WRONG})
+    error = await wire.fails("unauthorized")
+    check("AAAA" not in error["text"], "the error repeats the token")
+
+
+@case(
+    "SEC-3/above",
+    "With a token of a lower role, ask to be operator",
+    "A fatal unauthorized, with the text for a wrong token",
+)
+async def _(trial: Trial) -> None:
+    lower = trial.target.tokens.get("observer") or trial.target.tokens.get("controller")
+    if lower is None:
+        raise Skip("--token-file has no token of a lower role")
+    wire, wrong = await trial.open("above"), await trial.open("wrong")
+    wire.say({**trial.target.hello(trial.name("above"), "operator"), "token": lower})
+    wrong.say({**trial.target.hello(trial.name("wrong"), "operator"), "token": _WRONG})
+    first, second = await wire.fails("unauthorized"), await wrong.fails("unauthorized")
+    check(first["text"] == second["text"], "the text tells a wrong role from a wrong token")
+
+
+@case(
+    "SEC-4/below",
+    "With a token, ask for its role and those below",
+    "A welcome each time, with the role asked for",
+)
+async def _(trial: Trial) -> None:
+    ranks = ("observer", "controller", "operator")
+    for owner, token in trial.target.tokens.items():
+        if owner not in ranks:
+            continue
+        for role in ranks[: ranks.index(owner) + 1]:
+            wire = await trial.open(role)
+            wire.say({**trial.target.hello(trial.name(f"{owner}-{role}"), role), "token": token})
+            await wire.expect("welcome", role=role)
+
+
+@case("SEC-5/robots", "With a token that allows other robots only, acquire this one", "forbidden, not fatal")
+async def _(trial: Trial) -> None:
+    token = trial.target.tokens.get("elsewhere")
+    if token is None:
+        raise Skip("--token-file has no token named elsewhere")
+    wire = await trial.open()
+    wire.say({**trial.target.hello(trial.name("elsewhere"), "controller"), "token": token})
+    await wire.expect("welcome")
+    await wire.refused("acquire", "forbidden", robot=trial.robot)
+
+
+@case("SEC-6/ignored", "Without tokens on the server, say hello with one", "A welcome in the role asked for")
+async def _(trial: Trial) -> None:
+    if trial.target.token is not None:
+        raise Skip("the server has tokens")
+    wire = await trial.client("operator", token=_WRONG)
+    check(wire.welcome["role"] == "operator", f"the role is {wire.welcome['role']}")
+
+
+@case(
+    "SEC-10/plain",
+    "Speak the protocol without TLS",
+    "No welcome: nothing of this protocol is said outside TLS",
+)
+async def _(trial: Trial) -> None:
+    wire = Wire("plain", trial.log, Ledger(), trial.target.patience)
+    await trial.target.connect(lambda: wire, plain=True)
+    trial.wires.append(wire)
+    wire.say(trial.target.hello(trial.name("plain"), "observer"))
+    await wire.ends(within=30.0)
+    wire.faults.clear()  # (a TLS alert is no frame, and need not be one)
+    check(not wire.welcome, "welcomed without TLS")
+
+
+@case("SEC-10/old", "Offer TLS 1.1 only", "The handshake fails")
+async def _(trial: Trial) -> None:
+    old = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    old.check_hostname, old.verify_mode = False, ssl.CERT_NONE
+    try:
+        old.set_ciphers("ALL:@SECLEVEL=0")
+        old.minimum_version = ssl.TLSVersion.TLSv1_1
+        old.maximum_version = ssl.TLSVersion.TLSv1_1
+    except (ssl.SSLError, ValueError) as error:
+        raise Skip(f"this machine's TLS library has no TLS 1.1: {error}") from error
+    wire = Wire("old", trial.log, Ledger(), trial.target.patience)
+    try:
+        await trial.target.connect(lambda: wire, tls=old)
+    except (OSError, ssl.SSLError):
+        return
+    trial.wires.append(wire)
+    check(False, "a handshake with TLS 1.1 succeeded")

@@ -1,0 +1,124 @@
+"""``armgate conformance``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from armgate.conformance.kit import Options
+
+
+class UsageError(Exception):
+    """The kit was called wrongly."""
+
+    exit_code = 2
+
+
+def conformance(
+    address: Annotated[str | None, typer.Argument(metavar="[HOST:PORT]", help="The server to try.")] = None,
+    *,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COMMAND", help="Start this server instead; its first line must end with HOST:PORT."
+        ),
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Count a SHOULD that is not kept as failed.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="Only this case, statement or topic (LEA-8/takeover, LEA-8, LEA); may be repeated.",
+        ),
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="The robot to move; default: the first.")] = None,
+    participants: Annotated[
+        str, typer.Option(metavar="A,B", help="Two participants of a server in lock-step.")
+    ] = "",
+    token_file: Annotated[
+        Path | None, typer.Option(help="Lines `ROLE TOKEN`; ROLE: operator, controller, observer, elsewhere.")
+    ] = None,
+    tls_ca: Annotated[Path | None, typer.Option(help="Use TLS; the certificate to trust.")] = None,
+    faults: Annotated[
+        str, typer.Option(metavar="LIST", help="Faults on the way, such as latency=80ms,jitter=40ms,slice=7.")
+    ] = "",
+    seed: Annotated[int, typer.Option(help="Of what --faults leaves to chance.")] = 1,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write one self-contained HTML page.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write report.html, junit.xml and a wire log for each failure."),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="List the cases and try none.")] = False,
+) -> None:
+    """Try whether a server keeps the specification of the protocol. It moves robots: not for real ones.
+
+    Two verdicts: safety (did a robot do what it must not?) and session (did the conversation go as written?).
+    Exit status: 0 all passed, 1 some failed, 2 called wrongly or no server there.
+    """
+    import asyncio  # noqa: PLC0415
+
+    from armgate.conformance.case import selected  # noqa: PLC0415
+    from armgate.conformance.faults import Faults  # noqa: PLC0415
+    from armgate.conformance.kit import Options, listing, run  # noqa: PLC0415
+
+    try:
+        chosen = selected(only or [])
+    except LookupError as error:
+        raise UsageError(str(error.args[0])) from error
+    if list_:
+        typer.echo(listing(chosen))
+        return
+    if (address is None) == (start is None):
+        raise UsageError("give either HOST:PORT or --start COMMAND")
+    options = Options(
+        address=None if address is None else _address(address),
+        start=start,
+        cases=chosen,
+        strict=strict,
+        robot=robot,
+        participants=tuple(filter(None, (name.strip() for name in participants.split(",")))),
+        tokens={} if token_file is None else _tokens(token_file),
+        tls_ca=tls_ca,
+        faults=Faults.parse(faults),
+        seed=seed,
+    )
+    _files(options, junit, html, out)
+    raise typer.Exit(asyncio.run(run(options, typer.echo)))
+
+
+def _files(options: "Options", junit: Path | None, html: Path | None, out: Path | None) -> None:
+    options.junit, options.html = junit, html
+    if out is not None:
+        (out / "wire").mkdir(parents=True, exist_ok=True)
+        options.junit = junit or out / "junit.xml"
+        options.html = html or out / "report.html"
+        options.wires = out / "wire"
+    for file in filter(None, (options.junit, options.html)):
+        if not file.resolve().parent.is_dir():
+            raise UsageError(f"{file}: there is no folder {file.resolve().parent}")
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise UsageError(f"{text!r} is no address; write HOST:PORT, such as 127.0.0.1:7411")
+    return host.strip("[]"), int(port)
+
+
+def _tokens(file: Path) -> dict[str, str]:
+    known = ("operator", "controller", "observer", "elsewhere")
+    found: dict[str, str] = {}
+    for number, text in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        role, _, token = text.strip().partition(" ")
+        if not text.strip() or text.startswith("#"):
+            continue
+        if role not in known or not token.strip():
+            raise UsageError(f"{file}:{number}: expected ROLE TOKEN, with ROLE one of {', '.join(known)}")
+        found[role] = token.strip()
+    return found

@@ -1,0 +1,98 @@
+"""The commands of a run and what became of them, over all its connections."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import count
+
+from armgate.conformance.packing import Fields
+
+Key = tuple[str, int]
+
+
+@dataclass
+class Ledger:
+    """What was commanded, and how it was judged.
+
+    Attributes:
+        sent: The commands by robot and seq.
+        verdicts: Their verdicts.
+        seqs: Gives every command of a run its own seq.
+    """
+
+    seqs: Iterator[int] = field(default_factory=lambda: count(1))
+    sent: dict[Key, Fields] = field(default_factory=dict)
+    verdicts: dict[Key, Fields] = field(default_factory=dict)
+
+
+class Account:
+    """One connection's commands and their answers: once each, in order, before they are applied."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._open: dict[str, deque[int]] = defaultdict(deque)
+        self._answered: set[Key] = set()
+        self._ticks: dict[str, int] = {}
+
+    @property
+    def busy(self) -> bool:
+        """Whether there were commands at all."""
+        return bool(self._open)
+
+    @property
+    def unanswered(self) -> list[Key]:
+        """Commands without a verdict or an error."""
+        return [(robot, seq) for robot, seqs in self._open.items() for seq in seqs]
+
+    def said(self, message: Fields) -> None:
+        """Note a command that goes out."""
+        robot, seq = message.get("robot"), message.get("seq")
+        if message.get("type") == "command" and isinstance(robot, str) and type(seq) is int:
+            self._open[robot].append(seq)
+            self._ledger.sent[robot, seq] = message
+
+    def heard(self, message: Fields) -> Iterator[str]:
+        """Note what came in; what is wrong with it."""
+        match message.get("type"):
+            case "verdict":
+                yield from self._verdict(message)
+            case "error":
+                self._error(message)
+            case "state":
+                yield from self._state(message)
+
+    def _verdict(self, message: Fields) -> Iterator[str]:
+        robot, seq = message["robot"], message["seq"]
+        waiting = self._open[robot]
+        if waiting and waiting[0] == seq:
+            waiting.popleft()
+        elif seq in waiting:
+            yield f"the verdict of seq {seq} for {robot} came before that of seq {waiting[0]}"
+            waiting.remove(seq)
+        elif (robot, seq) in self._answered:
+            yield f"a second answer to the command with seq {seq} for {robot}"
+        else:
+            yield f"a verdict of seq {seq} for {robot}: this connection sent no such command"
+        self._answered.add((robot, seq))
+        self._ledger.verdicts.setdefault((robot, seq), message)
+
+    def _error(self, message: Fields) -> None:
+        seq = message.get("seq")
+        if seq is None:
+            return
+        for robot, waiting in self._open.items():
+            if seq in waiting:
+                waiting.remove(seq)
+                self._answered.add((robot, seq))
+
+    def _state(self, message: Fields) -> Iterator[str]:
+        robot, tick = message["robot"], message["tick"]
+        if tick < self._ticks.get(robot, -1):
+            yield f"the state of tick {tick} of {robot} came after that of tick {self._ticks[robot]}"
+        self._ticks[robot] = tick
+        for entry in message["entries"]:
+            if entry.get("applied_seq") in self._open.get(entry["robot"], ()):
+                yield (
+                    f"the state of tick {tick} of {robot} applies seq {entry['applied_seq']} of "
+                    f"{entry['robot']} before its verdict"
+                )
