@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.control.keeping import corrected, drawn_in, projection, view_vector
+from armgate.control.keeping import corrected, drawn_in, projection, slowed, view_vector
 
 plane = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 
@@ -56,3 +56,14 @@ def test_a_task_that_no_joint_moves_changes_nothing():
     np.testing.assert_array_equal(
         corrected(np.ones(4), (1.0, 0.0), np.zeros((2, 4)), np.zeros(4), np.full(4, 2.0)), np.ones(4)
     )
+
+
+def test_the_angle_is_braked_for_and_what_the_target_induces_is_not():
+    J_t, change = np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]), np.full(3, 1e-3)
+    psi, induced = (np.tan(0.05), 0.0), np.array([0.0, 0.01, 0.02])
+    fast, slow = np.array([-0.1, 0.0, 0.0]), np.array([-1e-3, 0.0, 0.0])
+    ours = slowed(induced + fast, induced, psi, J_t, change) - induced
+    np.testing.assert_allclose(ours / ours[0], fast / fast[0])
+    assert -0.02 < ours[0] < -0.005
+    np.testing.assert_array_equal(slowed(induced + slow, induced, psi, J_t, change), induced + slow)
+    np.testing.assert_array_equal(slowed(fast, induced, (0.0, 0.0), J_t, change), fast)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
 from armgate.control.integrate import Ended, Scheme
-from armgate.control.keeping import corrected, drawn_in, projection, view_vector
+from armgate.control.keeping import corrected, drawn_in, projection, slowed, view_vector
 from armgate.control.law import CameraLaw, Goal, Scene
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
@@ -54,6 +54,15 @@ class Aim:
     velocity: Vector
     scene: Scene
     emergency: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """What the law makes of a tick: from `start`, with what the target induces in it, to the reference."""
+
+    start: Vector
+    induced: Vector
+    end: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,14 +184,16 @@ class Follower:
         dq = bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
-            dq = self._kept(dq, q, (q + induced, run.q), goal, now)
+            dq = self._kept(dq, Way(q, induced, run.q), goal, now)
         return dq, _reason(run.ended, aim.emergency, bounded), run.steps
 
-    def _kept(self, dq: Vector, q: Vector, way: tuple[Vector, Vector], goal: Goal, now: Situation) -> Vector:
+    def _kept(self, dq: Vector, way: Way, goal: Goal, now: Situation) -> Vector:
         """`dq` with the view of the law, which a piece of the straight way to its reference has not."""
         law, bounds = self._law, self._bounds
-        start, end = (view_vector(law.task(at, goal)[0]) for at in way)
-        psi, J_t = law.task(q + dq, goal)
+        psi, J_t = law.task(way.start + way.induced, goal)
+        start, end = view_vector(psi), view_vector(law.task(way.end, goal)[0])
+        dq = bounds.within(slowed(dq, way.induced, psi, J_t, bounds.change), now.last, now.setpoint)
+        psi, J_t = law.task(way.start + dq, goal)
         v = view_vector(psi)
         if (allowed := drawn_in(v, start, end)) == v:
             return dq

@@ -8,7 +8,8 @@ again at the end of the increment. With the view vector
 
 the increment may not end at a wider angle than the straight line of v, from where the increment starts to
 where the law takes it, has nearest to it; else it is corrected. An approach is free to turn another way,
-as long as the angle falls; where the view is right already, it stays so.
+as long as the angle falls; where the view is right already, it stays so. The angle is braked for as a joint
+is, since no bounded correction could catch a view that sweeps past the target.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from math import atan, hypot, tan
 
 import numpy as np
 
+from armgate.control.shaping import braking_increment
 from armgate.control.weights import Vector
 
 V2 = tuple[float, float]
@@ -25,6 +27,11 @@ V2 = tuple[float, float]
 ROUNDS = 4
 # Against a task that the joints left free hardly move: per largest joint mobility, relative to Ψ's own scale.
 DAMPING = 1e-6
+
+
+# The angle is braked with this part of what the joints could do together: they have their own ends to meet.
+# With 0.7, as each joint has, 1 of 80 approaches swept past the target, with 0.35 none of 160.
+RESERVE = 0.35
 
 
 def view_vector(psi: V2) -> V2:
@@ -39,6 +46,26 @@ def projection(v: V2) -> V2:
     theta = hypot(*v)
     scale = 0.5 if theta < 1e-9 else tan(0.5 * theta) / theta
     return scale * v[0], scale * v[1]
+
+
+def slowed(dq: Vector, induced: Vector, psi: V2, J_t: Vector, change: Vector) -> Vector:
+    """The increment shortened towards `induced`, so that the angle can come to rest at zero.
+
+    Args:
+        dq: the increment, (n,).
+        induced: the part of it that the target's own motion asks for.
+        psi: Ψ at the start, (2).
+        J_t: ∂Ψ/∂q there, (2, n).
+        change: bounds on the change of the increment per tick.
+    """
+    rho = hypot(*psi)
+    if rho < 1e-4:
+        return dq
+    slope = (2.0 / ((1.0 + rho * rho) * rho)) * (psi[0] * J_t[0] + psi[1] * J_t[1])  # ∂θ/∂q
+    shed = RESERVE * float(np.linalg.norm(slope * change))
+    falls = -float(slope @ (dq - induced))
+    may = float(braking_increment(np.array(2.0 * atan(rho)), np.array(shed)))
+    return dq if falls <= may else induced + (may / falls) * (dq - induced)
 
 
 def drawn_in(v: V2, start: V2, end: V2) -> V2:
