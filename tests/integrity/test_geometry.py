@@ -123,7 +123,7 @@ def test_the_nearest_pair_is_the_nearest_of_all(name):
     names = [(cell.bodies[p.a].name, cell.bodies[p.b].name) for p in cell.pairs]
     q = [rng.uniform(r.lower, r.upper) for r in cell.robots]
     for tick in range(60):
-        step = [rng.uniform(-0.2, 0.2, r.model.n) * r.velocity * r.period for r in cell.robots]
+        step = [rng.uniform(-1.0, 1.0, r.model.n) * r.velocity * r.period for r in cell.robots]
         q = [np.clip(x + u, r.lower, r.upper) for x, u, r in zip(q, step, cell.robots, strict=True)]
         R, t = oracle.place([x[None, :] for x in q])
         for i in range(len(q)):
@@ -135,7 +135,7 @@ def test_the_nearest_pair_is_the_nearest_of_all(name):
             best = min(apart, key=lambda p: apart[p].high - cell.pairs[p].limit)
             margin = apart[best].high - cell.pairs[best].limit
             assert told.distance - told.limit <= margin + 1e-6
-            if tick >= 10:
+            if tick >= 1:
                 assert told.distance - told.limit >= margin - 1e-3
             for near in found.values():
                 assert near.distance <= apart[names.index(near.pair)].high + 1e-6

@@ -17,7 +17,8 @@ from armgate.integrity.clearance import Clearance, ordered
 from armgate.integrity.groups import Group
 from armgate.integrity.swept import Index, Swept
 
-_REFRESHES = 16
+_FEW = 4
+_REFRESHES = 64
 
 
 class NearestPairs:
@@ -44,10 +45,13 @@ class NearestPairs:
         for i, q in enumerate(measured):
             self._follow(i, q, measured)
         proofs: dict[int, Proof] = {}
-        for _ in range(_REFRESHES):
+        for asked in range(_REFRESHES):
             stale = [p for p in self._lowest(robot) if p not in proofs]
             if not stale:
                 break
+            if asked == _FEW:  # many moved far: one slab for all is cheaper than the engine for each
+                self._measure(robot, measured)
+                continue
             proofs[stale[0]] = proof = self._refresh(robot, stale[0], measured)
             self._margin[stale[0]] = proof.lb - c.limits[stale[0]]
         order = ids[np.argsort(self._margin[ids], kind="stable")]
@@ -64,13 +68,21 @@ class NearestPairs:
         if last is not None:
             self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
             return
+        self._measure(robot, measured)
+
+    def _measure(self, robot: int, measured: Sequence[Joints | None]) -> None:
+        """Proves what the kept directions prove of all of a robot's pairs at the measured positions."""
+        q = measured[robot]
         for group in self._clearance.groups[robot]:
             side = self._side(group, measured)
-            if side is not None:
-                every: Index = np.arange(len(group.ids))
-                mine = self._clearance.space.still(robot, q)
-                lb, _, _ = group.slab(mine, side, every, self._clearance.kept_n(group, every))
-                self._margin[group.ids] = lb - group.limit
+            if q is None or side is None:
+                continue
+            every: Index = np.arange(len(group.ids))
+            mine = self._clearance.space.still(robot, q)
+            lb, _, _ = group.slab(mine, side, every, self._clearance.kept_n(group, every))
+            known = np.isfinite(self._margin[group.ids])
+            kept = np.where(known, self._margin[group.ids], -np.inf)
+            self._margin[group.ids] = np.maximum(kept, lb - group.limit)
 
     def _refresh(self, robot: int, pair: int, measured: Sequence[Joints | None]) -> Proof:
         group, k = self._clearance.find(robot, pair)

@@ -63,8 +63,8 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
     """Returns the measured position to go on with, None if no held occupancy explains it.
 
     The robot is within the rounding of the proven cover (which begins at a measurement too), and what is
-    measured within the rounding of the robot. A measurement off the cover by no more than both is taken at the
-    cover's edge, so that rounding never makes an occupancy grow.
+    measured within the rounding of the robot. A measurement off the cover by no more than both is taken at
+    the cover's edge, so that rounding never makes an occupancy grow.
     """
     if any(_stretches(q, one, -tolerance) for one in held):
         return q
