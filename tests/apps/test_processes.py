@@ -85,16 +85,16 @@ def test_an_event_from_a_signal_handler(crew: Crew) -> None:
     assert crew.next(WAIT) == Asked(signal.SIGINT)
 
 
-def test_children_go_before_ordinary_programs_where_they_may(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(os, "setpriority", lambda *how: asked.append(how))
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *how: asked.append(how))
     child.hurry()
-    assert asked == [(os.PRIO_PROCESS, 0, child.HURRY)]
+    ((_, policy, param),) = asked
+    assert policy == os.SCHED_RR | os.SCHED_RESET_ON_FORK
+    assert param.sched_priority == child.PRIORITY
 
-    def refuse(*_: int) -> None:
+    def refuse(*_: object) -> None:
         raise PermissionError
 
-    monkeypatch.setattr(os, "setpriority", refuse)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
     child.hurry()

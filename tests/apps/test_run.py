@@ -37,15 +37,16 @@ def plan(**changes: object) -> course.Plan:
 
 
 def test_the_commands() -> None:
-    assert plan().daemon()[4:] == ["serve", "a.yaml", "b.yaml", "--port", "0"]
+    assert plan().daemon()[4:] == ["clock", "serve", "a.yaml", "b.yaml", "--port", "0"]
     assert plan(lockstep=True).daemon()[-2:] == ["--lockstep", "leader,follower"]
+    assert plan(lockstep=True).controller("leader", "h:1")[4:6] == ["lockstep", "lead"]
     lead = plan(duration=2.5).controller("leader", "h:1")
     assert lead[4:] == (
-        ["lead", "h:1", "--robot", "GR", "--path", "p.csv", "--duration", "2.5", "--name", "leader"]
+        ["clock", "lead", "h:1", "--robot", "GR", "--path", "p.csv", "--duration", "2.5", "--name", "leader"]
     )
     follow = plan(lag=0.12).controller("follower", "h:1")
     assert follow[4:] == (
-        ["follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12", "--name", "follower"]
+        ["clock", "follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12", "--name", "follower"]
     )
 
 

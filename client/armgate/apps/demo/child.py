@@ -1,4 +1,6 @@
-"""``python -m armgate.apps.demo.child PID …`` is ``armgate …`` that ends with the process PID, its parent.
+"""``python -m armgate.apps.demo.child PID PACE …`` is ``armgate …`` that ends with process PID, its parent.
+
+PACE is ``clock`` or ``lockstep``: by the clock it is a real-time process, where that is allowed.
 
 The demo ends its children in order, but it cannot when it is killed itself: then the kernel sends them
 SIGTERM, at which daemon, leader and follower bring their robots to rest and end.
@@ -13,8 +15,8 @@ import sys
 from armgate.apps.cli import main
 
 PR_SET_PDEATHSIG = 1
-HURRY = -10
-"""The nice value of the demo's children, where the system lets them have it."""
+PRIORITY = 10
+"""Of the demo's children among real-time processes, by the wall clock."""
 
 
 def end_with(parent: int) -> None:
@@ -26,12 +28,15 @@ def end_with(parent: int) -> None:
 
 
 def hurry() -> None:
-    """Goes before ordinary programs: a robot's tick cannot wait until another one has had its turn."""
+    """Goes before ordinary programs where the system allows it: a robot's tick cannot wait for its turn."""
+    policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
     with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, HURRY)
+        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
 
 
 if __name__ == "__main__":
-    end_with(int(sys.argv[1]))
-    hurry()
-    main(sys.argv[2:])
+    parent, pace, *arguments = sys.argv[1:]
+    end_with(int(parent))
+    if pace == "clock":
+        hurry()
+    main(arguments)

@@ -16,9 +16,10 @@ TAIL = 12
 _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def armgate(*arguments: str) -> list[str]:
-    """The command line of a child that ends when this process is gone."""
-    return [sys.executable, "-m", "armgate.apps.demo.child", str(os.getpid()), *arguments]
+def armgate(*arguments: str, lockstep: bool) -> list[str]:
+    """The command line of a child that ends when this process is gone, and by the clock hurries."""
+    pace = "lockstep" if lockstep else "clock"
+    return [sys.executable, "-m", "armgate.apps.demo.child", str(os.getpid()), pace, *arguments]
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class Plan:
 
     def daemon(self) -> list[str]:
         """The command that starts the daemon."""
-        command = armgate("serve", *map(str, self.configs), "--port", "0")
+        command = armgate("serve", *map(str, self.configs), "--port", "0", lockstep=self.lockstep)
         return [*command, "--lockstep", ",".join(CONTROLLERS)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:
@@ -71,7 +71,7 @@ class Plan:
         else:
             own = ["lead", address, "--robot", self.leader, "--path", str(self.path)]
             own += [] if self.duration is None else ["--duration", str(self.duration)]
-        return armgate(*own, "--name", name)
+        return armgate(*own, "--name", name, lockstep=self.lockstep)
 
 
 @dataclass
