@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import Box, Capsule, Cylinder, Sphere
+from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
 from armgate.control.redundancy.distance import point_distances
 
 SHAPES = [Sphere(0.4), Capsule(0.2, 0.6), Cylinder(0.3, 0.5), Box(0.4, 0.6, 0.8)]
@@ -77,3 +77,17 @@ def test_in_the_very_middle_it_is_one_of_the_directions(shape):
     assert np.linalg.norm(n) == pytest.approx(1.0)
     step, _ = point_distances(PLACE.t[None] + 1e-3 * n, shape, PLACE)
     assert step[0] == pytest.approx(d[0] + 1e-3)
+
+
+def test_cones_and_convex_bodies_count_as_what_is_around_them(points):
+    turn = np.linspace(0.0, 2.0 * np.pi, 50)
+    rim = np.stack([0.3 * np.cos(turn), 0.3 * np.sin(turn), np.full(50, -0.25)], axis=1)
+    convex, _ = Convex.centred(np.random.default_rng(2).uniform(-0.4, 0.4, (12, 3)).tolist(), 0.05)
+    cone = np.concatenate([rim, [[0.0, 0.0, 0.25]]])
+    for shape, local in ((Cone(0.3, 0.5), cone), (convex, np.array(convex.vertices))):
+        d, n = point_distances(points, shape, PLACE)
+        inside = PLACE.apply(local)
+        nearest = np.linalg.norm(points[:, None] - inside, axis=2).min(axis=1)
+        assert (d <= nearest + 1e-12).all()
+        assert (point_distances(0.9 * inside + 0.1 * PLACE.t, shape, PLACE)[0] < 0.0).all()
+        np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0)

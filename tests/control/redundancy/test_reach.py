@@ -87,7 +87,9 @@ def test_a_joint_at_its_limit_is_locked_and_the_others_do_its_part(models):
     q = np.array([0.3, 2.6, 0.5])
     # Along this direction the second joint would turn on.
     target = task.place(q + np.array([0.0, 0.2, 0.1]))
-    free = Reach(task, target, Tuning(Method.PSEUDO, speed=9.0), limits=(model.lower - 9.0, model.upper + 9.0))
+    free = Reach(
+        task, target, Tuning(Method.PSEUDO, speed=9.0), limits=(model.lower - 9.0, model.upper + 9.0)
+    )
     locked = Reach(task, target, Tuning(Method.PSEUDO, speed=9.0))
     assert free.velocity(q).qd[1] > 0.01
     answer = locked.velocity(q)

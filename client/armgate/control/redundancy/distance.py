@@ -1,9 +1,12 @@
-"""Signed distances of points from primitive shapes, and the directions in which they grow."""
+"""Signed distances of points from shapes, and the directions in which they grow.
+
+A cone is taken as the cylinder around it, a convex body as the box around it: nearer than it is.
+"""
 
 import numpy as np
 
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sphere
 from armgate.control.redundancy.spaces import Array
 
 
@@ -20,7 +23,7 @@ def point_distances(points: Array, shape: Shape, placement: Placement) -> tuple[
         surface are nearest (the centre of a sphere) it is the direction to one of them.
     """
     local = placement.inverse().apply(points)
-    match shape:
+    match _simple(shape):
         case Sphere(radius):
             d, n = _from_points(local, radius)
         case Capsule(radius, length):
@@ -33,6 +36,17 @@ def point_distances(points: Array, shape: Shape, placement: Placement) -> tuple[
             d, n = _from_corner(np.abs(local) - 0.5 * np.array([x, y, z]))
             n *= _signs(local)
     return d, n @ placement.R.T
+
+
+def _simple(shape: Shape) -> Sphere | Capsule | Cylinder | Box:
+    match shape:
+        case Cone(radius, length):
+            return Cylinder(radius, length)
+        case Convex():
+            x, y, z = shape.half_sides
+            return Box(2.0 * x, 2.0 * y, 2.0 * z)
+        case _:
+            return shape
 
 
 def _from_points(ways: Array, radius: float) -> tuple[Array, Array]:
