@@ -61,7 +61,7 @@ class Holder:
 
     def command(self, tick: int, dq: Any = None, **more: Any) -> Fields:
         """A command, not yet sent."""
-        fields = {"robot": self.robot, "fence": self.fence, "seq": next(self.wire.seqs), "tick": tick}
+        fields = {"robot": self.robot, "fence": self.fence, "seq": next(self.wire.ledger.seqs), "tick": tick}
         return {"type": "command", **fields, "dq": self.small() if dq is None else dq, **more}
 
     async def verdict(self, command: Fields) -> Fields:
@@ -69,15 +69,27 @@ class Holder:
         self.wire.say(command)
         return await self.wire.expect("verdict", seq=command["seq"], robot=command["robot"])
 
-    async def decided(self, dq: Any = None, **more: Any) -> Fields:
+    def forbid(self, command: Fields, why: str) -> Fields:
+        """This command must not be done: a server that lets it through is unsafe, not only impolite."""
+        return self.wire.ledger.forbid(command, why)
+
+    async def decided(self, dq: Any = None, forbidden: str = "", **more: Any) -> Fields:
         """The verdict of a command based on a fresh tick; sent anew where it came too late.
+
+        Args:
+            dq: Its increment, None: a small one.
+            forbidden: Why the robot must not do it, "": it may.
+            more: Other fields.
 
         Raises:
             Unmet: It always comes too late.
         """
         for _ in range(_TRIES):
             state = await self.fresh()
-            verdict = await self.verdict(self.command(state["tick"], dq, **more))
+            command = self.command(state["tick"], dq, **more)
+            if forbidden:
+                self.forbid(command, forbidden)
+            verdict = await self.verdict(command)
             if cause(verdict) not in _LATE:
                 return verdict
         raise Unmet(f"{_TRIES} commands in a row came too late: {verdict.get('reasons')}")

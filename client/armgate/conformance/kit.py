@@ -95,6 +95,6 @@ def _write(options: Options, results: Sequence[Result], facts: Facts, where: str
         report.write_junit(results, options.junit, options.strict)
     if options.html is not None:
         text = page.page(results, facts, where, options.strict, " ".join(sys.argv[1:]))
-        options.html.write_text(text, encoding="utf-8")
+        options.html.write_text(text, encoding="utf-8", errors="replace")
     if options.wires is not None:
         report.write_wires(results, options.wires)

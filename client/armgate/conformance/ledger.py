@@ -17,12 +17,19 @@ class Ledger:
     Attributes:
         sent: The commands by robot and seq.
         verdicts: Their verdicts.
+        forbidden: Commands that no robot may do, whatever their verdicts say, and why.
         seqs: Gives every command of a run its own seq.
     """
 
     seqs: Iterator[int] = field(default_factory=lambda: count(1))
     sent: dict[Key, Fields] = field(default_factory=dict)
     verdicts: dict[Key, Fields] = field(default_factory=dict)
+    forbidden: dict[Key, str] = field(default_factory=dict)
+
+    def forbid(self, command: Fields, why: str) -> Fields:
+        """No robot may do this command."""
+        self.forbidden[command["robot"], command["seq"]] = why
+        return command
 
 
 class Account:

@@ -61,7 +61,9 @@ def write_wires(results: Sequence[Result], folder: Path) -> None:
         if result.wire:
             head = [f"{result.case.id}: {result.case.description}", *result.findings, ""]
             name = result.case.id.replace("/", "_") + ".txt"
-            (folder / name).write_text("\n".join([*head, *result.wire]) + "\n", encoding="utf-8")
+            (folder / name).write_text(
+                "\n".join([*head, *result.wire]) + "\n", encoding="utf-8", errors="replace"
+            )
 
 
 def write_junit(results: Sequence[Result], file: Path, strict: bool) -> None:

@@ -129,6 +129,8 @@ class Runner:
             return Outcome.SKIPPED, [str(reason)]
         except Unmet as fault:
             told.append(str(fault))
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            told.append(f"the server said what the case cannot make sense of: {error!r}")
         except TimeoutError:
             told.append(f"not over within {_LONGEST:g} s")
         told += [fault for wire in trial.wires for fault in wire.faults]
@@ -190,6 +192,8 @@ class Runner:
             wire: Wire = await self._target.helper(f"kit-observer-{next(self._numbers)}", "observer")
             self._observer = Observer(wire, self._facts.description)
             await self._observer.watch()
+            if not self._facts.lockstep:  # what a robot does next is judged by what it did before
+                await self._observer.ticks(self._facts.robot["name"], 3)
             applied = [e["applied_seq"] or 0 for e in self._observer.entries.values()]
             self._ledger.seqs = count(max([*applied, next(self._ledger.seqs)]) + 1)
         return self._observer

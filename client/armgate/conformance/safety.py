@@ -133,6 +133,8 @@ def _applied(robot: str, samples: Sequence[Sample], ledger: Ledger) -> Iterator[
         verdict = ledger.verdicts.get((robot, seq))
         if (robot, seq) not in ledger.sent:
             yield f"{robot}: at tick {after.tick} seq {seq} is applied, which nobody sent"
+        elif why := ledger.forbidden.get((robot, seq)):
+            yield f"{robot}: at tick {after.tick} seq {seq} is applied, which must not be: {why}"
         elif verdict is not None:
             yield from _as_judged(robot, before, after, verdict)
         if before.stops and before.stops == after.stops:

@@ -35,7 +35,7 @@ class Target:
         tls: Encrypts, None: not.
         faults: What the kit's proxy does to the connections of cases.
         proxy: That proxy, None: connections are direct.
-        patience: How long an answer may take, s.
+        longest: How long an answer may take without faults, s.
     """
 
     host: str
@@ -44,6 +44,7 @@ class Target:
     tls: ssl.SSLContext | None = None
     faults: Faults = field(default_factory=Faults)
     proxy: Proxy | None = None
+    longest: float = _PATIENCE
 
     @property
     def token(self) -> str | None:
@@ -53,7 +54,7 @@ class Target:
     @property
     def patience(self) -> float:
         """How long an answer may take, s."""
-        return _PATIENCE + 4 * self.faults.delay
+        return self.longest + 4 * self.faults.delay
 
     async def connect(
         self,

@@ -44,7 +44,7 @@ class Wire(asyncio.Protocol):
         self.welcome: Fields = {}
         self.patience = patience
         self.account = Account(ledger)
-        self.seqs = ledger.seqs
+        self.ledger = ledger
         self._log = log
         self._cutter = Cutter()
         self._news = asyncio.Event()
@@ -258,6 +258,14 @@ class Wire(asyncio.Protocol):
         if answer["type"] != "error" or answer["code"] != code or answer["fatal"] is not False:
             raise Unmet(f"{self.name}: {kind} should be refused as {code}, not fatal; got {_brief(answer)}")
         return answer
+
+    async def heard(self) -> list[Fields]:
+        """All messages before the pong of a ping sent now."""
+        found: list[Fields] = []
+        self.say({"type": "ping", "time": 7.0})
+        while (message := await self.hear(lambda m: True, "pong"))["type"] != "pong":
+            found.append(message)
+        return found
 
     async def in_step(self) -> None:
         """Wait until all that was said before has been answered: messages are done in their order.

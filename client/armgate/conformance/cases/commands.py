@@ -66,7 +66,13 @@ async def _(trial: Trial) -> None:
 @case("CMD-1/observer", "Send a command as observer", "One verdict, refused by lease", also=("CMD-8",))
 async def _(trial: Trial) -> None:
     wire = await trial.client("observer")
-    command = {"robot": trial.robot, "fence": 1, "seq": next(wire.seqs), "tick": 0, "dq": [0.0] * trial.n}
+    command = {
+        "robot": trial.robot,
+        "fence": 1,
+        "seq": next(wire.ledger.seqs),
+        "tick": 0,
+        "dq": [0.0] * trial.n,
+    }
     wire.say({"type": "command", **command})
     refused(await wire.expect("verdict", seq=command["seq"]), "lease")
 
@@ -196,7 +202,7 @@ async def _(trial: Trial) -> None:
     holder = await trial.holder()
     await holder.wire.answered("release", "lease", robot=trial.robot, fence=holder.fence)
     for fence in (holder.fence, holder.fence + 1, 0):
-        refused(await holder.decided(fence=fence), "lease")
+        refused(await holder.decided(fence=fence, forbidden="nobody holds the robot"), "lease")
 
 
 _FENCES = {"old": -1, "next": +1, "far": 10**12}
@@ -212,7 +218,11 @@ for _slug, _by in _FENCES.items():
     async def _(trial: Trial, by: int = _by) -> None:
         holder = await trial.holder()
         bad, good = await together(
-            holder, lambda tick: holder.command(tick, fence=max(0, holder.fence + by)), holder.command
+            holder,
+            lambda tick: holder.forbid(
+                holder.command(tick, fence=max(0, holder.fence + by)), "another fence"
+            ),
+            holder.command,
         )
         refused(bad, "fence")
         admitted(good)
@@ -228,7 +238,7 @@ async def _(trial: Trial) -> None:
     thief = await trial.client(name="thief")
     for _ in range(5):
         tick = (await holder.fresh())["tick"]
-        stolen = holder.command(tick)
+        stolen = holder.forbid(holder.command(tick), "it is not the holder's")
         thief.say(stolen)
         refused(await thief.expect("verdict", seq=stolen["seq"]), "fence")
     await holder.moved()
@@ -247,7 +257,7 @@ async def _(trial: Trial) -> None:
     other = await trial.client("observer", "other")
     await other.answered("stop", "stopped", robot=trial.robot)
     for _ in range(5):
-        verdict = await holder.decided()
+        verdict = await holder.decided(forbidden="the robot is stopped")
         check(
             verdict["outcome"] == "refused" and cause(verdict) in ("lease", "stopped"),
             f"it was {verdict['outcome']} by {cause(verdict)}",
@@ -285,7 +295,9 @@ async def _(trial: Trial) -> None:
     age = trial.facts.max_age + 1
     if trial.observer.tick(trial.robot) <= age:
         await trial.observer.ticks(trial.robot, age)
-    bad, good = await together(holder, lambda tick: holder.command(tick - age), holder.command)
+    bad, good = await together(
+        holder, lambda tick: holder.forbid(holder.command(tick - age), "its tick is too old"), holder.command
+    )
     refused(bad, "stale")
     admitted(good)
     refused(await holder.verdict(holder.command(0)), "stale")
@@ -359,7 +371,11 @@ for _slug, _by in _LENGTHS.items():
         count = 64 if by == 64 else max(0, holder.n + by)
         if count == holder.n:
             raise Skip(f"the robot has {count} joints")
-        bad, good = await together(holder, lambda tick: holder.command(tick, [0.0] * count), holder.command)
+        bad, good = await together(
+            holder,
+            lambda tick: holder.forbid(holder.command(tick, [0.0] * count), "its dq has another length"),
+            holder.command,
+        )
         refused(bad, "length")
         admitted(good)
 
@@ -378,7 +394,7 @@ for _slug, _value in {"nan": math.nan, "infinity": math.inf, "minus-infinity": -
             dq = [value if i == j else 0.0 for i in range(holder.n)]
             bad, good = await together(
                 holder,
-                lambda tick, dq=dq: holder.command(tick, dq),
+                lambda tick, dq=dq: holder.forbid(holder.command(tick, dq), "its dq is not finite"),
                 lambda tick: holder.command(tick, [0.0] * holder.n),
             )
             refused(bad, "not_finite")
@@ -646,12 +662,12 @@ for _slug, _make in {
     @case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each has its verdict")
     async def _(trial: Trial, make: Any = _make) -> None:
         holder = await trial.holder()
-        for seq in make(next(holder.wire.seqs) + 1):
+        for seq in make(next(holder.wire.ledger.seqs) + 1):
             tick = (await holder.fresh())["tick"]
             # Without effect, so that no later case finds a strange seq applied.
             await holder.verdict(holder.command(tick, [], seq=seq))
         for _ in range(10):
-            next(holder.wire.seqs)
+            next(holder.wire.ledger.seqs)
 
 
 @case("CMD-33/reserved", "Command with a deadline long past and a horizon of 0", "Judged as without them")
@@ -742,7 +758,7 @@ async def _(trial: Trial) -> None:
             case _:
                 await wire.answered("stop", "stopped", robot=trial.robot)
         for _ in range(3):
-            verdict = await holder.decided()
+            verdict = await holder.decided(forbidden=f"the lease ended by {way}")
             check(
                 verdict["outcome"] == "refused",
                 f"after {way} a command with the old fence was {verdict['outcome']}",

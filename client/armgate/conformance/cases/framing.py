@@ -163,7 +163,11 @@ async def _(trial: Trial) -> None:
     await _fatal_length(trial, await trial.client(), 0, "empty_frame")
 
 
-@case("FRM-5/http", "Speak HTTP", "A fatal frame_too_large: its first 4 bytes are a length beyond the limit")
+@case(
+    "FRM-5/http",
+    "Speak HTTP to it",
+    "A fatal frame_too_large: its first 4 bytes are a length beyond the limit",
+)
 async def _(trial: Trial) -> None:
     wire = await trial.open()
     wire.write(b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n", "HTTP")

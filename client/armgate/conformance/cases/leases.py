@@ -99,7 +99,7 @@ async def _(trial: Trial) -> None:
     holder = await trial.holder()
     old = holder.fence
     holder.fence = (await holder.wire.answered("acquire", "lease", robot=trial.robot))["fence"]
-    refused(await holder.decided(fence=old), "fence")
+    refused(await holder.decided(fence=old, forbidden="its fence is old"), "fence")
     await holder.moved()
     await holder.wire.in_step()
     told = [m for m in holder.wire.inbox if m["type"] == "lease"]
@@ -131,8 +131,9 @@ async def _(trial: Trial) -> None:
     operator = await trial.holder("operator", "operator", takeover=True)
     check(operator.fence > holder.fence, f"the fence went from {holder.fence} to {operator.fence}")
     await lost(holder.wire, holder.fence)
-    refused(await holder.decided(), "fence")
-    refused(await holder.decided(fence=operator.fence), "fence")
+    taken = "another session holds the robot"
+    refused(await holder.decided(forbidden=taken), "fence")
+    refused(await holder.decided(fence=operator.fence, forbidden=taken), "fence")
     await operator.moved()
 
 
@@ -148,7 +149,7 @@ async def _(trial: Trial) -> None:
         await holder.moved()
     answer = await holder.wire.answered("release", "lease", robot=trial.robot, fence=holder.fence)
     check(answer["state"] == "released", f"the lease is {answer['state']}")
-    refused(await holder.decided(), "lease")
+    refused(await holder.decided(forbidden="the lease was given back"), "lease")
     await trial.rested()
     other = await trial.client(name="other")
     await other.answered("acquire", "lease", robot=trial.robot)
@@ -187,7 +188,7 @@ async def _(trial: Trial) -> None:
     for _ in range(5):
         await holder.moved()
     await lost(holder.wire, holder.fence, trial.facts.ttl + trial.target.patience)
-    refused(await holder.decided(), "lease")
+    refused(await holder.decided(forbidden="the lease has expired"), "lease")
     other = await trial.client(name="other")
     await other.answered("acquire", "lease", robot=trial.robot)
 
@@ -291,7 +292,7 @@ async def _(trial: Trial) -> None:
     command = {
         "robot": other,
         "fence": lease["fence"],
-        "seq": next(first.wire.seqs),
+        "seq": next(first.wire.ledger.seqs),
         "tick": trial.observer.tick(other),
     }
     first.wire.say({"type": "command", **command, "dq": [0.0] * n})

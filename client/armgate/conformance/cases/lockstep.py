@@ -49,16 +49,6 @@ class Seat:
         """Nothing more for this step."""
         self.wire.say({"type": "pass", "step": self.step if step is None else step})
 
-    async def pong(self) -> list[Fields]:
-        """What else came before the pong of a ping sent now."""
-        found: list[Fields] = []
-        self.wire.say({"type": "ping", "time": 7.0})
-        while True:
-            message = await self.wire.hear(lambda m: True, "pong")
-            if message["type"] == "pong":
-                return found
-            found.append(message)
-
 
 async def both(trial: Trial) -> tuple[Seat, Seat]:
     """Both participants, shown the same step."""
@@ -87,8 +77,13 @@ async def _(trial: Trial) -> None:
     for _ in range(5):
         step = first.step
         first.pass_()
-        check(not ended(first, await first.pong()), "the step ended before the other participant was done")
-        check(not ended(second, await second.pong()), "the step ended before the other participant was done")
+        check(
+            not ended(first, await first.wire.heard()), "the step ended before the other participant was done"
+        )
+        check(
+            not ended(second, await second.wire.heard()),
+            "the step ended before the other participant was done",
+        )
         second.pass_()
         await first.shown(step + 1)
         await second.shown(step + 1)
@@ -105,7 +100,7 @@ async def _(trial: Trial) -> None:
     first, second = await both(trial)
     lease = await first.wire.answered("acquire", "lease", robot=trial.robot)
     for _ in range(3):
-        step, seq = first.step, next(first.wire.seqs)
+        step, seq = first.step, next(first.wire.ledger.seqs)
         command = {
             "robot": trial.robot,
             "fence": lease["fence"],
@@ -143,10 +138,10 @@ async def _(trial: Trial) -> None:
 async def _(trial: Trial) -> None:
     first, second = await both(trial)
     lease = await first.wire.answered("acquire", "lease", robot=trial.robot)
-    seq = next(first.wire.seqs)
+    seq = next(first.wire.ledger.seqs)
     command = {"robot": trial.robot, "fence": lease["fence"], "seq": seq, "tick": first.ticks[trial.robot]}
     first.wire.say({"type": "command", **command, "dq": [0.0] * trial.n})
-    before = [m["type"] for m in await first.pong()]
+    before = [m["type"] for m in await first.wire.heard()]
     check("verdict" not in before, "a command was judged before the end of the step")
     second.pass_()
     await first.wire.expect("verdict", seq=seq)
@@ -163,7 +158,7 @@ async def _(trial: Trial) -> None:
     fences = {name: (await first.wire.answered("acquire", "lease", robot=name))["fence"] for name in robots}
     lengths = {robot["name"]: len(robot["joints"]) for robot in trial.facts.description["robots"]}
     commands = [
-        {"type": "command", "robot": name, "fence": fences[name], "seq": next(first.wire.seqs), "tick": first.ticks[name], "dq": [0.0] * lengths[name]}
+        {"type": "command", "robot": name, "fence": fences[name], "seq": next(first.wire.ledger.seqs), "tick": first.ticks[name], "dq": [0.0] * lengths[name]}
         for name in reversed(robots)
     ]  # fmt: skip
     first.wire.say(*commands)
@@ -183,7 +178,7 @@ async def _(trial: Trial) -> None:
     step = first.step
     first.pass_()
     first.wire.say({"type": "describe", "id": 900})
-    early = [m["type"] for m in await first.pong()]
+    early = [m["type"] for m in await first.wire.heard()]
     check("description" not in early, "what was said after pass was done in the same step")
     second.pass_()
     kinds: list[str] = []
@@ -208,7 +203,7 @@ for _slug, _by in {"before": -1, "ahead": 1}.items():
         first.pass_(first.step + by)
         await first.wire.expect("error", code="wrong_step", fatal=False, about="pass")
         second.pass_()
-        check(not ended(second, await second.pong()), "the step ended by a pass for another step")
+        check(not ended(second, await second.wire.heard()), "the step ended by a pass for another step")
 
 
 _STRANGER: dict[str, Any] = {
@@ -255,7 +250,7 @@ async def _(trial: Trial) -> None:
     wire = await trial.open("double")
     wire.say(trial.target.hello(trial.facts.participants[0], "controller"))
     await wire.fails("name_taken")
-    await first.pong()
+    await first.wire.heard()
 
 
 @case(
@@ -267,7 +262,7 @@ async def _(trial: Trial) -> None:
     first, _ = await both(trial)
     first.pass_()
     first.wire.say(*({"type": "describe", "id": 2000 + i} for i in range(256)))
-    await first.pong()
+    await first.wire.heard()
     first.wire.say({"type": "describe"})
     await first.wire.fails("too_many")
 
@@ -289,10 +284,10 @@ async def _(trial: Trial) -> None:
 @case("PNG-3/midway", "Ping before and after pass, in the middle of a step", "Each pong comes at once")
 async def _(trial: Trial) -> None:
     first, second = await both(trial)
-    await first.pong()
+    await first.wire.heard()
     first.pass_()
-    await first.pong()
-    await second.pong()
+    await first.wire.heard()
+    await second.wire.heard()
 
 
 @case(
@@ -309,9 +304,10 @@ async def _(trial: Trial) -> None:
 
 
 @case(
-    "LCK-1/lockstep",
+    "LCK-2/marks",
     "Look at welcome, description and states",
     "lockstep is true in both, states have a step",
+    also=("LCK-1",),
 )
 async def _(trial: Trial) -> None:
     first, second = await both(trial)

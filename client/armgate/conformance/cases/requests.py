@@ -226,6 +226,20 @@ async def _(trial: Trial) -> None:
     await wire.in_step()
 
 
+@case(
+    "LCK-1/clock",
+    "On a server by the wall clock, look at welcome and a state",
+    "lockstep is not true, and states have no step",
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.client("observer")
+    check(wire.welcome.get("lockstep") is not True, "welcome says lockstep")
+    await wire.answered("subscribe", "subscribed", fields=[])
+    for _ in range(3):
+        state = await wire.hear(lambda m: m["type"] == "state", "a state")
+        check(state.get("step") is None, f"a state has the step {state.get('step')}")
+
+
 @case("PNG-1/bits", "Send pings with times that are hard to keep", "Each pong repeats its time, bit for bit")
 async def _(trial: Trial) -> None:
     wire = await trial.client()

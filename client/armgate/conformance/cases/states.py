@@ -147,7 +147,7 @@ async def _(trial: Trial) -> None:
     command = {
         "robot": trial.robot,
         "fence": lease["fence"],
-        "seq": next(wire.seqs),
+        "seq": next(wire.ledger.seqs),
         "tick": trial.observer.tick(trial.robot),
     }
     wire.say({"type": "command", **command, "dq": [0.0] * trial.n})

@@ -1,0 +1,60 @@
+"""A daemon in this event loop, and the kit's cases tried on it."""
+
+import asyncio
+import io
+from contextlib import asynccontextmanager
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.conformance.case import selected
+from armgate.conformance.runner import Runner
+from armgate.conformance.target import Target, ask
+from armgate.daemon.log import Log
+from armgate.daemon.server import Daemon
+from armgate.integrity import Gate
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+PATIENCE = 20.0
+
+
+@cache
+def cell(*files):
+    """A cell, built once."""
+    return build_cell(load_config([CONFIGS / file for file in files]))
+
+
+@asynccontextmanager
+async def serving(*files, build=cell):
+    """The port of a daemon that serves meanwhile."""
+    log = Log(io.StringIO())
+    daemon = Daemon(build(*files), Gate, log)
+    port = asyncio.get_running_loop().create_future()
+    task = asyncio.create_task(daemon.run(lambda host, number: port.set_result(number)))
+    try:
+        await asyncio.wait([port, task], return_when=asyncio.FIRST_COMPLETED, timeout=PATIENCE)
+        yield port.result()
+    finally:
+        while not task.done():
+            daemon.end()
+            await asyncio.wait([task], timeout=PATIENCE)
+        log.close()
+
+
+class Kit:
+    """Tries cases on a daemon in this event loop."""
+
+    async def results(self, *ids, patience=None, files=("conformance.yaml",), participants=()):
+        """What the cases came to, by id."""
+        async with serving(*files) as port:
+            target = Target("127.0.0.1", port, longest=patience or 10.0)
+            facts = await ask(target, None, participants)
+            return {r.case.id: r async for r in Runner(target, facts).run(selected(list(ids)))}
+
+
+@pytest.fixture
+def kit():
+    return Kit()

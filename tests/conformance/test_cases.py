@@ -1,0 +1,67 @@
+"""Every MUST about the server has a case, every case a statement."""
+
+import re
+
+import pytest
+
+from armgate.conformance.case import cases, selected
+from armgate.conformance.coverage import UNOBSERVED
+from armgate.protocol.statements import Level, When, statements
+
+MUSTS = [s for s in statements().values() if s.about_server and s.level is Level.MUST]
+TRIED = {id_ for case in cases() for id_ in case.covers}
+
+
+@pytest.mark.parametrize("statement", MUSTS, ids=lambda s: s.id)
+def test_every_must_about_the_server_is_tried(statement):
+    assert statement.id in TRIED or statement.id in UNOBSERVED, (
+        f"no case tries {statement.id}: {statement.text} Write one, or tell in coverage.py why none can"
+    )
+
+
+def test_what_is_not_tried_is_little_and_real():
+    assert len(UNOBSERVED) <= 10
+    assert set(UNOBSERVED) <= {s.id for s in MUSTS}, "no MUST about the server, or none at all"
+    assert not set(UNOBSERVED) & TRIED, "there is a case by now"
+    assert all(len(reason) > 20 for reason in UNOBSERVED.values())
+
+
+def test_every_case_names_statements_about_the_server():
+    for case in cases():
+        for id_ in case.covers:
+            assert id_ in statements(), f"{case.id}: no statement {id_}"
+            assert statements()[id_].about_server, f"{case.id}: {id_} does not bind the server"
+
+
+def test_every_case_says_what_it_does_and_expects():
+    for case in cases():
+        assert re.fullmatch(r"[A-Z]{3}-\d+/[a-z0-9-]+", case.id), case.id
+        assert len(case.description) > 10, case.id
+        assert len(case.expectation) > 4, case.id
+
+
+def test_there_are_as_many_as_it_takes():
+    assert len(cases()) == len({case.id for case in cases()})
+    assert len(cases()) > 200
+    assert sum(case.when is When.LOCKSTEP for case in cases()) > 12
+
+
+def test_a_case_of_a_mode_names_no_statement_of_another():
+    modes = (When.CLOCK, When.LOCKSTEP)
+    for case in cases():
+        found = {statements()[id_].when for id_ in case.covers}
+        assert not set(modes) <= found, case.id
+
+
+@pytest.mark.parametrize(
+    ("names", "least"), [(["LEA-8/takeover"], 1), (["FRM-5"], 3), (["LEA"], 20), (["FRM-5", "LEA-8"], 4)]
+)
+def test_cases_are_chosen_by_id_statement_and_topic(names, least):
+    found = selected(names)
+    assert len(found) >= least
+    assert all(any(case.id.startswith(name) for name in names) for case in found)
+
+
+def test_a_name_that_fits_no_case_is_told():
+    with pytest.raises(LookupError, match="FRM-999"):
+        selected(["FRM-1", "FRM-999"])

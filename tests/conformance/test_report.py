@@ -1,0 +1,123 @@
+"""What a run tells: lines, exit status, JUnit, the page."""
+
+import re
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from armgate.conformance import page, report
+from armgate.conformance.case import cases
+from armgate.conformance.runner import Result
+from armgate.conformance.target import Facts
+from armgate.conformance.verdicts import Outcome
+from conformance.conftest import serving
+from support.clients import run
+
+FACTS = Facts(
+    {"versions": [1], "software": "<toy> 1"},
+    {"name": "cell & co"},
+    {"name": "R"},
+)
+
+
+def result(index, safety=Outcome.PASS, session=Outcome.PASS, findings=(), wire=()):
+    return Result(cases()[index], safety, session, findings, 0.25, wire)
+
+
+RESULTS = [
+    result(0),
+    result(1, session=Outcome.FAIL, findings=("session: got <b>\x00\ud800",), wire=("0.1 a → <x>",)),
+    result(2, safety=Outcome.FAIL, findings=("safety: it moved",), wire=("0.2",)),
+    result(40, session=Outcome.NON_STRICT, findings=("session: it should",), wire=("0.3",)),
+    result(41, Outcome.SKIPPED, Outcome.SKIPPED, ("one robot only",)),
+]
+
+
+def test_the_worse_verdict_counts():
+    assert [one.outcome.value for one in RESULTS] == ["PASS", "FAIL", "FAIL", "NON-STRICT", "SKIPPED"]
+
+
+def test_the_last_line():
+    assert report.last_line(RESULTS, strict=False) == "5 cases, 2 passed, 2 failed, 1 skipped"
+    assert report.last_line(RESULTS, strict=True) == "5 cases, 1 passed, 3 failed, 1 skipped"
+
+
+def test_a_failure_quotes_the_statement_and_shows_the_wire():
+    told = report.failure(RESULTS[1])
+    case = RESULTS[1].case
+    assert case.statement.text in told
+    assert case.expectation in told
+    assert "0.1 a → <x>" in told
+
+
+def test_junit_can_be_read(tmp_path):
+    report.write_junit(RESULTS, tmp_path / "junit.xml", strict=False)
+    root = ET.parse(tmp_path / "junit.xml").getroot()
+    assert {key: root.get(key) for key in ("tests", "failures", "skipped")} == {
+        "tests": "5", "failures": "2", "skipped": "1",
+    }  # fmt: skip
+    failure = next(root.iter("failure"))
+    assert failure.get("message") == "safety PASS, session FAIL"
+    assert "got <b>" in failure.text
+    assert {suite.get("name") for suite in root} == {r.case.statement.section for r in RESULTS}
+
+
+def test_the_page_stands_alone_and_escapes():
+    text = page.page(RESULTS, FACTS, "h:1", False, "--only X")
+    assert "&lt;toy&gt; 1" in text
+    assert "cell &amp; co" in text
+    assert "got &lt;b&gt;" in text
+    assert not re.search(r"(src|href)=|@import|url\(|<script", text), "something from elsewhere"
+    assert text.count("<details") == len(RESULTS)
+    assert text.count("<details open") == 3
+
+
+def test_wire_logs_are_files(tmp_path):
+    report.write_wires(RESULTS, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+async def test_the_command_tells_and_exits_by_what_it_found(tmp_path):
+    async with serving("conformance.yaml") as port:
+        status, out, err = await run("conformance", f"127.0.0.1:{port}", "--only", "VER", "--out", tmp_path)
+    assert (status, err) == (0, "")
+    assert re.fullmatch(r"\d+ cases, \d+ passed, 0 failed, 0 skipped", out.splitlines()[-1])
+    assert "<h1>" in (tmp_path / "report.html").read_text()
+
+
+async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
+    from armgate.daemon.server import Daemon
+
+    right = Daemon._welcome
+    monkeypatch.setattr(
+        Daemon, "_welcome", lambda self, *a: right(self, *a).model_copy(update={"client_versions": (7,)})
+    )
+    async with serving("conformance.yaml") as port:
+        status, out, _ = await run("conformance", f"127.0.0.1:{port}", "--only", "VER-2/one")
+    assert status == 1
+    assert "VER-2: A server MUST choose" in out
+    assert out.splitlines()[-1] == "1 cases, 0 passed, 1 failed, 0 skipped"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("127.0.0.1:1",), "no server that can be tried at 127.0.0.1:1"),
+        (("localhost",), "is no address"),
+        ((), "give either HOST:PORT or --start COMMAND"),
+        (("127.0.0.1:1", "--only", "FOO-1"), "no case FOO-1"),
+        (("127.0.0.1:1", "--faults", "rain=1"), "--faults"),
+        (("--start", "no-such-program-anywhere"), "--start"),
+    ],
+)
+async def test_called_wrongly_it_says_so_and_exits_2(arguments, text):
+    status, _, err = await run("conformance", *arguments)
+    assert status == 2
+    assert text in " ".join(err.split())
+    assert "Traceback" not in err
+
+
+async def test_it_lists_its_cases():
+    status, out, _ = await run("conformance", "--list")
+    assert status == 0
+    assert len(out.splitlines()) == len(cases())

@@ -1,0 +1,422 @@
+"""Servers wrong in one way each: the daemon with one behaviour changed. The case that should catches it."""
+
+import hashlib
+import math
+from dataclasses import replace
+
+import pytest
+
+from armgate.cell import events
+from armgate.conformance.verdicts import Outcome
+from armgate.daemon import core as core_module
+from armgate.daemon import library as library_module
+from armgate.daemon import session as session_module
+from armgate.daemon import translate
+from armgate.daemon.core import RIGHTS, Core
+from armgate.daemon.leasing import Leasing
+from armgate.daemon.peer import Subscription
+from armgate.daemon.server import Daemon
+from armgate.daemon.session import Session
+from armgate.daemon.signals import Signals
+from armgate.integrity import Gate, admission
+from armgate.protocol import Leases, RemoteProtocolError, codec, connection
+from armgate.protocol import messages as m
+
+PATIENCE = 2.0
+
+
+def around(patch, owner, name, make):
+    """Replace a method by one made from it."""
+    patch.setattr(owner, name, make(getattr(owner, name)))
+
+
+def without(patch, check):
+    """Leave out one of the checks before the gate."""
+    patch.setattr(admission, "_CHECKS", tuple(c for c in admission._CHECKS if c is not check))
+
+
+def two_verdicts(patch):
+    def tell(self, told, asker, request):
+        right(self, told, asker, request)
+        if isinstance(told, events.Verdict):
+            right(self, told, asker, request)
+
+    right = Core._tell
+    patch.setattr(Core, "_tell", tell)
+
+
+def no_verdict_of_refusals(patch):
+    def tell(self, told, asker, request):
+        if not (isinstance(told, events.Verdict) and told.outcome is events.Outcome.REFUSED):
+            right(self, told, asker, request)
+
+    right = Core._tell
+    patch.setattr(Core, "_tell", tell)
+
+
+def verdicts_out_of_order(patch):
+    held = []
+
+    def tell(self, told, asker, request):
+        if isinstance(told, events.Verdict):
+            held.append((told, asker, request))
+            if len(held) == 2:
+                for one in reversed(held):
+                    right(self, *one)
+                held.clear()
+        else:
+            right(self, told, asker, request)
+
+    right = Core._tell
+    patch.setattr(Core, "_tell", tell)
+
+
+def verdicts_to_everybody(patch):
+    def tell(self, told, asker, request):
+        if isinstance(told, events.Verdict):
+            self.broadcast(translate.verdict(told))
+        else:
+            right(self, told, asker, request)
+
+    right = Core._tell
+    patch.setattr(Core, "_tell", tell)
+
+
+def says_refused_and_moves(patch):
+    refusal = events.Reason(events.Cause.CLEARANCE, "no", pair=("a", "b"))
+
+    def verdict(told):
+        if told.outcome is events.Outcome.ADMITTED and any(told.dq):
+            told = replace(told, outcome=events.Outcome.REFUSED, beta=0.0, reasons=(refusal,))
+        return right(told)
+
+    right = translate.verdict
+    patch.setattr(translate, "verdict", verdict)
+
+
+def tells_another_increment(patch):
+    right = translate.verdict
+    patch.setattr(translate, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq))))
+
+
+def old_ticks_accepted(patch):
+    without(patch, admission._fresh)
+
+
+def two_commands_a_tick(patch):
+    without(patch, admission._free)
+
+
+def cleaned(clean):
+    """A gate that repairs increments instead of refusing them."""
+
+    def change(patch):
+        def step(self, event):
+            if isinstance(event, events.Command):
+                n = self._of(event.robot).robot.model.n
+                event = replace(event, dq=clean(event.dq, n))
+            return right(self, event)
+
+        right = Gate.step
+        patch.setattr(Gate, "step", step)
+
+    return change
+
+
+def checks_in_another_order(patch):
+    patch.setattr(admission, "_CHECKS", tuple(reversed(admission._CHECKS)))
+
+
+def refusals_take_the_slot(patch):
+    def command(self, event):
+        said = right(self, event)
+        if said[0].outcome is events.Outcome.REFUSED:
+            state = self._of(event.robot)
+            state.slot = state.tick + 1
+        return said
+
+    from armgate.integrity import gate
+
+    right = Gate._command
+    patch.setattr(Gate, "_command", command)
+    patch.setitem(gate._HANDLERS, events.Command, command)
+
+
+def fence_ignored(patch):
+    def fence(self, peer, command, now):
+        grant = self._leases.holder(command.robot)
+        return -1 if grant is None else grant.fence
+
+    patch.setattr(Leasing, "fence", fence)
+
+
+def any_fence_of_the_holder(patch):
+    def fence(self, peer, command, now):
+        self.expire(now)
+        grant = self._leases.holder(command.robot)
+        return (
+            grant.fence if grant is not None and grant.session == peer.id else right(self, peer, command, now)
+        )
+
+    right = Leasing.fence
+    patch.setattr(Leasing, "fence", fence)
+
+
+def acquiring(**changed):
+    """Leases that are asked for otherwise than they were."""
+
+    def change(patch):
+        around(
+            patch, Leases, "acquire",
+            lambda right: lambda self, robot, session, role, **more: right(
+                self, robot, session, changed.get("role", role),
+                **more | {k: v for k, v in changed.items() if k != "role"},
+            ),
+        )  # fmt: skip
+
+    return change
+
+
+def anybody_takes_over(patch):
+    acquiring(role="operator")(patch)
+
+
+def the_last_to_ask_gets_it(patch):
+    acquiring(role="operator", takeover=True)(patch)
+
+
+def speed_ignored(patch):
+    acquiring(speed=1.0)(patch)
+
+
+def fences_do_not_grow(patch):
+    def grant(self, robot, *arguments):
+        self._fences[robot] = 0
+        return right(self, robot, *arguments)
+
+    right = Leases._grant
+    patch.setattr(Leases, "_grant", grant)
+
+
+def leases_never_expire(patch):
+    patch.setattr(Leases, "expire", lambda self, now: [])
+    around(patch, Leases, "renew", lambda right: lambda self, session, now: right(self, session, now + 1e6))
+
+
+def pings_renew_nothing(patch):
+    patch.setattr(Leases, "renew", lambda self, session, now: None)
+
+
+def leases_kept_after_loss(patch):
+    # The session stays known, as if the loss had not been noticed.
+    patch.setattr(Core, "leave", lambda self, peer: None)
+    patch.setattr(Leases, "expire", lambda self, now: [])
+
+
+def losses_not_told(patch):
+    patch.setattr(Leasing, "_tell", lambda self, loss: None)
+
+
+def release_by_anybody(patch):
+    def release(self, robot, session, fence, now):
+        grant = self._grants.get(robot)
+        return right(self, robot, *((grant.session, grant.fence) if grant else (session, fence)), now)
+
+    right = Leases.release
+    patch.setattr(Leases, "release", release)
+
+
+def stop_ignored(patch):
+    def stop(self, peer, request):
+        robots = self.robots if request.robot is None else (request.robot,)
+        fields = {"stop": 1, "robots": robots, "reason": request.reason, "by": peer.name}
+        peer.say(core_module.answer(m.Stopped, request, **fields))
+
+    patch.setattr(Core, "_stop", stop)
+
+
+def stop_told_to_the_asker_only(patch):
+    def stopped(self, stopped, asker, request):
+        everybody = self.peers
+        self.peers = {} if asker is None else {asker.id: asker}
+        right(self, stopped, asker, request)
+        self.peers = everybody
+
+    right = Core._stopped
+    patch.setattr(Core, "_stopped", stopped)
+
+
+def stop_of_one_stops_all(patch):
+    around(
+        patch, Core, "_stop",
+        lambda right: lambda self, peer, request: right(
+            self, peer, request.model_copy(update={"robot": None})
+        ),
+    )  # fmt: skip
+
+
+def stop_leaves_the_lease(patch):
+    patch.setattr(Leasing, "stop", lambda self, robots, reason: None)
+
+
+def anybody_resets(patch):
+    patch.setitem(RIGHTS, m.Reset, frozenset({"observer", "controller", "operator"}))
+
+
+def observers_signal(patch):
+    patch.setitem(RIGHTS, m.Signal, frozenset({"observer", "controller", "operator"}))
+
+
+def signals_outlive_sessions(patch):
+    patch.setattr(Signals, "drop", lambda self, session: None)
+
+
+def signals_belong_to_all(patch):
+    around(patch, Signals, "set", lambda right: lambda self, session, *more: right(self, "all", *more))
+
+
+def every_ignored(patch):
+    patch.setattr(Subscription, "wants", lambda self, robot, tick: robot in self.robots)
+
+
+def nobody_is_holder(patch):
+    around(patch, translate, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
+
+
+def faster_than_described(patch):
+    def joint(robot, index):
+        told = right(robot, index)
+        update = {"velocity": told.velocity / 3, "acceleration": told.acceleration / 3}
+        return told.model_copy(update=update)
+
+    right = library_module._joint
+    patch.setattr(library_module, "_joint", joint)
+
+
+def another_hash(patch):
+    patch.setattr(library_module, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest())
+
+
+def versions_not_echoed(patch):
+    around(
+        patch, Daemon, "_welcome",
+        lambda right: lambda self, *a: right(self, *a).model_copy(update={"client_versions": (1,)}),
+    )  # fmt: skip
+
+
+def every_error_fatal(patch):
+    around(
+        patch, RemoteProtocolError, "message",
+        lambda right: lambda self: right(self).model_copy(update={"fatal": True}),
+    )  # fmt: skip
+
+
+def errors_without_re(patch):
+    around(
+        patch, RemoteProtocolError, "message",
+        lambda right: lambda self: right(self).model_copy(update={"re": None}),
+    )  # fmt: skip
+
+
+def large_frames_accepted(patch):
+    patch.setattr(connection, "INBOUND_LIMIT", 1 << 20)
+
+
+def doubled_keys_accepted(patch):
+    patch.setattr(codec, "_unique", dict)
+
+
+def deep_values_accepted(patch):
+    patch.setattr(codec, "_check_depth", lambda value: None)
+
+
+def garbage_skipped(patch):
+    patch.setattr(codec, "_malformed", lambda text: RemoteProtocolError("invalid_message", text))
+
+
+def bye_not_answered(patch):
+    def hear(self, item):
+        if isinstance(item, m.Bye):
+            self._leave("bye")
+            self.abort()
+        else:
+            right(self, item)
+
+    right = Session._hear
+    patch.setattr(session_module.Session, "_hear", hear)
+
+
+def pong_rounds(patch):
+    around(
+        patch, core_module, "answer",
+        lambda right: lambda model, request, **fields: right(
+            model, request, **(fields | {"time": round(fields["time"], 3)} if model is m.Pong else fields)
+        ),
+    )  # fmt: skip
+
+
+def finite(dq, n):
+    return tuple(x if math.isfinite(x) else 0.0 for x in dq)
+
+
+def fitted(dq, n):
+    return (*dq, *[0.0] * n)[:n]
+
+
+WRONG = {
+    "two verdicts": (two_verdicts, "CMD-1/one", "session"),
+    "no verdict of refusals": (no_verdict_of_refusals, "CMD-2/echo", "session"),
+    "verdicts out of order": (verdicts_out_of_order, "CMD-3/order", "session"),
+    "verdicts to everybody": (verdicts_to_everybody, "CMD-1/one", "session"),
+    "says refused, and moves": (says_refused_and_moves, "CMD-20/admitted", "safety"),
+    "tells another increment than it does": (tells_another_increment, "CMD-20/admitted", "session"),
+    "old ticks accepted": (old_ticks_accepted, "CMD-13/stale", "safety"),
+    "ticks ahead accepted": (old_ticks_accepted, "CMD-12/far", "session"),
+    "two commands a tick": (two_commands_a_tick, "CMD-14/double", "session"),
+    "NaN taken for zero": (cleaned(finite), "CMD-16/nan", "safety"),
+    "wrong lengths made to fit": (cleaned(fitted), "CMD-15/short", "safety"),
+    "checks in another order": (checks_in_another_order, "CMD-7/stale-length", "session"),
+    "refusals take the slot": (refusals_take_the_slot, "CMD-9/next", "session"),
+    "fence ignored": (fence_ignored, "CMD-9/stolen", "safety"),
+    "any fence of the holder": (any_fence_of_the_holder, "CMD-9/next", "safety"),
+    "anybody takes over": (anybody_takes_over, "LEA-7/held", "session"),
+    "the last to ask gets the robot": (the_last_to_ask_gets_it, "LEA-4/race", "session"),
+    "own speed ignored": (speed_ignored, "LEA-1/free", "session"),
+    "fences do not grow": (fences_do_not_grow, "LEA-2/grows", "session"),
+    "leases never expire": (leases_never_expire, "LEA-13/silence", "session"),
+    "pings renew nothing": (pings_renew_nothing, "LEA-14/ping", "session"),
+    "lease kept after loss": (leases_kept_after_loss, "LEA-16/close", "safety"),
+    "losses not told": (losses_not_told, "LEA-8/takeover", "session"),
+    "released by anybody": (release_by_anybody, "LEA-12/other", "session"),
+    "stop ignored": (stop_ignored, "CMD-10/stopped", "safety"),
+    "stop told to the asker only": (stop_told_to_the_asker_only, "STP-2/everybody", "session"),
+    "stop of one stops all": (stop_of_one_stops_all, "STP-6/others", "session"),
+    "stop leaves the lease": (stop_leaves_the_lease, "STP-5/lease", "session"),
+    "anybody resets": (anybody_resets, "STP-8/controller", "session"),
+    "observers signal": (observers_signal, "SIG-2/observer", "session"),
+    "signals outlive their sessions": (signals_outlive_sessions, "SIG-4/gone", "session"),
+    "signals belong to all": (signals_belong_to_all, "SIG-3/owned", "session"),
+    "every ignored": (every_ignored, "SUB-4/every-3", "session"),
+    "nobody is holder": (nobody_is_holder, "STA-8/holder", "session"),
+    "faster than described": (faster_than_described, "CMD-19/acceleration", "safety"),
+    "another hash than the asset's": (another_hash, "DSC-9/urdf", "session"),
+    "versions not echoed": (versions_not_echoed, "VER-5/unknown", "session"),
+    "every error fatal": (every_error_fatal, "ERR-3/unknown", "session"),
+    "errors without re": (errors_without_re, "ERR-6/about", "session"),
+    "large frames accepted": (large_frames_accepted, "FRM-6/over", "session"),
+    "doubled keys accepted": (doubled_keys_accepted, "PAY-4/twice", "session"),
+    "deep values accepted": (deep_values_accepted, "PAY-5/too-deep", "session"),
+    "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
+    "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
+    "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+async def test_a_server_wrong_in_one_way_is_caught(name, kit, monkeypatch):
+    change, case, verdict = WRONG[name]
+    change(monkeypatch)
+    result = (await kit.results(case, patience=PATIENCE))[case]
+    assert getattr(result, verdict) is Outcome.FAIL, (result.findings, result.wire[-10:])
+    assert result.findings
+    assert result.wire, "a failure without its wire log"
