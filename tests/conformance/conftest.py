@@ -28,10 +28,10 @@ def cell(*files):
 
 
 @asynccontextmanager
-async def serving(*files, build=cell):
-    """The port of a daemon that serves meanwhile."""
+async def serving(*files, build=cell, **more):
+    """The port of a daemon that serves meanwhile; ``more`` are its keys and dialects."""
     log = Log(io.StringIO())
-    daemon = Daemon(build(*files), Gate, log)
+    daemon = Daemon(build(*files), Gate, log, **more)
     port = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(daemon.run(lambda host, number: port.set_result(number)))
     try:

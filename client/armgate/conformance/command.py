@@ -9,6 +9,9 @@ if TYPE_CHECKING:
     from armgate.conformance.kit import Options
 
 
+_OWNERS = ("operator", "controller", "observer", "elsewhere")
+
+
 class UsageError(Exception):
     """The kit was called wrongly."""
 
@@ -112,13 +115,14 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _tokens(file: Path) -> dict[str, str]:
-    known = ("operator", "controller", "observer", "elsewhere")
+    """Tokens by role; a line with a token alone is an operator's."""
     found: dict[str, str] = {}
     for number, text in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
-        role, _, token = text.strip().partition(" ")
-        if not text.strip() or text.startswith("#"):
+        words = text.split()
+        if not words or text.startswith("#"):
             continue
-        if role not in known or not token.strip():
-            raise UsageError(f"{file}:{number}: expected ROLE TOKEN, with ROLE one of {', '.join(known)}")
-        found[role] = token.strip()
+        role, token = words if len(words) == 2 else ("operator", words[0])
+        if len(words) > 2 or role not in _OWNERS:
+            raise UsageError(f"{file}:{number}: expected ROLE TOKEN, with ROLE one of {', '.join(_OWNERS)}")
+        found[role] = token
     return found

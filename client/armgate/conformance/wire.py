@@ -105,7 +105,8 @@ class Wire(asyncio.Protocol):
         """Send messages, all in one write."""
         for message in messages:
             self.note(message)
-            self._log.add(self.name, "→", pack(message), message)
+            shown = message | {"token": "…"} if "token" in message else message
+            self._log.add(self.name, "→", pack(shown), shown)
         self._transport.write(b"".join(map(pack, messages)))
 
     def note(self, message: Fields) -> None:

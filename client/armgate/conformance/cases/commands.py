@@ -39,8 +39,11 @@ async def together(holder: Holder, *makes: Any, good: int = -1) -> list[Fields]:
         commands = [make(tick) for make in makes]
         holder.wire.say(*commands)
         verdicts = [await holder.wire.expect("verdict", seq=command["seq"]) for command in commands]
+        told = verdicts[good]
+        if cause(told) == "occupied" and any(v["target"] is not None for v in verdicts if v is not told):
+            return verdicts  # the slot went to one of these, not to an earlier command
         targets = {verdict["target"] for verdict in verdicts} - {None}
-        if len(targets) < 2 and cause(verdicts[good]) not in ("stale", "occupied"):
+        if len(targets) < 2 and cause(told) not in ("stale", "occupied"):
             return verdicts
     raise Unmet(f"{_TRIES} times in a row a tick passed between commands sent in one write")
 
