@@ -100,3 +100,24 @@ def test_where_there_is_none_it_says_so(arm):
         trace_self_motion(task, q, along=task.jacobian(q)[0])
     with pytest.raises(ValueError, match="the start has the shape"):
         trace_self_motion(task, [0.1, 0.5])
+
+
+def test_a_step_too_long_for_a_bend_is_shortened(arm):
+    task, start = planar_task(arm), np.array([0.3, 0.8, 0.4])
+    place = task.place(start)
+    found = trace_self_motion(task, start, step=1.0, limited=False)
+    assert found.ended is Ended.CLOSED
+    assert max(np.abs(task.error(q, place)).max() for q in found.q) < 1e-8
+    assert np.linalg.norm(np.diff(found.q[:-1], axis=0), axis=1).min() < 0.8
+
+
+def test_where_no_position_holds_the_task_it_is_stuck(arm):
+    class Drifting(FrameTask):
+        """A task whose error never goes away."""
+
+        def error(self, q, target):
+            return super().error(q, target) + 1.0
+
+    task = Drifting(arm(*LINKS), "tip", ("x", "y"))
+    found = trace_self_motion(task, [0.3, 0.8, 0.4])
+    assert (found.ended, len(found.q)) == (Ended.STUCK, 1)

@@ -83,18 +83,16 @@ def trace_self_motion(
     curve = _Curve(task, task.place(q), limited)
     direction = curve.set_out(q, along)
     points = [q]
-    away = False
     while len(points) < budget:
         ahead = curve.step(points[-1], direction, step)
         if ahead is None:
             return SelfMotion(np.array(points), Ended.STUCK)
         if not curve.within(ahead[0]):
             return SelfMotion(np.array(points), Ended.LIMIT)
-        closing = away and curve.passes(q, points[-1], ahead[0])
+        closing = curve.passes(q, points[-1], ahead[0])
         points.append(points[-1] + curve.way(points[-1], q) if closing else ahead[0])
         if closing:
             return SelfMotion(np.array(points), Ended.CLOSED)
-        away = away or float(np.linalg.norm(curve.way(q, ahead[0]))) > 2.0 * step
         direction = ahead[1]
     return SelfMotion(np.array(points), Ended.BUDGET)
 
