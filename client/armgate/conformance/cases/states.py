@@ -201,6 +201,7 @@ async def _(trial: Trial) -> None:
             answers == [1000 + i for i in range(count)],
             f"{len(answers)} of {count} answers came, or out of order",
         )
+        found += await states(wire, 3)  # the newest that waited comes after all answers
         ticks = [m["tick"] for m in found if m["type"] == "state"]
         if any(b - a > 10 for a, b in itertools.pairwise(ticks)):
             return
