@@ -12,7 +12,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec fuzz conformance coverage adversary bench-control clean
+.PHONY: bench-gate help install demo test lint spec fuzz conformance coverage adversary bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -58,6 +58,9 @@ adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversar
 
 soak: $(VENV)/.tested  ## abuse the daemon for 10000 ticks, and watch its memory over 100000
 	@ARMGATE_SOAK=1 $(BIN)/python -m pytest -s tests/e2e/test_abuse.py $(ARGS)
+
+bench-gate: $(VENV)/.installed  ## measure the gate's decisions against a bare loop of the distance engine
+	@$(BIN)/python benchmarks/bench_gate.py $(ARGS)
 
 bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare echo, and 50 observers
 	@$(BIN)/python benchmarks/bench_wire.py $(ARGS)

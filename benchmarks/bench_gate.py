@@ -1,7 +1,7 @@
 """What a decision of the gate costs, in units of one bare ``pin.computeDistances`` over the same pairs.
 
-The unit is measured in the same process, interleaved with the decisions. A control (the same loop with a gate that only
-hands back the held plan) stands beside each figure for the machine's noise.
+The unit is measured in the same process, interleaved with the decisions. A control (the
+same clock read twice around nothing) stands beside each figure for the machine's noise.
 """
 
 import sys
@@ -98,7 +98,8 @@ class Rig:
                 u = held[0].increments[index]
                 self.plan[i] = (held[0], index)
             self.setpoint[i] = tuple(a + b for a, b in zip(q, u, strict=True))
-            self.gate.step(Tick(robot.name, self.tick, self.tick * robot.period, q, self.setpoint[i], u, key, index))
+            now = self.tick * robot.period
+            self.gate.step(Tick(robot.name, self.tick, now, q, self.setpoint[i], u, key, index))
 
 
 def wander(rig: Rig, speed: float, spread: float) -> "list[np.ndarray]":
@@ -118,7 +119,7 @@ def wander(rig: Rig, speed: float, spread: float) -> "list[np.ndarray]":
 
 
 def glide(rig: Rig):
-    """FR lowers its camera to just above the stop distance from the floor and sweeps along it at 10 % speed."""
+    """FR lowers its camera to just above the stop distance from the floor and sweeps there at 10 % speed."""
     robot = rig.cell.robots[0]
 
     def wishes() -> list[np.ndarray]:

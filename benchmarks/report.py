@@ -33,7 +33,8 @@ def report(name: str, rows: Iterable[Row]) -> None:
         table.add_column(column, justify="left" if column in ("case", "unit") else "right")
     for row in rows:
         goal = "" if row.goal is None else f"≤ {row.goal:g}"
-        table.add_row(row.case, f"{row.value:.4g}", row.unit, goal, {True: "yes", False: "NO", None: ""}[row.holds])
+        holds = {True: "yes", False: "NO", None: ""}[row.holds]
+        table.add_row(row.case, f"{row.value:.4g}", row.unit, goal, holds)
     Console().print(table)
     OUT.mkdir(exist_ok=True)
     data = {"rows": [{**asdict(row), "holds": row.holds} for row in rows]}

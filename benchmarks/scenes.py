@@ -17,7 +17,7 @@ def demo_cell() -> Cell:
 
 
 def crowded_cell(count: int = 1000) -> Cell:
-    """The demo cell with so many small obstacles around its place of work, clear of the robots at their start."""
+    """The demo cell with so many small obstacles around its place of work, clear of the robots."""
     rng = np.random.default_rng(1)
     extra = {f"obstacle_{k}": _obstacle(rng, _place_around(rng)) for k in range(count)}
     return _overlaid({"surroundings": extra})

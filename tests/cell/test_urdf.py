@@ -93,7 +93,7 @@ def joint(kind: str = "revolute", inner: str = '<limit lower="-1" upper="1" velo
         ("<robot", "not well-formed XML"),
         ('<!DOCTYPE r [<!ENTITY x "y">]><robot/>', "a document type or entities are not allowed"),
         (robot(body=body('<mesh filename="x.stl"/>')), "link 'a', body 'a': <mesh> names a file"),
-        (robot(body=body('<torus radius="1"/>')), "link 'a', body 'a': unknown shape <torus>; expected sphere"),
+        (robot(body=body('<torus radius="1"/>')), "link 'a', body 'a': unknown shape <torus>; expected"),
         (robot(body=body('<sphere radius="-1"/>')), "a sphere cannot have the size -1.0"),
         (robot(body=body('<sphere radius="inf"/>')), "radius='inf' in <sphere>"),
         (robot(body=body('<sphere r="1"/>')), "<sphere> lacks the attribute 'radius'"),

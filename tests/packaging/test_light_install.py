@@ -58,7 +58,9 @@ def test_help_needs_no_heavy_library() -> None:
         assert command in done.stdout
 
 
-@pytest.mark.parametrize("command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid", "conformance"])
+@pytest.mark.parametrize(
+    "command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid", "conformance"]
+)
 def test_a_commands_help_needs_no_heavy_library(command: str) -> None:
     code = f"from armgate.apps.cli import main\nsys.argv = ['armgate', {command!r}, '--help']\nmain()"
     done = run_light(code)
