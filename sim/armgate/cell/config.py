@@ -110,13 +110,14 @@ class MeshOptions(Part):
     """How a mesh becomes convex bodies.
 
     Attributes:
-        method: ``decompose``: cut into parts that follow its form; ``hull``: its convex hull.
+        method: ``hull``: its convex hull. Cutting into parts is not offered: that they hold all of the mesh is not
+            established yet.
         threshold: How much concavity a part may have before it is cut, as a share of the mesh's size.
         max_parts: At most so many parts.
         max_vertices: At most so many corners a part; what that loses, the part is thickened by.
     """
 
-    method: Literal["decompose", "hull"] = "decompose"
+    method: Literal["hull"] = "hull"
     threshold: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
     max_parts: Annotated[int, Field(ge=1, le=256)] = 32
     max_vertices: Annotated[int, Field(ge=32, le=512)] = 96
