@@ -110,8 +110,8 @@ class MeshOptions(Part):
     """How a mesh becomes convex bodies.
 
     Attributes:
-        method: ``hull``: its convex hull. Cutting into parts is not offered yet: it is not established that the
-            parts hold all of the mesh.
+        method: ``hull``: its convex hull. Cutting into parts is not offered yet: it is not established that
+            the parts hold all of the mesh.
         threshold: How much concavity a part may have before it is cut, as a share of the mesh's size.
         max_parts: At most so many parts.
         max_vertices: At most so many corners a part; what that loses, the part is thickened by.
