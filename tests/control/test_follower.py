@@ -112,6 +112,20 @@ def test_awkward_targets_end_well(loop, fr, where):
     assert np.ptp(trace.q[-80:], axis=0).max() < 0.05
 
 
+STRETCHED = np.radians([10.0, -40.0, 8.0, 0.0, 0.0, 0.0])
+WRIST_FLAT = np.radians([0.0, -94.0, 108.0, 30.0, 0.0, -30.0])
+
+
+@pytest.mark.parametrize("start", [STRETCHED, WRIST_FLAT], ids=["arm stretched", "axes 4 and 6 in line"])
+def test_starts_at_a_singularity(loop, start):
+    trace = loop.run(still([1.9, 0.3, 1.1]), 5.0, start=start, obstacles=nowhere)
+    angle, distance = after(trace, 4.0)
+    assert angle.max() < 0.05
+    assert distance.max() < 2e-3
+    whole = np.degrees(trace.angle)
+    assert (whole - np.minimum.accumulate(whole)).max() < 0.05
+
+
 @pytest.mark.parametrize("limit", ["lower", "upper"])
 @pytest.mark.parametrize("joint", range(6))
 def test_leaves_a_joint_limit_without_oscillation(loop, fr, joint, limit):
