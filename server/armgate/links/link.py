@@ -1,8 +1,15 @@
 """The way to one robot, whatever stands behind it."""
 
+from collections.abc import Callable
 from typing import Protocol
 
-from armgate.cell.events import Plan, PlanAnswer, Rebase, Tick
+from armgate.cell.events import LinkChange, Plan, PlanAnswer, Rebase, Tick
+
+LinkEvent = Tick | LinkChange
+"""What a link tells whoever holds it."""
+
+Emit = Callable[[LinkEvent], None]
+"""Takes an event of a link; returns soon."""
 
 
 class Link(Protocol):
@@ -35,3 +42,25 @@ class ClockedLink(Link, Protocol):
         Returns:
             What was measured and played. The first tick is number 0.
         """
+
+
+class DrivenLink(Link, Protocol):
+    """A link whose robot is the clock.
+
+    It tells of ticks from when the robot speaks. After the robot was lost or has faulted (``LinkChange``)
+    nothing is played, and plans are answered with ``inactive``, until `rebase` re-arms the link: then it
+    takes its reference anew from what the robot says next, and tells that it is ready.
+    """
+
+    async def open(self, emit: Emit) -> None:
+        """Start to listen; every tick is emitted after the robot has been answered.
+
+        Args:
+            emit: Told of each event, in order.
+
+        Raises:
+            OSError: The address cannot be listened on.
+        """
+
+    def close(self) -> None:
+        """End: the robot is not answered any more."""
