@@ -74,6 +74,13 @@ def test_the_robots_are_the_tokens():
     assert house.enter("boss", "operator").robots is None
 
 
+def test_tokens_read_anew_are_those_that_count():
+    house = House(per_origin=100.0)
+    house.access.replace(t.Tokens([house.made["lab"].token]))
+    assert house.enter("lab").token == house.made["lab"].token
+    house.refusal("eye", "observer")
+
+
 def test_the_answer_does_not_tell_what_was_wrong():
     house = House(per_origin=100.0)
     right = house.made["eye"].secret
@@ -213,6 +220,7 @@ def test_secrets_are_long_and_never_the_same():
         ('{"name": "a", "role": "god", "robots": null, "sha256": "%s"}' % ("0" * 64), "role"),
         ('{"name": "a", "role": "observer", "robots": [], "sha256": "%s"}' % ("0" * 64), "robots"),
         ('{"name": "a", "role": "observer", "sha256": "0"}', "sha256"),
+        ('{"name": "a", "role": "observer", "sha256": "%s", "pasted": 1}' % ("0" * 64), "Extra inputs"),
     ],
 )
 def test_a_line_that_is_no_token_is_named(tmp_path, line, told):
@@ -222,6 +230,7 @@ def test_a_line_that_is_no_token_is_named(tmp_path, line, told):
     with pytest.raises(t.TokenError, match=r"tokens:2: .*armgate token") as caught:
         t.read(file)
     assert told in str(caught.value)
+    assert "pasted" not in str(caught.value)
 
 
 def test_a_file_that_others_may_write_is_refused(tmp_path):

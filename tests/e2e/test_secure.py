@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
 import stat
 
 import pytest
@@ -253,6 +254,63 @@ async def test_on_loopback_too_tokens_are_asked_for(tmp_path):
             answer = await raw.get((m.Welcome, m.Error))
             assert getattr(answer, "code", None) == code
         assert "try again in" in answer.text
+
+
+# --- tokens taken back ------------------------------------------------------------------------------------
+
+
+async def reread(daemon, event):
+    """Have the tokens read anew; the log's line that tells what came of it."""
+    daemon.signal(signal.SIGHUP)
+    async with asyncio.timeout(PATIENCE):
+        while (line := json.loads(await daemon.process.stderr.readline()))["event"] != event:
+            pass
+    return line
+
+
+async def test_a_token_taken_back_ends_its_sessions_and_no_others(tmp_path):
+    file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
+    lab, _ = await token(file, "--role", "controller", "--name", "lab")
+    eye, _ = await token(file, "--role", "observer", "--name", "eye")
+    both = file.read_text().splitlines()
+    config.write_text(arms_yaml(max_age_ticks=1000, server=f"{{tokens: tokens, {LOGINS}}}"))
+    async with Process.serving(config) as daemon:
+        address = f"127.0.0.1:{daemon.port}"
+        gone = await aio.connect(address, "gone", token=lab)
+        robot = await gone.acquire("A")
+        await anext(robot.ticks())
+        await robot.send([0.001, 0.0, 0.0])
+        async with await aio.connect(address, "eye", "observer", token=eye) as stays:
+            file.write_text("\n".join([*both, "armgate_pasted"]) + "\n")
+            told = await reread(daemon, "tokens.kept")
+            assert "tokens:3" in told["error"]
+            assert "armgate_pasted" not in json.dumps(told)
+            await gone.ping()
+
+            new, _ = await token(file := tmp_path / "other", "--role", "controller", "--name", "new")
+            (tmp_path / "tokens").write_text(both[1] + "\n" + file.read_text())
+            assert (await reread(daemon, "tokens.read"))["names"] == ["eye", "new"]
+            with pytest.raises(Rejected, match="taken back") as caught:
+                await gone.ping()
+            assert caught.value.code == "unauthorized"
+            await stays.ping()
+            async with await aio.connect(address, "new", token=new) as cell:
+                await cell.acquire("A")  # free by now
+            with pytest.raises(Rejected, match="armgate token"):
+                await aio.connect(address, "gone", token=lab)
+        await gone.close()
+        daemon.signal()
+        assert (await daemon.end())[0] == 0
+
+
+async def test_without_tokens_a_hangup_ends_the_daemon_in_order(tmp_path):
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml())
+    async with Process.serving(config) as daemon:
+        daemon.signal(signal.SIGHUP)
+        status, log = await daemon.end()
+    assert status == 0
+    assert "at_rest" in [line["event"] for line in log]
 
 
 # --- the command line -------------------------------------------------------------------------------------

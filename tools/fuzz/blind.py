@@ -8,6 +8,9 @@ from hypothesis import strategies as st
 from tools.fuzz.corpus import corpus
 from tools.fuzz.target import ROLES, check
 
+_BATCH = 10_000
+"""Inputs of one search: hypothesis remembers all that it has tried, which must not fill the memory."""
+
 
 def inputs() -> st.SearchStrategy[bytes]:
     """Vectors, changed a little or much."""
@@ -28,7 +31,13 @@ def _changed(data: bytes, changes: list[tuple[float, bytes, int]]) -> bytes:
 
 def search(runs: int) -> str | None:
     """The input that broke something, and how; None: none did."""
+    for first in range(0, runs, _BATCH):
+        if (broken := _batch(min(_BATCH, runs - first))) is not None:
+            return broken
+    return None
 
+
+def _batch(runs: int) -> str | None:
     @settings(
         max_examples=runs,
         deadline=None,

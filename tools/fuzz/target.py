@@ -99,8 +99,8 @@ def _read(connection: Connection, pieces: Iterable[bytes]) -> str:
         while (item := connection.pop()) is not None:
             found.append(repr(item))
             _answered(connection, item)
-        kept = connection.buffered
-        _hold(kept < HEADER + connection.limit, f"{kept} bytes are kept")
+        if connection.buffered >= HEADER + connection.limit:  # at every byte: no call, no text
+            raise BrokenError(f"{connection.buffered} bytes are kept")
     found += [repr(item) for item in connection.receive_eof()]
     _hold(connection.closed, "the stream has ended, the connection is open")
     return "\n".join(found)

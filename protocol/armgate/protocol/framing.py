@@ -31,6 +31,7 @@ class FrameDecoder:
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._buffer = bytearray()
+        self._needed = HEADER  # bytes to wait for; more once the length of a frame is read
         self._error: RemoteProtocolError | None = None
 
     @property
@@ -63,15 +64,17 @@ class FrameDecoder:
         """
         if self._error is not None:
             raise self._error
-        if len(self._buffer) < HEADER:
+        if len(self._buffer) < self._needed:
             return None
-        length = int.from_bytes(self._buffer[:HEADER], "big")
-        self._check(length)
-        end = HEADER + length
-        if len(self._buffer) < end:
-            return None
-        payload = bytes(memoryview(self._buffer)[HEADER:end])
-        del self._buffer[:end]
+        if self._needed == HEADER:
+            length = int.from_bytes(self._buffer[:HEADER], "big")
+            self._check(length)
+            self._needed = HEADER + length
+            if len(self._buffer) < self._needed:
+                return None
+        payload = bytes(memoryview(self._buffer)[HEADER : self._needed])
+        del self._buffer[: self._needed]
+        self._needed = HEADER
         return payload
 
     def _check(self, length: int) -> None:

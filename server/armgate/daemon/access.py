@@ -1,6 +1,7 @@
 """Who may come in, and as what: by token where there are tokens, else as it says."""
 
 import ssl
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from armgate.daemon.attempts import Attempts
@@ -18,10 +19,17 @@ _WRONG = (
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """What connections are encrypted with, and who may come in; None: not encrypted, everybody."""
+    """What connections are encrypted with, and who may come in; None: not encrypted, everybody.
+
+    Attributes:
+        tls: Encrypts connections.
+        tokens: Who may come in.
+        reread: Gives the tokens as their file says now; None: those from the start stay.
+    """
 
     tls: ssl.SSLContext | None = None
     tokens: Tokens | None = None
+    reread: Callable[[], Tokens] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +39,12 @@ class Admission:
     Attributes:
         role: Its role.
         robots: The robots that it may command, None: all.
-        token: Name of its token, None: there are no tokens.
+        token: By which token, None: there are no tokens.
     """
 
     role: Role
     robots: frozenset[str] | None = None
-    token: str | None = None
+    token: Token | None = None
 
 
 class Access:
@@ -71,7 +79,11 @@ class Access:
             raise _unauthorized(_WRONG)
         self._attempts.succeeded(origin)
         robots = None if token.robots is None else frozenset(token.robots)
-        return Admission(hello.role, robots, token.name)
+        return Admission(hello.role, robots, token)
+
+    def replace(self, tokens: Tokens) -> None:
+        """From now on these count."""
+        self._tokens = tokens
 
     def _tell(self, hello: Hello, token: Token | None, origin: str) -> None:
         why = "no token" if hello.token is None else "unknown token" if token is None else "role"

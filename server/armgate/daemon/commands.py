@@ -4,6 +4,7 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from armgate.cell.cell import Cell
     from armgate.cell.config import CellConfig, ServerConfig
     from armgate.daemon.access import Keys
-    from armgate.daemon.tokens import Tokens
 
 Configs = Annotated[
     list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
@@ -36,7 +36,7 @@ def serve(
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any.")] = None,
     lockstep: Annotated[str | None, typer.Option(metavar="NAMES", help="Run in lock-step with A,B,…")] = None,
 ) -> None:
-    """Serve a cell to controllers and observers until SIGTERM or Ctrl-C."""
+    """Serve a cell to controllers and observers until SIGTERM or Ctrl-C; SIGHUP reads the tokens anew."""
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
@@ -77,11 +77,16 @@ def _overridden(
 def _keys(config: "CellConfig") -> "Keys":
     from armgate.daemon.access import Keys  # noqa: PLC0415
     from armgate.daemon.address import is_loopback  # noqa: PLC0415
+    from armgate.daemon.tokens import read  # noqa: PLC0415
 
     server = config.server
     if not is_loopback(server.host):
         _refuse_foreign(server)
-    return Keys(_tls(config), _tokens(config))
+    file = _token_file(config)
+    if file is None:
+        return Keys(_tls(config))
+    reread = partial(read, file)
+    return Keys(_tls(config), reread(), reread)
 
 
 def _refuse_foreign(server: "ServerConfig") -> None:
@@ -108,11 +113,9 @@ def _tls(config: "CellConfig") -> "SSLContext | None":
     )
 
 
-def _tokens(config: "CellConfig") -> "Tokens | None":
-    from armgate.daemon.tokens import read  # noqa: PLC0415
-
+def _token_file(config: "CellConfig") -> Path | None:
     tokens = config.server.tokens
-    return None if tokens is None else read(config.file(("server", "tokens"), tokens))
+    return None if tokens is None else config.file(("server", "tokens"), tokens)
 
 
 @contextmanager
@@ -137,16 +140,14 @@ def _serve(cell: "Cell", keys: "Keys") -> int:
     import asyncio  # noqa: PLC0415
 
     from armgate.daemon.log import Log  # noqa: PLC0415
+    from armgate.daemon.rereading import tell_strange  # noqa: PLC0415
 
     with _cell_extra():
         from armgate.daemon.server import Daemon  # noqa: PLC0415
         from armgate.integrity import Gate  # noqa: PLC0415
 
     log = Log(sys.stderr)
-    names = {robot.name for robot in cell.robots}
-    for token in keys.tokens or ():
-        if strange := sorted(set(token.robots or ()) - names):
-            log.warning("token.robots", token=token.name, unknown=strange, robots=sorted(names))
+    tell_strange(keys.tokens or (), [robot.name for robot in cell.robots], log)
     try:
         daemon = Daemon(cell, Gate, log, keys)
         # What stands now stays: looking through all of it for garbage, as Python does when many clients have

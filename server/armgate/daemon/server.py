@@ -20,8 +20,10 @@ from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
 from armgate.daemon.peer import answer
+from armgate.daemon.rereading import Rereading, tell_strange
 from armgate.daemon.runner import GateRunner, Judge
 from armgate.daemon.session import Session
+from armgate.daemon.tokens import Tokens
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
 from armgate.links import EmulatedLink
@@ -40,6 +42,9 @@ _SETTLE = 5.0
 
 _CLOSE = 2.0
 """How long sessions may take to close at the end, s."""
+
+
+_TAKEN_BACK = "the token of this session was taken back or changed; come in with one that is valid"
 
 
 class Phase(Enum):
@@ -90,6 +95,7 @@ class Daemon:
         keys = keys or Keys()
         self._listener = self._listening(keys)
         self._access = self._door(keys)
+        self._rereading = None if keys.reread is None else Rereading(keys.reread, self._use_tokens, log)
         periods = [robot.period for robot in cell.robots]
         self._pace: Wall | Lockstep = (
             Lockstep(periods, clock.participants, clock.grace, self._instant, log)
@@ -124,6 +130,7 @@ class Daemon:
         port = await self._listener.open(host, self._settings.port)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
+        self._heed_hangup(loop)
         self._log.info("listening", host=host, port=port, start=self.start, lockstep=self._pace.lockstep)
         self._begin()
         announce(host, port)
@@ -159,6 +166,12 @@ class Daemon:
         for session in tuple(self._sessions):
             session.end(RemoteProtocolError(ErrorCode.INTERNAL, text, fatal=True).message())
         self._pace.let_rest(judging=False)
+
+    def _heed_hangup(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._rereading is not None:
+            loop.add_signal_handler(signal.SIGHUP, self._rereading.ask)
+        elif signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup sets it
+            loop.add_signal_handler(signal.SIGHUP, self.end)
 
     def _soon(self, function: Callable[[], None]) -> None:
         asyncio.get_running_loop().call_soon(function)
@@ -274,6 +287,7 @@ class Daemon:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
             admitted = self._access.admit(hello, session.guest.origin, monotonic())
             session.name, session.role, session.robots = hello.name, admitted.role, admitted.robots
+            session.token = admitted.token
             session.id = self._pace.session_id(session.name, session.number)
             self._pace.join(session)
         except RemoteProtocolError as error:
@@ -283,8 +297,18 @@ class Daemon:
             return
         session.allow(None)
         session.say(self._welcome(session, hello))
-        fields = {"session": session.id, "name": session.name, "role": session.role, "token": admitted.token}
+        token = None if admitted.token is None else admitted.token.name
+        fields = {"session": session.id, "name": session.name, "role": session.role, "token": token}
         self._log.info("welcome", address=session.address, software=hello.software, **fields)
+
+    def _use_tokens(self, tokens: Tokens) -> None:
+        """Who came in by a token that is no more, or is another one now, has to come in anew."""
+        self._access.replace(tokens)
+        tell_strange(tokens, self._core.robots, self._log)
+        valid = set(tokens)
+        for session in tuple(self._sessions):
+            if session.greeted and session.token not in valid:
+                session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _TAKEN_BACK))
 
     def said(self, session: Session, message: m.Message) -> None:
         """A client said something."""

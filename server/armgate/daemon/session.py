@@ -9,6 +9,7 @@ from armgate.daemon.bucket import Bucket
 from armgate.daemon.listener import Guest
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
+from armgate.daemon.tokens import Token
 from armgate.protocol import (
     DIALECTS,
     Connection,
@@ -73,6 +74,7 @@ class Session(asyncio.Protocol):
 
     Attributes:
         robots: The robots that the client may command, None: all.
+        token: By which token it came in, None: without one.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class Session(asyncio.Protocol):
         self.name = ""
         self.role: m.Role = "observer"
         self.robots: frozenset[str] | None = None
+        self.token: Token | None = None
         self.subscription: Subscription | None = None
         self.address = ""
         self._desk = desk
@@ -190,6 +193,11 @@ class Session(asyncio.Protocol):
         """Send a last message and close."""
         self.say(message)
         self._close()
+
+    def expel(self, error: RemoteProtocolError) -> None:
+        """End the session at once, also its leases: its client need not have read why."""
+        self.end(error.message())
+        self._leave(f"{error.code}: {error.text}")
 
     def abort(self) -> None:
         """Close at once; what was not yet sent is lost."""

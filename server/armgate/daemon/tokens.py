@@ -141,7 +141,8 @@ def _token(file: Path, number: int, line: str) -> Token:
         return Token.model_validate_json(line)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(key) for key in problem["loc"])
+        # What stands where no key of ours stands is not repeated: it may be a secret in the wrong place.
+        where = ".".join(str(key) for key in problem["loc"] if key in Token.model_fields)
         text = f"{file}:{number}: {where + ': ' if where else ''}{problem['msg']}"
         raise TokenError(f"{text}; expected a line made by `armgate token`") from None
 
