@@ -267,3 +267,28 @@ def test_reading_needs_no_robot_model():
         "sys.exit(bool({'pinocchio', 'coal', 'fcl'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_mapping_of_another_kind_is_replaced_not_merged(configs, tmp_path):
+    overlay = tmp_path / "real.yaml"
+    overlay.write_text("robots: {P: {link: {kind: rsi, ethernet: krc.xml, krc: 127.0.0.1}}}\n")
+    link = load_config([configs / "planar.yaml", overlay]).robots["P"].link
+    assert (link.kind, link.ethernet, link.krc, link.timeout) == ("rsi", "krc.xml", "127.0.0.1", 10)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("krc: robot.local", "is no address; expected one like"),
+        ("krc: 127.0.0.1, listen: nowhere", "expected ADDRESS:PORT"),
+        ("krc: 127.0.0.1, axes: {E1: {joint: x, sent: 0.0}}", "a factor of 0"),
+        ("krc: 127.0.0.1, axes: {E7: {joint: x}}", "expected 'A1'"),
+        ("krc: 127.0.0.1, lag: 3 deg", "is no time"),
+    ],
+)
+def test_a_wrong_rsi_link_is_refused_with_its_place(configs, tmp_path, key, said):
+    overlay = tmp_path / "real.yaml"
+    overlay.write_text("armgate: 1\nrobots: {P: {link: {kind: rsi, ethernet: krc.xml, " + key + "}}}\n")
+    with pytest.raises(ConfigError, match=r"real.yaml:2: robots.P.link") as caught:
+        load_config([configs / "planar.yaml", overlay])
+    assert said in str(caught.value)

@@ -12,6 +12,7 @@ from typing import Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
+from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.daemon.access import Access, Keys
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core
@@ -359,4 +360,8 @@ class Daemon:
 
 def _link(cell: Cell, index: int, start: str) -> EmulatedLink:
     robot = cell.robots[index]
-    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.config.link.lag)
+    link = robot.config.link
+    if not isinstance(link, EmulatedLinkConfig):
+        text = "a real robot's link cannot be held by the daemon itself; expected kind emulated"
+        raise cell.config.error(("robots", robot.name, "link", "kind"), text)
+    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, link.lag)

@@ -237,6 +237,8 @@ def _without_files(resolved: dict[str, Any], bodies: tuple[Body, ...]) -> None:
     """Puts what meshes have become in the place of their files; a robot's are in its composed URDF."""
     for own in resolved["robots"].values():
         del own["meshes"]
+        for key in ("ethernet", "krc", "listen"):
+            own["link"].pop(key, None)
         own["bodies"] = {name: body for name, body in own["bodies"].items() if "mesh" not in body["shape"]}
     for name, own in resolved["surroundings"].items():
         if "mesh" in own["shape"]:

@@ -10,72 +10,38 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    PrivateAttr,
-    SerializerFunctionWrapHandler,
-    StringConstraints,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationError, model_validator
 
 from armgate.cell.errors import ConfigError
 from armgate.cell.explain import explained
-from armgate.cell.names import NAME
+from armgate.cell.link_config import EmulatedLinkConfig, LinkConfig
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Kind, Shape, shape_from
 from armgate.cell.source import Node, Path_, finding, read_tree
-from armgate.cell.units import Quantity, quantity, to_si
+from armgate.cell.values import (
+    Acceleration,
+    Angle,
+    Duration,
+    Factor,
+    JointValue,
+    Length,
+    Name,
+    Part,
+    Period,
+    Size,
+    SparsePart,
+    Speed,
+)
 
 VERSION = 1
 MAX_ROBOTS = 32
 MAX_SURROUNDINGS = 1024
 
 
-def _si(dimension: str) -> BeforeValidator:
-    return BeforeValidator(lambda given: to_si(given, dimension))
-
-
-def _not_zero(factor: float) -> float:
-    if factor == 0.0:
-        raise ValueError("a factor of 0; expected another number")
-    return factor
-
-
 def _version(version: int) -> int:
     if version != VERSION:
         raise ValueError(f"version {version} of the configuration is not known; expected {VERSION}")
     return version
-
-
-Name = Annotated[str, StringConstraints(pattern=NAME)]
-Length = Annotated[float, _si("length")]
-Size = Annotated[Length, Field(gt=0.0)]
-Angle = Annotated[float, _si("angle")]
-Duration = Annotated[float, _si("time")]
-Period = Annotated[Duration, Field(gt=0.0)]
-Speed = Annotated[float, _si("length/s"), Field(gt=0.0)]
-Acceleration = Annotated[float, _si("length/s²"), Field(gt=0.0)]
-JointValue = Annotated[
-    Quantity,
-    BeforeValidator(quantity),
-    PlainSerializer(lambda read: read.given, return_type=float | str),
-]
-"""A joint's position, speed or acceleration: its dimension is checked when the joint is known."""
-
-
-class Part(BaseModel):
-    """What all parts share: strict, immutable, no unknown keys, no NaN and no infinity."""
-
-    model_config = ConfigDict(
-        strict=True, frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True
-    )
 
 
 class Pose(Part):
@@ -90,20 +56,9 @@ class Pose(Part):
         return Placement.from_rpy(self.xyz, self.rpy)
 
 
-class SparsePart(Part):
-    """A part in which a key that is left out means something else than null: dumps leave it out too."""
-
-    @model_serializer(mode="wrap")
-    def _only_given(self, dump: SerializerFunctionWrapHandler) -> dict[str, object]:
-        return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
-
-
 def _scale(given: object) -> object:
     """One factor counts for all axes."""
     return (given,) * 3 if isinstance(given, float | int) and not isinstance(given, bool) else given
-
-
-Factor = Annotated[float, AfterValidator(_not_zero)]
 
 
 class MeshOptions(Part):
@@ -276,13 +231,6 @@ class JointConfig(SparsePart):
     deceleration: JointValue | None = None
 
 
-class EmulatedLinkConfig(Part):
-    """An emulated robot that follows its setpoint with a first-order lag [s]; 0: at once."""
-
-    kind: Literal["emulated"] = "emulated"
-    lag: Annotated[Duration, Field(ge=0.0)] = 0.03
-
-
 class RobotConfig(Part):
     """One robot of the cell; see ``configs/demo.yaml``."""
 
@@ -300,7 +248,7 @@ class RobotConfig(Part):
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
     q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-6
-    link: EmulatedLinkConfig = EmulatedLinkConfig()
+    link: Annotated[LinkConfig, Field(discriminator="kind")] = EmulatedLinkConfig()
 
 
 class WallClockConfig(Part):

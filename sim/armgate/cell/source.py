@@ -1,7 +1,8 @@
 """YAML files as one tree that remembers file and line of every value, so that errors can name them.
 
 Later files overlay earlier ones: where both hold a mapping the two are merged key by key, everything else
-(lists too) is replaced. Scalars follow YAML 1.2's core schema, so ``1e-4`` is a number and ``on`` a text.
+(lists too) is replaced, and so is a mapping that becomes one of another ``kind``. Scalars follow YAML 1.2's
+core schema, so ``1e-4`` is a number and ``on`` a text.
 """
 
 import re
@@ -76,10 +77,17 @@ def read_tree(paths: Sequence[Path]) -> Node:
 def _overlay(below: Node, above: Node) -> Node:
     if not (isinstance(below.value, dict) and isinstance(above.value, dict)):
         return above
+    if _kind(above) not in (None, _kind(below)):
+        return above
     merged = dict(below.value)
     for key, node in above.value.items():
         merged[key] = _overlay(merged[key], node) if key in merged else node
     return Node(merged, below.mark, below.keys | above.keys)
+
+
+def _kind(node: Node) -> object:
+    kind = node.value.get("kind") if isinstance(node.value, dict) else None
+    return None if kind is None else kind.value
 
 
 def _read_file(path: Path) -> Node:
