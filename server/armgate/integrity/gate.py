@@ -251,6 +251,7 @@ class Gate:
         s.link = event.state
         if event.state not in (LinkState.LOST, LinkState.FAULTED):
             return []
+        s.unheard = True
         reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
         return [self._raise_stop([s], reason, "gate")]
 
