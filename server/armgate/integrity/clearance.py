@@ -20,8 +20,9 @@ import numpy as np
 from armgate.cell.cell import Cell
 from armgate.cell.events import Joints, Point
 from armgate.integrity.certificate import Budget, Certifier
+from armgate.integrity.compiled import screen_of
 from armgate.integrity.groups import ChainGroup, Group, groups_of
-from armgate.integrity.screen import MARGIN, Screen, robot_pairs
+from armgate.integrity.screen import MARGIN, robot_pairs
 from armgate.integrity.swept import Array, Index, Space, Swept
 
 _SURVEY_BUDGET = 64
@@ -83,15 +84,20 @@ class Judgement:
 
 
 class Clearance:
-    """Keeps what is proven of the held occupancies and judges new ones."""
+    """Keeps what is proven of the held occupancies and judges new ones.
 
-    def __init__(self, cell: Cell) -> None:
+    Args:
+        cell: The cell.
+        compiled: Whether the screen is the compiled one; where that can be, if it is not said.
+    """
+
+    def __init__(self, cell: Cell, compiled: bool | None = None) -> None:
         self.cell = cell
         self.space = Space(cell)
         self.certifier = Certifier(cell)
         self.groups = tuple(groups_of(self.space, i) for i in range(len(cell.robots)))
         pairs = [robot_pairs(gs, r.model.n) for gs, r in zip(self.groups, cell.robots, strict=True)]
-        self.screen = Screen(self.space, pairs)
+        self.screen = screen_of(self.space, pairs, compiled)
         self.pairs_of = tuple(own.ids for own in pairs)
         self._place = tuple({int(p): (g, k) for g in gs for k, p in enumerate(g.ids)} for gs in self.groups)
         self.limits = np.array([p.limit for p in cell.pairs])

@@ -88,7 +88,7 @@ class ChainGroup(Group):
 
 
 def groups_of(space: Space, robot: int) -> tuple[Group, ...]:
-    """Returns the groups of all pairs in which a robot takes part; that of its chain first, if there is one."""
+    """Returns the groups of all pairs in which a robot takes part; of its chain first, if any."""
     by_side: dict[tuple[bool, int | None], list[tuple[int, Body, Body, float]]] = {}
     for k, pair in enumerate(space.cell.pairs):
         side = _side_of(space.cell, pair, robot)

@@ -8,6 +8,7 @@ whose bodies move together, are another formula.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -129,8 +130,8 @@ class _Table:
         self._rows = space.rows
         owner = [-1 if b.robot is None else b.robot for b in space.cell.bodies]
         self._owner = np.array(owner, dtype=np.intp)
-        first = [owner.index(i) for i in range(len(self._held))]
-        self._own = [slice(k, k + len(r.model.bodies)) for k, r in zip(first, space.cell.robots, strict=True)]
+        ends = np.cumsum([len(r.model.bodies) for r in space.cell.robots]).tolist()
+        self._own = [slice(*reach) for reach in pairwise([0, *ends])]
         self._R, self._t = space.static.R.copy(), space.static.t.copy()
         self._stray = np.zeros(self._t.shape[:2])
         for mine in self._own:
@@ -153,7 +154,7 @@ class _Table:
         return np.asarray(-reach[: len(mine)] - reach[len(mine) :])
 
     def _reach(self, bodies: Index, n: Array) -> Array:
-        """max n·x over everything that each body may pass, (P,)."""
+        """The largest n·x over everything that each body may pass, (P,)."""
         local = np.einsum("mpji,pj->mpi", self._R.take(bodies, axis=1), n)
         along = support(self._rows[bodies], local) + self._stray.take(bodies, axis=1)
         along += np.einsum("mpj,pj->mp", self._t.take(bodies, axis=1), n)
