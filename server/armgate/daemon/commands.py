@@ -35,13 +35,16 @@ def serve(
     ] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any.")] = None,
     lockstep: Annotated[str | None, typer.Option(metavar="NAMES", help="Run in lock-step with A,B,…")] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Record everything into this folder.")
+    ] = None,
 ) -> None:
     """Serve a cell to controllers and observers until SIGTERM or Ctrl-C; SIGHUP reads the tokens anew."""
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
     keys = _keys(config)
-    raise typer.Exit(_serve(_built(config), keys))
+    raise typer.Exit(_serve(_built(config), keys, record))
 
 
 def check(configs: Configs) -> None:
@@ -123,7 +126,7 @@ def _cell_extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("pinocchio", "coal", "fcl"):
+        if (error.name or "").partition(".")[0] not in ("pinocchio", "coal", "fcl", "mcap"):
             raise
         text = f'{error.name} is not installed; a machine with the cell needs: pip install "armgate[cell]"'
         raise ServeError(text) from error
@@ -136,20 +139,21 @@ def _built(config: "CellConfig") -> "Cell":
         return build_cell(config)
 
 
-def _serve(cell: "Cell", keys: "Keys") -> int:
+def _serve(cell: "Cell", keys: "Keys", record: Path | None) -> int:
     import asyncio  # noqa: PLC0415
 
     from armgate.daemon.log import Log  # noqa: PLC0415
     from armgate.daemon.rereading import tell_strange  # noqa: PLC0415
 
     with _cell_extra():
+        from armgate.daemon.record_start import recorder_of  # noqa: PLC0415
         from armgate.daemon.server import Daemon  # noqa: PLC0415
         from armgate.integrity import Gate  # noqa: PLC0415
 
     log = Log(sys.stderr)
     tell_strange(keys.tokens or (), [robot.name for robot in cell.robots], log)
     try:
-        daemon = Daemon(cell, Gate, log, keys)
+        daemon = Daemon(cell, Gate, log, keys, recorder=recorder_of(cell.config, record))
         # What stands now stays: looking through all of it for garbage, as Python does when many clients have
         # come and gone, takes as long as three ticks.
         gc.collect()

@@ -31,6 +31,10 @@ RIGHTS: dict[type[m.Message], frozenset[m.Role]] = {
 }
 """Which role may send what. Taking a lease over is the operator's too; the lease machine sees to it."""
 
+OnState = Callable[
+    [Sequence[events.Tick], tuple[m.Entry, ...], dict[str, m.SignalValue], tuple[str, ...], int | None], None
+]
+
 _OURSELVES = "daemon"
 
 _AT_ONCE = 8
@@ -54,6 +58,7 @@ class Core:
         peers: The sessions by id.
         warnings: What the states shall warn of, by what it is about.
         ending: Whether the daemon is ending: nothing is reset any more.
+        on_state: Told of every instant: ticks, all entries, signals, warnings, and its number in lock-step.
     """
 
     def __init__(
@@ -72,6 +77,7 @@ class Core:
         self.peers: dict[str, Peer] = {}
         self.warnings: dict[str, str] = {}
         self.ending = False
+        self.on_state: OnState | None = None
         self.leasing = Leasing(Leases(self.robots, server.lease_ttl), self.peers, self._lease_changed)
         self._tolerance = {robot.name: robot.q_tolerance for robot in cell.robots}
         self._links = tuple(links)
@@ -175,6 +181,11 @@ class Core:
     def stop_all(self, reason: str) -> None:
         """Stop all robots on behalf of the daemon itself."""
         self._feed(events.Stop(self.robots, reason, _OURSELVES))
+
+    def stop_unstopped(self, reason: str) -> None:
+        """The same, unless every one is stopped already."""
+        if any(not self._runner.view(robot).stops for robot in self.robots):
+            self.stop_all(reason)
 
     def broadcast(self, message: m.Message) -> None:
         """Tell everybody."""
@@ -297,6 +308,8 @@ class Core:
             self._show_some()
         entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
         warnings = tuple(self.warnings.values())
+        if self.on_state is not None:
+            self.on_state(ticks, entries, self._signals.values, warnings, step)
         for tick in ticks:
             self._board.put(tick, entries, self._signals.values, warnings, step)
         self._show_to_all(ticks)
@@ -347,10 +360,7 @@ def _unknown_stop(stop: int) -> tuple[ErrorCode, str]:
 
 
 def _moving(stop: int) -> tuple[ErrorCode, str]:
-    return (
-        ErrorCode.MOVING,
-        f"a robot of stop {stop} still moves, or has not spoken since its link was lost; reset when it rests",
-    )
+    return ErrorCode.MOVING, f"a robot of stop {stop} still moves; reset when it rests"
 
 
 _NO_RESET: dict[str, Callable[[int], tuple[ErrorCode, str]]] = {"unknown": _unknown_stop, "moving": _moving}

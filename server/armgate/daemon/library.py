@@ -22,6 +22,7 @@ class Library:
 
     Attributes:
         description: The description, without the ``re`` of a request.
+        assets: What it names, by hash.
 
     Args:
         cell: The cell.
@@ -29,9 +30,9 @@ class Library:
     """
 
     def __init__(self, cell: Cell, lockstep: bool) -> None:
-        self._assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
+        self.assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
         meshes = {body.shape: _obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
-        self._assets |= {_sha256(text): text.encode() for text in meshes.values()}
+        self.assets |= {_sha256(text): text.encode() for text in meshes.values()}
         self.description = m.Description(
             name=cell.name,
             hash=cell.hash,
@@ -49,7 +50,7 @@ class Library:
         Raises:
             RemoteProtocolError: ``unknown_asset``: none has this hash, or it ends before ``offset``.
         """
-        data = self._assets.get(hash_)
+        data = self.assets.get(hash_)
         if data is None:
             raise _unknown(f"no asset {hash_}; the description names those that there are")
         if offset > len(data):

@@ -19,6 +19,9 @@ class Log:
     Args:
         stream: Where the lines go.
         now: Time of day, s since 1970.
+
+    Attributes:
+        also: Told of every line, too.
     """
 
     def __init__(self, stream: TextIO, now: Callable[[], float] = time.time) -> None:
@@ -26,6 +29,7 @@ class Log:
         self._now = now
         self._lines: queue.Queue[str | None] = queue.Queue(_WAITING)
         self._dropped = 0
+        self.also: Callable[[dict[str, Any]], None] | None = None
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
@@ -51,6 +55,8 @@ class Log:
 
     def _put(self, level: str, event: str, fields: dict[str, Any]) -> None:
         record = {"time": round(self._now(), 6), "level": level, "event": event, **fields}
+        if self.also is not None:
+            self.also(dict(record))
         if self._dropped:
             record["dropped_before"] = self._dropped
         try:

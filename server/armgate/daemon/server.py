@@ -21,6 +21,8 @@ from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
 from armgate.daemon.peer import answer
+from armgate.daemon.record_start import begin, header_of
+from armgate.daemon.recorder import Recorder
 from armgate.daemon.rereading import Rereading, tell_strange
 from armgate.daemon.runner import GateRunner, Judge
 from armgate.daemon.session import Session
@@ -68,6 +70,7 @@ class Daemon:
         log: Where events are told.
         keys: Certificates and tokens; None: none.
         dialects: The versions of the protocol to speak, all at once.
+        recorder: Records all of it; None: nobody does.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Daemon:
         log: Log,
         keys: Keys | None = None,
         dialects: Sequence[Dialect] = DIALECTS,
+        recorder: Recorder | None = None,
     ) -> None:
         clock = cell.config.clock
         lockstep = isinstance(clock, LockstepClockConfig)
@@ -104,12 +108,14 @@ class Daemon:
             else Wall(periods, self._instant)
         )
         links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
-        runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links})
+        tap = None if recorder is None else recorder.tap
+        runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
         defer = None if lockstep else self._soon
         self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer)
         self._periods = dict(zip((link.robot for link in links), periods, strict=True))
         self._links = links
+        self._cell, self._recorder = cell, recorder
 
     # --- life ---------------------------------------------------------------------------------------------
 
@@ -124,11 +130,13 @@ class Daemon:
 
         Raises:
             OSError: The address cannot be listened on.
+            RecorderError: Nothing can be recorded.
         """
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._unexpected)
         host = self._settings.host
         port = await self._listener.open(host, self._settings.port)
+        self._begin_recording()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
         self._heed_hangup(loop)
@@ -137,6 +145,8 @@ class Daemon:
         announce(host, port)
         await self._over.wait()
         await self._close()
+        if self._recorder is not None:
+            self._recorder.close()
         return self._status
 
     def end(self) -> None:
@@ -197,6 +207,7 @@ class Daemon:
             self._core.advance(instant.time, instant.due)
         else:
             self._warn_of_lateness()
+            self._heed_recorder()
             self._core.tick(instant.time, instant.due, self._pace.step_of(instant))
         if self._phase is not Phase.RUNNING:
             self._look_for_rest(instant)
@@ -212,6 +223,23 @@ class Daemon:
     def _warn_of_lateness(self) -> None:
         if isinstance(self._pace, Wall) and (overruns := self._pace.lateness.overruns):
             self._core.warnings["late"] = f"{overruns} ticks came later than the next one was due"
+
+    def _begin_recording(self) -> None:
+        if self._recorder is not None:
+            header = header_of(self._cell, self.start, self._pace.lockstep, self._pace.now())
+            begin(self._recorder, header, self._pace.now, waits=self._pace.lockstep)
+            self._log.also = self._recorder.log
+            self._core.on_state = self._recorder.show
+
+    def _heed_recorder(self) -> None:
+        recorder = self._recorder
+        if recorder is None or (trouble := recorder.trouble) is None:
+            return
+        if "recording" not in self._core.warnings:
+            self._log.error("recording", text=trouble)
+        self._core.warnings["recording"] = trouble
+        if recorder.required and self._phase is Phase.RUNNING:
+            self._core.stop_unstopped(f"what happens cannot be recorded: {trouble}")
 
     def _finish(self, status: int) -> None:
         self._status = max(self._status, status)

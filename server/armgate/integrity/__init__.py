@@ -4,9 +4,10 @@
 and plans.
 """
 
+from armgate.integrity.beside import GateBeside
 from armgate.integrity.gate import Gate
 from armgate.integrity.nearest import start_clearances
 from armgate.integrity.replay import replay
 from armgate.integrity.view import RobotView
 
-__all__ = ["Gate", "RobotView", "replay", "start_clearances"]
+__all__ = ["Gate", "GateBeside", "RobotView", "replay", "start_clearances"]

@@ -220,7 +220,7 @@ def _check_frames(config: CellConfig, name: str, model: RobotModel) -> None:
 
 def _hash(config: CellConfig, robots: tuple[Robot, ...], bodies: tuple[Body, ...]) -> str:
     """Over values, not texts: comments, units, paths and where the cell is served do not change it."""
-    resolved = config.model_dump(mode="json", exclude={"server": True})
+    resolved = config.model_dump(mode="json", exclude={"server": True, "recording": True, "metrics": True})
     _without_files(resolved, bodies)
     for robot in robots:
         own = resolved["robots"][robot.name]

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, Valida
 from armgate.cell.errors import ConfigError
 from armgate.cell.explain import explained
 from armgate.cell.link_config import EmulatedLinkConfig, LinkConfig
+from armgate.cell.operation_config import MetricsConfig, RecordingConfig
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Kind, Shape, shape_from
 from armgate.cell.source import Node, Path_, finding, read_tree
@@ -62,20 +63,20 @@ def _scale(given: object) -> object:
 
 
 class MeshOptions(Part):
-    """How a mesh becomes convex bodies that together contain it and all that it encloses.
+    """How a mesh becomes convex bodies.
 
     Attributes:
-        method: ``parts``: cut where that follows its form; ``hull``: its convex hull.
-        threshold: How much larger than the mesh the parts may be together, as a share of its volume; they are
-            cut until then.
+        method: ``hull``: its convex hull. Cutting into parts is not offered yet: it is not established that
+            the parts hold all of the mesh.
+        threshold: How much concavity a part may have before it is cut, as a share of the mesh's size.
         max_parts: At most so many parts.
         max_vertices: At most so many corners a part; what that loses, the part is thickened by.
     """
 
-    method: Literal["parts", "hull"] = "parts"
-    threshold: Annotated[float, Field(ge=0.01, le=10.0)] = 0.1
-    max_parts: Annotated[int, Field(ge=1, le=256)] = 16
-    max_vertices: Annotated[int, Field(ge=32, le=255)] = 96
+    method: Literal["hull"] = "hull"
+    threshold: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
+    max_parts: Annotated[int, Field(ge=1, le=256)] = 32
+    max_vertices: Annotated[int, Field(ge=32, le=512)] = 96
 
 
 class MeshConfig(MeshOptions):
@@ -335,6 +336,8 @@ class CellConfig(Part):
     surroundings: Annotated[dict[Name, SurroundingConfig], Field(max_length=MAX_SURROUNDINGS)] = {}
     clock: Annotated[WallClockConfig | LockstepClockConfig, Field(discriminator="kind")] = WallClockConfig()
     server: ServerConfig = ServerConfig()
+    recording: RecordingConfig = RecordingConfig()
+    metrics: MetricsConfig = MetricsConfig()
 
     _tree: Node | None = PrivateAttr(default=None)
 

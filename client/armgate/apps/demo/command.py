@@ -1,6 +1,7 @@
 """``armgate demo``: what to run, on which screen, and what is left of it."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,7 +48,7 @@ def demo(
     plan = _plan(configs, resolved, path or default_file("paths/inspection.csv"), lockstep, duration)
     folder = make_folder(out)
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
-    _run(plan, folder)
+    _run(replace(plan, record=folder), folder)
 
 
 def _plan(

@@ -40,6 +40,7 @@ class Plan:
         lag: Of the follower's robot behind its setpoint, s.
         lockstep: Whether ticks wait for the controllers instead of the clock.
         duration: How much of the path is played, s; None for all.
+        record: The folder that the daemon records into; None for none.
     """
 
     configs: Sequence[Path]
@@ -49,10 +50,12 @@ class Plan:
     lag: float = 0.03
     lockstep: bool = False
     duration: float | None = None
+    record: Path | None = None
 
     def daemon(self) -> list[str]:
         """The command that starts the daemon."""
-        command = armgate("serve", *map(str, self.configs), "--port", "0", lockstep=self.lockstep)
+        recording = [] if self.record is None else ["--record", str(self.record)]
+        command = armgate("serve", *map(str, self.configs), "--port", "0", *recording, lockstep=self.lockstep)
         return [*command, "--lockstep", ",".join(CONTROLLERS)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:

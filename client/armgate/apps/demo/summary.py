@@ -27,7 +27,9 @@ def summary(metrics: Mapping[str, Any], folder: Path, pictures: Sequence[Path]) 
         for robot, verdicts in metrics["verdicts"].items()
     ]
     notes = [Text(text, style="yellow") for text in _notes(metrics)]
-    written = f"{folder}: metrics.json, series.csv, {len(pictures)} pictures, configuration and logs"
+    written = (
+        f"{folder}: metrics.json, series.csv, {len(pictures)} pictures, recording, configuration and logs"
+    )
     return Group(Text(), table, *robots, _pace(metrics), *notes, Text(written, style="dim"))
 
 

@@ -1,0 +1,183 @@
+"""Topics, schemas and the header: what any reader of a recording may count on.
+
+A file is MCAP with the profile ``armgate``. Its messages are JSON; each topic has a JSON Schema, so that
+general tools show them. The first message, on ``/run``, is the header. A message's log time is the time of
+day at daemon time 0 plus the daemon time of what it tells; messages stand in the order of what happened.
+"""
+
+import base64
+import json
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from armgate.cell import events as e
+from armgate.protocol import messages as m
+
+FORMAT = 1
+"""Raised when readers of the one before would misread a file; mere additions do not raise it."""
+
+PROFILE = "armgate"
+METADATA = "armgate"
+"""Name of the metadata record that says the format before anything else."""
+
+RUN, STATE, LOG, GAP = "/run", "/state", "/log", "/gap"
+
+EVENTS: dict[str, type] = {
+    "tick": e.Tick,
+    "command": e.Command,
+    "plan_answer": e.PlanAnswer,
+    "lease": e.LeaseChange,
+    "stop": e.Stop,
+    "reset": e.Reset,
+    "link": e.LinkChange,
+}
+"""What the gate is told, by the last part of the topic ``/gate/…``."""
+
+OUTPUTS: dict[str, type] = {
+    "verdict": e.Verdict,
+    "plan": e.Plan,
+    "stopped": e.Stopped,
+    "reset_answer": e.ResetAnswer,
+    "rebase": e.Rebase,
+}
+"""What the gate answers, by the key under which it stands."""
+
+
+class Header(BaseModel):
+    """What a recording is of, in every part of it.
+
+    Attributes:
+        format: The form of the recording.
+        part: Number of this file, from 1.
+        start: The daemon's start id.
+        origin_ns: Time of day at daemon time 0, ns since 1970.
+        cell: The cell's name.
+        hash: The cell's hash, as the description tells it.
+        lockstep: Whether time passed in lock-step.
+        judge: How the gate computed: ``numpy`` or ``compiled``.
+        software: Versions by package.
+        machine: What the computed bits may depend on beside the software.
+        files: A folder in itself from which the cell can be built again: file names and contents (base64);
+            ``config.yaml`` is the configuration.
+        description: What clients are told of the cell.
+        assets: What the description names by its hash (base64).
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    format: int = FORMAT
+    part: int = 1
+    start: str
+    origin_ns: int
+    cell: str
+    hash: str
+    lockstep: bool
+    judge: str = "numpy"
+    software: dict[str, str] = Field(default_factory=dict)
+    machine: dict[str, str] = Field(default_factory=dict)
+    files: dict[str, str] = Field(default_factory=dict)
+    description: dict[str, Any] = Field(default_factory=dict)
+    assets: dict[str, str] = Field(default_factory=dict)
+
+    def file(self, name: str) -> bytes:
+        """The content of one of the files.
+
+        Raises:
+            KeyError: There is none of this name.
+        """
+        return base64.b64decode(self.files[name])
+
+    def asset(self, hash_: str) -> bytes:
+        """What the description names by this hash.
+
+        Raises:
+            KeyError: It names none such.
+        """
+        return base64.b64decode(self.assets[hash_])
+
+
+def robot_topic(robot: str) -> str:
+    """The topic of one robot's states."""
+    return f"/robots/{robot}/state"
+
+
+def topics(header: Header) -> list[str]:
+    """All topics of a recording."""
+    robots = [robot_topic(robot["name"]) for robot in header.description.get("robots", ())]
+    return [RUN, *(f"/gate/{kind}" for kind in EVENTS), STATE, *robots, LOG, GAP]
+
+
+def schema_of(topic: str) -> tuple[str, bytes]:
+    """Name and JSON Schema of the messages on a topic."""
+    name, schema = _schema_of(topic)
+    return name, json.dumps(schema, separators=(",", ":")).encode()
+
+
+def _schema_of(topic: str) -> tuple[str, dict[str, Any]]:
+    if topic == RUN:
+        return "armgate.Header", Header.model_json_schema()
+    if topic == LOG:
+        return "foxglove.Log", _LOG
+    if topic == STATE:
+        return "armgate.State", _STATE
+    if topic == GAP:
+        return "armgate.Gap", _numbers("records", "steps")
+    if topic.startswith("/robots/"):
+        return "armgate.Entry", m.Entry.model_json_schema()
+    kind = topic.rpartition("/")[2]
+    return f"armgate.{EVENTS[kind].__name__}", _step_schema(kind)
+
+
+def _step_schema(kind: str) -> dict[str, Any]:
+    """An event and the outputs that it led to, each under a key of its kind."""
+    definitions: dict[str, Any] = {}
+
+    def of(model: type) -> dict[str, Any]:
+        schema = TypeAdapter(model).json_schema()
+        definitions.update(schema.pop("$defs", {}))
+        return schema
+
+    outputs = {name: of(model) for name, model in OUTPUTS.items()}
+    event = of(EVENTS[kind])
+    each = {"type": "object", "properties": outputs, "maxProperties": 1}
+    properties = {"event": event, "outputs": {"type": "array", "items": each}}
+    return {"type": "object", "properties": properties, "$defs": definitions}
+
+
+def _numbers(*names: str) -> dict[str, Any]:
+    return {"type": "object", "properties": {name: {"type": "integer"} for name in names}}
+
+
+_SIGNAL = {
+    "type": "object",
+    "properties": {
+        "owner": {"type": "string"},
+        "value": {"type": "array", "items": {"type": "number"}},
+        "time": {"type": "number"},
+    },
+}
+_STATE: dict[str, Any] = {
+    "type": "object",
+    "properties": {
+        "time": {"type": "number"},
+        "step": {"type": ["integer", "null"]},
+        "ticks": {"type": "object", "additionalProperties": {"type": "integer"}},
+        "signals": {"type": "object", "additionalProperties": _SIGNAL},
+        "warnings": {"type": "array", "items": {"type": "string"}},
+    },
+}
+_STAMP = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_LOG: dict[str, Any] = {
+    "type": "object",
+    "title": "foxglove.Log",
+    "properties": {
+        "timestamp": _STAMP,
+        "level": {"type": "integer"},
+        "message": {"type": "string"},
+        "name": {"type": "string"},
+        "file": {"type": "string"},
+        "line": {"type": "integer"},
+        "fields": {"type": "object"},
+    },
+}

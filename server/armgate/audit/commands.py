@@ -1,0 +1,90 @@
+"""``armgate replay`` and ``armgate recover``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from armgate.audit.replaying import Outcome, Span
+
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a recording, or one of its files.")]
+_LISTED = 20
+
+
+def replay(
+    run: Run,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Judge under another configuration value."),
+    ] = None,
+) -> None:
+    """Judge a recorded run again: the same answers to the last bit, or others under other rules."""
+    from armgate.audit.build import changed_cell, recorded_cell  # noqa: PLC0415
+    from armgate.audit.replaying import replayed  # noqa: PLC0415
+    from armgate.recording import Recording  # noqa: PLC0415
+
+    recording = Recording.open(run)
+    if settings:
+        cell = changed_cell(recording.header, settings)
+        _tell_changes(replayed(recording, cell, otherwise=True), settings)
+        return
+    outcome = replayed(recording, recorded_cell(recording.header))
+    _tell_replay(outcome)
+    raise typer.Exit(1 if outcome.count else 0)
+
+
+def recover(run: Run) -> None:
+    """Make a recording whole whose daemon was killed: all that reached the disk is kept."""
+    from armgate.audit.recovering import recovered  # noqa: PLC0415
+
+    for one in recovered(run):
+        match one.what:
+            case "whole":
+                typer.echo(f"{one.file}: whole already")
+            case "removed":
+                typer.echo(f"{one.file}: removed, nothing had been written to it")
+            case _:
+                cut = f"; {one.dropped} bytes at its end were no whole record" if one.dropped else ""
+                typer.echo(f"{one.file}: recovered, {one.messages} messages{cut}")
+
+
+def _tell_replay(outcome: "Outcome") -> None:
+    if outcome.foreign:
+        typer.echo(f"another kind of machine than the recording's ({'; '.join(outcome.foreign)}):")
+        typer.echo(f"numbers are compared to {outcome.tolerance:g} rad or m, not bit for bit")
+    how = "to the last bit" if outcome.tolerance is None else f"within {outcome.tolerance:g}"
+    same = outcome.events - outcome.count
+    typer.echo(f"{same} of {outcome.events} events ({outcome.verdicts} commands) answered the same {how}")
+    for time, event, differing in outcome.differing:
+        typer.echo(f"  {time:.3f} s, {type(event).__name__.lower()}: {'; '.join(differing[:3])}")
+    if outcome.count > len(outcome.differing):
+        typer.echo(f"  … and {outcome.count - len(outcome.differing)} more")
+
+
+def _tell_changes(outcome: "Outcome", settings: list[str]) -> None:
+    from armgate.audit.replaying import spans, tally  # noqa: PLC0415
+
+    typer.echo(
+        f"{len(outcome.changes)} of {outcome.verdicts} verdicts would be others with {' '.join(settings)}"
+    )
+    typer.echo("(each judged where the robots were then: they would have gone on differently)")
+    for (robot, was, now), count in tally(outcome.changes).most_common():
+        typer.echo(f"  {robot}: {was} → {now}: {count}")
+    for time, stop in outcome.stops[:_LISTED]:
+        typer.echo(f"  {time:.3f} s: {', '.join(stop.robots)} would be stopped: {stop.reason}")
+    runs = spans(outcome.changes)
+    for span in runs[:_LISTED]:
+        typer.echo(f"  {_span(span)}")
+    if len(runs) > _LISTED:
+        typer.echo(f"  … and {len(runs) - _LISTED} more such stretches")
+
+
+def _span(span: "Span") -> str:
+    robot, was, now = span.way
+    first, last = span.first, span.last
+    when, which = f"{first.time:.3f} s", f"seq {first.was.seq}"
+    if span.count > 1:
+        when, which = f"{when} to {last.time:.3f} s", f"{which} to {last.was.seq}"
+    reason = f": {first.now.reasons[-1].text}" if first.now.reasons else ""
+    return f"{when}, {robot} {which}: {was} → {now}{reason}"

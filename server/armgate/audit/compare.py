@@ -1,0 +1,64 @@
+"""Whether two answers of the gate are the same: to the last bit, or within a tolerance."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from struct import pack
+from typing import Any
+
+from armgate.cell.events import GateOutput
+
+TOLERANCE = 1e-6
+"""What another kind of machine may compute differently, rad or m."""
+
+
+def differences(
+    recorded: Sequence[GateOutput], again: Sequence[GateOutput], tolerance: float | None = None
+) -> list[str]:
+    """What differs, as ``verdict.beta: 0.5, was 0.75``; empty if nothing does.
+
+    Args:
+        recorded: What the gate answered then.
+        again: What it answers now.
+        tolerance: How far numbers may be apart; None: not by a bit.
+    """
+    if len(recorded) != len(again):
+        return [f"{_kinds(again)}, was {_kinds(recorded)}"]
+    return [
+        text
+        for a, b in zip(recorded, again, strict=True)
+        for text in _differ(type(b).__name__.lower(), a, b, tolerance)
+    ]
+
+
+def _kinds(outputs: Sequence[GateOutput]) -> str:
+    return " and ".join(type(output).__name__.lower() for output in outputs) or "nothing"
+
+
+def _differ(where: str, a: Any, b: Any, tolerance: float | None) -> Iterator[str]:
+    if isinstance(a, float) and isinstance(b, float):
+        if not _equal(a, b, tolerance):
+            yield f"{where}: {b!r}, was {a!r}"
+    elif type(a) is not type(b):
+        yield f"{where}: {b!r}, was {a!r}"
+    elif is_dataclass(a) and not isinstance(a, type):
+        for field in fields(a):
+            # With a tolerance a text may round otherwise: its numbers stand beside it.
+            if tolerance is None or field.name != "text":
+                yield from _differ(
+                    f"{where}.{field.name}", getattr(a, field.name), getattr(b, field.name), tolerance
+                )
+    elif isinstance(a, tuple):
+        if len(a) != len(b):
+            yield f"{where}: {len(b)} of them, were {len(a)}"
+            return
+        for number, (x, y) in enumerate(zip(a, b, strict=True)):
+            yield from _differ(f"{where}[{number}]", x, y, tolerance)
+    elif a != b:
+        yield f"{where}: {b!r}, was {a!r}"
+
+
+def _equal(a: float, b: float, tolerance: float | None) -> bool:
+    if tolerance is None or not (math.isfinite(a) and math.isfinite(b)):
+        return pack("<d", a) == pack("<d", b)
+    return abs(a - b) <= tolerance

@@ -1,0 +1,60 @@
+"""Makes a recording whole whose daemon was killed."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from armgate.recording import RecordingError, TruncatedError, parts_of
+from armgate.recording.rewrite import rewrite
+from armgate.recording.scan import Scan, scan
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What was done to one file: ``whole`` already, ``recovered``, or ``removed`` as it held nothing.
+
+    Attributes:
+        file: The file.
+        what: One of these words.
+        messages: How many messages it holds now.
+        dropped: Bytes at its end that were no whole record.
+    """
+
+    file: Path
+    what: str
+    messages: int = 0
+    dropped: int = 0
+
+
+def recovered(path: Path) -> Sequence[Recovered]:
+    """Makes every part of a recording whole.
+
+    Args:
+        path: Its folder, or one file.
+
+    Raises:
+        RecordingError: There is no recording, it is damaged, or nothing of it is left.
+        OSError: A file cannot be written; the old one stays as it was.
+    """
+    files = parts_of(path)
+    scans = [scan(file) for file in files]
+    if not any(found.chunks for found in scans):
+        raise TruncatedError(files[0], "breaks off before anything was written; nothing can be recovered")
+    for found in scans[:-1]:
+        if not found.chunks:
+            raise RecordingError(found.file, "is empty, but later parts are not; restore it from a copy")
+    return [_recovered(found) for found in scans]
+
+
+def _recovered(found: Scan) -> Recovered:
+    file = found.file
+    if found.closed:
+        return Recovered(file, "whole")
+    if not found.chunks:
+        file.unlink()
+        return Recovered(file, "removed")
+    new = file.with_name(f".{file.name}.recovering")
+    messages, dropped = rewrite(file, new)
+    os.replace(new, file)
+    return Recovered(file, "recovered", messages, dropped)

@@ -1,0 +1,116 @@
+"""One file of a recording on a disk that may be full."""
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from armgate.recording import Header, Item, Sink
+
+
+class _Stream:
+    """Unbuffered: what was written is the operating system's, whatever becomes of this process."""
+
+    def __init__(self, descriptor: int, write: Callable[[int, bytes], int] = os.write) -> None:
+        self._descriptor = descriptor
+        self._system_write = write
+        self._at = 0
+        self._kept = bytearray()
+
+    def write(self, data: bytes, /) -> int:
+        """Keeps the bytes until ``flush``: one call of the system for a chunk and its indexes."""
+        self._kept += data
+        return len(data)
+
+    def tell(self) -> int:
+        """How many bytes were written or kept."""
+        return self._at + len(self._kept)
+
+    def flush(self) -> None:
+        """Writes all of it.
+
+        Raises:
+            OSError: It does not fit.
+        """
+        while self._kept:
+            done = self._system_write(self._descriptor, bytes(self._kept))
+            self._at += done
+            del self._kept[:done]
+
+
+class RecordFile:
+    """A part that is written; made by ``RecordFile.create``.
+
+    Attributes:
+        path: The file.
+        header: What it begins with.
+    """
+
+    def __init__(
+        self, path: Path, descriptor: int, header: Header, write: Callable[[int, bytes], int] = os.write
+    ) -> None:
+        self.path = path
+        self.header = header
+        self._descriptor = descriptor
+        self._good = 0
+        try:
+            self._sink = Sink(_Stream(descriptor, write), header)
+        except OSError:
+            self.abandon()
+            raise
+        self._good = self._sink.size
+
+    @classmethod
+    def create(cls, path: Path, header: Header) -> "RecordFile":
+        """Makes the file.
+
+        Raises:
+            OSError: It is there already, or cannot be written.
+        """
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        return cls(path, os.open(path, flags, 0o644), header)
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return self._sink.size
+
+    def put(self, item: Item, at: float) -> None:
+        """Adds an item of daemon time ``at`` [s].
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self._sink.put(item, at)
+
+    def flush(self) -> None:
+        """Hands everything to the operating system.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self._sink.flush()
+        self._good = self._sink.size
+
+    def close(self) -> None:
+        """Makes the file whole.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self.flush()
+        self._sink.close()
+        self._release()
+
+    def abandon(self) -> None:
+        """Cuts off what was only half written, and writes no more."""
+        if self._descriptor >= 0:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self._good)
+            self._release()
+
+    def _release(self) -> None:
+        # Never twice: the number may be another file's by then.
+        descriptor, self._descriptor = self._descriptor, -1
+        with contextlib.suppress(OSError):
+            os.close(descriptor)

@@ -1,0 +1,215 @@
+"""The flight recorder: what happened goes into a queue, a thread of its own writes it.
+
+The event loop only puts immutable values into a queue: a slow or full disk delays no tick. What does not fit
+is lost, counted, marked in the recording and said in the states.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armgate.cell.events import GateEvent, GateOutput, Tick
+from armgate.daemon.record_file import RecordFile
+from armgate.protocol import messages as m
+from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
+
+FLUSH = 0.1
+"""What a killed daemon may lose at most, s, beside what the thread was late."""
+
+_PATIENCE = 10.0
+"""How long a lock-step run waits for the disk, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What an instant showed; taken apart by the writer."""
+
+    ticks: Sequence[Tick]
+    entries: Sequence[m.Entry]
+    moment: Moment
+
+    def items(self) -> list[Item]:
+        own = {entry.robot: entry for entry in self.entries}
+        return [*(Shown(own[tick.robot]) for tick in self.ticks), self.moment]
+
+
+_Queued = tuple[float, Item | _State] | None
+
+
+class Recorder:
+    """Records one run of a daemon.
+
+    Args:
+        folder: Where the files go; made if it is not there.
+        required: Whether robots shall rest when something could not be recorded.
+        rotate: After so many bytes the next file begins.
+        limit: How many records may wait for the disk.
+        flush: Longest time between two flushes, s.
+        create: Makes a part, from its path and header.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        required: bool = False,
+        rotate: int = 1 << 28,
+        limit: int = 16384,
+        flush: float = FLUSH,
+        create: Callable[[Path, Header], RecordFile] = RecordFile.create,
+    ) -> None:
+        self.folder = folder
+        self.required = required
+        self._rotate = rotate
+        self._limit = limit
+        self._flush = flush
+        self._create = create
+        self._queue: queue.SimpleQueue[_Queued] = queue.SimpleQueue()
+        self._lost = self._lost_steps = 0
+        self._pending = Gap(0, 0)
+        self._failure: str | None = None
+        self._waits = False
+        self._now: Callable[[], float] = lambda: 0.0
+        self._header: Header
+        self._part: RecordFile
+        self._thread: threading.Thread | None = None
+
+    def begin(self, header: Header, now: Callable[[], float], *, waits: bool = False) -> None:
+        """Make the first file and begin to write.
+
+        Args:
+            header: What the recording is of.
+            now: Daemon time, s.
+            waits: Whether there is time to wait for a slow disk: in lock-step.
+
+        Raises:
+            OSError: The folder or file cannot be made.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._header, self._now, self._waits = header, now, waits
+        self._part = self._open(header)
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    # --- from the event loop ------------------------------------------------------------------------------
+
+    @property
+    def trouble(self) -> str | None:
+        """What went wrong so far, for the states; None if nothing did."""
+        if self._failure is not None:
+            return f"recording ended: {self._failure}"
+        if self._lost:
+            return f"recording has gaps: {self._lost} records were lost, the disk is too slow"
+        return None
+
+    @property
+    def depth(self) -> int:
+        """How many records wait to be written."""
+        return self._queue.qsize()
+
+    @property
+    def lost(self) -> int:
+        """How many records were lost."""
+        return self._lost
+
+    def tap(self, event: GateEvent, outputs: Sequence[GateOutput]) -> None:
+        """Take what the gate was told and answered."""
+        self._put(self._now(), Step(event, outputs))
+
+    def show(
+        self,
+        ticks: Sequence[Tick],
+        entries: Sequence[m.Entry],
+        signals: Mapping[str, m.SignalValue],
+        warnings: Sequence[str],
+        step: int | None,
+    ) -> None:
+        """Take the state of an instant; ``ticks`` are those of the robots that ticked."""
+        if ticks:
+            at = ticks[0].time
+            moment = Moment(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
+            self._put(at, _State(ticks, entries, moment))
+
+    def log(self, record: Mapping[str, Any]) -> None:
+        """Take a line of the log."""
+        if self._thread is not None:
+            fields = {key: value for key, value in record.items() if key not in ("time", "level", "event")}
+            line = LogLine(record["time"], record["level"], record["event"], fields)
+            self._put(self._now(), line)
+
+    def close(self, timeout: float = 10.0) -> None:
+        """Write what waits and close the file, for at most ``timeout`` s."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join(timeout)
+            self._thread = None
+
+    def _put(self, at: float, item: Item | _State) -> None:
+        if self._queue.qsize() >= self._limit and not (self._waits and self._made_room()):
+            self._lose(item)
+            return
+        if self._pending.records:
+            self._queue.put((at, self._pending))
+            self._pending = Gap(0, 0)
+        self._queue.put((at, item))
+
+    def _lose(self, item: object) -> None:
+        self._lost += 1
+        step = isinstance(item, Step)
+        self._pending = Gap(self._pending.records + 1, self._pending.steps + step)
+
+    def _made_room(self) -> bool:
+        until = time.monotonic() + _PATIENCE
+        while self._queue.qsize() >= self._limit and self._failure is None:
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.001)
+        return True
+
+    # --- in the thread ------------------------------------------------------------------------------------
+
+    def _write(self) -> None:
+        try:
+            self._write_on()
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+        except Exception as error:
+            self._fail(repr(error))
+        while self._failure is not None and self._queue.get() is not None:
+            self._lost += 1
+
+    def _write_on(self) -> None:
+        due = time.monotonic() + self._flush
+        while True:
+            try:
+                queued = self._queue.get(timeout=max(0.0, due - time.monotonic()))
+            except queue.Empty:
+                pass
+            else:
+                if queued is None:
+                    self._part.close()
+                    return
+                at, item = queued
+                for one in item.items() if isinstance(item, _State) else (item,):
+                    self._part.put(one, at)
+            if time.monotonic() >= due:
+                self._part.flush()
+                if self._part.size >= self._rotate:
+                    self._turn()
+                due = time.monotonic() + self._flush
+
+    def _turn(self) -> None:
+        self._part.close()
+        header = self._part.header
+        self._part = self._open(header.model_copy(update={"part": header.part + 1}))
+
+    def _open(self, header: Header) -> RecordFile:
+        return self._create(self.folder / part_name(header.part), header)
+
+    def _fail(self, why: str) -> None:
+        self._part.abandon()
+        self._failure = f"{self._part.path}: {why}"
