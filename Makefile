@@ -4,6 +4,8 @@ PYTHON ?= python3
 ARGS ?=
 RUNS ?= 100000
 STEPS ?= 20000
+MUTANTS ?=
+SEED ?= 0
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,7 +14,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate help install demo test lint spec fuzz conformance coverage adversary bench-control clean
+.PHONY: bench-gate help install demo test lint spec fuzz conformance coverage adversary mutants bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -55,6 +57,9 @@ coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov
 
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
 	@STEPS=$(STEPS) $(BIN)/python tests/integrity/adversary.py
+
+mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests notice: make mutants MUTANTS=100
+	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)
 
 soak: $(VENV)/.tested  ## abuse the daemon for 10000 ticks, and watch its memory over 100000
 	@ARMGATE_SOAK=1 $(BIN)/python -m pytest -s tests/e2e/test_abuse.py $(ARGS)

@@ -360,7 +360,10 @@ def _unknown_stop(stop: int) -> tuple[ErrorCode, str]:
 
 
 def _moving(stop: int) -> tuple[ErrorCode, str]:
-    return ErrorCode.MOVING, f"a robot of stop {stop} still moves; reset when it rests"
+    return (
+        ErrorCode.MOVING,
+        f"a robot of stop {stop} still moves, or has not spoken since its link was lost; reset when it rests",
+    )
 
 
 _NO_RESET: dict[str, Callable[[int], tuple[ErrorCode, str]]] = {"unknown": _unknown_stop, "moving": _moving}

@@ -14,18 +14,16 @@ Stages 3 and 4 share one small budget per command. Used up, the pair counts as t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from armgate.cell.cell import Cell
 from armgate.cell.events import Joints, Point
 from armgate.integrity.certificate import Budget, Certifier
+from armgate.integrity.compiled import screen_of
 from armgate.integrity.groups import ChainGroup, Group, groups_of
+from armgate.integrity.screen import MARGIN, robot_pairs
 from armgate.integrity.swept import Array, Index, Space, Swept
-
-MARGIN = 1e-9
-"""What every bound is lowered by for floating-point rounding, m."""
 
 _SURVEY_BUDGET = 64
 _DIRECTIONS = 2
@@ -86,18 +84,21 @@ class Judgement:
 
 
 class Clearance:
-    """Keeps what is proven of the held occupancies and judges new ones."""
+    """Keeps what is proven of the held occupancies and judges new ones.
 
-    def __init__(self, cell: Cell) -> None:
+    Args:
+        cell: The cell.
+        compiled: Whether the screen is the compiled one; where that can be, if it is not said.
+    """
+
+    def __init__(self, cell: Cell, compiled: bool | None = None) -> None:
         self.cell = cell
         self.space = Space(cell)
         self.certifier = Certifier(cell)
         self.groups = tuple(groups_of(self.space, i) for i in range(len(cell.robots)))
-        self.pairs_of = tuple(_joined([g.ids for g in gs], np.zeros(0, np.intp)) for gs in self.groups)
-        self._growth = tuple(
-            _joined([g.growth for g in gs], np.zeros((0, r.model.n)))
-            for gs, r in zip(self.groups, cell.robots, strict=True)
-        )
+        pairs = [robot_pairs(gs, r.model.n) for gs, r in zip(self.groups, cell.robots, strict=True)]
+        self.screen = screen_of(self.space, pairs, compiled)
+        self.pairs_of = tuple(own.ids for own in pairs)
         self._place = tuple({int(p): (g, k) for g in gs for k, p in enumerate(g.ids)} for gs in self.groups)
         self.limits = np.array([p.limit for p in cell.pairs])
         self.bound = np.full(len(cell.pairs), -np.inf)
@@ -106,13 +107,14 @@ class Clearance:
 
     def growth(self, robot: int, step: Array) -> Array:
         """Returns by how much each of a robot's pairs can close when its joints move by ``step``."""
-        return np.asarray(self._growth[robot] @ step)
+        return np.asarray(self.screen.pairs[robot].growth @ step)
 
     # --- the held occupancies ------------------------------------------------------------------------------
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Reserves these occupancies for a robot; the kept bounds must already hold for them."""
         self.held[robot] = list(swept)
+        self.screen.hold(robot, self.held[robot])
 
     def prove_held(self, robot: int, pair: int, budget: Budget) -> Binding:
         """Proves anew what can be proven of one pair of the held occupancies, and keeps the better bound."""
@@ -157,26 +159,14 @@ class Clearance:
             need: The distance that each pair must keep, m, (pairs of the cell,).
             budget: Engine evaluations left for this command.
         """
-        lb = self.bound.copy()
-        ids = self.pairs_of[robot]
-        lb[ids] = -np.inf if step is None else self.bound[ids] - self.growth(robot, step)
-        if np.all(lb[ids] >= need[ids]):
-            return Judgement(lb, None)
-        for group in self.groups[robot]:
-            here = lb[group.ids]
-            left = np.flatnonzero(here < need[group.ids])
-            if len(left):
-                here[left] = np.maximum(
-                    here[left], self._slab(group, robot, new, left, self.kept_n(group, left))
-                )
-            lb[group.ids] = here
-            for k in np.flatnonzero(here < need[group.ids]):
-                pair = int(group.ids[k])
-                found = self._pursue(Question(group, int(k), robot, new, float(need[pair])), budget)
-                lb[pair] = max(lb[pair], found.lb)
-                if lb[pair] < need[pair]:
-                    points = ordered(group, int(k), found.points)
-                    return Judgement(lb, Binding(pair, float(lb[pair]), float(need[pair]), points))
+        lb, left = self.screen.run(robot, new, step, need, (self.bound, self._n))
+        for pair in self.pairs_of[robot][left].tolist():
+            group, k = self.find(robot, pair)
+            found = self._pursue(Question(group, k, robot, new, float(need[pair])), budget)
+            lb[pair] = max(lb[pair], found.lb)
+            if lb[pair] < need[pair]:
+                points = ordered(group, k, found.points)
+                return Judgement(lb, Binding(pair, float(lb[pair]), float(need[pair]), points))
         return Judgement(lb, None)
 
     def point_bound(self, robot: int, pair: int, q: Joints) -> float:
@@ -305,10 +295,6 @@ def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[P
 
 def _segments(nodes: Array) -> list[Array]:
     return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
-
-
-def _joined(parts: list[Any], empty: Any) -> Any:
-    return np.concatenate(parts) if parts else empty
 
 
 def _middle(segment: Array) -> Array:

@@ -53,12 +53,14 @@ class Gate:
     Args:
         cell: The cell.
         start: The daemon's start id; goes into the plans' keys.
+        compiled: Whether its inner loops are compiled by numba; where it is installed, if it is not said.
+            Both forms are the same to rounding; a replay is identical in the form of its run.
     """
 
-    def __init__(self, cell: Cell, start: str) -> None:
+    def __init__(self, cell: Cell, start: str, compiled: bool | None = None) -> None:
         self._cell = cell
         self._start = start
-        self._clearance = Clearance(cell)
+        self._clearance = Clearance(cell, compiled)
         self._nearest = NearestPairs(self._clearance)
         self._judge = Judge(self._clearance, cell.config.response)
         self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
@@ -251,6 +253,7 @@ class Gate:
         s.link = event.state
         if event.state not in (LinkState.LOST, LinkState.FAULTED):
             return []
+        s.unheard = True
         reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
         return [self._raise_stop([s], reason, "gate")]
 

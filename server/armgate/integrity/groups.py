@@ -88,15 +88,14 @@ class ChainGroup(Group):
 
 
 def groups_of(space: Space, robot: int) -> tuple[Group, ...]:
-    """Returns the groups of all pairs in which a robot takes part."""
+    """Returns the groups of all pairs in which a robot takes part; of its chain first, if any."""
     by_side: dict[tuple[bool, int | None], list[tuple[int, Body, Body, float]]] = {}
     for k, pair in enumerate(space.cell.pairs):
         side = _side_of(space.cell, pair, robot)
         if side is not None:
             by_side.setdefault(side[:2], []).append((k, *side[2:]))
-    return tuple(
-        _build(space, robot, other, members, chained) for (chained, other), members in by_side.items()
-    )
+    sides = sorted(by_side.items(), key=lambda side: not side[0][0])
+    return tuple(_build(space, robot, other, members, chained) for (chained, other), members in sides)
 
 
 def _side_of(cell: Cell, pair: Pair, robot: int) -> tuple[bool, int | None, Body, Body, float] | None:

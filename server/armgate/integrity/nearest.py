@@ -116,7 +116,7 @@ class NearestPairs:
 
 def start_clearances(cell: Cell) -> list[Nearest]:
     """Returns the clearances at the start positions, nearest first: the nearest pairs of each robot."""
-    clearance = Clearance(cell)
+    clearance = Clearance(cell, compiled=False)  # asked once: not worth loading a compiler
     start = [tuple(float(x) for x in r.start) for r in cell.robots]
     for i, q in enumerate(start):
         clearance.hold(i, [clearance.space.still(i, q)])

@@ -35,8 +35,8 @@ class Reservations:
         ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
         for staged in self._staged.values():
             staged[ids] = np.minimum(staged[ids], decision.lb[ids])
-        self._staged[s.index] = decision.lb.copy()
-        bound[ids] = np.minimum(bound[ids], decision.lb[ids])
+        self._staged[s.index] = decision.lb
+        np.minimum(bound, decision.lb, out=bound)  # of the pairs of others, both are the same
         s.next = Reserved(decision.occupied, decision.swept)
         self._hold(s)
 

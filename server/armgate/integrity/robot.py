@@ -46,6 +46,7 @@ class RobotState:
         pending: A plan that the link has not answered yet.
         main: The occupancy along the held plan; ``next`` along the pending one; ``residue`` what a rebased
             robot may still pass until it rests.
+        unheard: Its link was lost or faulted, and its clock has not spoken since: it is not known to rest.
         strayed: By how much a faulted robot was found off its stop path in all.
         outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
             ratcheted back.
@@ -73,6 +74,7 @@ class RobotState:
     share: float = 1.0
     stops: list[int] = field(default_factory=list)
     faulted: bool = False
+    unheard: bool = False
     slot: int = -1
     outside: tuple[Joints, Joints] = ((), ())
     main: Reserved | None = None
@@ -121,7 +123,7 @@ class RobotState:
     @property
     def resting(self) -> bool:
         """Nothing is left to play, and the measured q has come to rest."""
-        still = not any(any(u) for u in self.remaining)
+        still = not self.unheard and not any(any(u) for u in self.remaining)
         return still and self.pending is None and self.moved <= max(self.robot.q_tolerance, _STILL)
 
     def limits_now(self) -> StepBounds:
@@ -143,7 +145,7 @@ class RobotState:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
         self.moved = _farthest(event.q, self.measured) if self.tick >= 0 else 0.0
-        self.tick, self.time = event.tick, event.time
+        self.tick, self.time, self.unheard = event.tick, event.time, False
         self.measured, self.q = event.q, settled
         self.setpoint, self.last = event.setpoint, event.increment
         self.outside = self._ratchet()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.cell import Cell
 from armgate.cell.events import Joints
@@ -22,6 +22,9 @@ from armgate.integrity.support import Rows, support, support_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Place = Callable[[int, ArrayLike], tuple[Array, Array]]
+"""Gives the placements of a robot's bodies at q, R (nb, 3, 3) and t (nb, 3)."""
+
 _KEPT = 8
 
 
@@ -94,7 +97,12 @@ class Space:
         self.motion = [motion_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
         self.bend = [bend_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
         self.static = self._static()
+        self._place: Place = lambda robot, q: cell.robots[robot].model.body_placements(q)
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
+
+    def place_with(self, place: Place) -> None:
+        """Has bodies placed by another form of the same kinematics."""
+        self._place = place
 
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
         """A robot's bodies over an occupancy."""
@@ -106,8 +114,7 @@ class Space:
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
         """The same for nodes (m, n) and a tube (n,) that will not come again."""
-        model = self.cell.robots[robot].model
-        return self._swept(robot, nodes, tube, lambda: _stacked([model.body_placements(q) for q in nodes]))
+        return self._swept(robot, nodes, tube, lambda: _stacked([self._place(robot, q) for q in nodes]))
 
     def still(self, robot: int, q: Joints) -> Swept:
         """A robot's bodies with the robot standing at ``q``."""
@@ -123,7 +130,7 @@ class Space:
         known = self._known[robot]
         placed = known.pop(q, None)
         if placed is None:
-            placed = self.cell.robots[robot].model.body_placements(q)
+            placed = self._place(robot, q)
         known[q] = placed
         if len(known) > _KEPT:
             del known[next(iter(known))]

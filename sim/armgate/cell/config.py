@@ -63,20 +63,20 @@ def _scale(given: object) -> object:
 
 
 class MeshOptions(Part):
-    """How a mesh becomes convex bodies.
+    """How a mesh becomes convex bodies that together contain it and all that it encloses.
 
     Attributes:
-        method: ``hull``: its convex hull. Cutting into parts is not offered yet: it is not established that
-            the parts hold all of the mesh.
-        threshold: How much concavity a part may have before it is cut, as a share of the mesh's size.
+        method: ``parts``: cut where that follows its form; ``hull``: its convex hull.
+        threshold: How much larger than the mesh the parts may be together, as a share of its volume; they are
+            cut until then.
         max_parts: At most so many parts.
         max_vertices: At most so many corners a part; what that loses, the part is thickened by.
     """
 
-    method: Literal["hull"] = "hull"
-    threshold: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
-    max_parts: Annotated[int, Field(ge=1, le=256)] = 32
-    max_vertices: Annotated[int, Field(ge=32, le=512)] = 96
+    method: Literal["parts", "hull"] = "parts"
+    threshold: Annotated[float, Field(ge=0.01, le=10.0)] = 0.1
+    max_parts: Annotated[int, Field(ge=1, le=256)] = 16
+    max_vertices: Annotated[int, Field(ge=32, le=255)] = 96
 
 
 class MeshConfig(MeshOptions):

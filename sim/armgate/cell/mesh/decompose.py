@@ -1,17 +1,12 @@
-"""Cuts a surface into convex bodies that together contain it.
+"""Cuts a surface into convex bodies that together contain it and all that it encloses.
 
-CoACD cuts along planes; its parts are only a proposal. What they leave out of the surface is measured
-exactly (``cover``) and given to the nearest part, which grows to the hull of itself and the piece; the hull
-of a part and of points within d of it lies within d of the part, so this adds less than thickening would.
-Parts with too many corners are thinned. What is missing then, of both causes, becomes the parts' rounding
-radius.
-With ⊕ for "thickened by",
+Space is cut into boxes, and each part is the hull of what of the mesh is in its box: that the parts contain
+everything is so by construction (``cells``), wherever the cuts are. Where they are (``propose``) decides only
+how closely the parts follow the mesh. Parts that can be one without getting larger are put together again:
+the hull of two contains both.
 
-    surface ⊂ (∪ hulls) ⊕ shortfall,  hull ⊂ thinned hull ⊕ loss,
-    hence  surface ⊂ ∪ (thinned hull ⊕ (loss + shortfall)).
-
-What is proven to be contained is the surface: nothing gets into the body without crossing it. That the
-inside is filled too is looked at with sample points, once, when the mesh is cut.
+Parts with too many corners are thinned and thickened by what that loses:
+hull ⊂ thinned hull ⊕ loss, ⊕ meaning "thickened by". ``ROUNDING`` is added for floating-point rounding.
 """
 
 from collections.abc import Sequence
@@ -20,20 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh.cover import gaps
+from armgate.cell.mesh.cells import Array, Surface
 from armgate.cell.mesh.files import Mesh
-from armgate.cell.mesh.hull import Array, Hull, hull_of, thinned
+from armgate.cell.mesh.hull import thinned
+from armgate.cell.mesh.propose import propose, volume
 from armgate.cell.shapes import Convex, is_solid
 
-GROW = 1e-7
-"""Pieces that stand out of all parts by more than this are given to a part, m; less goes to the radius."""
+ROUNDING = 1e-9
+"""What every part is thickened by, m: cutting and planes are right to far less."""
 
-_REACH = 5e-5
-"""CoACD's parts miss the surface by about a tenth of this share of its size, wherever it was cut."""
+_FREE = 1e-3
+"""Parts are put together if that adds no more than this share of their volume."""
 
-_ROUNDS = 4
-_SEED = 20
-_SAMPLES = 512
+_THICKER = 4e-6
 
 
 @dataclass(frozen=True)
@@ -41,8 +35,8 @@ class Cut:
     """How to cut.
 
     Attributes:
-        method: ``hull``: one part, the convex hull; ``decompose``: as many as it takes.
-        threshold: How much concavity a part may have before it is cut (CoACD's, a share of the mesh's size).
+        method: ``hull``: one part, the convex hull; ``parts``: as many as it takes.
+        threshold: How much larger than the mesh the parts may be together, as a share of its volume.
         max_parts: At most so many parts.
         max_vertices: At most so many corners a part.
     """
@@ -53,91 +47,65 @@ class Cut:
     max_vertices: int
 
 
-def cut(mesh: Mesh, how: Cut) -> tuple[Hull, ...]:
-    """Convex hulls that contain the surface of a mesh but for ``GROW``, corners not yet thinned.
+def cut(mesh: Mesh, how: Cut) -> tuple[Convex, ...]:
+    """Convex bodies that together contain a mesh with all that it encloses.
 
     Raises:
-        ModelError: It encloses no volume (``decompose`` only), or the parts leave out some of the inside.
+        ModelError: The surface is not closed (``parts`` only).
     """
     if how.method == "hull":
-        return (hull_of(mesh.vertices),)
+        return (_body(mesh.vertices, how),)
     if mesh.open_edges:
         raise ModelError(
-            f"the surface is not closed: {mesh.open_edges} edges do not join exactly two triangles; "
-            f"mend the mesh, or take its convex hull (method: hull)"
+            f"the surface is not closed: {mesh.open_edges} edges belong to an odd number of triangles, so it "
+            f"encloses nothing; mend the mesh, or take its convex hull (method: hull)"
         )
-    hulls = [hull_of(points) for points in _proposed(mesh, how) if is_solid(points)]
-    if not hulls:
-        raise ModelError("no part of it is thick enough; take its convex hull (method: hull)")
-    grown = _grown(mesh.triangles, hulls)
-    _check_inside(mesh, grown)
-    return tuple(grown)
+    pieces = _together(_pieces(mesh, how))
+    return tuple(_body(points, how) for points in pieces)
 
 
-def bodies(hulls: Sequence[Hull], missing: float, max_vertices: int) -> tuple[Convex, ...]:
-    """The hulls as bodies, thinned, and thickened by what that loses and by what was missing before, m."""
-    thin = [thinned(hull, max_vertices) for hull in hulls]
-    return tuple(_body(hull, loss + missing) for hull, loss in thin)
+def _body(points: Array, how: Cut) -> Convex:
+    thin, loss = thinned(_solid(points), how.max_vertices)
+    x = thin.vertices.tolist()
+    return Convex(tuple((a, b, c) for a, b, c in x), loss + ROUNDING)
 
 
-def _body(hull: Hull, radius: float) -> Convex:
-    return Convex(tuple((x, y, z) for x, y, z in hull.vertices.tolist()), radius)
+def _solid(points: Array) -> Array:
+    """Points with the same ones moved a little to either side, if they are flat: hulls have an inside."""
+    if is_solid(points):
+        return points
+    middle = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(middle.T @ middle)
+    step = _THICKER + 1e-5 * float(np.ptp(points, axis=0).max())
+    return np.concatenate([points + sign * step * axis for axis in axes.T for sign in (-1.0, 1.0)])
 
 
-def _proposed(mesh: Mesh, how: Cut) -> list[Array]:
-    """The corners of CoACD's parts."""
-    import coacd  # noqa: PLC0415  (most cells have no meshes)
-
-    coacd.set_log_level("off")
-    parts = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices, mesh.faces),
-        threshold=how.threshold,
-        max_convex_hull=how.max_parts,
-        seed=_SEED,
-    )
-    return [np.array(vertices, dtype=np.float64) for vertices, _ in parts]
+def _pieces(mesh: Mesh, how: Cut) -> list[Array]:
+    """Points of each part: what of the mesh is in each cell of the proposed cuts."""
+    surface = Surface(mesh.triangles)
+    cells = [surface.whole()]
+    for plane in propose(mesh, how.threshold, how.max_parts):
+        cells[plane.leaf : plane.leaf + 1] = surface.cut(cells[plane.leaf], plane.axis, plane.at)
+    return [np.unique(cell.points, axis=0) for cell in cells if len(cell.points)]
 
 
-def _grown(triangles: Array, hulls: list[Hull]) -> list[Hull]:
-    """The hulls, each with the pieces that no hull contains and that are nearest to it."""
-    reach = _REACH * float(np.ptp(triangles, axis=(0, 1)).max())
-    for _ in range(_ROUNDS):
-        missing = [gap for gap in gaps(triangles, hulls, reach) if gap.distance > GROW]
-        if not missing:
-            break
-        added: dict[int, list[Array]] = {}
-        for gap in missing:
-            added.setdefault(gap.hull, []).append(gap.polygon)
-        hulls = [
-            hull_of(np.concatenate([hull.vertices, *added[i]])) if i in added else hull
-            for i, hull in enumerate(hulls)
-        ]
-    return hulls
-
-
-# --- the inside ------------------------------------------------------------------------------------------
-
-
-def _check_inside(mesh: Mesh, hulls: Sequence[Hull]) -> None:
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    points = np.random.default_rng(_SEED).uniform(low, high, (_SAMPLES, 3))
-    inside = points[np.abs(_winding(mesh.triangles, points)) > 0.5]
-    lost = [point for point in inside if min(float(hull.height(point[None])[0]) for hull in hulls) > GROW]
-    if lost:
-        place = ", ".join(f"{x:.4g}" for x in lost[0])
-        raise ModelError(
-            f"its parts leave out some of its inside, near ({place}); take its convex hull (method: hull)"
-        )
-
-
-def _winding(triangles: Array, points: Array) -> Array:
-    """How often the surface goes around each point, (k,): solid angles (van Oosterom, Strackee 1983)."""
-    turns = np.zeros(len(points))
-    for i, point in enumerate(points):
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        volume = np.einsum("fi,fi->f", a, np.cross(b, c))
-        dots = [np.einsum("fi,fi->f", p, q) for p, q in ((a, b), (b, c), (c, a))]
-        below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
-        turns[i] = np.arctan2(volume, below).sum() / (2 * np.pi)
-    return turns
+def _together(pieces: Sequence[Array]) -> list[Array]:
+    """Joins two pieces, the cheapest first, as long as that costs nothing to speak of."""
+    left = list(pieces)
+    sizes = [volume(p) for p in left]
+    cost: dict[tuple[int, int], float] = {}
+    alive = list(range(len(left)))
+    while True:
+        for n, i in enumerate(alive):
+            for j in alive[n + 1 :]:
+                if (i, j) not in cost:
+                    both = volume(np.concatenate([left[i], left[j]]))
+                    cost[i, j] = (both - sizes[i] - sizes[j]) / max(both, 1e-300)
+        open_pairs = {pair: c for pair, c in cost.items() if c <= _FREE}
+        if not open_pairs:
+            return [left[i] for i in alive]
+        i, j = min(open_pairs, key=lambda pair: (open_pairs[pair], pair))
+        left.append(np.unique(np.concatenate([left[i], left[j]]), axis=0))
+        sizes.append(volume(left[-1]))
+        alive = [k for k in alive if k not in (i, j)] + [len(left) - 1]
+        cost = {pair: c for pair, c in cost.items() if i not in pair and j not in pair}

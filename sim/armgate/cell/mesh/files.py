@@ -28,7 +28,8 @@ class Mesh:
     Attributes:
         vertices: (v, 3), m.
         faces: Indices of vertices, (f, 3); none has the area zero.
-        open_edges: How many edges do not belong to exactly two triangles; 0: it encloses a volume.
+        open_edges: How many edges do not belong to an even number of triangles; 0: the surface encloses
+            a volume.
     """
 
     vertices: Array
@@ -142,4 +143,4 @@ def _cleaned(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
 def _open_edges(faces: NDArray[np.int64]) -> int:
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
-    return int(np.count_nonzero(counts != 2))
+    return int(np.count_nonzero(counts % 2))

@@ -1,4 +1,7 @@
-"""Convex hulls with corners, faces and planes (qhull, as coal brings it), and distances to them."""
+"""Convex hulls with corners, faces and planes (qhull, as coal brings it), and distances to them.
+
+coal takes no corner with more than 255 neighbours, as a fine disk has: hulls of many points are thinned.
+"""
 
 from dataclasses import dataclass
 
@@ -11,6 +14,9 @@ from armgate.cell.shapes import is_solid
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+_SHARE = 8
+"""One for so many corners is added at a time: those that stand out farthest may be neighbours."""
 
 _BLOCK = 1 << 18
 """How many distances of a point and a face are computed at once: bounds memory."""
@@ -34,8 +40,10 @@ class Hull:
 
     def height(self, points: Array) -> Array:
         """How far points (k, 3) stand out of the planes, (k,): a lower bound of their distance, m."""
-        heights: Array = (points @ self.normals.T + self.offsets).max(axis=1)
-        return heights
+        block = max(1, _BLOCK // len(self.offsets))
+        parts = [points[i : i + block] for i in range(0, len(points), block)]
+        heights = [(part @ self.normals.T + self.offsets).max(axis=1) for part in parts]
+        return np.concatenate([*heights, np.zeros(0)])
 
     def distance(self, points: Array) -> Array:
         """Distance of points (k, 3) to the hull, (k,), m; 0 inside."""
@@ -62,7 +70,7 @@ def hull_of(points: Array) -> Hull:
         given.append(point)
     try:
         convex = coal.Convex.convexHull(given, True, "Qt")
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         raise ModelError(f"qhull cannot make a convex hull: {error}") from error
     polygons = (convex.polygons(i) for i in range(convex.num_polygons))
     faces = np.array([[polygon[0], polygon[1], polygon[2]] for polygon in polygons], dtype=np.intp)
@@ -71,21 +79,29 @@ def hull_of(points: Array) -> Hull:
     return Hull(corners, faces, normals, np.array(convex.offsets()) - normals @ middle)
 
 
-def thinned(hull: Hull, most: int) -> tuple[Hull, float]:
-    """A hull of at most ``most`` of the corners, and the farthest distance [m] of one that was left out.
+def thinned(points: Array, most: int) -> tuple[Hull, float]:
+    """A hull of at most ``most`` of some points (k, 3), and the farthest distance [m] of one left out.
 
-    The hull lies within that distance of the thinner one: the distance to a convex body is a convex function,
-    so it is largest at a corner. The thinner hull begins with the extreme corners along 26 directions; then
-    the corner that stands out farthest is added again and again.
+    The hull of all points lies within that distance of the thinner one: the distance to a convex body is a
+    convex function, so it is largest at a corner. The thinner hull begins with the extreme points along 26
+    directions; then those that stand out farthest are added, a few at a time.
+
+    Raises:
+        ModelError: The points are flat: their hull has no inside.
     """
-    if len(hull.vertices) <= most:
-        return hull, 0.0
-    kept = _extreme(hull.vertices)
-    thin = hull_of(hull.vertices[kept])
-    while len(kept) < most:
-        kept.append(int(np.argmax(thin.height(hull.vertices))))
-        thin = hull_of(hull.vertices[kept])
-    return thin, float(thin.distance(hull.vertices).max())
+    kept = _extreme(points)
+    thin = hull_of(points[kept])
+    left = np.arange(len(points))
+    while True:
+        heights = thin.height(points[left])
+        left = left[heights > 0.0]  # what is inside stays inside
+        out = left[np.argsort(-heights[heights > 0.0], kind="stable")]
+        out = out[: min(most - len(kept), max(1, len(kept) // _SHARE))]
+        if len(out) == 0:
+            break
+        kept += out.tolist()
+        thin = hull_of(points[kept])
+    return thin, float(thin.distance(points[left]).max(initial=0.0))
 
 
 def _extreme(points: Array) -> list[int]:

@@ -1,23 +1,14 @@
-"""From a mesh file to convex bodies: read, cut or remembered, proven."""
+"""From a mesh file to convex bodies."""
 
-from dataclasses import asdict
-from importlib.metadata import version
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh import cache
-from armgate.cell.mesh.cover import shortfall
-from armgate.cell.mesh.decompose import GROW, Cut, bodies, cut
-from armgate.cell.mesh.files import Mesh, read_mesh
-from armgate.cell.mesh.hull import Hull, hull_of
+from armgate.cell.mesh.decompose import Cut, cut
+from armgate.cell.mesh.files import read_mesh
 from armgate.cell.parts import Part
 from armgate.cell.shapes import Convex
-
-if TYPE_CHECKING:
-    from armgate.cell.config import MeshOptions
 
 if TYPE_CHECKING:
     from armgate.cell.config import MeshOptions
@@ -31,7 +22,7 @@ def how(options: "MeshOptions") -> Cut:
 
 
 def parts_of(file: Path, scale: Scale, how: Cut) -> tuple[Part, ...]:
-    """The convex bodies that together contain the surface in a file.
+    """The convex bodies that together contain the mesh in a file with all that it encloses.
 
     Args:
         file: STL, OBJ, PLY or OFF.
@@ -42,10 +33,7 @@ def parts_of(file: Path, scale: Scale, how: Cut) -> tuple[Part, ...]:
         ModelError: The file cannot be used; the text names it.
     """
     try:
-        data = file.read_bytes()
-        mesh = read_mesh(data, file.suffix.lower().removeprefix("."), scale)
-        hulls, missing = _proven(mesh, data, scale, how)
-        return tuple(_part(body) for body in bodies(hulls, missing, how.max_vertices))
+        return _parts(file.read_bytes(), file.suffix.lower().removeprefix("."), scale, how)
     except OSError as error:
         raise ModelError(f"mesh {file} cannot be read: {error.strerror}") from error
     except ModelError as error:
@@ -54,26 +42,7 @@ def parts_of(file: Path, scale: Scale, how: Cut) -> tuple[Part, ...]:
         raise ModelError(f"mesh {file}: {error}; meshes need pip install 'armgate[cell]'") from error
 
 
-def _part(body: Convex) -> Part:
-    return Part(*Convex.centred(body.vertices, body.radius))
-
-
-def _proven(mesh: Mesh, data: bytes, scale: Scale, how: Cut) -> tuple[tuple[Hull, ...], float]:
-    """The parts, and by how much they fall short of the surface [m]: proven here, wherever they come from."""
-    name = cache.key(data, scale, asdict(how), version("coacd"))
-    if how.method != "hull":
-        known = _remembered(name)
-        missing = shortfall(mesh.triangles, known) if known else np.inf
-        if missing <= GROW:
-            return known, missing
-    hulls = cut(mesh, how)
-    if how.method != "hull":
-        cache.write(name, [hull.vertices for hull in hulls])
-    return hulls, shortfall(mesh.triangles, hulls)
-
-
-def _remembered(name: str) -> tuple[Hull, ...]:
-    try:
-        return tuple(hull_of(points) for points in cache.read(name) or ())
-    except ModelError:
-        return ()
+@lru_cache(maxsize=64)  # robots of one kind share their meshes
+def _parts(data: bytes, suffix: str, scale: Scale, how: Cut) -> tuple[Part, ...]:
+    bodies = cut(read_mesh(data, suffix, scale), how)
+    return tuple(Part(*Convex.centred(body.vertices, body.radius)) for body in bodies)

@@ -1,0 +1,275 @@
+"""The screen compiled by numba: the same formulas as the readable modules, in loops.
+
+Each kernel names the function that it repeats; what the formulas mean stands there. A test holds the two
+against each other. All kernels stand in one file, because numba's cache knows only the file of the function
+that it compiled: what changes here is compiled anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, sin, sqrt
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# One record a joint, body or pair, whatever their number: one compilation serves all cells.
+JOINT = np.dtype(
+    [("R", "f8", (3, 3)), ("t", "f8", (3,)), ("axis", "f8", (3,)), ("slides", "i8"), ("parent", "i8")]
+)
+ROBOT = np.dtype([("joint", "i8"), ("joints", "i8"), ("body", "i8"), ("bodies", "i8")])
+BODY = np.dtype(
+    [
+        ("R", "f8", (3, 3)),
+        ("t", "f8", (3,)),
+        ("joint", "i8"),
+        ("owner", "i8"),
+        ("row", "f8", (5,)),
+        ("corners", "i8"),
+    ]
+)
+PAIR = np.dtype([("id", "i8"), ("mine", "i8"), ("theirs", "i8"), ("sign", "f8")])
+
+
+def kernel(function: F) -> F:
+    """The function compiled at its first call, from numba's cache where one can be written.
+
+    numba caches beside this file, else in the user's cache folder. Where neither can be written (a
+    read-only installation without a home) each process compiles for itself.
+    """
+    try:
+        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:
+        return cast("F", numba.njit(error_model="numpy")(function))
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _turned(R, v):
+    """R v."""
+    return (
+        R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
+        R[1, 0] * v[0] + R[1, 1] * v[1] + R[1, 2] * v[2],
+        R[2, 0] * v[0] + R[2, 1] * v[1] + R[2, 2] * v[2],
+    )
+
+
+@kernel
+def _turned_back(R, v):
+    """Rᵀ v."""
+    return (
+        R[0, 0] * v[0] + R[1, 0] * v[1] + R[2, 0] * v[2],
+        R[0, 1] * v[0] + R[1, 1] * v[1] + R[2, 1] * v[2],
+        R[0, 2] * v[0] + R[1, 2] * v[1] + R[2, 2] * v[2],
+    )
+
+
+@kernel
+def _product(A, B, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@kernel
+def _about(axis, angle, out):
+    """Rodrigues' rotation matrix."""
+    c, s = cos(angle), sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    d = 1.0 - c
+    out[0, 0], out[0, 1], out[0, 2] = c + d * x * x, d * x * y - s * z, d * x * z + s * y
+    out[1, 0], out[1, 1], out[1, 2] = d * x * y + s * z, c + d * y * y, d * y * z - s * x
+    out[2, 0], out[2, 1], out[2, 2] = d * x * z - s * y, d * y * z + s * x, c + d * z * z
+
+
+@kernel
+def _moved(R, t, v, out):
+    """R v + t."""
+    x, y, z = _turned(R, v)
+    out[0], out[1], out[2] = t[0] + x, t[1] + y, t[2] + z
+
+
+@kernel
+def _place_joints(joints, q, R, t):
+    here, turn = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(joints)):
+        joint = joints[i]
+        if joint.parent < 0:
+            here[:] = joint.R
+            t[i] = joint.t
+        else:
+            _product(R[joint.parent], joint.R, here)
+            _moved(R[joint.parent], t[joint.parent], joint.t, t[i])
+        if joint.slides:
+            a = _turned(here, joint.axis)
+            R[i] = here
+            for c in range(3):
+                t[i, c] += q[i] * a[c]
+        else:
+            _about(joint.axis, q[i], turn)
+            _product(here, turn, R[i])
+
+
+@kernel
+def place(cell, robot, q, R, t):
+    """`RobotModel.body_placements`, into R (nb, 3, 3) and t (nb, 3)."""
+    own = cell[0][robot]
+    joints = cell[1][own.joint : own.joint + own.joints]
+    bodies = cell[2][own.body : own.body + own.bodies]
+    jR, jt = np.empty((len(joints), 3, 3)), np.empty((len(joints), 3))
+    _place_joints(joints, q, jR, jt)
+    for b in range(len(bodies)):
+        body = bodies[b]
+        if body.joint < 0:
+            R[b] = body.R
+            t[b] = body.t
+        else:
+            _product(jR[body.joint], body.R, R[b])
+            _moved(jR[body.joint], jt[body.joint], body.t, t[b])
+
+
+@kernel
+def _curl(nodes, bend):
+    """The largest over the segments of Σ_ij |δ_i||δ_j| G_ij, over 8."""
+    most = 0.0
+    for s in range(len(nodes) - 1):
+        total = 0.0
+        for i in range(nodes.shape[1]):
+            way = abs(nodes[s + 1, i] - nodes[s, i])
+            if way > 0.0:
+                for j in range(nodes.shape[1]):
+                    total += way * bend[i, j] * abs(nodes[s + 1, j] - nodes[s, j])
+        most = max(most, total)
+    return most / 8.0
+
+
+@kernel
+def _sweep(cell, robot, nodes, tube, out):
+    """`Swept`: placements at the nodes (m, nb, …) and how far the bodies stray (m, nb), at every node."""
+    R, t, stray = out
+    own = cell[0][robot]
+    motion, bend = cell[4], cell[5]
+    for m in range(len(nodes)):
+        place(cell, robot, nodes[m], R[m], t[m])
+    for b in range(own.bodies):
+        far = _curl(nodes, bend[own.body + b])
+        for j in range(len(tube)):
+            far += motion[own.body + b, j] * tube[j]
+        for m in range(len(nodes)):
+            stray[m, b] = far
+
+
+@kernel
+def hold(cell, held, robot, row, nodes, tube):
+    """Writes what a robot holds into the table's rows from ``row`` on."""
+    own = cell[0][robot]
+    R, t, stray, _ = held
+    rows, mine = slice(row, row + len(nodes)), slice(own.body, own.body + own.bodies)
+    _sweep(cell, robot, nodes, tube, (R[rows, mine], t[rows, mine], stray[rows, mine]))
+
+
+@kernel
+def _support(cell, body, v):
+    """`support.support` of one body."""
+    row = body.row
+    x, y = abs(v[0]), abs(v[1])
+    level = sqrt(x * x + y * y)
+    h = row[0] * x + row[1] * y + row[2] * abs(v[2]) + row[3] * level + row[4]
+    if body.corners >= 0:
+        corners = cell[3][body.corners]
+        most = -np.inf
+        for k in range(len(corners)):
+            p = corners[k]
+            most = max(most, p[0] * v[0] + p[1] * v[1] + p[2] * v[2] + p[3] * level)
+        h += most
+    return h
+
+
+@kernel
+def _reach(cell, body, n, R, t, stray):
+    """The largest n·x over all nodes of one body: R (m, 3, 3), t (m, 3), stray (m,); ∞ without nodes."""
+    if len(t) == 0:
+        return np.inf
+    most = -np.inf
+    for m in range(len(t)):
+        most = max(most, _support(cell, body, _turned_back(R[m], n)) + _dot(t[m], n) + stray[m])
+    return most
+
+
+@kernel
+def _chained(cell, pair, n, R, t):
+    """`ChainGroup.slab` without what the bodies stray; R and t of the bodies of the robot."""
+    first = cell[0][cell[2][pair.mine].owner].body
+    base, tip = pair.mine - first, pair.theirs - first
+    most = -np.inf
+    for m in range(len(t)):
+        w = _turned(R[m, base], n)
+        away = (-w[0], -w[1], -w[2])
+        apart = (t[m, tip, 0] - t[m, base, 0], t[m, tip, 1] - t[m, base, 1], t[m, tip, 2] - t[m, base, 2])
+        far = _support(cell, cell[2][pair.theirs], _turned_back(R[m, tip], away)) - _dot(apart, w)
+        most = max(most, far)
+    return -_support(cell, cell[2][pair.mine], n) - most
+
+
+@kernel
+def _apart(cell, held, pair, n, new):
+    """`Group.slab` of one pair whose sides move at their own time; ``new`` is what its robot may pass."""
+    robots, bodies = cell[0], cell[2]
+    R, t, stray = new
+    mine, theirs = bodies[pair.mine], bodies[pair.theirs]
+    k = pair.mine - robots[mine.owner].body
+    near = _reach(cell, mine, n, R[:, k], t[:, k], stray[:, k])
+    away = (-n[0], -n[1], -n[2])
+    if theirs.owner == mine.owner:
+        k = pair.theirs - robots[mine.owner].body
+        return -near - _reach(cell, theirs, away, R[:, k], t[:, k], stray[:, k])
+    hR, ht, hstray, count = held
+    rows, k = count[theirs.owner], pair.theirs
+    return -near - _reach(cell, theirs, away, hR[:rows, k], ht[:rows, k], hstray[:rows, k])
+
+
+@kernel
+def screen(cell, held, own, moves, kept, out):
+    """`Screen.run`: fills ``lb`` for the robot's pairs and ``left``; returns how many are left."""
+    pairs, growth, chain_bend = own
+    robot, nodes, tube, step, known, need = moves
+    bound, directions, margin = kept
+    lb, left = out
+    count, placed = 0, False
+    number = cell[0][robot].bodies
+    R, t = np.empty((len(nodes), number, 3, 3)), np.empty((len(nodes), number, 3))
+    stray = np.empty((len(nodes), number))
+    for p in range(len(pairs)):
+        pair = pairs[p]
+        wanted = need[pair.id]
+        here = -np.inf
+        if known:
+            loss = 0.0
+            for j in range(len(step)):
+                loss += growth[p, j] * step[j]
+            here = bound[pair.id] - loss
+        if here < wanted:
+            if not placed:
+                _sweep(cell, robot, nodes, tube, (R, t, stray))
+                placed = True
+            d, s = directions[pair.id], pair.sign
+            n = (s * d[0], s * d[1], s * d[2])
+            if p < len(chain_bend):
+                slab = _chained(cell, pair, n, R, t) - _curl(nodes, chain_bend[p])
+                for j in range(len(tube)):
+                    slab -= growth[p, j] * tube[j]
+            else:
+                slab = _apart(cell, held, pair, n, (R, t, stray))
+            here = max(here, slab - margin)
+            if here < wanted:
+                left[count] = p
+                count += 1
+        lb[pair.id] = here
+    return count

@@ -1,0 +1,368 @@
+"""The RSI link without sockets and clock: told what came from the KRC, it says what is answered.
+
+Each telegram is a tick. The reply carries the setpoint after the increment that the plan has for this tick;
+only then the tick is told. What follows from lateness, loss and contradiction stands in ``states``.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from armgate.cell.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
+from armgate.links.link import LinkEvent
+from armgate.links.player import PlanPlayer, Played
+from armgate.links.rsi.agreement import Agreement
+from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.sequence import Follows, Order, Sequence
+from armgate.links.rsi.setup import Address, Setup
+from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
+from armgate.links.rsi.telegram import Telegram, TelegramError, read_telegram
+
+_NEW_RUN = 3
+"""After so many cycles without a telegram another port of the KRC is believed to be its program's new one."""
+_JUMP = 1.5
+"""A joint that is measured to move so much faster than it can has jumped."""
+_SETTLED = 1.0
+"""A robot that rests for so long is where it was commanded to be, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a datagram leads to: first the reply (None: none) goes out, then the events are told."""
+
+    reply: bytes | None = None
+    events: tuple[LinkEvent, ...] = ()
+
+
+@dataclass(slots=True)
+class _Run:
+    """One run of the KRC's program, from RSI_ON on.
+
+    Attributes:
+        source: From where its telegrams come.
+        sequence: Their numbers.
+        commanded: What was commanded in it.
+        q: Measured last.
+        time: Of the last telegram, s.
+        objection: Why it is not answered: what would be held is not known, or not believed.
+        accepted: Whether the KRC has taken a reply.
+        row: Late cycles in a row.
+    """
+
+    source: Address
+    sequence: Sequence
+    commanded: Commanded
+    q: Joints
+    time: float
+    objection: str | None = None
+    accepted: bool = False
+    row: int = 0
+
+
+_NOTHING = Answer()
+
+
+class RsiLink:
+    """Holds the plan of one robot and plays it at the telegrams of its KRC; a ``Link``.
+
+    Args:
+        setup: Its robot and KRC.
+        start: The daemon's start id.
+        note: Told in plain words, once each, what is wrong with what comes in.
+
+    Attributes:
+        refused: How many datagrams were refused, by kind.
+    """
+
+    def __init__(self, setup: Setup, start: str, note: Callable[[str], None] = lambda text: None) -> None:
+        self._setup = setup
+        self._player = PlanPlayer(setup.robot, start)
+        self._note = note
+        self._noted: set[str] = set()
+        self._state = State.WAITING
+        self._run: _Run | None = None
+        self._agreement = Agreement(setup)
+        self._rebased = False
+        self._rest_since = 0.0
+        self._events: list[LinkEvent] = []
+        self.refused: Counter[str] = Counter()
+
+    # --- the daemon's side --------------------------------------------------------------------------------
+
+    @property
+    def robot(self) -> str:
+        """The robot's name."""
+        return self._setup.robot
+
+    @property
+    def state(self) -> State:
+        """What it does."""
+        return self._state
+
+    @property
+    def remaining(self) -> int:
+        """How many increments are still to be played if nothing else comes; 0 at rest."""
+        return self._player.remaining
+
+    def offer(self, plan: Plan) -> PlanAnswer:
+        """Replace the held plan by compare-and-swap; ``inactive`` unless the robot can be moved."""
+        if self._state not in TAKING or self._rebased:
+            return PlanAnswer(plan.robot, plan.key, False, "inactive")
+        return self._player.offer(plan)
+
+    def rebase(self, rebase: Rebase) -> None:
+        """Drop the plan; a link that is lost or has faulted is re-armed.
+
+        The setpoint stays what the KRC holds, which the next tick tells: a robot at rest is not moved by the
+        difference between commanded and measured position.
+        """
+        self._player.rebase(rebase.resets)
+        self._rebased = True
+        if self._go(Event.REARMED):
+            self._agreement.begin()
+
+    def adopt(self, start: str, reason: str = "") -> tuple[LinkEvent, ...]:
+        """Obey another daemon from now on, with a reason only after an operator has re-armed the link."""
+        self._player.adopt(start)
+        self._rebased = True
+        if reason and self._state in ARMED:
+            self._lose(reason)
+        return self._told()
+
+    # --- the KRC's side -----------------------------------------------------------------------------------
+
+    def datagram(self, data: bytes, source: Address, now: float) -> Answer:
+        """A datagram came.
+
+        Args:
+            data: Its bytes.
+            source: From where, address and port.
+            now: Time of its arrival, s.
+        """
+        if not self._familiar(source, now):
+            self._refuse("stranger", f"a datagram from {source[0]}:{source[1]}, which is not the KRC")
+            return _NOTHING
+        try:
+            telegram = read_telegram(data)
+            if not telegram.short:
+                return self._telegram(telegram, source, now)
+            self._refuse("short", "")
+        except TelegramError as error:
+            self._refuse(error.kind, f"not a telegram of a KRC: {error}")
+            if error.kind in ("element", "value"):
+                self._contradict(f"a telegram contradicts the configuration: {error}")
+        return Answer(None, self._told())
+
+    def poll(self, now: float) -> tuple[LinkEvent, ...]:
+        """Time has passed: the link may be lost."""
+        deadline = self.next_deadline()
+        if deadline is not None and now >= deadline:
+            self._lose(f"no telegram for {self._setup.silence:g} s")
+        return self._told()
+
+    def next_deadline(self) -> float | None:
+        """When it is lost if nothing comes, s; None: it has nothing to lose."""
+        if self._run is None or self._state not in ARMED:
+            return None
+        return self._run.time + self._setup.silence
+
+    # --- who speaks ---------------------------------------------------------------------------------------
+
+    def _familiar(self, source: Address, now: float) -> bool:
+        if source[0] != self._setup.krc:
+            return False
+        run = self._run
+        return run is None or source[:2] == run.source or now - run.time > _NEW_RUN * self._setup.period
+
+    def _telegram(self, telegram: Telegram, source: Address, now: float) -> Answer:
+        q = telegram.values("AIPos", "EIPos", self._setup.axes)
+        delay, run = telegram.delay, self._run
+        if run is None or source[:2] != run.source:
+            return self._begin(telegram, q, delay, source, now)
+        before = run.sequence.delay
+        follows = run.sequence.place(telegram.ipoc, delay)
+        if follows.order is Order.NEXT:
+            return self._next(run, telegram, q, follows, now)
+        if follows.order is Order.TWICE or (follows.order is Order.OLD and self._state is not State.LOST):
+            self._refuse(follows.order.value, "")
+            return Answer(None, self._told())
+        if delay < before or self._state not in ARMED:
+            return self._begin(telegram, q, delay, source, now)
+        self._contradict(f"the IPOC jumped from {run.sequence.ipoc} to {telegram.ipoc}")
+        return self._jumped(run, telegram, q, delay, now)
+
+    def _begin(self, telegram: Telegram, q: Joints, delay: int, source: Address, now: float) -> Answer:
+        """RSI_ON: the corrections count from the programmed position, where the robot has to be."""
+        if self._run is not None and self._state in ARMED:
+            self._lose("the KRC's program began anew")
+        reference = telegram.values("ASPos", "ESPos", self._setup.axes)
+        commanded = Commanded(self._setup.axes, reference, self._setup.relative)
+        run = _Run(source[:2], Sequence(telegram.ipoc, delay), commanded, q, now)
+        self._run, self._rebased = run, self._player.tick >= 0
+        self._player.drop()
+        if self._go(Event.HEARD):
+            self._agreement.begin()
+        run.objection = self._agreement.misplaced(reference, q)
+        if run.objection is not None:
+            self._contradict(run.objection)
+        return self._answer(run, telegram, q, now)
+
+    # --- a telegram of the run ----------------------------------------------------------------------------
+
+    def _next(self, run: _Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> Answer:
+        paused = self._state is State.LOST and now - run.time > self._setup.silence
+        known = run.commanded.settle(follows, paused)
+        if follows.late or follows.missed or paused:
+            self._held(run, max(follows.late, follows.missed))
+        else:
+            run.row = 0
+        run.accepted |= follows.late == 0
+        if not known:
+            self._unknown(run)
+        jumped = self._jump(run, q, follows.missed + 1)
+        if jumped is not None:
+            self._contradict(jumped)
+        if follows.late or follows.missed:
+            self._check_lateness(run)
+        self._agree(run, telegram, q, follows, now)
+        return self._answer(run, telegram, q, now)
+
+    def _jumped(self, run: _Run, telegram: Telegram, q: Joints, delay: int, now: float) -> Answer:
+        """The numbers go on from elsewhere. What the KRC holds is only known if the robot rested."""
+        if not run.commanded.settle(Follows(Order.JUMP, 0, 2), True):
+            self._unknown(run)
+        run.sequence = Sequence(telegram.ipoc, delay)
+        self._held(run, 0)
+        return self._answer(run, telegram, q, now)
+
+    def _held(self, run: _Run, cycles: int) -> None:
+        """The KRC has held the robot: it starts again from rest, and never catches up."""
+        run.row += cycles
+        self._player.drop()
+        self._rebased = True
+        self._go(Event.HELD)
+
+    def _unknown(self, run: _Run) -> None:
+        run.objection = (
+            "what the KRC holds is not known, so it is not answered any more: start its program anew"
+        )
+        self._contradict(run.objection)
+
+    def _jump(self, run: _Run, q: Joints, cycles: int) -> str | None:
+        time = _JUMP * cycles * self._setup.period
+        rows = zip(self._setup.axes, q, run.q, self._setup.speed, self._setup.tolerance, strict=True)
+        for axis, new, old, speed, tolerance in rows:
+            if abs(new - old) > speed * time + tolerance:
+                far = axis.shown * (new - old)
+                return f"the measured {axis.name} jumped by {far:.1f} {axis.unit} in {cycles} cycle(s)"
+        return None
+
+    def _check_lateness(self, run: _Run) -> None:
+        setup, delay = self._setup, run.sequence.delay
+        if run.row < setup.late_in_a_row and delay < setup.timeout:
+            return
+        if not run.accepted:
+            self._contradict(
+                "the KRC takes none of the replies: does its file have the SENTYPE and the elements of the "
+                "one that the cell names, and does it reach this address in time?"
+            )
+        elif delay >= setup.timeout:
+            self._contradict(f"Delay is {delay}, the KRC's Timeout {setup.timeout}: start its program anew")
+        else:
+            self._contradict(f"{run.row} late cycles in a row")
+
+    def _agree(self, run: _Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> None:
+        """Whether all agrees while synchronising, and whether the robot is where it should be at rest."""
+        if self._state is State.SYNCHRONISING:
+            if run.objection is not None:
+                self._contradict(run.objection)
+                return
+            clean = follows.late == 0 and follows.missed == 0
+            verdict = self._agreement.take(run.commanded, q, clean, now)
+            for hint in self._agreement.hints(telegram, q):
+                self._hint(hint)
+            if verdict == "":
+                run.sequence.learning = False
+                self._rest_since = now
+                self._ready()
+            elif verdict is not None:
+                self._contradict(verdict)
+        elif self._state is State.READY and now - self._rest_since > _SETTLED:
+            astray = self._agreement.astray(run.commanded.setpoint, q)
+            if astray is not None:
+                self._contradict(f"{astray}: does AXISCORR cut, or has RECEIVE other tags?")
+
+    def _answer(self, run: _Run, telegram: Telegram, q: Joints, now: float) -> Answer:
+        """Play what this tick is due, answer, and tell."""
+        played, moves = self._play()
+        values = run.commanded.step(played.increment)
+        silent = run.objection is not None
+        reply = None if silent else self._setup.writer.write(values, telegram.ipoc)
+        tick = Tick(
+            robot=self._setup.robot,
+            tick=self._player.tick,
+            time=now,
+            q=q,
+            setpoint=run.commanded.setpoint,
+            increment=(0.0,) * len(q) if played.increment is None else played.increment,
+            plan=played.key,
+            index=played.index,
+            rebased=self._rebased,
+        )
+        run.q, run.time, self._rebased = q, now, False
+        if moves:
+            self._rest_since = now
+        return Answer(reply, self._told(tick))
+
+    def _play(self) -> tuple[Played, bool]:
+        if self._rebased:
+            self._player.drop()
+        played = self._player.play()
+        moves = played.increment is not None and any(played.increment)
+        self._go(Event.MOVES if moves else Event.RESTS)
+        return played, moves
+
+    # --- states -------------------------------------------------------------------------------------------
+
+    def _go(self, event: Event) -> bool:
+        state = after(self._state, event)
+        if state is None:
+            return False
+        self._state = state
+        return True
+
+    def _ready(self) -> None:
+        if self._go(Event.AGREED):
+            self._events.append(LinkChange(self._setup.robot, LinkState.READY))
+
+    def _lose(self, reason: str) -> None:
+        if self._go(Event.GONE):
+            self._player.drop()
+            self._rebased = True
+            self._events.append(LinkChange(self._setup.robot, LinkState.LOST, reason))
+
+    def _contradict(self, reason: str) -> None:
+        """No new plan is taken; what is left of the held one ends at rest, and is played."""
+        if self._go(Event.CONTRADICTED):
+            self._events.append(LinkChange(self._setup.robot, LinkState.FAULTED, reason))
+
+    def _told(self, tick: Tick | None = None) -> tuple[LinkEvent, ...]:
+        """What has happened, a loss before the tick and readiness after it."""
+        before = [event for event in self._events if _bad(event)]
+        later = [event for event in self._events if not _bad(event)]
+        self._events.clear()
+        return (*before, *(() if tick is None else (tick,)), *later)
+
+    def _refuse(self, kind: str, text: str) -> None:
+        self.refused[kind] += 1
+        if text:
+            self._hint(text, kind)
+
+    def _hint(self, text: str, kind: str | None = None) -> None:
+        if (kind or text) not in self._noted:
+            self._noted.add(kind or text)
+            self._note(f"{self._setup.robot}: {text}")
+
+
+def _bad(event: LinkEvent) -> bool:
+    return isinstance(event, LinkChange) and event.state is not LinkState.READY

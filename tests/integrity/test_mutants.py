@@ -1,0 +1,46 @@
+"""The tool that puts faults into the gate: what it changes, and that it knows a fault from none."""
+
+import ast
+from pathlib import Path
+
+from armgate.integrity import braking
+from tools.mutants.mutate import mutants_of
+
+SOURCE = '''
+"""1 < 2"""
+X: int = 3
+
+
+def f(a: "1 + 1", b) -> "2 * 2":
+    for x in a:
+        if x < b and not x:
+            continue
+        g(min(x, -b))
+    return zip(a, b, strict=True)
+'''
+
+
+def test_each_mutant_is_one_change_with_a_key_of_its_own():
+    found = mutants_of("m", SOURCE)
+    keys = [m.key for m in found]
+    assert len(set(keys)) == len(keys)
+    assert [k.split(": ", 1)[1] for k in keys] == [
+        "3 -> 4",
+        "x < b and (not x) -> x < b or not x",
+        "x < b -> x <= b",
+        "x < b -> x >= b",
+        "not x -> x",
+        "continue -> break",
+        "g(min(x, -b)) -> pass",
+        "min -> max",
+        "-b -> b",
+    ]
+    original = ast.unparse(ast.parse(SOURCE)).splitlines()
+    for mutant in found:
+        changed = ast.unparse(mutant.tree).splitlines()
+        assert sum(a != b for a, b in zip(original, changed, strict=True)) == 1
+
+
+def test_mutants_of_the_gate_are_modules_still():
+    for mutant in mutants_of("braking", Path(braking.__file__).read_text()):
+        compile(mutant.tree, "braking", "exec")

@@ -1,0 +1,137 @@
+"""The compiled screen against the readable one and the groups' own slabs, over random states."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from armgate.integrity.clearance import Clearance
+from armgate.integrity.compiled import CompiledScreen
+from armgate.integrity.occupancy import Occupancy, occupancy
+from armgate.integrity.screen import MARGIN, Screen
+from integrity import scenes
+
+numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None else None
+FORMS = [False] if numba is None else [False, True]
+CELLS = {name: make() for name, make in scenes.SCENES.items()}
+TOLERANCE = 1e-12
+"""Sums in another order differ by rounding, m; each bound is lowered by a thousand times more."""
+
+
+def random_occupancy(robot, rng, nodes=3):
+    points = [rng.uniform(robot.lower, robot.upper)]
+    points += [np.clip(points[0] + rng.uniform(-0.2, 0.2, robot.model.n), robot.lower, robot.upper)
+               for _ in range(nodes - 1)]  # fmt: skip
+    points = [tuple(map(float, p)) for p in points]
+    if nodes < 3:
+        return Occupancy(tuple(points), (1e-3,) * robot.model.n)
+    return occupancy(*points, [points[1]], 1e-3)
+
+
+def held(clearance, occupied):
+    for i, kept in enumerate(occupied):
+        clearance.hold(i, [clearance.space.sweep(i, o) for o in kept])
+
+
+def states(cell, count, seed=0):
+    """What all robots hold (sometimes much), an occupancy to judge, a step, kept bounds and directions."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        occupied = [
+            [random_occupancy(r, rng, int(rng.integers(1, 4))) for _ in range(rng.integers(1, 5))]
+            for r in cell.robots
+        ]
+        robot = k % len(cell.robots)
+        bound = rng.uniform(-0.2, 1.0, len(cell.pairs))
+        n = rng.normal(size=(len(cell.pairs), 3))
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        step = None if k % 5 == 0 else np.abs(rng.normal(0.0, 0.1, cell.robots[robot].model.n))
+        yield occupied, robot, random_occupancy(cell.robots[robot], rng), step, (bound, n)
+
+
+@pytest.mark.parametrize("name", sorted(CELLS))
+@pytest.mark.parametrize("compiled", FORMS)
+def test_bounds_are_those_of_the_groups(name, compiled):
+    """Kept bound or slab, pair by pair, as the formulas of the groups have it."""
+    cell = CELLS[name]
+    clearance = Clearance(cell, compiled)
+    assert type(clearance.screen) is (CompiledScreen if compiled else Screen)
+    tried = 0
+    for occupied, robot, one, step, kept in states(cell, 12):
+        held(clearance, occupied)
+        new, (bound, n) = clearance.space.sweep(robot, one), kept
+        lb, left = clearance.screen.run(robot, new, step, clearance.limits, kept)
+        expected = bound.copy()
+        for group in clearance.groups[robot]:
+            here = np.full(len(group.ids), -np.inf)
+            if step is not None:
+                here = bound[group.ids] - group.growth @ step
+            sel = np.flatnonzero(here < group.limit)
+            directions = n[group.ids[sel]] * group.sign[sel, None]
+            sides = [clearance.space.static]
+            if group.other is not None:
+                sides = [new] if group.other == robot else clearance.held[group.other]
+            slabs = [group.slab(new, side, sel, directions)[0] for side in sides]
+            here[sel] = np.maximum(here[sel], np.min(slabs, axis=0) - MARGIN)
+            expected[group.ids] = here
+            tried += len(sel)
+        np.testing.assert_allclose(lb, expected, rtol=0.0, atol=TOLERANCE)
+        ids = clearance.pairs_of[robot]
+        assert set(ids[left]) == {p for p in ids if lb[p] < clearance.limits[p]}
+        assert list(left) == sorted(left)
+    assert tried > 20
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_a_robot_of_unknown_position_leaves_its_pairs_open(compiled):
+    cell = CELLS["demo"]
+    clearance = Clearance(cell, compiled)
+    robot = cell.robots[0]
+    new = clearance.space.still(0, tuple(map(float, robot.start)))
+    clearance.hold(0, [new])
+    none = np.full(len(cell.pairs), -np.inf)
+    lb, left = clearance.screen.run(0, new, None, clearance.limits, (none, clearance._n))
+    open_ = set(clearance.pairs_of[0][left].tolist())
+    with_other = [p for g in clearance.groups[0] if g.other == 1 for p in g.ids]
+    assert with_other
+    assert open_.issuperset(with_other)
+    assert np.all(np.isneginf(lb[with_other]))
+
+
+@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+@pytest.mark.parametrize("name", sorted(CELLS))
+def test_compiled_placements_are_pinocchios(name):
+    cell, rng = CELLS[name], np.random.default_rng(1)
+    readable, compiled = Clearance(cell, False).space, Clearance(cell, True).space
+    for i, robot in enumerate(cell.robots):
+        for _ in range(20):
+            q = rng.uniform(robot.lower, robot.upper)[None, :]
+            one, other = (s.sweep_nodes(i, q, np.zeros(robot.model.n)) for s in (readable, compiled))
+            np.testing.assert_allclose(other.R, one.R, rtol=0.0, atol=TOLERANCE)
+            np.testing.assert_allclose(other.t, one.t, rtol=0.0, atol=TOLERANCE)
+
+
+@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+def test_nothing_is_compiled_in_a_tick():
+    """Arguments of another kind would start the compiler: they are an error instead."""
+    clearance = Clearance(CELLS["demo"], True)
+    new = clearance.space.still(0, tuple(map(float, CELLS["demo"].robots[0].start)))
+    with pytest.raises(TypeError, match="No matching definition"):
+        clearance.screen.run(
+            0, new, None, clearance.limits.astype(np.float32), (clearance.bound, clearance._n)
+        )
+
+
+def test_without_numba_the_gate_is_the_readable_one():
+    code = (
+        "import sys; sys.modules['numba'] = None\n"
+        "from armgate.integrity.compiled import available, screen_of\n"
+        "from armgate.integrity.clearance import Clearance\n"
+        "from integrity import scenes\n"
+        "print(available(), type(Clearance(scenes.lane()).screen).__name__)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd="tests"
+    )
+    assert done.stdout.split() == ["False", "Screen"], done.stderr

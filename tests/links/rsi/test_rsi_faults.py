@@ -1,0 +1,391 @@
+"""The fault matrix of the RSI link: each fault, and the state in which everything ends.
+
+The link, the gate and a virtual KRC, cycle by cycle. The robot moves at most of its speed when it happens.
+"""
+
+import re
+
+import pytest
+
+from armgate.cell.events import LinkState
+from support.krcs import krc_file, sen
+from support.rsi import KRC, SEND, SIX, Rig
+
+SLOW = (0.0012, -0.0006, 0.0006, 0.0, 0.0, 0.0)
+"""About 11 % of the speed at 4 ms: a cycle that the KRC holds is no fault of its drives'."""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    return Rig(tmp_path).begin()
+
+
+@pytest.fixture
+def moving(rig):
+    rig.drive(40, *SLOW)
+    assert rig.state == "moving"
+    return rig
+
+
+def gap(rig):
+    """Between where the gate believes the robot is commanded to be and where it is."""
+    setpoint = rig.gate.view("R").setpoint
+    return max(abs(a - b) for a, b in zip(setpoint, rig.krc_setpoint, strict=True))
+
+
+def at_rest(rig, cycles=120):
+    rig.cycles(cycles)
+    assert rig.link.remaining == 0
+    assert gap(rig) < 1e-7
+    return rig
+
+
+def rearm(rig):
+    """An operator resets; the link is ready again, and the robot can be moved."""
+    rig.cycles(120)
+    assert rig.link.state.value != "ready"
+    assert rig.reset(), rig.gate.view("R")
+    rig.cycles(30)
+    assert rig.state == "ready", rig.changes
+    rig.take_lease()
+    before = rig.krc_setpoint
+    rig.drive(20, *SLOW)
+    at_rest(rig)
+    assert rig.krc_setpoint[0] - before[0] > 15 * SLOW[0]
+
+
+def nothing_moves(rig, cycles=100):
+    """Whatever is commanded: the KRC's setpoint stays."""
+    before = rig.krc_setpoint
+    for _ in range(cycles):
+        verdict = rig.command(*SLOW)
+        assert verdict.outcome == "refused"
+        rig.cycle()
+    assert rig.krc_setpoint == before
+
+
+class TestOneDatagram:
+    """The KRC holds for a cycle; the link starts again from there, from rest, and goes on."""
+
+    @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
+    def test_lost(self, moving, lost):
+        moving.drive(1, *SLOW, **{lost: False})
+        moving.drive(3, *SLOW)
+        assert moving.krc.status()["delay"] == 1
+        assert [tick.rebased for tick in moving.ticks[-4:]].count(True) == 1
+        at_rest(moving)
+        assert moving.state == "ready"
+        assert moving.quiet
+
+    def test_too_late(self, moving):
+        moving.drive(1, *SLOW, age=0.0045)
+        moving.drive(3, *SLOW)
+        assert moving.krc.status()["rejected"] == {"late": 1}
+        at_rest(moving)
+        assert moving.state == "ready"
+        assert moving.quiet
+
+    def test_never_catches_up(self, moving):
+        tick = moving.ticks[-1]
+        moving.drive(1, *SLOW, to_krc=False)
+        moving.cycle()
+        held = moving.ticks[-1]
+        assert held.rebased
+        assert held.setpoint == tick.setpoint
+        assert not any(held.increment)
+        moving.drive(1, *SLOW)
+        again = moving.ticks[-1]
+        assert abs(again.setpoint[0] - held.setpoint[0]) <= SLOW[0]
+
+    def test_twice(self, moving):
+        moving.drive(1, *SLOW)
+        count = len(moving.replies)
+        assert moving.deliver(moving.telegram) is None
+        assert len(moving.replies) == count
+        moving.drive(10, *SLOW)
+        at_rest(moving)
+        assert moving.quiet
+        assert moving.link.refused["twice"] == 1
+        assert moving.krc.status()["delay"] == 0
+
+    def test_out_of_order(self, moving):
+        moving.cycle(to_pc=False)
+        overtaken = moving.telegram
+        moving.drive(1, *SLOW)
+        assert moving.deliver(overtaken) is None
+        moving.drive(10, *SLOW)
+        at_rest(moving)
+        assert moving.quiet
+        assert moving.link.refused["old"] == 1
+        assert moving.krc.status()["delay"] == 1
+
+
+class TestManyDatagrams:
+    @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
+    def test_ten_in_a_row_fault_the_link_and_only_an_operator_arms_it_again(self, moving, lost):
+        moving.cycles(10, **{lost: False})
+        moving.cycle()
+        assert moving.state == "faulted"
+        assert moving.krc_state == "running"
+        assert [change.state for change in moving.changes[1:]] == [LinkState.FAULTED]
+        assert len(moving.stops) == 1
+        assert "late cycles in a row" in moving.stops[0].reason
+        nothing_moves(moving)
+        assert gap(moving) < 1e-7
+        rearm(moving)
+
+    @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
+    def test_a_cable_that_is_out_for_long_loses_or_faults_the_link_and_nothing_stale_is_executed(
+        self, tmp_path, lost
+    ):
+        rig = Rig(tmp_path, timeout=100).begin()
+        rig.drive(40, *SLOW)
+        held = None
+        for _ in range(60):
+            rig.cycle(**{lost: False})
+            held = rig.krc_setpoint
+        rig.cycles(20)
+        assert rig.state == ("lost" if lost == "to_pc" else "faulted")
+        assert rig.krc_state == "running"
+        assert rig.krc_setpoint == held
+        nothing_moves(rig)
+        rearm(rig)
+
+    def test_beyond_timeout_the_krc_breaks_off_and_has_to_start_anew(self, tmp_path):
+        rig = Rig(tmp_path, timeout=10, late_in_a_row=50).begin()
+        rig.drive(40, *SLOW)
+        rig.cycles(12, to_krc=False)
+        assert rig.krc_state == "broken_off"
+        rig.cycles(40)
+        assert rig.state == "faulted"
+        assert "Timeout" in rig.stops[0].reason
+        rig.operate("reset")
+        rig.operate("start")
+        rig.cycles(20)
+        assert rig.krc_state == "running"
+        assert rig.state == "faulted"
+        rearm(rig)
+
+
+class TestTheNumbers:
+    def test_an_ipoc_that_wraps_is_nothing_special(self, tmp_path):
+        for bits, profile in ((32, "krc2-rsi2"), (64, "krc4-rsi3")):
+            rig = Rig(tmp_path, profile, ipoc=2**bits - 50 * (4 if bits == 64 else 1)).begin()
+            rig.drive(60, *SLOW)
+            at_rest(rig, 100)
+            assert rig.quiet
+            assert rig.state == "ready"
+            assert rig.krc.status()["delay"] == 0
+            assert rig.krc.status()["ipoc"] < 10000
+
+    def test_an_ipoc_that_jumps_faults_the_link(self, moving):
+        at_rest(moving)
+        moving.krc.jump_ipoc(5_000_000_001)
+        moving.cycles(3)
+        assert moving.state == "faulted"
+        assert "IPOC jumped" in moving.stops[0].reason
+        assert moving.krc_state == "running"  # it is answered, and held
+        nothing_moves(moving)
+        rearm(moving)
+
+    def test_a_jump_while_moving_leaves_open_what_is_held_so_the_krc_has_to_start_anew(self, moving):
+        moving.krc.jump_ipoc(5_000_000_001)
+        moving.cycles(200)
+        assert moving.state == "faulted"
+        assert moving.krc_state == "broken_off"
+        moving.operate("reset")
+        moving.operate("start")
+        rearm(moving)
+
+
+class TestTheKrc:
+    def test_restarts_while_moving(self, moving):
+        moving.operate("restart")
+        moving.cycles(30)
+        assert moving.state == "lost"
+        assert "anew" in moving.stops[0].reason
+        assert moving.krc_state == "running"
+        nothing_moves(moving)
+        rearm(moving)
+
+    def test_is_stopped_by_its_button_and_moved_by_hand_meanwhile(self, moving):
+        moving.operate("estop")
+        moving.cycles(200)
+        assert moving.state == "lost"
+        assert "no telegram" in moving.stops[0].reason
+        assert not moving.reset()  # nobody knows that it rests
+        moving.operate("reset")
+        assert moving.krc.jog("A1", -20.0) is None
+        moving.operate("start")
+        nothing_moves(moving)
+        rearm(moving)
+
+    def test_pauses_at_rest_and_goes_on(self, moving):
+        at_rest(moving)
+        moving.operate("pause")
+        moving.cycles(200)
+        assert moving.state == "lost"
+        moving.operate("resume")
+        moving.cycles(20)
+        assert moving.krc_state == "running"
+        rearm(moving)
+
+    @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
+    def test_pauses_while_moving_so_it_has_to_start_anew(self, tmp_path, profile):
+        rig = Rig(tmp_path, profile).begin()
+        rig.drive(40, *SLOW)
+        rig.operate("pause")
+        rig.cycles(200)
+        rig.operate("resume")
+        rig.cycles(200)
+        assert rig.krc_state == "broken_off"
+        assert rig.state == "lost"
+        rig.operate("reset")
+        rig.operate("start")
+        rearm(rig)
+
+    def test_is_measured_to_jump(self, moving):
+        def edit(data):
+            return re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>99.0", data)
+
+        at_rest(moving)
+        moving.cycle(edit=edit)
+        assert moving.state == "faulted"
+        assert "A1 jumped" in moving.stops[0].reason
+        rearm(moving)
+
+    def test_jumps_while_moving_and_is_brought_to_rest_without_a_step(self, moving):
+        moving.cycle(edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>99.0", data))
+        assert moving.state == "faulted"
+        assert moving.link.remaining > 0
+        at_rest(moving)
+        assert moving.krc_state == "running"
+
+
+class TestConfigurations:
+    """Each that does not match ends faulted, nothing has moved, and a note says what to do."""
+
+    def ends(self, rig, cycles=110):
+        rig.operate("start")
+        start = rig.krc_setpoint
+        rig.cycles(cycles)
+        assert rig.krc_setpoint == start
+        assert rig.state == "faulted"
+        return " ".join([*rig.notes, rig.changes[-1].reason])
+
+    @pytest.mark.parametrize("how", [{"sentype": "Other"}])
+    def test_sentype(self, tmp_path, how):
+        rig = Rig(tmp_path, peer_file=krc_file(SEND, SIX, **how))
+        assert "SENTYPE" in self.ends(rig)
+        assert rig.krc_state in ("waiting", "broken_off")
+
+    def test_tags(self, tmp_path):
+        peer = krc_file(SEND, tuple(tag.replace("AK", "Other") for tag in SIX))
+        rig = Rig(tmp_path, peer_file=peer).begin()
+        rig.drive(10, *SLOW)
+        rig.cycles(360)
+        assert rig.state == "faulted"
+        assert "other tags" in rig.changes[-1].reason
+
+    def test_axiscorr_that_cuts_in_silence(self, tmp_path):
+        from armgate.emulator.krc.context import Limits
+
+        rig = Rig(tmp_path, limits=Limits(1.0)).begin()
+        rig.drive(60, *SLOW)
+        rig.cycles(360)
+        assert rig.state == "faulted"
+        assert "AXISCORR" in rig.changes[-1].reason
+
+    def test_a_telegram_without_what_is_needed(self, tmp_path):
+        rig = Rig(tmp_path, peer_file=krc_file(("DEF_AIPos", "DEF_Delay"), SIX))
+        assert "ASPos A1 is missing" in self.ends(rig)
+        assert rig.krc_state == "broken_off"  # it was never answered
+
+    def test_the_wrong_cycle(self, tmp_path):
+        rig = Rig(tmp_path, cycle=0.012)
+        rig.period = 0.004
+        assert "every 4.0 ms" in self.ends(rig, 1200)
+
+    def test_millimetres_times_180_by_pi(self, tmp_path):
+        rig = Rig(tmp_path, "krc2-rsi2", gantry=True)
+        rig.operate("start")
+        rig.cycles(30)
+        assert any("set axes.E1.received to 57.29" in note for note in rig.notes)
+
+    def test_one_decimal(self, tmp_path):
+        rig = Rig(tmp_path, precision=1)
+        rig.operate("start")
+        rig.cycles(50)
+        assert sum("Precision" in note for note in rig.notes) == 1
+
+    def test_a_robot_that_is_not_where_its_program_says(self, tmp_path):
+        rig = Rig(tmp_path)
+        rig.operate("start")
+        rig.cycles(50, edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>7.0", data))
+        assert rig.state == "faulted"
+        assert "A1 is at 7.00 deg" in rig.changes[-1].reason
+        assert not rig.replies
+
+
+class TestBadInput:
+    """It is refused, counted, named once, and the robot goes on as if nothing had come."""
+
+    @pytest.mark.parametrize(
+        ("data", "kind"),
+        [
+            (b"x" * 65507, "xml"),
+            (b"<Rob><IPOC>1</IPOC>", "xml"),
+            (b'<!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><Rob><IPOC>&c;</IPOC></Rob>', "xml"),
+            (b"<Rob>" + b"<a>" * 600 + b"</a>" * 600 + b"</Rob>", "xml"),
+            (b'<?xml version="1.0" encoding="utf-16"?><Rob/>', "ipoc"),
+            (b"\xff\xfe\x00", "xml"),
+            (b"", "xml"),
+            (b"<Sen><IPOC>5</IPOC></Sen>", "root"),
+            (b"<Rob><IPOC>-5</IPOC></Rob>", "ipoc"),
+            (b"<Rob><IPOC>99</IPOC></Rob>", "short"),
+        ],
+        ids=lambda value: value if isinstance(value, str) else "",
+    )
+    def test_junk(self, moving, data, kind):
+        for _ in range(5):
+            moving.drive(1, *SLOW)
+            assert moving.deliver(data) is None
+        at_rest(moving)
+        assert moving.quiet
+        assert moving.link.refused[kind] == 5
+        assert len(moving.notes) == (kind != "short")
+
+    @pytest.mark.parametrize("source", [("10.0.0.9", 40001), (KRC, 50000)])
+    def test_strangers(self, moving, source):
+        moving.drive(1, *SLOW)
+        for _ in range(5):
+            assert moving.deliver(moving.telegram, source=source) is None
+            moving.drive(1, *SLOW)
+        at_rest(moving)
+        assert moving.quiet
+        assert moving.link.refused["stranger"] == 5
+        assert len(moving.notes) == 1
+
+    @pytest.mark.parametrize("text", [b"nan", b"1e999", b"", b"1,5", b"0x10"])
+    def test_a_value_that_is_no_number_contradicts_the_configuration(self, moving, text):
+        at_rest(moving)
+        moving.cycle(edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>" + text, data))
+        assert moving.state == "faulted"
+        rearm(moving)
+
+
+class TestTheForm:
+    def test_the_first_reply_is_all_zeros_and_echoes_the_ipoc(self, tmp_path):
+        rig = Rig(tmp_path, ipoc=0)
+        rig.operate("start")
+        rig.cycle()
+        assert rig.replies == [sen(0)]
+
+    def test_rsi_2_begins_with_a_short_frame_that_is_not_answered(self, tmp_path):
+        rig = Rig(tmp_path, "krc2-rsi2")
+        rig.operate("start")
+        rig.cycle()
+        assert not rig.replies
+        assert rig.link.refused["short"] == 1
+        rig.cycles(30)
+        assert rig.state == "ready"

@@ -1,0 +1,184 @@
+"""An RSI link against a virtual KRC, cycle by cycle: both without sockets, the time injected."""
+
+from pathlib import Path
+from random import Random
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.cell.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tick, Verdict
+from armgate.cell.urdf import read_urdf
+from armgate.daemon.runner import GateRunner
+from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Mode, Notes, read_ethernet
+from armgate.emulator.krc.arm import arm_of_cell
+from armgate.emulator.krc.context import Limits
+from armgate.integrity import Gate
+from armgate.links.rsi import RsiLink, setup_of
+from support.krcs import Sheet, krc_file
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+KRC = "192.168.1.20"
+WIDE = Limits(100000.0)
+SEND = ("DEF_RIst", "DEF_RSol", "DEF_AIPos", "DEF_ASPos", "DEF_EIPos", "DEF_ESPos", "DEF_Delay")
+SIX = tuple(f"AK.A{number}" for number in range(1, 7))
+NINE = (*SIX, "EK.E1", "EK.E2", "EK.E3")
+
+
+def cell_text(folder, *, gantry=False, cycle=0.004, file=None, robot="", **link):
+    """A cell with one KUKA robot behind an RSI link."""
+    mode = link.get("mode", "absolute")
+    hold = 0 if mode == "relative" else 1
+    (folder / "krc.xml").write_text(file or krc_file(SEND, NINE if gantry else SIX, hold=hold))
+    start = "[2.5, 0.0, 2.5, 0 deg, -90 deg, 90 deg, 0 deg, 45 deg, 0 deg]"
+    start = start if gantry else "[0 deg, -90 deg, 90 deg, 0 deg, 45 deg, 0 deg]"
+    travel = "{travel: {x: [1.0, 3.5], y: [-1.5, 1.5], z: [1.9, 3.2]}, mount: {rpy: [0, 180 deg, 0]}}"
+    lines = [
+        "armgate: 1", "name: one", "robots:", "  R:",
+        f"    urdf: {CONFIGS / 'robots' / 'kr16.urdf'}", f"    start: {start}", f"    period: {cycle}",
+        f"    lag_window: {4 * cycle}", "    ignore_pairs: [[link_3, link_5], [gantry_bridge, gantry_column]]"
+        if gantry else "    ignore_pairs: [[link_3, link_5]]",
+    ]  # fmt: skip
+    lines += [f"    gantry: {travel}"] if gantry else []
+    lines += [robot] if robot else []
+    lines += ["    link:", "      kind: rsi", "      ethernet: krc.xml", f"      krc: {link.pop('krc', KRC)}"]
+    lines += [f"      {key}: {value}" for key, value in link.items()]
+    path = folder / "cell.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+class Rig:
+    """A gate, its link and the KRC; ``cycle`` lets one cycle pass."""
+
+    def __init__(
+        self, folder, profile="krc4-rsi3", *, gantry=False, cycle=None, timeout=100, precision=6,
+        peer_file=None, ipoc=1000, start="d1", limits=WIDE, **link,
+    ):  # fmt: skip
+        kind = PROFILES[profile] if cycle is None else PROFILES[profile].in_cycle(cycle)
+        self.period, self.time = kind.cycle, 100.0
+        link.setdefault("timeout", timeout)
+        self.cell = build_cell(load_config([cell_text(folder, gantry=gantry, cycle=kind.cycle, **link)]))
+        robot = self.cell.robots[0]
+        self.notes, self.log = [], Sheet()
+        self.setup = setup_of(self.cell, robot)
+        self.link = RsiLink(self.setup, start, self.notes.append)
+        mode = Mode(link.get("mode", "absolute"))
+        text = peer_file or (folder / "krc.xml").read_text()
+        self.krc = Controller(
+            kind, Context(mode, precision, timeout, limits, limits), read_ethernet(text.encode()),
+            arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), notes=Notes(self.log), ipoc=ipoc,
+        )  # fmt: skip
+        self.gate = Gate(self.cell, start)
+        self.runner = GateRunner(self.gate, {"R": self.link})
+        self.source = (KRC, 40000)
+        self.events, self.told, self.replies, self.waiting = [], [], [], []
+        self.telegram = None
+        self.seq = self.fence = 0
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    def cycle(self, *, to_pc=True, to_krc=True, age=0.001, edit=None):
+        """One cycle: the KRC takes what came, sends; the link answers; the gate is told."""
+        arrivals, self.waiting = self.waiting, []
+        self.telegram = self.krc.cycle(arrivals)
+        self.time += self.period
+        self.poll()
+        if self.telegram is None or not to_pc:
+            return None
+        data = self.telegram if edit is None else edit(self.telegram)
+        return self.deliver(data, to_krc=to_krc, age=age)
+
+    def cycles(self, count, **how):
+        for _ in range(count):
+            self.cycle(**how)
+
+    def deliver(self, data, *, to_krc=True, age=0.001, source=None):
+        answer = self.link.datagram(data, source or self.source, self.time)
+        if answer.reply is not None:
+            self.replies.append(answer.reply)
+            if to_krc:
+                self.waiting.append(Arrival(answer.reply, age, None))
+        self.feed(answer.events)
+        return answer.reply
+
+    def poll(self):
+        self.feed(self.link.poll(self.time))
+
+    def feed(self, events):
+        for event in events:
+            self.events.append(event)
+            self.told += self.runner.feed(event)
+
+    def operate(self, event):
+        assert self.krc.operate(Event(event)) is None
+        if event in ("start", "restart"):
+            self.source = (KRC, self.source[1] + 1)
+            self.waiting = []
+
+    # --- people -------------------------------------------------------------------------------------------
+
+    def begin(self):
+        """The program starts, and the link becomes ready."""
+        self.operate("start")
+        self.cycles(30)
+        assert self.state == "ready", (self.notes, self.changes)
+        self.take_lease()
+        return self
+
+    def take_lease(self):
+        self.fence += 1
+        self.told += self.runner.feed(LeaseChange("R", self.fence))
+
+    def command(self, *dq):
+        """A command; its verdict."""
+        self.seq += 1
+        tick = self.gate.view("R").tick
+        (verdict,) = (
+            one for one in self.runner.feed(Command("R", self.fence, self.seq, tick, tuple(dq)))
+            if isinstance(one, Verdict)
+        )  # fmt: skip
+        return verdict
+
+    def drive(self, count, *dq, **how):
+        """Cycles in which the same increment is commanded."""
+        for _ in range(count):
+            self.command(*dq)
+            self.cycle(**how)
+
+    def reset(self):
+        """An operator lifts all stops; whether all were lifted."""
+        view = self.gate.view("R")
+        answers = [one for stop in tuple(view.stops) for one in self.runner.feed(Reset(stop, "operator"))]
+        return all(answer.accepted for answer in answers)
+
+    # --- what can be seen ---------------------------------------------------------------------------------
+
+    @property
+    def state(self):
+        return self.link.state.value
+
+    @property
+    def changes(self):
+        return [event for event in self.events if isinstance(event, LinkChange)]
+
+    @property
+    def ticks(self):
+        return [event for event in self.events if isinstance(event, Tick)]
+
+    @property
+    def stops(self):
+        return [one for one in self.told if isinstance(one, Stopped)]
+
+    @property
+    def krc_state(self):
+        return self.krc.state.value
+
+    @property
+    def krc_setpoint(self):
+        """In rad and m, in the order of the model."""
+        shown = self.krc.status()["setpoint"]
+        return [shown[axis.name] / axis.shown for axis in self.setup.axes]
+
+    @property
+    def quiet(self):
+        """Whether nothing was stopped and no drive complained."""
+        return not self.stops and self.krc_state == "running"

@@ -1,0 +1,131 @@
+"""Runs the tests against one mutant at a time, each in a fork of a process that has the libraries loaded.
+
+A child sees the mutated module in the place of the one on disk, runs the quickest tests first and ends with
+the first that fails. One that takes far longer than all tests did without a fault is ended: it hangs.
+"""
+
+import ast
+import contextlib
+import importlib.abc
+import importlib.machinery
+import json
+import os
+import signal
+import sys
+import time
+import types
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TESTS = ("tests/integrity",)
+_POLL = 0.05
+
+
+class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Gives one module from a syntax tree."""
+
+    def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
+        self._name, self._path, self._tree = name, path, tree
+
+    def find_spec(self, fullname: str, path: object, target: object = None) -> Any:
+        """Knows one name."""
+        if fullname != self._name:
+            return None
+        return importlib.machinery.ModuleSpec(fullname, self, origin=str(self._path))
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        """Runs the tree."""
+        exec(compile(self._tree, str(self._path), "exec"), module.__dict__)  # noqa: S102
+
+
+class Order:
+    """A pytest plugin: the quickest tests first, as far as they were timed; keeps what they take."""
+
+    def __init__(self, known: dict[str, float]) -> None:
+        self.known, self.seen = known, dict[str, float]()
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Sorts."""
+        items.sort(key=lambda item: self.known.get(item.nodeid, 0.0))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keeps times."""
+        self.seen[report.nodeid] = self.seen.get(report.nodeid, 0.0) + report.duration
+
+
+def preload() -> None:
+    """Imports once what every child needs and no mutant changes."""
+    import coal  # noqa: F401, PLC0415
+    import fcl  # noqa: F401, PLC0415
+    import hypothesis  # noqa: PLC0415
+    import hypothesis.stateful  # noqa: PLC0415
+
+    import armgate.cell.cell  # noqa: PLC0415
+    import armgate.cell.mesh.parts  # noqa: F401, PLC0415
+
+    hypothesis.settings.register_profile("mutants", derandomize=True, database=None, deadline=None)
+    hypothesis.settings.load_profile("mutants")
+
+
+def times(tests: Sequence[str]) -> dict[str, float]:
+    """How long each test takes without a fault, s.
+
+    Raises:
+        RuntimeError: Some test fails as it is: no mutant could be judged.
+    """
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(read)
+        order = Order({})
+        code = _pytest(tests, order)
+        with os.fdopen(write, "w") as pipe:
+            json.dump([code, order.seen], pipe)
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        code, seen = json.load(pipe)
+    os.waitpid(pid, 0)
+    if code:
+        raise RuntimeError(f"the tests {' '.join(tests)} fail without any mutant: run them first")
+    return {str(k): float(v) for k, v in seen.items()}
+
+
+def judge(finder: Mutated, tests: Sequence[str], known: dict[str, float], most: float) -> str:
+    """Returns ``killed``, ``hangs`` or ``survived``.
+
+    Args:
+        finder: The mutant.
+        tests: What is run.
+        known: Times of the tests, for their order.
+        most: Seconds after which it hangs.
+    """
+    pid = os.fork()
+    if pid == 0:
+        os.setsid()
+        sys.meta_path.insert(0, finder)
+        code = 1
+        with contextlib.suppress(BaseException):
+            code = _pytest(tests, Order(known))
+        os._exit(1 if code else 0)
+    until = time.monotonic() + most
+    while time.monotonic() < until:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return "survived" if status == 0 else "killed"
+        time.sleep(_POLL)
+    os.killpg(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    return "hangs"
+
+
+def _pytest(tests: Sequence[str], order: Order) -> int:
+    with open(os.devnull, "w", encoding="utf-8") as sink:
+        os.dup2(sink.fileno(), 1)
+        os.dup2(sink.fileno(), 2)
+        known = "ignore:Module already imported"  # preloaded: pytest has nothing to rewrite in it
+        options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "-W", known]
+        return int(pytest.main([*options, *tests], plugins=[order]))
