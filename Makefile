@@ -14,7 +14,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate help install demo test lint spec fuzz conformance coverage adversary mutants bench-control clean
+.PHONY: bench-gate bench-rsi help install demo test lint spec fuzz conformance coverage adversary mutants bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -69,6 +69,9 @@ bench-gate: $(VENV)/.installed  ## measure the gate's decisions against a bare l
 
 bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare echo, and 50 observers
 	@$(BIN)/python benchmarks/bench_wire.py $(ARGS)
+
+bench-rsi: $(VENV)/.installed  ## measure a reply by RSI against a bare UDP echo
+	@$(BIN)/python benchmarks/bench_rsi.py $(ARGS)
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)

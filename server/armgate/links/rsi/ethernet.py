@@ -4,6 +4,8 @@
 ``<ELEMENTS><ELEMENT TAG TYPE INDX [HOLDON]/>…``. A dot in TAG makes an attribute.
 """
 
+import re
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 65536
 """Longest file that is read, bytes."""
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 class EthernetError(ValueError):
@@ -55,24 +58,6 @@ class Ethernet:
     received: tuple[Received, ...]
 
 
-class _Collector:
-    """Gathers what stands in CONFIG, and the ELEMENTs of SEND and RECEIVE."""
-
-    def __init__(self) -> None:
-        self.path: list[str] = []
-        self.config: dict[str, str] = {}
-        self.elements: dict[str, list[dict[str, str]]] = {"SEND": [], "RECEIVE": []}
-
-    def start(self, depth: int, name: str, attributes: dict[str, str]) -> None:
-        self.path[depth:] = [name]
-        if name == "ELEMENT" and depth == 3 and self.path[1] in self.elements:
-            self.elements[self.path[1]].append(attributes)
-
-    def text(self, depth: int, piece: str) -> None:
-        if depth == 2 and self.path[1] == "CONFIG":
-            self.config[self.path[2]] = self.config.get(self.path[2], "") + piece.strip()
-
-
 def load_ethernet(path: Path) -> Ethernet:
     """The file's contents.
 
@@ -94,28 +79,30 @@ def read_ethernet(data: bytes) -> Ethernet:
     Raises:
         EthernetError: It is no such file.
     """
-    found = _Collector()
     try:
-        read_xml(data, LIMIT, found.start, found.text)
+        # The file is a person's: comments are left out, as far as they can be told from what is refused.
+        root = read_xml(_COMMENT.sub(b"", data), LIMIT)
     except XmlError as error:
         raise EthernetError(str(error)) from error
-    if found.path[:1] != ["ROOT"]:
-        raise EthernetError(f"the outer element is <{found.path[0]}>; expected <ROOT>")
-    for key in ("IP_NUMBER", "PORT", "SENTYPE"):
-        if not found.config.get(key):
-            raise EthernetError(f"<CONFIG><{key}> is missing or empty")
-    port = found.config["PORT"]
+    if root.tag != "ROOT":
+        raise EthernetError(f"the outer element is <{root.tag}>; expected <ROOT>")
+    host, port, sentype = (_config(root, key) for key in ("IP_NUMBER", "PORT", "SENTYPE"))
     if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
         raise EthernetError(f"PORT {port!r}; expected a number from 1 to 65535")
-    sent = (element.get("TAG", "").removeprefix("DEF_") for element in found.elements["SEND"])
-    received = tuple(map(_received, found.elements["RECEIVE"]))
-    only_send = _flag(found.config.get("ONLYSEND", "FALSE"), "ONLYSEND")
-    return Ethernet(
-        found.config["IP_NUMBER"], int(port), found.config["SENTYPE"], only_send, tuple(sent), received
-    )
+    only_send = _flag(root.findtext("CONFIG/ONLYSEND", "FALSE").strip(), "ONLYSEND")
+    sent = tuple(one.get("TAG", "").removeprefix("DEF_") for one in root.iterfind("SEND/ELEMENTS/ELEMENT"))
+    received = tuple(map(_received, root.iterfind("RECEIVE/ELEMENTS/ELEMENT")))
+    return Ethernet(host, int(port), sentype, only_send, sent, received)
 
 
-def _received(element: dict[str, str]) -> Received:
+def _config(root: ET.Element, key: str) -> str:
+    text = root.findtext(f"CONFIG/{key}", "").strip()
+    if not text:
+        raise EthernetError(f"<CONFIG><{key}> is missing or empty")
+    return text
+
+
+def _received(element: ET.Element) -> Received:
     tag, _, attribute = element.get("TAG", "").removeprefix("DEF_").partition(".")
     hold = _flag(element.get("HOLDON", "0"), f"RECEIVE: {tag}: HOLDON")
     return Received(tag, attribute, element.get("TYPE", ""), hold)

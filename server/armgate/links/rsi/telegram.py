@@ -99,31 +99,20 @@ def read_telegram(data: bytes) -> Telegram:
     Raises:
         TelegramError: There is none.
     """
-    groups: dict[str, dict[str, str]] = {}
-    ipoc: list[str] = []
-    tags: list[str] = []
-
-    def start(depth: int, name: str, attributes: dict[str, str]) -> None:
-        if depth == 0 and name != "Rob":
-            raise TelegramError("root", f"the outer element is <{name[:40]}>; expected <Rob>")
-        if depth == 1:
-            tags.append(name)
-            if name != "IPOC":
-                groups.setdefault(name, attributes)
-
-    def text(depth: int, piece: str) -> None:
-        if depth == 1 and tags[-1] == "IPOC":
-            ipoc.append(piece)
-
     try:
-        read_xml(data, LIMIT, start, text)
+        root = read_xml(data, LIMIT)
     except XmlError as error:
         raise TelegramError("xml", str(error)) from error
-    if len(set(tags)) != len(tags):
+    if root.tag != "Rob":
+        raise TelegramError("root", f"the outer element is <{root.tag[:40]}>; expected <Rob>")
+    groups = {child.tag: child.attrib for child in root}
+    if len(groups) != len(root):
         raise TelegramError("element", "an element stands twice; expected each once")
-    digits = _DIGITS.fullmatch("".join(ipoc))
+    groups.pop("IPOC", None)
+    text = root.findtext("IPOC", "")
+    digits = _DIGITS.fullmatch(text)
     if digits is None:
-        raise TelegramError("ipoc", f"IPOC {''.join(ipoc)[:40]!r}; expected digits")
+        raise TelegramError("ipoc", f"IPOC {text[:40]!r}; expected digits")
     return Telegram(int(digits[1]), groups)
 
 
