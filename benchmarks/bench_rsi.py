@@ -1,9 +1,10 @@
 """What an RSI reply costs: datagram in → reply out of the link, beside a bare asyncio UDP echo.
 
-Usage: bench_rsi.py [CYCLES]. Link and echo are processes of their own; this one is the KRC, with the virtual
-one's controller. In every cycle of 4 ms it sends its telegram to the link, and half a cycle later the same
-bytes to the echo, so that both bear the same load. The link's robot moves all the time: whoever holds it
-offers a plan at every tick, as the daemon does. A reply that has not come within the cycle counts as one of 4 ms.
+Usage: bench_rsi.py [CYCLES]. Link and echo are processes of their own; this one is the KRC, with the
+virtual one's controller. In every cycle of 4 ms it sends its telegram to the link, and half a cycle
+later the same bytes to the echo, so that both bear the same load. The link's robot moves all the time:
+whoever holds it offers a plan at every tick, as the daemon does. A reply that has not come within the
+cycle counts as one of 4 ms.
 """
 
 import asyncio

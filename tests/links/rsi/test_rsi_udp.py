@@ -1,7 +1,7 @@
 """The RSI link over UDP against `armgate krc` as a process of its own, by the wall clock.
 
-A busy machine is late now and then: the link holds, starts again from rest, and goes on. What a fault leads to
-in which cycle is tested with injected time; here it is only waited for.
+A busy machine is late now and then: the link holds, starts again from rest, and goes on. What a fault
+leads to in which cycle is tested with injected time; here it is only waited for.
 """
 
 import asyncio
@@ -89,9 +89,7 @@ class Station:
             while True:
                 await self.holder.further(5)
                 status, tick = await self.tell("status"), self.holder.ticks[-1]
-                shown = [
-                    axis.shown * q for axis, q in zip(self.link.core._setup.axes, tick.setpoint, strict=True)
-                ]
+                shown = map(math.degrees, tick.setpoint)
                 gaps = [abs(a - b) for a, b in zip(shown, status["setpoint"].values(), strict=True)]
                 if max(gaps) < 2e-6 and not self.link.remaining:
                     return status

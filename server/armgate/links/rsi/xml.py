@@ -10,8 +10,9 @@ class XmlError(Exception):
 def read_xml(data: bytes, limit: int) -> ET.Element:
     """The outermost element.
 
-    Document types and entities, whatever they would do, begin with ``<!``; so do comments, which no telegram of
-    a KRC has. In UTF-8, which is read whatever the text declares, nothing can hide these two bytes.
+    Document types and entities, whatever they would do, begin with ``<!``; so do comments, which no
+    telegram of a KRC has. In UTF-8, which is read whatever the text declares, nothing can hide these
+    two bytes.
 
     Args:
         data: The text.
