@@ -8,11 +8,11 @@ import pytest
 from rich.console import Console
 
 from armgate.apps.demo.display import line, picture, tally
-from armgate.apps.demo.metrics import compute
-from armgate.apps.demo.observation import Observation
-from armgate.apps.demo.run import Watch
 from armgate.apps.demo.screen import screen
 from armgate.apps.demo.summary import summary
+from armgate.apps.stack.metrics import compute
+from armgate.apps.stack.observation import Observation
+from armgate.apps.stack.run import Watch
 from armgate.client import Description, State
 
 Make = Callable[..., State]

@@ -11,8 +11,9 @@ import pytest
 
 from armgate.apps.data import default_file
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.follow.loop import FollowLoop, Progress, chase, floor_of, tell_changes
+from armgate.apps.follow.loop import FollowLoop, Progress, Wish, chase, tell_changes
 from armgate.apps.interrupt import Interrupt, interrupt
+from armgate.apps.robots import floor_of
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
@@ -99,7 +100,7 @@ def chased(
     built: BuiltCell, progress: Any, wish: Interrupt | None = None, duration: float | None = None
 ) -> Any:
     cell, robot = Connection(built), Held(built, progress)
-    loop = FollowLoop.build(cell, "FR", "GR", 1.0, lag=0.0)  # type: ignore[arg-type]
+    loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
     try:
         ended = chase(cell, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
     except AppError as error:
@@ -123,7 +124,16 @@ def test_it_shares_what_it_measures(built: BuiltCell) -> None:
     _, cell, robot = chased(built, lambda tick: None, duration=1.0)
     names = {name for name, _ in cell.shared}
     assert names == {
-        f"follow.{x}" for x in ("angle_error", "distance_error", "focus", "distance", "repulsion")
+        f"follow.{x}"
+        for x in (
+            "angle_error",
+            "distance_error",
+            "focus",
+            "distance",
+            "repulsion",
+            "emergency",
+            "near_limit",
+        )
     }
     newest = dict(cell.shared)
     camera = built.robot("FR").model.frame(robot.q, "camera")
@@ -157,11 +167,11 @@ def test_progress_before_the_leader_came() -> None:
 def test_robots_that_cannot_do_it_are_named(built: BuiltCell) -> None:
     cell: Any = Connection(built)
     with pytest.raises(UsageError, match="no robot 'XR'; it has FR, GR"):
-        FollowLoop.build(cell, "XR", "GR", 1.0, 0.0)
+        FollowLoop.build(cell, "XR", "GR", Wish(1.0, 0.0))
     with pytest.raises(UsageError, match="robot 'GR' has no camera"):
-        FollowLoop.build(cell, "GR", "FR", 1.0, 0.0)
+        FollowLoop.build(cell, "GR", "FR", Wish(1.0, 0.0))
     with pytest.raises(UsageError, match="cannot follow itself"):
-        FollowLoop.build(cell, "FR", "FR", 1.0, 0.0)
+        FollowLoop.build(cell, "FR", "FR", Wish(1.0, 0.0))
 
 
 def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:

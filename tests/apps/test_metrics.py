@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armgate.apps.demo.folder import make_folder, write_metrics, write_series
-from armgate.apps.demo.metrics import columns, compute, transient_end, verdict_table
-from armgate.apps.demo.observation import COLUMNS, Observation, same_robot
 from armgate.apps.errors import UsageError
+from armgate.apps.stack.folder import make_folder, write_metrics, write_series
+from armgate.apps.stack.metrics import columns, compute, transient_end, verdict_table
+from armgate.apps.stack.observation import COLUMNS, Observation, same_robot
 from armgate.client import State
 
 Make = Callable[..., State]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from armgate.apps.demo import plots
-from armgate.apps.demo.metrics import columns, compute
-from armgate.apps.demo.observation import Observation
+from armgate.apps.stack.metrics import columns, compute
+from armgate.apps.stack.observation import Observation
 from armgate.client import State
 
 Make = Callable[..., State]

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from armgate.apps.demo import child
-from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed
+from armgate.apps.stack import child
+from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 
 PYTHON = (sys.executable, "-u", "-c")
 WAIT = 30.0

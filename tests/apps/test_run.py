@@ -5,12 +5,15 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from armgate.apps.demo import run as course
-from armgate.apps.demo.processes import Asked, Crew, Exited, Printed
+from armgate.apps.demo.plan import NAMES
+from armgate.apps.demo.plan import plan as demo_plan
 from armgate.apps.errors import AppError
+from armgate.apps.stack import run as course
+from armgate.apps.stack.processes import Asked, Crew, Exited, Printed
 
 PYTHON = (sys.executable, "-u", "-c")
 GOOD = [*PYTHON, "pass"]
@@ -26,27 +29,20 @@ def crew(tmp_path: Path) -> Iterator[Crew]:
         yield crew
 
 
-def plan(**changes: object) -> course.Plan:
-    given = {
-        "configs": [Path("a.yaml"), Path("b.yaml")],
-        "path": Path("p.csv"),
-        "leader": "GR",
-        "follower": "FR",
-    }
-    return course.Plan(**{**given, **changes})  # type: ignore[arg-type]
+def plan(**changes: Any) -> course.Plan:
+    return demo_plan([Path("a.yaml"), Path("b.yaml")], Path("p.csv"), "GR", "FR", **changes)
 
 
 def test_the_commands() -> None:
-    assert plan().daemon()[4:] == ["clock", "serve", "a.yaml", "b.yaml", "--port", "0"]
+    assert plan().daemon() == ["serve", "a.yaml", "b.yaml", "--port", "0"]
     assert plan(lockstep=True).daemon()[-2:] == ["--lockstep", "leader,follower"]
-    assert plan(lockstep=True).controller("leader", "h:1")[4:6] == ["lockstep", "lead"]
     lead = plan(duration=2.5).controller("leader", "h:1")
-    assert lead[4:] == (
-        ["clock", "lead", "h:1", "--robot", "GR", "--path", "p.csv", "--duration", "2.5", "--name", "leader"]
+    assert lead == (
+        ["lead", "h:1", "--robot", "GR", "--path", "p.csv", "--duration", "2.5", "--name", "leader"]
     )
     follow = plan(lag=0.12).controller("follower", "h:1")
-    assert follow[4:] == (
-        ["clock", "follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12", "--name", "follower"]
+    assert follow == (
+        ["follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12", "--name", "follower"]
     )
 
 
@@ -70,7 +66,7 @@ def test_a_run_is_done_when_both_controllers_have_ended(crew: Crew) -> None:
     pictures: list[int] = []
     crew.start("leader", GOOD)
     crew.start("follower", GOOD)
-    assert course._until_done(crew, lambda: pictures.append(1))
+    assert course._until_done(crew, NAMES, lambda: pictures.append(1))
     assert pictures
 
 
@@ -79,8 +75,8 @@ def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(crew: Crew) ->
         crew.start(name, POLITE)
         assert crew.next(30.0) == Printed(name, "ready")
     crew.events.put(Asked(signal.SIGINT))
-    assert not course._until_done(crew, lambda: None)
-    course._rest(crew)
+    assert not course._until_done(crew, NAMES, lambda: None)
+    course._rest(crew, NAMES)
     assert crew.running() == []
     assert crew.tail("leader")[-1] == "rested"
     assert crew.tail("daemon") == ["ready"]  # it was ended by SIGTERM, after the others
@@ -97,14 +93,14 @@ def test_a_controller_that_dies_ends_the_run_and_is_named(crew: Crew, code: str,
     crew.start("leader", POLITE)
     crew.start("follower", [*PYTHON, code])
     with pytest.raises(AppError, match=f"(?s)the follower {told}"):
-        course._until_done(crew, lambda: None)
+        course._until_done(crew, NAMES, lambda: None)
 
 
 def test_a_daemon_that_ends_by_itself_ends_the_run(crew: Crew) -> None:
     crew.start("leader", POLITE)
     crew.start("daemon", GOOD)
     with pytest.raises(AppError, match=r"the daemon ended \(0\)"):
-        course._until_done(crew, lambda: None)
+        course._until_done(crew, NAMES, lambda: None)
 
 
 def test_signals_become_an_event_and_the_second_one_ends_at_once(crew: Crew) -> None:

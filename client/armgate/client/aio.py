@@ -207,6 +207,10 @@ class Cell(CellHandle):
         """The newest state; None before the first, see ``subscribe``."""
         return self._session.state
 
+    async def skip(self) -> None:
+        """Lock-step: nothing from this client for the newest step; for participants that hold no robot."""
+        await self._write(self._session.skip())
+
     async def signal(self, name: str, value: Iterable[float] | float) -> None:
         """Shares a number, or a short vector of them, with all clients; does not wait.
 

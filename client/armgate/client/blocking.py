@@ -153,6 +153,10 @@ class Cell(CellHandle):
         self._drain()
         return self._session.state
 
+    def skip(self) -> None:
+        """Lock-step: nothing from this client for the newest step; for participants that hold no robot."""
+        self._write(self._session.skip())
+
     def signal(self, name: str, value: Iterable[float] | float) -> None:
         """Shares a number, or a short vector of them, with all clients; does not wait.
 

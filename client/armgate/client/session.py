@@ -108,6 +108,11 @@ class Session:
         """Lock-step: nothing more for this step."""
         return self._say(Pass(step=step))
 
+    def skip(self) -> bytes:
+        """As ``pass_step`` for the step of the newest state; nothing by the wall clock or before a state."""
+        step = None if self.state is None else self.state.step
+        return b"" if step is None else self.pass_step(step)
+
     def signal(self, name: str, value: Iterable[float] | float) -> bytes:
         """A signal; nobody waits for the answer.
 

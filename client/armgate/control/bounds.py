@@ -76,6 +76,11 @@ class IncrementBounds:
             upper=high - margin,
         )
 
+    def share(self, q: Vector) -> float:
+        """How far the worst joint at q (n,) is from its middle, as a share of its half range."""
+        away = np.abs(q - 0.5 * (self.upper + self.lower))
+        return float((away / (0.5 * (self.upper - self.lower))).max())
+
     def braked(self, dq: Vector) -> Vector:
         """The increment after `dq` on the quickest straight stop: `dq` shortened along its own direction."""
         return dq * max(0.0, 1.0 - self._decay(dq))

@@ -11,8 +11,8 @@ from armgate.apps.data import default_file
 from armgate.apps.errors import UsageError
 
 if TYPE_CHECKING:
-    from armgate.apps.demo.run import Plan, Watch
     from armgate.apps.lead.path import RecordedPath
+    from armgate.apps.stack.run import Plan, Watch
     from armgate.cell.config import CellConfig
 
 
@@ -40,7 +40,7 @@ def demo(
     ] = None,
 ) -> None:
     """Run the whole stack here: daemon, leader, follower, display, plots."""
-    from armgate.apps.demo.folder import make_folder  # noqa: PLC0415
+    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
     from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
 
     configs = [config or default_file("demo.yaml"), *([links] if links else [])]
@@ -55,7 +55,7 @@ def _plan(
     configs: list[Path], cell: "CellConfig", path: Path, lockstep: bool, duration: float | None
 ) -> "Plan":
     """Who does what: the path names the leader's robot, the camera tells the follower's."""
-    from armgate.apps.demo.run import CONTROLLERS, Plan  # noqa: PLC0415
+    from armgate.apps.demo.plan import NAMES, plan  # noqa: PLC0415
     from armgate.apps.lead.path import read_path  # noqa: PLC0415
 
     recorded = read_path(path)
@@ -65,13 +65,13 @@ def _plan(
         raise UsageError(
             f"no robot of cell {cell.name!r} has a camera; the demo needs one beside {recorded.robot}"
         )
-    if cell.clock.kind == "lockstep" and set(cell.clock.participants) != set(CONTROLLERS):
+    if cell.clock.kind == "lockstep" and set(cell.clock.participants) != set(NAMES):
         raise UsageError(
             f"clock.participants are {', '.join(cell.clock.participants)}; "
-            f"expected the demo's: {', '.join(CONTROLLERS)}"
+            f"expected the demo's: {', '.join(NAMES)}"
         )
     lag = cell.robots[cameras[0]].link.lag
-    return Plan(configs, path, recorded.robot, cameras[0], lag, lockstep, duration)
+    return plan(configs, path, recorded.robot, cameras[0], lag=lag, lockstep=lockstep, duration=duration)
 
 
 def _check_leader(path: "RecordedPath", cell: "CellConfig") -> None:
@@ -81,9 +81,9 @@ def _check_leader(path: "RecordedPath", cell: "CellConfig") -> None:
 
 
 def _run(plan: "Plan", folder: Path) -> None:
-    from armgate.apps.demo.processes import Crew  # noqa: PLC0415
-    from armgate.apps.demo.run import interruptions, run  # noqa: PLC0415
     from armgate.apps.demo.screen import screen  # noqa: PLC0415
+    from armgate.apps.stack.processes import Crew  # noqa: PLC0415
+    from armgate.apps.stack.run import interruptions, run  # noqa: PLC0415
 
     with Crew(folder / "logs") as crew, interruptions(crew):
         with screen(sys.stdout.isatty()) as show:
@@ -94,9 +94,9 @@ def _run(plan: "Plan", folder: Path) -> None:
 
 def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, Any], list[Path]]:
     """Writes series, metrics and pictures."""
-    from armgate.apps.demo.folder import write_metrics, write_series  # noqa: PLC0415
-    from armgate.apps.demo.metrics import columns, compute  # noqa: PLC0415
     from armgate.apps.demo.plots import draw  # noqa: PLC0415
+    from armgate.apps.stack.folder import write_metrics, write_series  # noqa: PLC0415
+    from armgate.apps.stack.metrics import columns, compute  # noqa: PLC0415
 
     seen = watch.seen
     metrics = compute(seen, watch.cell.stop_distance, watch.wall, complete)

@@ -9,8 +9,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from armgate.apps.demo.metrics import ANGLE_BAND, DISTANCE_BAND
-from armgate.apps.demo.observation import Observation, same_robot
+from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
+from armgate.apps.stack.observation import Observation, same_robot
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.demo.metrics import ANGLE_BAND, DISTANCE_BAND
+from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from rich.live import Live
 from armgate.apps.demo.display import line, picture
 
 if TYPE_CHECKING:
-    from armgate.apps.demo.run import Watch
+    from armgate.apps.stack.run import Watch
 
 LINE_EVERY = 1.0
 """Daemon time between two plain lines, s; in lock-step they come as much faster as the run is."""

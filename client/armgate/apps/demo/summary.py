@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from armgate.apps.demo.metrics import ANGLE_BAND, DISTANCE_BAND
+from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 
 _VERDICT = {
     True: ("holds", "bold green"),

@@ -11,7 +11,14 @@ def follow(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
     *,
     robot: Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)],
-    leader: Annotated[str, typer.Option(help="Robot whose tool it looks at.", show_default=False)],
+    leader: Annotated[
+        str,
+        typer.Option(help="Robot whose tool it looks at, and that it stays clear of.", show_default=False),
+    ],
+    focus: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="A fixed place to look at instead, world, m.", show_default=False),
+    ] = None,
     distance: Annotated[
         float,
         typer.Option(
@@ -21,6 +28,9 @@ def follow(
     lag: Annotated[
         float, typer.Option(min=0.0, help="Known lag of the camera's robot behind its setpoint, s.")
     ] = 0.03,
+    predict: Annotated[
+        bool, typer.Option(help="Look at where the tool will be, or at where it was measured.")
+    ] = True,
     duration: Annotated[
         float | None,
         typer.Option(
@@ -34,7 +44,7 @@ def follow(
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
-    from armgate.apps.follow.loop import FollowLoop, chase  # noqa: PLC0415
+    from armgate.apps.follow.loop import FollowLoop, Wish, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
     from armgate.control.compiled import prepare  # noqa: PLC0415
@@ -42,7 +52,8 @@ def follow(
     prepare()
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
-        loop = FollowLoop.build(cell, robot, leader, distance, lag)
+        wanted = Wish(distance, lag, focus=focus, predict=predict)
+        loop = FollowLoop.build(cell, robot, leader, wanted)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
         with cell.acquire(robot) as arm:
             ended = chase(cell, arm, loop, wish, duration)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.robots import bounds_of, described, floor_of, model_of
 from armgate.cell.model import RobotModel
-from armgate.cell.placement import Placement
-from armgate.client import Cell, Description, Robot, RobotDescription, Tick
+from armgate.client import Cell, Robot, RobotDescription, Tick
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import camera_law
 from armgate.control.follower import Follower, FollowStep, Situation
@@ -26,6 +26,27 @@ AT_REST = 1e-9
 """An increment below this is rest, rad or m."""
 
 
+NEAR_LIMIT = 0.95
+"""A joint that is farther than this share of its half range from its middle is near a limit."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How to follow.
+
+    Attributes:
+        distance: Wanted view distance unless a signal says another, m.
+        lag: Known lag of the camera's robot behind its setpoint, s.
+        focus: A fixed place to look at instead of the leader's tool, world, m.
+        predict: Whether to look at where the tool will be, or at where it was measured.
+    """
+
+    distance: float
+    lag: float
+    focus: tuple[float, float, float] | None = None
+    predict: bool = True
+
+
 @dataclass
 class FollowLoop:
     """What the follower needs at each tick.
@@ -37,7 +58,7 @@ class FollowLoop:
         spheres: Its bounding spheres, which repel.
         follower: The control law with its bounds.
         bounds: Of the camera robot's increments.
-        distance: Wanted view distance unless a signal says another, m.
+        wish: How to follow.
         floor: Height of the floor, which repels too, m; None for none.
     """
 
@@ -47,12 +68,12 @@ class FollowLoop:
     spheres: Spheres
     follower: Follower
     bounds: IncrementBounds
-    distance: float
+    wish: Wish
     floor: float | None
     _last: LastIncrement = field(default_factory=LastIncrement)
 
     @classmethod
-    def build(cls, cell: Cell, robot: str, leader: str, distance: float, lag: float) -> "FollowLoop":
+    def build(cls, cell: Cell, robot: str, leader: str, wish: Wish) -> "FollowLoop":
         """From what the daemon describes.
 
         Raises:
@@ -69,31 +90,42 @@ class FollowLoop:
             camera_law(model_of(cell, own), own.camera),
             bounds,
             period=own.period,
-            ahead=LOOP_TICKS * own.period + ramp_lag(lag, own.period),
+            ahead=LOOP_TICKS * own.period + ramp_lag(wish.lag, own.period),
+            predict=wish.predict,
         )
-        return cls(
-            own, other, target, Spheres.of(target), follower, bounds, distance, floor_of(cell.description)
-        )
+        return cls(own, other, target, Spheres.of(target), follower, bounds, wish, floor_of(cell.description))
 
     def step(self, tick: Tick) -> "Answer":
         """The answer to a tick."""
         entry = tick.entry(self.leader.name)
         played = self._last.update(tick.tick, tick.setpoint)
-        wanted = tick.signals.get("operator.distance")
-        distance = self.distance if wanted is None else wanted.value[0]
-        q = None if entry.q is None else np.array(entry.q)
-        focus = None if q is None else self.target.frame(q, self.leader.tool).t
+        told = tick.signals.get("operator.distance")
+        distance = self.wish.distance if told is None else told.value[0]
+        leader = None if entry.q is None else np.array(entry.q)
+        focus, seen = self._focus(leader, tick.time, entry.time)
+        q = np.array(tick.q)
         now = Situation(
             time=tick.time,
             setpoint=np.array(tick.setpoint),
             last=played,
-            q=np.array(tick.q),
+            q=q,
             target=focus,
-            target_time=entry.time,
+            target_time=seen,
             distance=distance,
-            obstacles=self._obstacles(q),
+            obstacles=self._obstacles(leader),
         )
-        return Answer(self.follower.step(now), played, distance, focus)
+        near = self.bounds.share(q) > NEAR_LIMIT
+        tool = None if self.wish.focus is None else self._tool(leader)
+        return Answer(self.follower.step(now), played, distance, focus, near, tool)
+
+    def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
+        """Where to look, and since when that is known."""
+        if self.wish.focus is not None:
+            return np.array(self.wish.focus), now
+        return self._tool(leader), measured
+
+    def _tool(self, leader: Array | None) -> Array | None:
+        return None if leader is None else self.target.frame(leader, self.leader.tool).t
 
     def _obstacles(self, q: Array | None) -> Obstacles:
         if q is None:
@@ -109,71 +141,32 @@ class Answer:
         step: What the control law wants, with the errors at the measured positions.
         played: The increment that the robot played last (n,).
         distance: The wanted view distance, m.
-        focus: The measured place of the leader's tool (3,), world, m; None if it is not known.
+        focus: The measured place that is looked at (3,), world, m; None if it is not known.
+        near_limit: Whether a joint is near its limit.
+        leader: The measured place of the leader's tool (3,), world, m, where that is not looked at.
     """
 
     step: FollowStep
     played: Array
     distance: float
     focus: Array | None
+    near_limit: bool
+    leader: Array | None = None
 
     def signals(self) -> dict[str, tuple[float, ...]]:
         """What others may want to know of it; nothing before the leader's place is known."""
         if self.step.angle is None or self.step.distance is None or self.focus is None:
             return {}
-        return {
+        leader = {} if self.leader is None else {"follow.leader": tuple(self.leader.tolist())}
+        return leader | {
             "follow.angle_error": (self.step.angle,),
             "follow.distance_error": (self.step.distance,),
             "follow.focus": tuple(self.focus.tolist()),
             "follow.distance": (self.distance,),
             "follow.repulsion": (float(self.step.repulsion),),
+            "follow.emergency": (float(self.step.emergency),),
+            "follow.near_limit": (float(self.near_limit),),
         }
-
-
-def floor_of(cell: Description) -> float | None:
-    """Height of the floor: the top of the body of this name, if it is a level box; m."""
-    for body in cell.bodies:
-        if (
-            body.robot is None
-            and body.name == "floor"
-            and body.shape.kind == "box"
-            and not any(body.xyzw[:2])
-        ):
-            return body.xyz[2] + body.shape.size[2] / 2
-    return None
-
-
-def described(cell: Description, robot: str) -> RobotDescription:
-    """The description of a robot.
-
-    Raises:
-        UsageError: There is none of this name.
-    """
-    for found in cell.robots:
-        if found.name == robot:
-            return found
-    known = ", ".join(found.name for found in cell.robots)
-    raise UsageError(f"cell {cell.name!r} has no robot {robot!r}; it has {known}")
-
-
-def model_of(cell: Cell, robot: RobotDescription) -> RobotModel:
-    """The robot's model, from its URDF and the place of its base."""
-    return RobotModel.from_urdf(
-        cell.urdf(robot.name), Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
-    )
-
-
-def bounds_of(robot: RobotDescription) -> IncrementBounds:
-    """Bounds of its increments, as the gate applies them."""
-    joints = robot.joints
-    return IncrementBounds.from_rates(
-        lower=[joint.lower for joint in joints],
-        upper=[joint.upper for joint in joints],
-        velocity=[joint.velocity for joint in joints],
-        acceleration=[joint.acceleration for joint in joints],
-        deceleration=[joint.deceleration or np.inf for joint in joints],
-        period=robot.period,
-    )
 
 
 def chase(cell: Cell, robot: Robot, loop: FollowLoop, wish: Interrupt, duration: float | None) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import UsageError
-from armgate.apps.follow.loop import bounds_of, described, model_of
+from armgate.apps.robots import bounds_of, described, model_of
 from armgate.cell.errors import ModelError
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement, rotation_from_rpy

@@ -7,8 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from armgate.apps.demo.observation import COLUMNS
 from armgate.apps.errors import UsageError
+from armgate.apps.stack.observation import COLUMNS
 
 
 def make_folder(wanted: Path | None) -> Path:

@@ -1,22 +1,21 @@
-"""One run: daemon, leader and follower as processes, watched until the path ends or somebody ends it."""
+"""One run: daemon and participants as processes, watched until it is over or somebody ends it."""
 
 import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armgate.apps.demo.observation import Observation
-from armgate.apps.demo.processes import Asked, Crew, Event, Exited, Printed, armgate
 from armgate.apps.errors import AppError
+from armgate.apps.stack.observation import Observation
+from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
 DAEMON, LEADER, FOLLOWER = "daemon", "leader", "follower"
-CONTROLLERS = (LEADER, FOLLOWER)
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 START_TIME = 60.0
 """How long the daemon may take to listen, s."""
@@ -34,47 +33,36 @@ class Plan:
 
     Attributes:
         configs: Configuration files of the daemon, later ones overlay earlier ones.
-        path: The leader's recorded path.
-        leader: The robot that is led along the path.
-        follower: The robot that carries the camera.
-        lag: Of the follower's robot behind its setpoint, s.
+        follower: The robot that carries the camera, whose ticks are watched.
+        controllers: Participants by name, each an ``armgate`` command without the daemon's address and the
+            name.
         lockstep: Whether ticks wait for the controllers instead of the clock.
-        duration: How much of the path is played, s; None for all.
+        until: Whose end ends the run; all of them if none is named.
         record: The folder that the daemon records into; None for none.
     """
 
     configs: Sequence[Path]
-    path: Path
-    leader: str
     follower: str
-    lag: float = 0.03
+    controllers: Mapping[str, Sequence[str]]
     lockstep: bool = False
-    duration: float | None = None
+    until: tuple[str, ...] = ()
     record: Path | None = None
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The participants, in order."""
+        return tuple(self.controllers)
+
     def daemon(self) -> list[str]:
-        """The command that starts the daemon."""
+        """What starts the daemon, after ``armgate``."""
         recording = [] if self.record is None else ["--record", str(self.record)]
-        command = armgate("serve", *map(str, self.configs), "--port", "0", *recording, lockstep=self.lockstep)
-        return [*command, "--lockstep", ",".join(CONTROLLERS)] if self.lockstep else command
+        command = ["serve", *map(str, self.configs), "--port", "0", *recording]
+        return [*command, "--lockstep", ",".join(self.names)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:
-        """The command that starts the leader or the follower."""
-        if name == FOLLOWER:
-            own = [
-                "follow",
-                address,
-                "--robot",
-                self.follower,
-                "--leader",
-                self.leader,
-                "--lag",
-                str(self.lag),
-            ]
-        else:
-            own = ["lead", address, "--robot", self.leader, "--path", str(self.path)]
-            own += [] if self.duration is None else ["--duration", str(self.duration)]
-        return armgate(*own, "--name", name, lockstep=self.lockstep)
+        """What starts a participant, after ``armgate``."""
+        command, *options = self.controllers[name]
+        return [command, address, *options, "--name", name]
 
 
 @dataclass
@@ -119,7 +107,7 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
     Raises:
         AppError: A process died or never became ready; the text says which, with its last log lines.
     """
-    crew.start(DAEMON, plan.daemon())
+    crew.launch(DAEMON, plan.daemon(), lockstep=plan.lockstep)
     # The first run after an installation compiles the law: here, and not while the leader is on its way.
     prepare()
     address = _listening(crew)
@@ -133,12 +121,12 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )
         reader.start()
-        for name in CONTROLLERS:
-            crew.start(name, plan.controller(name, address))
+        for name in plan.names:
+            crew.launch(name, plan.controller(name, address), lockstep=plan.lockstep)
         try:
-            complete = _until_done(crew, lambda: show(watch))
+            complete = _until_done(crew, plan.until or plan.names, lambda: show(watch))
         finally:
-            _rest(crew)
+            _rest(crew, plan.names)
         reader.join(REST_TIME)
     return watch, complete
 
@@ -157,10 +145,10 @@ def _listening(crew: Crew) -> str | None:
     raise AppError(f"the daemon did not listen within {START_TIME:g} s; see {crew.log(DAEMON)}")
 
 
-def _until_done(crew: Crew, show: Callable[[], None]) -> bool:
-    """Watches until both controllers have ended (True) or the user wants to end (False)."""
+def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> bool:
+    """Watches until the named have ended (True) or the user wants to end (False)."""
     due = time.monotonic()
-    while crew.running(*CONTROLLERS):
+    while crew.running(*names):
         now = time.monotonic()
         if now >= due:
             show()
@@ -180,10 +168,10 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
     return not isinstance(event, Asked)
 
 
-def _rest(crew: Crew) -> None:
-    """Ends everything in order: controllers slow to rest, then the daemon."""
-    crew.send(signal.SIGINT, *CONTROLLERS)
-    crew.wait(CONTROLLERS, REST_TIME)
+def _rest(crew: Crew, names: Sequence[str]) -> None:
+    """Ends everything in order: participants slow to rest, then the daemon."""
+    crew.send(signal.SIGINT, *names)
+    crew.wait(names, REST_TIME)
     crew.send(signal.SIGTERM, DAEMON)
     crew.wait([DAEMON], REST_TIME)
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from armgate.apps.stack.nursery import Fork, Nursery
+
 TAIL = 12
 """Lines of a dead child's log that are shown."""
 _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -19,7 +21,7 @@ _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NU
 def armgate(*arguments: str, lockstep: bool) -> list[str]:
     """The command line of a child that ends when this process is gone, and by the clock hurries."""
     pace = "lockstep" if lockstep else "clock"
-    return [sys.executable, "-m", "armgate.apps.demo.child", str(os.getpid()), pace, *arguments]
+    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), pace, *arguments]
 
 
 @dataclass(frozen=True)
@@ -48,17 +50,26 @@ class Asked:
 Event = Printed | Exited | Asked
 
 
+Child = subprocess.Popen[str] | Fork
+"""A child, by whatever way it was started."""
+
+
 class Crew:
     """The children of one run, and one queue of all that happens to them.
 
     Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which
     then ends them in the right order. Leaving the context kills whatever is left.
+
+    Args:
+        logs: Folder of the children's logs.
+        nursery: Where to fork them from; none starts each as a program of its own.
     """
 
-    def __init__(self, logs: Path) -> None:
+    def __init__(self, logs: Path, nursery: Nursery | None = None) -> None:
         self.events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._logs = logs
-        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._nursery = nursery
+        self._children: dict[str, Child] = {}
         self._waiters: list[threading.Thread] = []
 
     def __enter__(self) -> "Crew":
@@ -70,6 +81,14 @@ class Crew:
                 child.kill()
         for waiter in self._waiters:
             waiter.join()
+
+    def launch(self, name: str, arguments: Sequence[str], *, lockstep: bool) -> None:
+        """Starts ``armgate ARGUMENTS`` as a child."""
+        if self._nursery is None:
+            self.start(name, armgate(*arguments, lockstep=lockstep))
+        else:
+            self.log(name).write_text("", encoding="utf-8")
+            self._adopt(name, self._nursery.start(arguments, self.log(name), lockstep=lockstep))
 
     def start(self, name: str, command: Sequence[str]) -> None:
         """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""
@@ -85,6 +104,9 @@ class Crew:
                 # Matrices are small here: threads of the linear algebra would only take others their cores.
                 env={**os.environ, **_SINGLE_THREADED},
             )
+        self._adopt(name, child)
+
+    def _adopt(self, name: str, child: Child) -> None:
         self._children[name] = child
         waiter = threading.Thread(target=self._watch, args=(name, child), name=f"watch {name}", daemon=True)
         waiter.start()
@@ -125,7 +147,7 @@ class Crew:
                 continue
         return self.running(*names)
 
-    def _watch(self, name: str, child: subprocess.Popen[str]) -> None:
+    def _watch(self, name: str, child: Child) -> None:
         stdout: IO[str] | None = child.stdout
         assert stdout is not None
         with stdout, self.log(name).open("a", encoding="utf-8") as log:

@@ -1,4 +1,4 @@
-"""``python -m armgate.apps.demo.child PID PACE …`` is ``armgate …`` that ends with process PID, its parent.
+"""``python -m armgate.apps.stack.child PID PACE …`` is ``armgate …`` that ends with process PID, its parent.
 
 PACE is ``clock`` or ``lockstep``: by the clock it is a real-time process, where that is allowed.
 

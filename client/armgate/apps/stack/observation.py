@@ -1,15 +1,18 @@
 """What the demo keeps of the states that it sees: the newest one, and the series for metrics and plots."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from armgate.client import Entry, State
 
 COLUMNS = (
     "time_s", "angle_error_rad", "distance_error_m", "distance_m", "focus_x_m", "focus_y_m", "focus_z_m",
-    "clearance_m", "repulsion", "progress",
+    "clearance_m", "repulsion", "progress", "emergency", "near_limit", "gate_follower", "gate_others",
+    "leader_x_m", "leader_y_m", "leader_z_m",
 )  # fmt: skip
 NAN = float("nan")
+_SEVERITY = {"admitted": 0.0, "limited": 1.0, "refused": 2.0}
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
@@ -17,6 +20,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 class Observation:
     """The run so far, from the state messages alone.
 
+    The gate's columns tell the worst that was decided since the last row: 0 admitted, 1 limited, 2 refused.
     A row of the series is one tick of the follower's robot. Smallest clearances and counts are running totals
     of the daemon, so they are complete even where this observer was too slow for a state.
 
@@ -24,6 +28,7 @@ class Observation:
         follower: The robot with the camera.
         state: The newest state.
         rows: The series, one tuple of ``COLUMNS`` a tick of the follower's robot.
+        positions: Measured positions of the follower's robot, one for each row, rad or m.
         first_time: Daemon time of the first state, s.
         nearest: The smallest distance seen between bodies that are not of one robot, and the two bodies.
         missed: Ticks by robot that never reached this observer.
@@ -32,12 +37,14 @@ class Observation:
     follower: str
     state: State | None = None
     rows: list[tuple[float, ...]] = field(default_factory=list)
+    positions: list[tuple[float, ...]] = field(default_factory=list)
     first_time: float = 0.0
     nearest: tuple[float, tuple[str, str]] | None = None
     missed: dict[str, int] = field(default_factory=dict)
     _warnings: dict[str, str] = field(default_factory=dict)
     _ticks: dict[str, int] = field(default_factory=dict)
     _signals: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    _counts: dict[str, Mapping[str, int]] = field(default_factory=dict)
 
     def take(self, state: State) -> None:
         """Adds one state."""
@@ -51,6 +58,7 @@ class Observation:
         if now is not None and (self.nearest is None or now < self.nearest):
             self.nearest = now
         if state.robot == self.follower:
+            self.positions.extend(entry.q or () for entry in state.entries if entry.robot == self.follower)
             self.rows.append(self._row(state, NAN if now is None else now[0]))
 
     @property
@@ -106,10 +114,25 @@ class Observation:
 
         focus = state.signals.get("follow.focus")
         place = (NAN, NAN, NAN) if focus is None else focus.value[:3]
+        apart = state.signals.get("follow.leader")
+        leader = place if apart is None else apart.value[:3]
         return (
             state.time - self.first_time, value("follow.angle_error"), value("follow.distance_error"),
             value("follow.distance"), *place, clearance, value("follow.repulsion"), value("lead.progress"),
+            value("follow.emergency"), value("follow.near_limit"), *self._gate(state), *leader,
         )  # fmt: skip
+
+    def _gate(self, state: State) -> tuple[float, float]:
+        """The worst outcome since the last row, of the follower's commands and of the others'."""
+        worst = [0.0, 0.0]
+        for entry in state.entries:
+            who = int(entry.robot != self.follower)
+            before = self._counts.get(entry.robot, {})
+            self._counts[entry.robot] = counts = entry.counts or {}
+            for key, number in counts.items():
+                if number > before.get(key, 0):
+                    worst[who] = max(worst[who], _SEVERITY.get(key.partition(":")[0], 0.0))
+        return worst[0], worst[1]
 
     @staticmethod
     def _nearest_now(state: State) -> tuple[float, tuple[str, str]] | None:

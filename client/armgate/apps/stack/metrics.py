@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.demo.observation import COLUMNS, Observation
+from armgate.apps.stack.observation import COLUMNS, Observation
 
 Array = NDArray[np.float64]
 

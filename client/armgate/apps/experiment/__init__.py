@@ -1,0 +1,1 @@
+"""``armgate experiment``: the experiments of the paper, through the whole stack, over many leader paths."""

@@ -1,0 +1,75 @@
+"""``armgate experiment``: runs the paper's experiments and judges its claims."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from armgate.apps.data import default_file
+
+if TYPE_CHECKING:
+    from armgate.apps.experiment.campaign import Campaign
+
+
+class Which(StrEnum):
+    """The experiments."""
+
+    APPROACH = "approach"
+    TRACKING = "tracking"
+    ZOOM = "zoom"
+    COLLISION = "collision"
+    ALL = "all"
+
+
+def experiment(
+    which: Annotated[Which, typer.Argument(help="Which experiment.", show_default=False)],
+    *,
+    file: Annotated[
+        Path | None,
+        typer.Option(help="Its file, instead of configs/experiments/….yaml.", show_default=False),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="The cell; the demo cell if none is named.", show_default=False)
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help="How many leader paths or starts.", show_default=False)
+    ] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="By the clock instead of in lock-step.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Folder of the run; runs/<time> if none is named.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Run the paper's experiments through the whole stack."""
+    from armgate.apps.errors import AppError, UsageError  # noqa: PLC0415
+    from armgate.apps.experiment.campaign import Campaign, Options  # noqa: PLC0415
+    from armgate.apps.experiment.scene import build_scene  # noqa: PLC0415
+    from armgate.apps.experiment.setup import load_experiment  # noqa: PLC0415
+    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
+
+    names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
+    if file is not None and len(names) > 1:
+        raise UsageError("--file is for one experiment; name it")
+    setups = {name: load_experiment(file or default_file(f"experiments/{name}.yaml")) for name in names}
+    if wrong := [name for name, setup in setups.items() if setup.experiment != name]:
+        raise UsageError(f"{file} describes {setups[wrong[0]].experiment}; expected {wrong[0]}")
+    scene = build_scene((config or default_file("demo.yaml"),))
+    campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
+    ended = campaign.run(setups)
+    _tell(campaign)
+    if not ended:
+        raise AppError(f"interrupted; {campaign.folder} holds what was run until then")
+
+
+def _tell(campaign: "Campaign") -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    for table in campaign.tables():
+        console.print(table)
+    console.print(f"{campaign.folder}: metrics.json, and report.html for each experiment", style="dim")

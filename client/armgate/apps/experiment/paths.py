@@ -1,0 +1,85 @@
+"""Where the leader's tool goes: as with a joystick, or straight at the follower."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SMOOTH = 0.3
+"""Time constant with which the robot follows the stick, twice in a row, s."""
+TURN = (0.4, 1.4)
+"""How long the stick stays where it is, s."""
+RELEASED = 0.15
+"""How often the stick is let go."""
+
+
+def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: float, period: float) -> Array:
+    """A tool's way under somebody's hands: full deflections in changing directions, with pauses.
+
+    Velocity follows the stick by two first-order lags, so that acceleration has no jumps. Near a side of the
+    box the stick points back inside.
+
+    Args:
+        seed: Of chance.
+        speed: Of full deflection, m/s; never exceeded.
+        middle: Of the box (3,), m; where it begins.
+        half: Half sides of the box (3,), m.
+        seconds: How long.
+        period: Time between two samples, s.
+
+    Returns:
+        Samples (k, 3), world, m.
+    """
+    rng = np.random.default_rng(seed)
+    p, v, command, stick = np.array(middle), np.zeros(3), np.zeros(3), np.zeros(3)
+    until, share, samples = 0.0, 1.0 - np.exp(-period / SMOOTH), []
+    for k in range(round(seconds / period) + 1):
+        samples.append(p)
+        if k * period >= until:
+            until = k * period + rng.uniform(*TURN)
+            stick = _deflection(rng)
+        end = p + 2.0 * SMOOTH * v  # about where it would come to rest
+        outside = np.abs(end - middle) > half
+        stick = np.where(outside, -np.sign(end - middle) * np.maximum(np.abs(stick), 0.5), stick)
+        stick = stick / max(1.0, float(np.linalg.norm(stick)))
+        command = command + share * (speed * stick - command)
+        v = v + share * (command - v)
+        p = p + period * v
+    return np.array(samples)
+
+
+def _deflection(rng: np.random.Generator) -> Array:
+    if rng.uniform() < RELEASED:
+        return np.zeros(3)
+    u = rng.normal(size=3)
+    return np.asarray(u / np.linalg.norm(u), dtype=np.float64)
+
+
+def dash(place: Array, seed: int, way: float, low: Array, high: Array) -> tuple[Array, Array]:
+    """Beginning and end (3,), m, of a straight way to a place, from a chance direction.
+
+    Args:
+        place: Where to (3,), m; cut to what the tool can reach.
+        seed: Of chance.
+        way: How long, m.
+        low: Where the tool can be, smallest coordinates (3,), m.
+        high: The same, largest.
+
+    Raises:
+        ValueError: No such way fits into where the tool can be.
+    """
+    rng = np.random.default_rng(seed)
+    end = np.clip(place, low, high)
+    for _ in range(100_000):
+        u = rng.normal(size=3)
+        begin = end + way * u / np.linalg.norm(u)
+        if ((begin >= low) & (begin <= high)).all():
+            return begin, end
+    raise ValueError(f"no straight way of {way:g} m to {end} within {low} to {high}")
+
+
+def straight(begin: Array, end: Array, speed: float, period: float) -> Array:
+    """Samples (k, 3), m, of the straight way from one place to another at a speed."""
+    steps = max(1, round(float(np.linalg.norm(end - begin)) / (speed * period)))
+    shares = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    return begin + shares * (end - begin)

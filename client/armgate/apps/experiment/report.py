@@ -1,0 +1,116 @@
+"""``report.html``: one page that needs nothing else, our figures beside the paper's."""
+
+import base64
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from armgate.apps.experiment.claims import Claim
+
+PAPER = {
+    "approach": "Three approaches; the angle falls monotonically, the distance need not (figure 8).",
+    "tracking": "Angle within ± 1°, distance within ± 2 cm, leader by gamepad (figure 9).",
+    "zoom": "The wanted distance is not reached while repulsion acts; the angle is unaffected (figure 10).",
+    "collision": "The focus is kept while (13) is inactive; repulsion goes before distance (figure 11).",
+}
+"""What the paper reports of each experiment."""
+SOURCE = (
+    "Bjerkeng, Transeth, Pettersen, Kyrkjebø, Fjerdingen: Active camera control with obstacle avoidance for "
+    "remote operations with industrial manipulators: Implementation and experimental results"
+)
+_CSS = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 2rem auto; padding: 1rem }
+h1, h2 { line-height: 1.2 } table { border-collapse: collapse; margin: 1rem 0; width: 100% }
+td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
+td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
+.yes { color: #1d7a3e; font-weight: 600 } .no { color: #b3261e; font-weight: 600 } .none { color: #777 }
+img { max-width: 100% } .paper { background: #f3f5f7; padding: .6rem 1rem; border-left: 3px solid #1f4e79 }
+"""
+_HOLDS = {
+    True: '<td class="yes">holds</td>',
+    False: '<td class="no">does not hold</td>',
+    None: '<td class="none">–</td>',
+}
+
+
+def page(
+    experiment: str,
+    claims: Sequence[Claim],
+    aggregate: Mapping[str, Any],
+    pictures: Sequence[tuple[str, Path]],
+) -> str:
+    """The page.
+
+    Args:
+        experiment: Which one.
+        claims: Its rows.
+        aggregate: By case, as in ``metrics.json``.
+        pictures: Captions and PNG files, which are put into the page.
+    """
+    title = f"armgate: {experiment}"
+    parts = [
+        "<!doctype html>", '<html lang="en"><meta charset="utf-8">', f"<title>{html.escape(title)}</title>",
+        f"<style>{_CSS}</style>", f"<h1>{html.escape(title)}</h1>",
+        f'<p class="paper"><b>The paper:</b> {html.escape(PAPER[experiment])}</p>',
+        "<h2>Claims</h2>", _claims(claims), "<h2>Cases</h2>", _cases(aggregate), "<h2>Pictures</h2>",
+        *(_picture(caption, file) for caption, file in pictures), f"<p>Paper: {html.escape(SOURCE)}.</p>",
+        "</html>",
+    ]  # fmt: skip
+    return "\n".join(parts) + "\n"
+
+
+def _claims(claims: Sequence[Claim]) -> str:
+    rows = [
+        f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.goal)}</td>'
+        f'<td class="n">{_number(c.value)} {html.escape(c.unit)}</td>{_HOLDS[c.holds]}</tr>'
+        for c in claims
+    ]  # fmt: skip
+    return _table(("claim", "goal", "worst of all runs", ""), rows)
+
+
+def _cases(aggregate: Mapping[str, Any]) -> str:
+    rows = []
+    for case, sums in aggregate.items():
+        angle, distance = sums["angle_error_deg"], sums["distance_error_m"]
+        cells = (
+            str(sums["runs"]), f"{_number(angle['max'])}° / {_number(angle['rms'])}°",
+            f"{_number(distance['max'], 1000)} / {_number(distance['rms'], 1000)} mm",
+            f"{_number(sums['min_clearance_m'], 1000)} mm", _robots(sums["limited"]),
+            _robots(sums["refused"]),
+            f"{_number(sums['realtime_factor'])} ×",
+        )  # fmt: skip
+        rows.append(
+            f"<tr><td>{html.escape(case)}</td>" + "".join(f'<td class="n">{c}</td>' for c in cells) + "</tr>"
+        )
+    heads = (
+        "case",
+        "runs",
+        "angle, max / RMS",
+        "distance, max / RMS",
+        "least clearance",
+        "limited",
+        "refused",
+        "pace",
+    )
+    return _table(heads, rows)
+
+
+def _robots(numbers: Mapping[str, int]) -> str:
+    return ", ".join(f"{html.escape(name)} {number}" for name, number in numbers.items())
+
+
+def _table(heads: Sequence[str], rows: Sequence[str]) -> str:
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
+    return f"<table><tr>{head}</tr>{''.join(rows)}</table>"
+
+
+def _picture(caption: str, file: Path) -> str:
+    data = base64.b64encode(file.read_bytes()).decode("ascii")
+    text = html.escape(caption)
+    image = f'<img alt="{text}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
+
+
+def _number(value: float | None, scale: float = 1.0) -> str:
+    return "–" if value is None else f"{scale * value:.3g}"

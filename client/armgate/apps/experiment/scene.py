@@ -1,0 +1,165 @@
+"""The cell of the experiments: who leads, who follows, and places of theirs that runs are made of."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.apps.errors import UsageError
+from armgate.cell.cell import Robot, build_cell
+from armgate.cell.config import load_config
+from armgate.control.spheres import Spheres
+from armgate.control.view import view_errors
+
+Array = NDArray[np.float64]
+
+SPREAD = (2.6, 0.7, 0.8, 2.5, 1.6, 2.5)
+"""How far starts lie from the configured one, rad a joint."""
+CLEAR = 0.08
+"""Bounding spheres of a start are this far from the leader and the floor, m …"""
+CLEAR_ITSELF = 0.025
+"""… and from each other."""
+NOT_BEHIND = 145.0
+"""A start at a limit has the leader's tool no farther off its view axis, degrees."""
+TRIES = 20_000
+"""How many positions are tried for a start, from near the configured one to anywhere."""
+NEIGHBOURS = 3
+"""Spheres whose joints are no farther apart than this touch by construction, or cannot meet."""
+_CARRIAGE = 3
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Two robots of a cell.
+
+    Attributes:
+        configs: Files of the cell's configuration.
+        follower: Carries the camera.
+        leader: Carries its tool around with three prismatic joints along the world's axes.
+    """
+
+    configs: tuple[Path, ...]
+    follower: Robot
+    leader: Robot
+
+    @cached_property
+    def spheres(self) -> tuple[Spheres, Spheres]:
+        """Bounding spheres of follower and leader."""
+        return Spheres.of(self.follower.model), Spheres.of(self.leader.model)
+
+    @property
+    def tool(self) -> Array:
+        """Place of the leader's tool at its start (3,), m."""
+        t: Array = self.leader.model.frame(self.leader.start, self.leader.tool).t
+        return t
+
+    def carried(self, tool: Array) -> Array:
+        """The leader's positions (k, n) that bring its tool to places (k, 3) in its configured posture."""
+        q = np.repeat(self.leader.start[None], len(tool), axis=0)
+        q[:, :_CARRIAGE] += tool - self.tool
+        return q
+
+    def reach(self) -> tuple[Array, Array]:
+        """Smallest and largest coordinates (3,) of the tool, a hand's breadth from the carriage's ends, m."""
+        own = self.leader
+        low = self.tool + own.lower[:_CARRIAGE] - own.start[:_CARRIAGE] + 0.02
+        high = self.tool + own.upper[:_CARRIAGE] - own.start[:_CARRIAGE] - 0.02
+        return low, high
+
+
+def build_scene(configs: tuple[Path, ...]) -> Scene:
+    """The scene of a cell: its robot with a camera follows, the first other one leads.
+
+    Raises:
+        ConfigError: The configuration has an error.
+        UsageError: There is no such robot, or the leader cannot carry its tool along the world's axes.
+    """
+    cell = build_cell(load_config(configs))
+    followers = [robot for robot in cell.robots if robot.camera]
+    leaders = [robot for robot in cell.robots if robot not in followers[:1]]
+    if not followers or not leaders:
+        raise UsageError(f"cell {cell.config.name!r}: expected a robot with a camera, and another one")
+    scene = Scene(configs, followers[0], leaders[0])
+    _check_carriage(scene)
+    return scene
+
+
+def _check_carriage(scene: Scene) -> None:
+    own = scene.leader
+    moved = np.array([0.01, 0.02, -0.03])
+    q = np.array(own.start)
+    fits = len(q) >= _CARRIAGE and all(joint.kind == "prismatic" for joint in own.model.joints[:_CARRIAGE])
+    if fits:
+        q[:_CARRIAGE] += moved
+        fits = bool(np.allclose(own.model.frame(q, own.tool).t - scene.tool, moved, atol=1e-9))
+    if not fits:
+        raise UsageError(
+            f"robot {own.name!r} cannot lead: expected three prismatic joints along x, y and z first"
+        )
+
+
+def off_axis_start(scene: Scene, seed: int) -> Array:
+    """A start of the follower (n,) clear of everything, the leader's tool 30° to 150° off the view axis."""
+    rng, robot = np.random.default_rng(seed), scene.follower
+    q: Array
+    spread = np.resize(SPREAD, robot.model.n)
+    while True:
+        q = robot.start + rng.uniform(-1.0, 1.0, robot.model.n) * spread
+        if 30.0 < _off_axis(scene, q) < 150.0 and _share(robot, q) < 0.95 and clear(scene, q):
+            return q
+
+
+def limit_starts(scene: Scene, share: float) -> list[Array]:
+    """Starts of the follower (n,), one at each limit of each joint, the others as they are configured.
+
+    Where that is not clear of everything, or the leader's tool is behind the camera, other joints are moved
+    by chance until neither is so.
+    """
+    return [
+        _limit_start(scene, joint, sign * share)
+        for joint in range(scene.follower.model.n)
+        for sign in (-1.0, 1.0)
+    ]
+
+
+def _limit_start(scene: Scene, joint: int, share: float) -> Array:
+    robot, rng = scene.follower, np.random.default_rng(joint)
+    middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
+    for spread in np.linspace(0.0, 2.0, TRIES):
+        q = robot.start + spread * rng.uniform(-1.0, 1.0, len(half)) * half
+        q = np.clip(q, middle - 0.9 * half, middle + 0.9 * half)
+        q[joint] = middle[joint] + share * half[joint]
+        if _off_axis(scene, q) < NOT_BEHIND and clear(scene, q):
+            return q
+    raise UsageError(f"no start of {robot.name} at {share:g} of the range of joint {joint} is clear")
+
+
+def _off_axis(scene: Scene, q: Array) -> float:
+    """Angle between the view axis at q (n,) and the leader's tool, degrees."""
+    robot = scene.follower
+    return float(np.degrees(view_errors(robot.model, str(robot.camera), q, scene.tool, 1.0)[0]))
+
+
+def _share(robot: Robot, q: Array) -> float:
+    middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
+    return float((np.abs(q - middle) / half).max())
+
+
+def clear(scene: Scene, q: Array) -> bool:
+    """Whether the follower at q (n,) is certainly clear of the floor, the leader and itself."""
+    spheres, others = scene.spheres
+    centres, around = spheres.centres(q), others.centres(scene.leader.start)
+    if (centres[:, 2] - spheres.radii)[np.array(spheres.joints) > 0].min() < CLEAR:
+        return False
+    if _gaps(centres, spheres.radii, around, others.radii).min() < CLEAR:
+        return False
+    joints = np.array(spheres.joints)
+    apart = np.abs(joints[:, None] - joints) > NEIGHBOURS
+    return bool(_gaps(centres, spheres.radii, centres, spheres.radii)[apart].min() > CLEAR_ITSELF)
+
+
+def _gaps(a: Array, ra: Array, b: Array, rb: Array) -> Array:
+    gaps: Array = np.linalg.norm(a[:, None] - b, axis=2) - ra[:, None] - rb
+    return gaps

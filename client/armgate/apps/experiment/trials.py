@@ -1,0 +1,125 @@
+"""From an experiment's file to the runs of the stack that it is made of."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.apps.experiment.paths import dash, joystick, straight
+from armgate.apps.experiment.scene import Scene, limit_starts, off_axis_start
+from armgate.apps.experiment.setup import Approach, Collision, Experiment, Tracking, Zoom
+from armgate.control.spheres import Spheres
+
+Array = NDArray[np.float64]
+
+LIMIT_SECONDS = 10.0
+"""How long a start at a joint's limit may take, s."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run of the stack.
+
+    Attributes:
+        case: Which of the experiment's cases.
+        seed: Of its path, or number of its start.
+        lag: Of the robots, s.
+        follow: Options of ``armgate follow``.
+        start: Of the follower (n,); None: as configured.
+        path: Of the leader's tool (k, 3), world, one sample a tick; None: it rests.
+        zoom: Options of ``armgate zoom``; None: nobody zooms.
+        seconds: How long the follower follows; None: until the leader is done.
+    """
+
+    case: str
+    seed: int
+    lag: float
+    follow: tuple[str, ...] = ()
+    start: Array | None = field(default=None, compare=False)
+    path: Array | None = field(default=None, compare=False)
+    zoom: tuple[str, ...] | None = None
+    seconds: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.case}-{self.seed}"
+
+
+def trials(experiment: Experiment, scene: Scene, seeds: int | None = None) -> list[Trial]:
+    """The runs of an experiment; ``seeds`` overrides its number of seeds."""
+    numbers = range(experiment.first_seed, experiment.first_seed + (seeds or experiment.seeds))
+    match experiment:
+        case Approach():
+            return list(_approaches(experiment, scene, numbers, None if seeds is None else 2 * seeds))
+        case Tracking():
+            return list(_tours(experiment, scene, numbers))
+        case Zoom():
+            return list(_zooms(experiment, scene, numbers))
+        case Collision():
+            return list(_dashes(experiment, scene, numbers))
+
+
+def _view(experiment: Experiment) -> tuple[str, ...]:
+    return ("--distance", str(experiment.distance))
+
+
+def _approaches(experiment: Approach, scene: Scene, seeds: range, limits: int | None) -> Iterator[Trial]:
+    for seed in seeds:
+        start = off_axis_start(scene, seed)
+        yield Trial(
+            "approach", seed, experiment.lag, _view(experiment), start=start, seconds=experiment.seconds
+        )
+    for number, start in enumerate(limit_starts(scene, experiment.limit_share)[:limits]):
+        yield Trial("limit", number, experiment.lag, _view(experiment), start=start, seconds=LIMIT_SECONDS)
+
+
+def _tours(experiment: Tracking, scene: Scene, seeds: range) -> Iterator[Trial]:
+    middle, half = np.array(experiment.box.middle), np.array(experiment.box.half)
+    period = scene.leader.period
+    for case in experiment.cases:
+        predict = "--predict" if case.predict else "--no-predict"
+        for seed in seeds:
+            path = joystick(seed, case.speed, middle, half, seconds=experiment.seconds, period=period)
+            yield Trial(case.name, seed, case.lag, (*_view(experiment), predict), path=path)
+
+
+def _zooms(experiment: Zoom, scene: Scene, seeds: range) -> Iterator[Trial]:
+    middle, half = np.array(experiment.box.middle), np.array(experiment.box.half)
+    period, speed = scene.leader.period, experiment.speed
+    zoom: tuple[str, ...] = (
+        "--low",
+        str(experiment.low),
+        "--high",
+        str(experiment.high),
+        "--rate",
+        str(experiment.rate),
+    )
+    zoom += ("--start", str(experiment.distance))
+    for seed in seeds:
+        path = joystick(seed, speed, middle, half, seconds=experiment.seconds, period=period)
+        own = (*zoom, "--seed", str(seed))
+        yield Trial("zoom", seed, experiment.lag, _view(experiment), path=path, zoom=own)
+
+
+def _dashes(experiment: Collision, scene: Scene, seeds: range) -> Iterator[Trial]:
+    spheres = Spheres.of(scene.follower.model)
+    centres = spheres.centres(scene.follower.start)
+    links = sorted(set(spheres.bodies))
+    focus = ("--focus", *map(str, experiment.focus))
+    for speed in experiment.speeds:
+        for seed in seeds:
+            link = links[seed % len(links)]
+            place = centres[[body == link for body in spheres.bodies]].mean(axis=0)
+            begin, end = dash(place, seed, experiment.way, *scene.reach())
+            path = straight(begin, end, speed, scene.leader.period)
+            seconds = experiment.way / speed + experiment.seconds
+            yield Trial(
+                f"dash-{speed:g}",
+                seed,
+                experiment.lag,
+                (*_view(experiment), *focus),
+                path=path,
+                seconds=seconds,
+            )

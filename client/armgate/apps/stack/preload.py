@@ -1,0 +1,15 @@
+"""What the nursery's children have in common, loaded before they are forked; importing this does it."""
+
+import importlib
+
+from armgate.apps.cli import commands
+from armgate.control.compiled import prepare
+
+LIBRARIES = ("msgpack", "pydantic", "pinocchio", "coal", "fcl", "yaml", "asyncio", "ssl")
+OURS = ("armgate.apps.follow.loop", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell")
+
+for name in (*LIBRARIES, *OURS):
+    importlib.import_module(name)
+for name in ("serve", "follow", "lead"):
+    commands()[name].load()
+prepare()

@@ -1,0 +1,1 @@
+"""``armgate zoom``: changes the wanted view distance as an operator would."""
