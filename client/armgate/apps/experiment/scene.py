@@ -21,7 +21,7 @@ CLEAR = 0.08
 """Bounding spheres of a start are this far from the leader and the floor, m …"""
 CLEAR_ITSELF = 0.025
 """… and from each other."""
-NOT_BEHIND = 145.0
+NOT_BEHIND = 80.0
 """A start at a limit has the leader's tool no farther off its view axis, degrees."""
 TRIES = 20_000
 """How many positions are tried for a start, from near the configured one to anywhere."""
