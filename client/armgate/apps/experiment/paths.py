@@ -9,6 +9,12 @@ SMOOTH = 0.3
 """Time constant with which the robot follows the stick, twice in a row, s."""
 TURN = (0.4, 1.4)
 """How long the stick stays where it is, s."""
+TRIES = 2_000
+"""Directions that are tried for a dash before it ends farther behind its place."""
+FINER = 3
+"""How many steps of the hands make one sample."""
+FULL = 0.999
+"""Share of the largest speed that is reached: what is read from a file is rounded."""
 RELEASED = 0.15
 """How often the stick is let go."""
 
@@ -21,22 +27,33 @@ def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: fl
 
     Args:
         seed: Of chance.
-        speed: Of full deflection, m/s; never exceeded.
+        speed: Largest, m/s; it is reached.
         middle: Of the box (3,), m; where it begins.
         half: Half sides of the box (3,), m.
-        seconds: How long.
+        seconds: About how long; the way is played faster as a whole where it would not reach its speed.
         period: Time between two samples, s.
 
     Returns:
         Samples (k, 3), world, m.
     """
-    rng = np.random.default_rng(seed)
+    fine = period / FINER
+    way = _under_hands(np.random.default_rng(seed), speed, middle, half, round(seconds / fine) + 1, fine)
+    fastest = float(np.linalg.norm(np.diff(way, axis=0), axis=1).max()) / fine
+    pace = FULL * speed / fastest
+    times = np.arange(0.0, (len(way) - 1) * fine / pace, period) * pace
+    columns = [np.interp(times, fine * np.arange(len(way)), way[:, axis]) for axis in range(3)]
+    return np.column_stack(columns)
+
+
+def _under_hands(
+    rng: np.random.Generator, speed: float, middle: Array, half: Array, count: int, step: float
+) -> Array:
     p, v, command, stick = np.array(middle), np.zeros(3), np.zeros(3), np.zeros(3)
-    until, share, samples = 0.0, 1.0 - np.exp(-period / SMOOTH), []
-    for k in range(round(seconds / period) + 1):
+    until, share, samples = 0.0, 1.0 - np.exp(-step / SMOOTH), []
+    for k in range(count):
         samples.append(p)
-        if k * period >= until:
-            until = k * period + rng.uniform(*TURN)
+        if k * step >= until:
+            until = k * step + rng.uniform(*TURN)
             stick = _deflection(rng)
         end = p + 2.0 * SMOOTH * v  # about where it would come to rest
         outside = np.abs(end - middle) > half
@@ -44,7 +61,7 @@ def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: fl
         stick = stick / max(1.0, float(np.linalg.norm(stick)))
         command = command + share * (speed * stick - command)
         v = v + share * (command - v)
-        p = p + period * v
+        p = p + step * v
     return np.array(samples)
 
 
@@ -56,7 +73,9 @@ def _deflection(rng: np.random.Generator) -> Array:
 
 
 def dash(place: Array, seed: int, way: float, low: Array, high: Array) -> tuple[Array, Array]:
-    """Beginning and end (3,), m, of a straight way to a place, from a chance direction.
+    """Beginning and end (3,), m, of a straight way that ends at a place, from a chance direction.
+
+    Where the tool cannot be as far away as that, the way goes through the place and ends behind it.
 
     Args:
         place: Where to (3,), m; cut to what the tool can reach.
@@ -69,13 +88,14 @@ def dash(place: Array, seed: int, way: float, low: Array, high: Array) -> tuple[
         ValueError: No such way fits into where the tool can be.
     """
     rng = np.random.default_rng(seed)
-    end = np.clip(place, low, high)
-    for _ in range(100_000):
+    place = np.clip(place, low, high)
+    for beyond in np.repeat(np.linspace(0.0, 0.5 * way, 11), TRIES):
         u = rng.normal(size=3)
-        begin = end + way * u / np.linalg.norm(u)
-        if ((begin >= low) & (begin <= high)).all():
+        u /= np.linalg.norm(u)
+        begin, end = place + (way - beyond) * u, place - beyond * u
+        if all(((p >= low) & (p <= high)).all() for p in (begin, end)):
             return begin, end
-    raise ValueError(f"no straight way of {way:g} m to {end} within {low} to {high}")
+    raise ValueError(f"no straight way of {way:g} m to {place} within {low} to {high}")
 
 
 def straight(begin: Array, end: Array, speed: float, period: float) -> Array:

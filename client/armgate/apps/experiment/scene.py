@@ -128,7 +128,7 @@ def _limit_start(scene: Scene, joint: int, share: float) -> Array:
     robot, rng = scene.follower, np.random.default_rng(joint)
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
     for spread in np.linspace(0.0, 2.0, TRIES):
-        q = robot.start + spread * rng.uniform(-1.0, 1.0, len(half)) * half
+        q: Array = robot.start + spread * rng.uniform(-1.0, 1.0, len(half)) * half
         q = np.clip(q, middle - 0.9 * half, middle + 0.9 * half)
         q[joint] = middle[joint] + share * half[joint]
         if _off_axis(scene, q) < NOT_BEHIND and clear(scene, q):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +79,16 @@ def _approaches(experiment: Approach, scene: Scene, seeds: range, limits: int | 
 def _tours(experiment: Tracking, scene: Scene, seeds: range) -> Iterator[Trial]:
     middle, half = np.array(experiment.box.middle), np.array(experiment.box.half)
     period = scene.leader.period
+
+    @cache
+    def path(seed: int, speed: float) -> Array:
+        return joystick(seed, speed, middle, half, seconds=experiment.seconds, period=period)
+
     for case in experiment.cases:
         predict = "--predict" if case.predict else "--no-predict"
         for seed in seeds:
-            path = joystick(seed, case.speed, middle, half, seconds=experiment.seconds, period=period)
-            yield Trial(case.name, seed, case.lag, (*_view(experiment), predict), path=path)
+            own = path(seed, case.speed)
+            yield Trial(case.name, seed, case.lag, (*_view(experiment), predict), path=own)
 
 
 def _zooms(experiment: Zoom, scene: Scene, seeds: range) -> Iterator[Trial]:

@@ -1,0 +1,219 @@
+"""Experiments without the stack: files, paths, starts, figures, claims, pages."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgate.apps.data import default_file
+from armgate.apps.errors import UsageError
+from armgate.apps.experiment.claims import aggregate, claims
+from armgate.apps.experiment.figures import evaluate, recently
+from armgate.apps.experiment.paths import dash, joystick, straight
+from armgate.apps.experiment.report import page
+from armgate.apps.experiment.scene import Scene, build_scene, clear
+from armgate.apps.experiment.setup import load_experiment
+from armgate.apps.experiment.stack import plan
+from armgate.apps.experiment.trials import Trial, trials
+from armgate.apps.stack.observation import COLUMNS, Observation
+from armgate.cell.errors import ConfigError
+
+T = 0.012
+MIDDLE, HALF = np.array([2.0, 0.0, 1.0]), np.array([0.3, 0.7, 0.35])
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene((default_file("demo.yaml"),))
+
+
+# --- files and runs -----------------------------------------------------------------------------------------
+
+
+def test_an_error_in_a_file_names_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "x.yaml"
+    file.write_text("armgate: 1\nexperiment: zoom\nseeds: none\n")
+    with pytest.raises(ConfigError, match=r"(?s)x\.yaml:1: speed: .*x\.yaml:3: seeds: 'none'"):
+        load_experiment(file)
+    file.write_text("armgate: 1\nexperiment: juggling\n")
+    with pytest.raises(ConfigError, match=r"x\.yaml:2: experiment: .*'approach', 'tracking'"):
+        load_experiment(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "runs"), [("approach", 3 + 6), ("tracking", 9 * 3), ("zoom", 3), ("collision", 2 * 3)]
+)
+def test_the_experiments_that_come_with_armgate(scene: Scene, name: str, runs: int) -> None:
+    found = trials(load_experiment(default_file(f"experiments/{name}.yaml")), scene, seeds=3)
+    assert len({trial.name for trial in found}) == len(found) == runs
+    low, high = scene.reach()
+    for trial in found:
+        assert trial.start is None or clear(scene, trial.start)
+        assert trial.path is None or ((trial.path >= low - 0.02) & (trial.path <= high + 0.02)).all()
+
+
+def test_a_trial_becomes_processes_and_files(scene: Scene, tmp_path: Path) -> None:
+    path = straight(scene.tool, scene.tool + np.array([0.0, 0.1, 0.0]), 0.25, T)
+    trial = Trial("zoom", 7, 0.12, ("--distance", "1.0"), path=path, zoom=("--seed", "7"))
+    planned = plan(trial, scene, tmp_path, realtime=False)
+    assert planned.daemon()[-2:] == ["--lockstep", "leader,follower,operator"]
+    follow = planned.controller("follower", "h:1")
+    assert follow[:8] == ["follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12"]
+    assert planned.controller("operator", "h:1") == ["zoom", "h:1", "--seed", "7", "--name", "operator"]
+    moved = build_scene((*scene.configs, tmp_path / "overlay.yaml"))
+    np.testing.assert_allclose(moved.tool, path[0], atol=1e-12)
+    assert moved.follower.config.link.lag == 0.12
+
+
+def test_a_leader_that_cannot_carry_its_tool_is_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text("armgate: 1\nrobots: {FR: {camera: null}, GR: {camera: tool0}}\n")
+    with pytest.raises(UsageError, match="'FR' cannot lead"):
+        build_scene((default_file("demo.yaml"), other))
+
+
+# --- paths ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.0])
+def test_the_joystick_moves_the_tool_smoothly_within_its_box(speed: float) -> None:
+    for seed in range(5):
+        path = joystick(seed, speed, MIDDLE, HALF, seconds=20.0, period=T)
+        velocity = np.diff(path, axis=0) / T
+        assert np.linalg.norm(velocity, axis=1).max() == pytest.approx(speed, rel=0.01)
+        assert np.abs(np.diff(velocity, axis=0)).max() / T < 4.0
+        assert (np.abs(path - MIDDLE) < HALF + 0.3).all()
+        np.testing.assert_array_equal(path, joystick(seed, speed, MIDDLE, HALF, seconds=20.0, period=T))
+
+
+def test_a_dash_is_straight_and_as_long_as_wanted(scene: Scene) -> None:
+    low, high = scene.reach()
+    begin, end = dash(np.array([0.5, 0.2, 0.9]), 3, 2.5, low, high)
+    assert np.linalg.norm(end - begin) == pytest.approx(2.5)
+    steps = np.linalg.norm(np.diff(straight(begin, end, 0.5, T), axis=0), axis=1)
+    np.testing.assert_allclose(steps, 0.5 * T, rtol=0.01)
+    with pytest.raises(ValueError, match="no straight way of 9 m"):
+        dash(end, 3, 9.0, low, high)
+
+
+# --- figures ------------------------------------------------------------------------------------------------
+
+
+def observed(**columns: Any) -> Observation:
+    """A run of four seconds in which all is zero but what is named."""
+    count = 400
+    table = {name: np.zeros(count) for name in COLUMNS} | {"time_s": 0.01 * np.arange(count)}
+    table |= {name: np.broadcast_to(values, count) for name, values in columns.items()}
+    seen = Observation("FR")
+    seen.rows = [tuple(row) for row in np.array([table[name] for name in COLUMNS]).T]
+    seen.positions = [(0.0,)] * count
+    return seen
+
+
+def test_what_was_recently_so() -> None:
+    time = np.arange(6.0)
+    assert recently(time, time == 1.0, 2.0).tolist() == [False, True, True, True, False, False]
+
+
+def test_an_approach_that_rises_or_ends_off_is_seen() -> None:
+    fall = np.radians(np.linspace(60.0, 0.0, 400))
+    good = evaluate(Trial("approach", 0, 0.0), observed(angle_error_rad=fall))
+    assert (good["rise_deg"], good["start_angle_deg"]) == (0.0, pytest.approx(60.0))
+    assert good["settled_s"] == pytest.approx(3.99, abs=0.02)
+    bad = evaluate(Trial("approach", 0, 0.0), observed(angle_error_rad=fall[::-1], distance_error_m=0.1))
+    assert bad["rise_deg"] == pytest.approx(60.0)
+    assert bad["settled_s"] is None
+
+
+def test_in_a_dash_the_angle_counts_where_nothing_excuses_it() -> None:
+    time = 0.01 * np.arange(400)
+    peak = np.where(np.abs(time - 3.0) < 0.1, np.radians(5.0), 0.0)
+    trial = Trial("dash-0.5", 0, 0.03)
+    free = evaluate(trial, observed(angle_error_rad=peak))
+    assert (free["free_angle_deg"], free["follower_refused"]) == (pytest.approx(5.0), False)
+    refused = np.where(np.abs(time - 2.5) < 0.1, 2.0, 0.0)
+    excused = evaluate(trial, observed(angle_error_rad=peak, gate_follower=refused))
+    assert (excused["free_angle_deg"], excused["follower_refused"]) == (0.0, True)
+
+
+def test_while_zooming_the_distance_counts_where_repulsion_is_long_gone() -> None:
+    time = 0.01 * np.arange(400)
+    pushed = (time > 2.1) & (time < 2.5)
+    found = evaluate(
+        Trial("zoom", 0, 0.03, zoom=()), observed(repulsion=pushed, distance_error_m=0.3 * (time > 2.2))
+    )
+    assert found["quiet_distance_m"] == 0.0
+    assert 0.0 < found["quiet_share"] < 0.1
+
+
+# --- claims -------------------------------------------------------------------------------------------------
+
+
+def entry(case: str, **changes: Any) -> dict[str, Any]:
+    one = {
+        "case": case, "seed": 1, "angle_error_deg": {"max": 0.1, "rms": 0.05}, "stop_distance_m": 0.05,
+        "distance_error_m": {"max": 0.001, "rms": 0.0005}, "min_clearance_m": 0.2, "late_commands": 0,
+        "states_missed": {}, "duration_s": 2.0, "realtime_factor": 4.0,
+        "verdicts": {"FR": {"admitted": 5, "limited": {"acceleration": 2}, "refused": {}}},
+    }  # fmt: skip
+    return one | changes
+
+
+def dashed(refused: int, of: int, **changes: Any) -> list[dict[str, Any]]:
+    common = {"free_angle_deg": 0.2, "leader_refused": True} | changes
+    return [entry("dash-0.5", follower_refused=k < refused, **common) for k in range(of)]
+
+
+def holding(rows: Any, text: str) -> bool | None:
+    (found,) = [row.holds for row in rows if text in row.claim]
+    return found  # type: ignore[no-any-return]
+
+
+def test_claims_hold_as_long_as_every_run_does() -> None:
+    rows = claims("tracking", [entry("slow"), entry("slow", angle_error_deg={"max": 0.9, "rms": 0.5})])
+    assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is True
+    assert holding(rows, "0.5 m/s, no lag, with prediction: angle") is None  # not tried
+    rows = claims("tracking", [entry("slow"), entry("slow", angle_error_deg={"max": 1.1, "rms": 0.5})])
+    assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is False
+    rows = claims("tracking", [entry("slow", angle_error_deg={"max": None, "rms": None})])
+    assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is False  # never came so far
+
+
+def test_prediction_is_compared_seed_by_seed() -> None:
+    without = entry("fast", angle_error_deg={"max": 1.0, "rms": 0.6})
+    for rms, holds in ((0.19, True), (0.21, False)):
+        rows = claims(
+            "tracking", [without, entry("fast-predicted", angle_error_deg={"max": 1.0, "rms": rms})]
+        )
+        assert holding(rows, "0.5 m/s: RMS") is holds
+
+
+@pytest.mark.parametrize(("refused", "holds"), [(4, True), (5, False)])
+def test_a_tenth_of_the_dashes_may_refuse_the_follower(refused: int, holds: bool) -> None:
+    assert holding(claims("collision", dashed(refused, 40)), "follower is refused") is holds
+
+
+def test_what_no_run_may_do() -> None:
+    rows = claims("collision", dashed(0, 2, min_clearance_m=0.049, late_commands=1, states_missed={"FR": 3}))
+    assert [row.holds for row in rows[-3:]] == [False, False, False]
+    assert [row.holds for row in claims("collision", dashed(0, 2))[-3:]] == [True, True, True]
+
+
+def test_cases_are_summed_up() -> None:
+    sums = aggregate([entry("slow"), entry("slow", min_clearance_m=0.1), entry("fast")])
+    assert list(sums) == ["slow", "fast"]
+    assert (sums["slow"]["runs"], sums["slow"]["min_clearance_m"]) == (2, 0.1)
+    assert sums["slow"]["limited"] == {"FR": 4}
+    assert sums["slow"]["realtime_factor"] == pytest.approx(4.0)
+
+
+def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
+    picture = tmp_path / "p.png"
+    picture.write_bytes(b"\x89PNG")
+    entries = dashed(1, 2)
+    text = page("collision", claims("collision", entries), aggregate(entries), [("<dash>", picture)])
+    assert "data:image/png;base64,iVBORw==" in text
+    assert "&lt;dash&gt;" in text
+    assert "does not hold" in text
+    assert "http" not in text
