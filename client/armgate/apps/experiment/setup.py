@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from armgate.cell.config import Duration, Length, Name, Part, Period, Size, Speed
 from armgate.cell.explain import explained
 from armgate.cell.source import read_tree
+from armgate.cell.values import Duration, Length, Name, Part, Period, Size, Speed
 
 Point = tuple[Length, Length, Length]
 Seeds = Annotated[int, Field(ge=1, le=10_000)]

@@ -69,7 +69,7 @@ def plan(trial: Trial, scene: Scene, folder: Path, realtime: bool) -> Plan:
     )  # fmt: skip
     if trial.zoom is not None:
         crew[OPERATOR] = ("zoom", *trial.zoom)
-    return Plan((*scene.configs, overlay), follower, crew, not realtime, until=(FOLLOWER,))
+    return Plan((*scene.configs, overlay), follower, crew, not realtime, until=(FOLLOWER,), record=folder)
 
 
 def _overlay(trial: Trial, scene: Scene) -> dict[str, Any]:

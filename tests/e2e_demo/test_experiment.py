@@ -1,0 +1,129 @@
+"""The paper's experiments as a user starts them, made short: every process, every file, every figure."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ARMGATE = [sys.executable, "-m", "armgate.apps"]
+DEMO = Path(__file__).parents[2] / "configs" / "demo.yaml"
+TOUR = DEMO.parent / "paths" / "inspection.csv"
+HEAD = "armgate: 1\nseeds: 9\nfirst_seed: 7\n"
+BOX = "box: {middle: [2.0, 0, 1.0], half: [0.3, 0.7, 0.35]}\n"
+TRACKING = f"""{HEAD}experiment: tracking
+seconds: 2.5
+{BOX}cases:
+  - {{name: slow, speed: 0.25 m/s, lag: 0 ms, predict: false}}
+  - {{name: slow-predicted, speed: 0.25 m/s, lag: 0 ms, predict: true}}
+"""
+ZOOM = f"{HEAD}experiment: zoom\nseconds: 3.5\nspeed: 0.1\nlag: 30 ms\nlow: 0.9\nhigh: 1.1\nrate: 0.1\n{BOX}"
+COLLISION = f"""{HEAD}experiment: collision
+seconds: 0.1
+focus: [2.0, 0, 1.0]
+way: 1.5
+speeds: [1.0]
+lag: 30 ms
+"""
+
+
+def experiment(name: str, text: str, folder: Path, *options: str) -> dict[str, Any]:
+    """Runs it; the content of its ``metrics.json``."""
+    file = folder / f"{name}.yaml"
+    file.write_text(text)
+    command = [*ARMGATE, "experiment", name, "--file", str(file), "--seeds", "1", "--out", "run", *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "claim" in done.stdout
+    found: dict[str, Any] = json.loads((folder / "run" / name / "metrics.json").read_text())
+    together = json.loads((folder / "run" / "metrics.json").read_text())
+    assert together["claims"] == [{"experiment": name, **row} for row in found["claims"]]
+    page = (folder / "run" / name / "report.html").read_text()
+    assert page.count("data:image/png") == len(found["aggregate"])
+    return found
+
+
+def holding(found: dict[str, Any], text: str) -> bool | None:
+    (holds,) = [row["holds"] for row in found["claims"] if text in row["claim"]]
+    return holds  # type: ignore[no-any-return]
+
+
+def test_tracking(tmp_path: Path) -> None:
+    found = experiment("tracking", TRACKING, tmp_path)
+    slow, predicted = found["entries"]
+    assert (slow["case"], slow["seed"], predicted["case"]) == ("slow", 7, "slow-predicted")
+    assert slow["complete"]
+    assert predicted["angle_error_deg"]["rms"] < slow["angle_error_deg"]["rms"] / 3.0
+    assert holding(found, "0.25 m/s, no lag, without prediction: angle") is True
+    assert holding(found, "0.25 m/s: RMS") is True
+    assert holding(found, "too late") is True
+    folder = tmp_path / "run" / "tracking" / "slow-7"
+    assert {"path.csv", "overlay.yaml", "series.csv", "metrics.json", "logs"} <= {
+        file.name for file in folder.iterdir()
+    }
+
+
+def test_zoom_with_an_operator_of_its_own(tmp_path: Path) -> None:
+    (entry,) = experiment("zoom", ZOOM, tmp_path)["entries"]
+    assert 0.9 <= entry["wanted_m"]["min"] < entry["wanted_m"]["max"] <= 1.1
+    assert entry["quiet_share"] == 1.0
+    assert entry["quiet_distance_m"] < 0.02
+
+
+def test_collision_by_the_clock(tmp_path: Path) -> None:
+    found = experiment("collision", COLLISION, tmp_path, "--realtime")
+    (entry,) = found["entries"]
+    assert found["realtime"] is True
+    assert entry["min_clearance_m"] >= 0.05
+    assert 0.5 < entry["realtime_factor"] < 1.5
+
+
+def test_a_wrong_file_is_told_before_anything_runs(tmp_path: Path) -> None:
+    file = tmp_path / "x.yaml"
+    file.write_text(ZOOM.replace("low: 0.9", "low: tall"))
+    command = [*ARMGATE, "experiment", "zoom", "--file", str(file), "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert re.search(r"x\.yaml:8: low: cannot read 'tall'", done.stderr), done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture
+def daemon() -> Iterator[str]:
+    serve = [*ARMGATE, "serve", str(DEMO), "--lockstep", "leader,follower", "--port", "0"]
+    with subprocess.Popen(serve, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=30)
+
+
+def test_a_leader_that_vanishes_brings_the_follower_to_rest(daemon: str) -> None:
+    lead = [*ARMGATE, "lead", daemon, "--path", str(TOUR), "--name", "leader"]
+    follow = [*ARMGATE, "follow", daemon, "--robot", "FR", "--leader", "GR", "--name", "follower"]
+    with (
+        subprocess.Popen(lead, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as leader,
+        subprocess.Popen(follow, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as follower,
+    ):
+        _wait_for_progress(daemon)
+        leader.kill()
+        _, told = follower.communicate(timeout=60)
+    assert follower.returncode == 1
+    assert re.search(r"FR is at rest: the leader left at \d+ % of its path", told), told
+
+
+def _wait_for_progress(address: str) -> None:
+    from armgate.client import connect
+
+    with connect(address, name="watch", role="observer") as cell:
+        for state in cell.states():
+            told = state.signals.get("lead.progress")
+            if told is not None and told.value[0] > 0.02:
+                return
