@@ -9,7 +9,9 @@ from armgate.cell.events import (
     LinkChange,
     LinkState,
     PlanAnswer,
+    Reset,
     ResetAnswer,
+    Stop,
     Stopped,
     Tick,
     Verdict,
@@ -201,3 +203,47 @@ def test_a_start_outside_a_slide_behind_a_turning_joint_is_bounded_too(seed):
 
     rig.run(wish, 150)
     assert rig.tally.violations == []
+
+
+def asked(gate, name, k, dq):
+    verdict, *plans = gate.step(Command(name, 1, k, k, dq))
+    assert isinstance(verdict, Verdict)
+    return plans[0]
+
+
+def one_cart(q=(0.0, 0.5)):
+    gate = Gate(scenes.crossing(window=0.0), "s")
+    for name, at, setpoint in (("fast", (-0.5, 0.0), (-0.5, 0.0)), ("slow", q, (0.0, 0.5))):
+        gate.step(Tick(name, 0, 0.0, at, setpoint, (0.0, 0.0)))
+        gate.step(LinkChange(name, LinkState.READY))
+        gate.step(LeaseChange(name, 1))
+    return gate
+
+
+@pytest.mark.parametrize("answer_first", [False, True])
+def test_a_plan_that_came_too_late_counts_once_whether_the_tick_or_the_answer_tells_first(answer_first):
+    gate = one_cart()
+    plan = asked(gate, "slow", 0, (0.0001, 0.0))
+    unplayed = Tick("slow", 1, 0.004, (0.0, 0.5), (0.0, 0.5), (0.0, 0.0))
+    answer = PlanAnswer("slow", plan.key, False, "late")
+    for event in (answer, unplayed) if answer_first else (unplayed, answer):
+        gate.step(event)
+    assert gate.view("slow").late == 1
+    assert asked(gate, "slow", 1, (0.0001, 0.0)).key.last_played == -1
+
+
+def test_a_reset_that_is_still_on_its_way_keeps_the_old_setpoint_reserved():
+    """The robot goes on to its old setpoint by a little while the link has not heard of the new one."""
+    setpoint, q = (0.0, 0.5), (9e-6, 0.5)
+    gate = one_cart(q)
+    (stopped,) = gate.step(Stop(("slow",), "why", "x"))
+    for k in range(1, 4):
+        gate.step(Tick("slow", k, 0.004 * k, q, setpoint, (0.0, 0.0)))
+    assert gate.view("slow").stops == (stopped.id,)
+    answer, rebase = gate.step(Reset(stopped.id, "x"))
+    assert (answer.accepted, rebase.setpoint) == (True, q)
+    assert gate.step(Tick("slow", 9, 0.036, (2e-6, 0.5), q, (0.0, 0.0))) == []
+    assert gate.view("slow").stops == ()
+    for k in range(10, 12):
+        gate.step(Tick("slow", k, 0.004 * k, q, q, (0.0, 0.0)))
+    assert gate.step(Tick("slow", 12, 0.05, (0.0, 0.5), q, (0.0, 0.0))) != []  # and no longer than that

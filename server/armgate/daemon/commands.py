@@ -38,13 +38,18 @@ def serve(
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Record everything into this folder.")
     ] = None,
+    robot_server: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Socket of the robot server that holds the robots."),
+    ] = None,
 ) -> None:
     """Serve a cell to controllers and observers until SIGTERM or Ctrl-C; SIGHUP reads the tokens anew."""
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
     keys = _keys(config)
-    raise typer.Exit(_serve(_built(config), keys, record))
+    cell = _built(config)
+    raise typer.Exit(_serve(cell, keys, record, _robot_server(cell, robot_server)))
 
 
 def check(configs: Configs) -> None:
@@ -139,7 +144,20 @@ def _built(config: "CellConfig") -> "Cell":
         return build_cell(config)
 
 
-def _serve(cell: "Cell", keys: "Keys", record: Path | None) -> int:
+def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
+    """Where the robots are: in the robot server if one is named or a robot is not emulated; None: here."""
+    from armgate.links.remote.command import robot_server_path  # noqa: PLC0415
+    from armgate.links.remote.make import needs_robot_server  # noqa: PLC0415
+
+    needed = needs_robot_server(cell)
+    if not needed and given is None and cell.config.server.robot_server is None:
+        return None
+    if cell.config.clock.kind == "lockstep":
+        raise ServeError("robots in a robot server have clocks of their own: they cannot run in lock-step")
+    return given or robot_server_path(cell)
+
+
+def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path | None) -> int:
     import asyncio  # noqa: PLC0415
 
     from armgate.daemon.log import Log  # noqa: PLC0415
@@ -153,7 +171,8 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None) -> int:
     log = Log(sys.stderr)
     tell_strange(keys.tokens or (), [robot.name for robot in cell.robots], log)
     try:
-        daemon = Daemon(cell, Gate, log, keys, recorder=recorder_of(cell.config, record))
+        recorder = recorder_of(cell.config, record)
+        daemon = Daemon(cell, Gate, log, keys, recorder=recorder, robot_server=robot_server)
         # What stands now stays: looking through all of it for garbage, as Python does when many clients have
         # come and gone, takes as long as three ticks.
         gc.collect()

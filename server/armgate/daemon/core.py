@@ -13,6 +13,7 @@ from armgate.daemon.peer import Peer, answer
 from armgate.daemon.runner import GateRunner, Told
 from armgate.daemon.signals import Signals
 from armgate.links import ClockedLink
+from armgate.links.remote.client import RemoteEvent, RemoteLink
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
 
@@ -47,7 +48,8 @@ class Core:
     Args:
         cell: The cell.
         runner: Asks its gate.
-        links: Each robot's link, in the order of the configuration.
+        links: Each robot's link, in the order of the configuration: made to tick by somebody's clock, or
+            telling of ticks by themselves (`hear`).
         now: Daemon time, s.
         lockstep: Whether time passes in lock-step; leases do not expire then.
         log: Where events are told.
@@ -65,7 +67,7 @@ class Core:
         self,
         cell: Cell,
         runner: GateRunner,
-        links: Sequence[ClockedLink],
+        links: Sequence[ClockedLink] | Sequence[RemoteLink],
         now: Callable[[], float],
         lockstep: bool,
         log: Log,
@@ -80,7 +82,7 @@ class Core:
         self.on_state: OnState | None = None
         self.leasing = Leasing(Leases(self.robots, server.lease_ttl), self.peers, self._lease_changed)
         self._tolerance = {robot.name: robot.q_tolerance for robot in cell.robots}
-        self._links = tuple(links)
+        self._links: tuple[ClockedLink | RemoteLink, ...] = tuple(links)
         self._runner = runner
         self._now = now
         self._lockstep = lockstep
@@ -118,14 +120,38 @@ class Core:
 
     def advance(self, time: float, due: Sequence[int]) -> list[events.Tick]:
         """Let the robots tick without asking the gate: they play their plans out and rest."""
-        ticks = [self._links[index].advance(time) for index in due]
+        ticks = []
+        for index in due:
+            link = self._links[index]
+            assert not isinstance(link, RemoteLink)
+            ticks.append(link.advance(time))
         for tick in ticks:
-            before = self._ticks.get(tick.robot, tick)
-            # What was just played is measured at the next tick: until then it counts by itself.
-            moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
-            self._moved[tick.robot] = max(*moved, *map(abs, tick.increment))
-            self._ticks[tick.robot] = tick
+            self.note(tick)
         return ticks
+
+    def hear(self, event: RemoteEvent) -> None:
+        """A robot that is its own clock told something: judge it, then tell everybody."""
+        if not isinstance(event, events.Tick):
+            self._feed(event)
+            if isinstance(event, events.LinkChange):
+                self._put(tuple(self._ticks.values()), None)  # no tick may come that would tell
+            return
+        self.note(event)
+        self.leasing.expire(self._lease_time)
+        self._feed(event)
+        self._publish([event], None)
+
+    def note(self, tick: events.Tick) -> None:
+        """Keep what a robot did last, to know when it rests."""
+        before = self._ticks.get(tick.robot, tick)
+        # What was just played is measured at the next tick: until then it counts by itself.
+        moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
+        self._moved[tick.robot] = max(*moved, *map(abs, tick.increment))
+        self._ticks[tick.robot] = tick
+
+    def expire(self) -> None:
+        """End the leases whose holders were silent for too long, though no robot ticks."""
+        self.leasing.expire(self._lease_time)
 
     @property
     def at_rest(self) -> bool:
@@ -306,13 +332,17 @@ class Core:
     def _publish(self, ticks: Sequence[events.Tick], step: int | None) -> None:
         while self._onlookers:  # who has not yet been shown the last instant is, before it is forgotten
             self._show_some()
+        self._put(ticks, step)
+        self._show_to_all(ticks)
+
+    def _put(self, ticks: Sequence[events.Tick], step: int | None) -> None:
+        """Note what the states at these ticks say."""
         entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
         warnings = tuple(self.warnings.values())
         if self.on_state is not None:
             self.on_state(ticks, entries, self._signals.values, warnings, step)
         for tick in ticks:
             self._board.put(tick, entries, self._signals.values, warnings, step)
-        self._show_to_all(ticks)
 
     def _show_to_all(self, ticks: Sequence[events.Tick]) -> None:
         """First to those who have to answer before the next tick, then to those who only look on."""

@@ -4,9 +4,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from armgate.cell.events import GateEvent, GateOutput, Plan, Rebase, ResetAnswer, Stopped, Verdict
+from armgate.cell.events import GateEvent, GateOutput, Plan, PlanAnswer, Rebase, ResetAnswer, Stopped, Verdict
 from armgate.integrity import RobotView
-from armgate.links import Link
 
 Told = Verdict | Stopped | ResetAnswer
 """What of the gate's outputs concerns clients."""
@@ -25,6 +24,16 @@ class Judge(Protocol):
         """What is known of one robot."""
 
 
+class Carrier(Protocol):
+    """What the daemon needs of a link."""
+
+    def offer(self, plan: Plan) -> PlanAnswer | None:
+        """Replace the held plan; None if the answer comes later, as an event."""
+
+    def rebase(self, rebase: Rebase) -> None:
+        """Drop the plan and take the given setpoint as the commanded position."""
+
+
 class GateRunner:
     """Feeds the gate and carries its plans and rebases to the links, whose answers are events again.
 
@@ -34,7 +43,7 @@ class GateRunner:
         tap: Told of every event and its outputs.
     """
 
-    def __init__(self, judge: Judge, links: Mapping[str, Link], tap: Tap | None = None) -> None:
+    def __init__(self, judge: Judge, links: Mapping[str, Carrier], tap: Tap | None = None) -> None:
         self._judge = judge
         self._links = links
         self._tap = tap
@@ -54,7 +63,9 @@ class GateRunner:
                 self._tap(event, outputs)
             for output in outputs:
                 if isinstance(output, Plan):
-                    events.append(self._links[output.robot].offer(output))
+                    answer = self._links[output.robot].offer(output)
+                    if answer is not None:
+                        events.append(answer)
                 elif isinstance(output, Rebase):
                     self._links[output.robot].rebase(output)
                 else:

@@ -7,15 +7,18 @@ import traceback
 from collections.abc import Callable, Sequence
 from enum import Enum
 from importlib.metadata import version
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
+from armgate.cell.events import Tick
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.daemon.access import Access, Keys
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core
+from armgate.daemon.driven import Driven
 from armgate.daemon.library import BODY_EXACT
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
@@ -30,6 +33,7 @@ from armgate.daemon.tokens import Tokens
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
 from armgate.links import EmulatedLink
+from armgate.links.remote.client import RemoteEvent, RemoteLink
 from armgate.protocol import (
     DIALECTS,
     INBOUND_LIMIT,
@@ -71,6 +75,7 @@ class Daemon:
         keys: Certificates and tokens; None: none.
         dialects: The versions of the protocol to speak, all at once.
         recorder: Records all of it; None: nobody does.
+        robot_server: Socket of the robot server that holds the robots; None: they are emulated here.
     """
 
     def __init__(
@@ -81,6 +86,7 @@ class Daemon:
         keys: Keys | None = None,
         dialects: Sequence[Dialect] = DIALECTS,
         recorder: Recorder | None = None,
+        robot_server: Path | None = None,
     ) -> None:
         clock = cell.config.clock
         lockstep = isinstance(clock, LockstepClockConfig)
@@ -102,12 +108,18 @@ class Daemon:
         self._access = self._door(keys)
         self._rereading = None if keys.reread is None else Rereading(keys.reread, self._use_tokens, log)
         periods = [robot.period for robot in cell.robots]
-        self._pace: Wall | Lockstep = (
-            Lockstep(periods, clock.participants, clock.grace, self._instant, log)
-            if isinstance(clock, LockstepClockConfig)
-            else Wall(periods, self._instant)
-        )
-        links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
+        self._pace: Wall | Lockstep | Driven
+        links: list[EmulatedLink] | list[RemoteLink]
+        if robot_server is not None:
+            self._pace = Driven(robot_server, cell, self.start, self._event, self._idle)
+            links = self._pace.links
+        else:
+            self._pace = (
+                Lockstep(periods, clock.participants, clock.grace, self._instant, log)
+                if isinstance(clock, LockstepClockConfig)
+                else Wall(periods, self._instant)
+            )
+            links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
         tap = None if recorder is None else recorder.tap
         runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
@@ -131,12 +143,12 @@ class Daemon:
         Raises:
             OSError: The address cannot be listened on.
             RecorderError: Nothing can be recorded.
+            SocketError: There is no robot server, or it refuses.
         """
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._unexpected)
         host = self._settings.host
-        port = await self._listener.open(host, self._settings.port)
-        self._begin_recording()
+        port = await self._open(host)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
         self._heed_hangup(loop)
@@ -148,6 +160,18 @@ class Daemon:
         if self._recorder is not None:
             self._recorder.close()
         return self._status
+
+    async def _open(self, host: str) -> int:
+        """Get the robots, then the port, then the recording: each may fail; returns the port."""
+        try:
+            if isinstance(self._pace, Driven):
+                await self._pace.open()
+            port = await self._listener.open(host, self._settings.port)
+            self._begin_recording()
+        except BaseException:
+            self._pace.close()
+            raise
+        return port
 
     def end(self) -> None:
         """Stop all robots, wait until they rest, then end; at once if this is called again."""
@@ -189,7 +213,8 @@ class Daemon:
 
     def _begin(self) -> None:
         try:
-            self._core.start()
+            if not isinstance(self._pace, Driven):  # who is its own clock says by itself when it is ready
+                self._core.start()
             self._pace.start(self._core)
         except Exception as error:
             self.failed(error)
@@ -203,6 +228,7 @@ class Daemon:
     def _instant(self, instant: Instant) -> None:
         if self._phase is Phase.OVER:
             return
+        assert not isinstance(self._pace, Driven)
         if self._phase is Phase.FAILED:
             self._core.advance(instant.time, instant.due)
         else:
@@ -210,14 +236,36 @@ class Daemon:
             self._heed_recorder()
             self._core.tick(instant.time, instant.due, self._pace.step_of(instant))
         if self._phase is not Phase.RUNNING:
-            self._look_for_rest(instant)
+            self._look_for_rest(instant.time)
 
-    def _look_for_rest(self, instant: Instant) -> None:
+    def _event(self, event: RemoteEvent) -> None:
+        """Something came from the robot server."""
+        if self._phase is Phase.OVER:
+            return
+        if self._phase is not Phase.FAILED:
+            self._heed_recorder()
+            try:
+                self._core.hear(event)
+            except Exception as error:
+                self.failed(error)
+        elif isinstance(event, Tick):
+            self._core.note(event)
+        if self._phase is not Phase.RUNNING and isinstance(event, Tick):
+            self._look_for_rest(event.time)
+
+    def _idle(self, time: float) -> None:
+        """Time passed, whether robots tick or not."""
+        if self._phase is Phase.RUNNING:
+            self._core.expire()
+        elif self._phase is not Phase.OVER and time > self._rest_by:
+            self._look_for_rest(time)
+
+    def _look_for_rest(self, time: float) -> None:
         if self._core.at_rest:
-            self._log.info("at_rest", at=instant.time)
+            self._log.info("at_rest", at=time)
             self._finish(1 if self._pace.failed else self._status)
-        elif instant.time > self._rest_by:
-            self._log.error("not_at_rest", at=instant.time)
+        elif time > self._rest_by:
+            self._log.error("not_at_rest", at=time)
             self._finish(1)
 
     def _warn_of_lateness(self) -> None:
@@ -389,7 +437,5 @@ class Daemon:
 def _link(cell: Cell, index: int, start: str) -> EmulatedLink:
     robot = cell.robots[index]
     link = robot.config.link
-    if not isinstance(link, EmulatedLinkConfig):
-        text = "a real robot's link cannot be held by the daemon itself; expected kind emulated"
-        raise cell.config.error(("robots", robot.name, "link", "kind"), text)
+    assert isinstance(link, EmulatedLinkConfig), "it is held by the robot server"
     return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, link.lag)

@@ -128,6 +128,7 @@ class Gate:
             if event.plan == s.pending.key:
                 self._reservations.take_over(s)
             elif event.tick >= s.pending.key.target:
+                s.late += not event.rebased  # its answer will find nothing pending
                 self._reservations.drop(s)
         if event.rebased:
             s.held, s.played = None, -1

@@ -165,7 +165,10 @@ class RobotState:
             self.history.append((math.inf, self.setpoint))
         self.held, self.played, self.resets = None, -1, self.resets + 1
         self.setpoint, self.last, self.q = self.measured, self.zeros, self.measured
-        self.slot, self.residue, self.strayed = self.tick, (), 0.0
+        # Until the link has heard of it, the robot is on its way to the old setpoint. What was reserved for
+        # one that faulted is void.
+        residue = () if self.faulted else self.reserved
+        self.slot, self.residue, self.strayed = self.tick, residue, 0.0
 
     def _ratchet(self) -> tuple[Joints, Joints]:
         low = tuple(max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True))

@@ -305,6 +305,8 @@ class ServerConfig(Part):
         login_failures_per_address: The same for one address.
         handshake_timeout: How long a new connection may take for TLS, and then to say hello, s.
         send_buffer: Bytes of answers and verdicts that may wait for a slow client before it is closed.
+        robot_server: Socket of the robot server that holds the robots, relative to the file in which it
+            stands; None: the default one if a robot is not emulated, else the daemon holds them.
     """
 
     host: str = "127.0.0.1"
@@ -321,6 +323,7 @@ class ServerConfig(Part):
     login_failures_per_address: Annotated[float, Field(ge=1.0)] = 10.0
     handshake_timeout: Period = 5.0
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
+    robot_server: str | None = None
 
 
 class CellConfig(Part):

@@ -1,0 +1,74 @@
+"""Structured log: one JSON object a line. Writing never delays a tick."""
+
+import json
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TextIO
+
+_WAITING = 4096
+
+
+class Log:
+    """Writes events from a thread of its own; when nobody reads them, newer ones are dropped and counted.
+
+    Only what is passed stands in the log: callers pass names, numbers and texts, never a whole message, so
+    that no token can slip in.
+
+    Args:
+        stream: Where the lines go.
+        now: Time of day, s since 1970.
+
+    Attributes:
+        also: Told of every line, too.
+    """
+
+    def __init__(self, stream: TextIO, now: Callable[[], float] = time.time) -> None:
+        self._stream = stream
+        self._now = now
+        self._lines: queue.Queue[str | None] = queue.Queue(_WAITING)
+        self._dropped = 0
+        self.also: Callable[[dict[str, Any]], None] | None = None
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def info(self, event: str, **fields: Any) -> None:
+        """Something happened as it should."""
+        self._put("info", event, fields)
+
+    def warning(self, event: str, **fields: Any) -> None:
+        """Something that somebody should look at."""
+        self._put("warning", event, fields)
+
+    def error(self, event: str, **fields: Any) -> None:
+        """Something failed."""
+        self._put("error", event, fields)
+
+    def close(self, timeout: float = 1.0) -> None:
+        """Write what waits, for at most ``timeout`` s."""
+        try:
+            self._lines.put(None, timeout=timeout)
+        except queue.Full:
+            return
+        self._thread.join(timeout)
+
+    def _put(self, level: str, event: str, fields: dict[str, Any]) -> None:
+        record = {"time": round(self._now(), 6), "level": level, "event": event, **fields}
+        if self.also is not None:
+            self.also(dict(record))
+        if self._dropped:
+            record["dropped_before"] = self._dropped
+        try:
+            self._lines.put_nowait(json.dumps(record, default=str))
+            self._dropped = 0
+        except queue.Full:
+            self._dropped += 1
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            try:
+                self._stream.write(line + "\n")
+                self._stream.flush()
+            except (OSError, ValueError):  # nobody reads the log any more: not a reason to stop
+                return

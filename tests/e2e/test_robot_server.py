@@ -1,0 +1,168 @@
+"""Robots in a robot server, daemons that come and go: who is killed or stalls, and where everything ends."""
+
+import os
+import signal
+
+import pytest
+
+from armgate.protocol import messages as m
+from support.cells import arms_yaml
+from support.clients import Mover, Process, Raw, run
+from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
+
+
+@pytest.fixture
+def cell(tmp_path):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml(lag=0.03, max_age_ticks=1000))
+    return file
+
+
+@pytest.fixture
+def socket(tmp_path):
+    return tmp_path / "s"
+
+
+def serving(cell, socket):
+    return Process.serving(cell, "--robot-server", socket)
+
+
+async def goes_on(daemon):
+    """After its operator has reset what was stopped, a controller moves a robot as ever."""
+    await lift_stops(daemon.port)
+    mover = await Mover.start(daemon.port, "A", "again")
+    await mover.moves_on()
+    await mover.stop()
+
+
+def resting(state):
+    """Whether both robots are known to rest."""
+    return len(state.entries) == 2 and all(
+        entry.q == pytest.approx(entry.setpoint, abs=1e-4) and entry.setpoint == entry.stop_end
+        for entry in state.entries
+    )
+
+
+async def nothing_moves(daemon):
+    """The robots are stopped and known at rest, and nobody gets one."""
+    eye = await Raw.hello(daemon.port, "eye")
+    eye.send(m.Subscribe())
+    state = await eye.get(m.State, resting)
+    assert all(entry.stops for entry in state.entries)
+    eye.send(m.Acquire(robot="A"))
+    assert (await eye.get((m.Lease, m.Error))).type == "error"
+    later = await eye.get(m.State, lambda s: s.entries[0].tick > state.entries[0].tick + 20)
+    assert later.entries[0].setpoint == state.entries[0].setpoint
+
+
+async def test_it_ends_with_its_robots_at_rest_and_so_does_the_daemon_before(cell, socket):
+    async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
+        assert os.stat(socket).st_mode & 0o777 == 0o600
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(20)
+        daemon.signal()
+        await mover.ended()
+        status, log = await daemon.end()
+        assert status == 0
+        assert {"end", "stopped", "at_rest"} <= {line["event"] for line in log}
+        assert (await robots.logs("daemon.gone"))["resting"] is True
+        robots.signal()
+        assert await robots.end() == 0
+        assert not socket.exists()
+
+
+async def test_a_daemon_that_is_killed_leaves_robots_that_rest_and_its_successor_moves_nothing_unasked(
+    cell, socket
+):
+    async with RobotServer.running(cell, socket=socket) as robots:
+        async with serving(cell, socket) as daemon:
+            mover = await Mover.start(daemon.port, "A")
+            await mover.moves_on(20)
+            daemon.signal(signal.SIGKILL)
+            await mover.ended()
+            await robots.logs("daemon.gone")
+            await robots.logs("at_rest")
+        async with serving(cell, socket) as daemon:
+            await nothing_moves(daemon)
+            await goes_on(daemon)
+
+
+async def test_a_daemon_that_stalls_is_let_go_of_and_finds_its_robots_stopped(cell, socket):
+    async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        eye = await Raw.hello(daemon.port, "eye")
+        await mover.moves_on(20)
+        daemon.signal(signal.SIGSTOP)
+        assert "stalled" in (await robots.logs("daemon.gone"))["reason"]
+        await robots.logs("at_rest")
+        daemon.signal(signal.SIGCONT)
+        reasons = await stopped_by_the_gate(eye, ("A", "B"))
+        assert all("robot server" in reason for reason in reasons.values())
+        await robots.logs("daemon")
+        await mover.stop()
+        await nothing_moves(daemon)
+        await goes_on(daemon)
+
+
+async def test_a_robot_server_that_is_killed_stops_the_cell_until_it_is_back_and_reset(cell, socket):
+    async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        eye = await Raw.hello(daemon.port, "eye")
+        await mover.moves_on(20)
+        robots.signal(signal.SIGKILL)
+        await stopped_by_the_gate(eye, ("A", "B"))
+        await robots.end()
+        await mover.stop()
+        async with RobotServer.running(cell, socket=socket) as robots:
+            await robots.logs("daemon")
+            # Emulated robots of a new process stand at their start: the gate sees them jump, and says so.
+            await nothing_moves(daemon)
+            await goes_on(daemon)
+
+
+async def test_a_controller_that_is_killed_lets_its_robot_rest_and_no_other(cell, socket):
+    async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
+        eye = await Raw.hello(daemon.port, "eye")
+        eye.send(m.Subscribe(robots=("A",)))
+        other = await Mover.start(daemon.port, "B", "other")
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(20)
+        mover.task.cancel()
+        mover.raw.writer.transport.abort()
+        await eye.get(m.State, lambda s: s.entries[0].holder is None and s.entries[0].tick > 0)
+        await eye.get(m.State, lambda s: s.entries[0].setpoint == s.entries[0].stop_end)
+        await other.moves_on()
+        await other.stop()
+        again = await Mover.start(daemon.port, "A", "again")  # without any reset
+        await again.moves_on()
+        await again.stop()
+
+
+async def test_there_is_one_daemon_at_a_time_and_one_robot_server(cell, socket):
+    async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        status, out, err = await run("serve", cell, "--robot-server", socket, "--port", 0)
+        assert (status, out) == (2, "")
+        assert "holds the robots: end it first" in err
+        status, out, err = await run("robot-server", cell, "--socket", socket)
+        assert (status, out) == (2, "")
+        assert "another robot server" in err
+        await mover.moves_on()
+        await mover.stop()
+
+
+async def test_without_a_robot_server_or_with_another_cells_the_daemon_says_what_to_do(
+    cell, socket, tmp_path
+):
+    status, _, err = await run("serve", cell, "--robot-server", socket, "--port", 0)
+    assert status == 2
+    assert f"armgate robot-server CONFIG… --socket {socket}" in err
+    status, _, err = await run("serve", cell, "--robot-server", socket, "--lockstep", "a")
+    assert status == 2
+    assert "lock-step" in err
+    other = tmp_path / "other.yaml"
+    other.write_text(arms_yaml(lag=0.02))
+    async with RobotServer.running(other, socket=socket):
+        status, _, err = await run("serve", cell, "--robot-server", socket, "--port", 0)
+    assert status == 2
+    assert "start both with the same files" in err

@@ -1,0 +1,141 @@
+"""One link, one daemon after the other: what each of them sees, and what moves the robot."""
+
+import asyncio
+
+import pytest
+
+from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase
+from armgate.links import EmulatedLink
+from armgate.links.driven import DrivenEmulatedLink
+from armgate.links.remote.berth import Berth
+from armgate.links.remote.messages import Played, Standing
+
+T = 0.012
+
+
+class Bench:
+    """A berth over an emulated robot of two joints whose clock is turned by hand."""
+
+    def __init__(self, lag=0.0, settling=0.0):
+        self.now = 0.0
+        link = EmulatedLink("A", "link", (0.0, 1.0), T, lag)
+        self.link = DrivenEmulatedLink(link, T, lambda: self.now, self.make_clock)
+        self.berth = Berth(self.link, "link", 1e-6, settling)
+        self.said = []
+        asyncio.run(self.berth.open())
+
+    def make_clock(self, period, tick):
+        self.turn = tick
+        return self
+
+    def start(self):
+        pass
+
+    def tick(self, count=1):
+        """Let the robot tick; what was said."""
+        for _ in range(count):
+            self.now += T
+            self.turn()
+        return self.heard()
+
+    def heard(self):
+        said, self.said = self.said, []
+        return said
+
+    def daemon(self, start, tick=0, resets=0):
+        self.berth.leave()
+        self.berth.take(start, Standing("A", tick, resets), lambda message: self.said.append(message))
+        return self.heard()
+
+    def offer(self, start, resets, target, last=-1, increments=((0.1, 0.0), (0.05, 0.0), (0.0, 0.0))):
+        self.berth.offer(Plan("A", PlanKey(start, resets, target, last), 1, increments))
+        return self.heard()[-1]
+
+
+def test_the_first_daemon_finds_it_ready_and_counts_from_its_own_ticks():
+    bench = Bench()
+    bench.tick(100)
+    assert bench.daemon("d1") == [LinkChange("A", LinkState.READY)]
+    (first,) = bench.tick()
+    assert (first.event.tick, first.event.rebased, first.resets, first.remaining) == (0, False, 0, 0)
+    answer = bench.offer("d1", 0, 1)
+    assert answer == PlanAnswer("A", PlanKey("d1", 0, 1, -1), True)
+    (second,) = bench.tick()
+    assert second.event.plan == PlanKey("d1", 0, 1, -1)
+    assert (second.event.setpoint, second.event.index, second.remaining) == ((0.1, 1.0), 0, 2)
+
+
+def test_a_second_daemon_is_told_of_no_tick_until_the_robot_rests_and_moves_nothing_unarmed():
+    bench = Bench(lag=0.03, settling=5 * T)
+    bench.daemon("d1")
+    bench.tick(8)
+    assert bench.offer("d1", 0, 1).reason == "late"
+    ticks = [x.event.tick for x in bench.tick()]
+    assert bench.offer("d1", 0, ticks[-1] + 1).accepted
+    bench.tick()
+    (change,) = bench.daemon("d2")
+    assert change.state is LinkState.LOST
+    assert "reset" in change.reason
+    assert bench.tick(3) == []
+    assert not bench.link.remaining
+    later = []
+    while not later:  # the lag, and then the declared window
+        later = bench.tick()
+    (first,) = later
+    assert first.event.tick == 0
+    assert first.event.q == pytest.approx((0.15, 1.0), abs=1e-5)
+    for start, resets in (("d1", 0), ("d2", 0), ("d1", 1), ("d2", 1)):
+        assert bench.offer(start, resets, 1).reason == "inactive"
+    (second,) = bench.tick()
+    assert second.event.increment == (0.0, 0.0)
+
+
+def test_a_rebase_arms_it_and_plans_from_before_are_none_of_its():
+    bench = Bench()
+    bench.daemon("d1")
+    bench.daemon("d2")
+    bench.tick(3)
+    bench.berth.rebase(Rebase("A", (0.0, 1.0), 1))
+    assert bench.heard() == [LinkChange("A", LinkState.READY)]
+    (played,) = bench.tick()
+    assert (played.resets, played.event.setpoint) == (1, (0.0, 1.0))
+    target = played.event.tick + 1
+    assert bench.offer("d2", 0, target).reason == "mismatch"
+    assert bench.offer("d1", 1, target).reason == "mismatch"
+    assert bench.offer("d2", 1, target).accepted
+
+
+def test_the_same_daemon_comes_back_to_its_own_count_and_is_told_that_things_have_moved():
+    bench = Bench()
+    bench.daemon("d1")
+    bench.tick(5)
+    (change,) = bench.daemon("d1", tick=40, resets=2)
+    assert change.state is LinkState.LOST
+    first, second = (x.event for x in bench.tick(2))
+    assert (first.tick, first.rebased) == (40, True)
+    assert (second.tick, second.rebased) == (41, False)
+    bench.berth.rebase(Rebase("A", first.q, 3))
+    assert bench.offer("d1", 3, 42).accepted
+
+
+def test_without_a_daemon_the_plan_runs_out():
+    bench = Bench()
+    bench.daemon("d1")
+    bench.tick()
+    bench.offer("d1", 0, 1)
+    bench.tick()
+    bench.berth.leave()
+    assert bench.tick(5) == []
+    assert bench.berth.resting
+    bench.daemon("d2")
+    assert [x for x in bench.tick() if isinstance(x, Played)][0].event.setpoint == pytest.approx((0.15, 1.0))
+
+
+def test_one_that_ends_takes_no_plan():
+    bench = Bench()
+    bench.daemon("d1")
+    bench.tick()
+    bench.berth.disarm()
+    (change,) = bench.heard()
+    assert (change.state, change.reason) == (LinkState.LOST, "the robot server is ending")
+    assert bench.offer("d1", 0, 1).reason == "inactive"

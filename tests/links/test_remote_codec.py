@@ -1,0 +1,88 @@
+"""What goes over the robot server's socket: exact, whole, and nothing else."""
+
+import math
+import struct
+
+import msgpack
+import pytest
+
+from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
+from armgate.links.remote.codec import LARGEST, CodecError, Decoder, encode
+from armgate.links.remote.liveness import SILENCE, Liveness
+from armgate.links.remote.messages import FORMAT, Beat, Hello, Played, Refusal, Standing, Welcome
+
+KEY = PlanKey("s", 2, 7, -1)
+TICK = Tick("A", 7, 0.1 + 0.2, (1.0, -0.0), (5e-324, 2.0), (0.0, 0.0), KEY, 0, True)
+MESSAGES = [
+    Hello(FORMAT, "hash", "s", (Standing("A", 0, 0), Standing("B", 7, 2))),
+    Welcome(FORMAT),
+    Refusal("why"),
+    Beat(),
+    Played(TICK, 2, 14),
+    Played(Tick("A", 0, 0.0, (), (), ()), 0, 0),
+    LinkChange("A", LinkState.LOST, "cable"),
+    PlanAnswer("A", KEY, False, "late"),
+    Plan("A", KEY, 3, ((0.1, 0.2), (0.0, 0.0))),
+    Rebase("A", (0.1, 0.2), 3),
+]
+
+
+def test_every_message_comes_back_as_it_was_however_it_is_cut():
+    data = b"".join(map(encode, MESSAGES))
+    for size in (1, 3, 1000, len(data)):
+        decoder, found = Decoder(), []
+        for at in range(0, len(data), size):
+            found += decoder.push(data[at : at + size])
+        assert found == MESSAGES
+        assert math.copysign(1.0, found[4].event.q[1]) == -1.0
+
+
+def packed(*values):
+    body = msgpack.packb(list(values))
+    return struct.pack(">I", len(body)) + body
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        packed(),
+        packed("nothing"),
+        packed(["beat"]),
+        packed("beat", 1),
+        packed("welcome", "1"),
+        packed("welcome", True),
+        packed("rebase", "A", [0.1, math.nan], 1),
+        packed("rebase", "A", [0.1, math.inf], 1),
+        packed("rebase", "A", [0.1, 1], 1),
+        packed("rebase", "A", 0.1, 1),
+        packed("rebase", 3, [0.1], 1),
+        packed("change", "A", "gone", ""),
+        packed("answer", "A", ["s", 2, 7], True, ""),
+        packed("answer", "A", ["s", 2, 7.0, -1], True, ""),
+        packed("played", ["A", 0, 0.0, [], [], [], None, -1, False], 0),
+        struct.pack(">I", 3) + b"\xc1\xc1\xc1",
+        struct.pack(">I", LARGEST + 1),
+    ],
+)
+def test_anything_else_is_an_error(data):
+    with pytest.raises(CodecError):
+        Decoder().push(data)
+
+
+def test_another_format_is_named_whatever_else_it_says():
+    with pytest.raises(CodecError, match=f"format 99.*expected {FORMAT}"):
+        Decoder().push(packed("hello", 99, {"all": "new"}))
+
+
+def test_who_says_nothing_has_stalled_but_not_while_we_did_not_look_ourselves():
+    other = Liveness(0.0)
+    for tenth in range(10):
+        assert not other.silent(0.1 * tenth)
+    other.heard(0.9)
+    assert not any(other.silent(0.9 + 0.4 * part) for part in (1, 2))
+    assert not other.silent(0.9 + SILENCE)
+    assert other.silent(1.0 + SILENCE)
+    asleep = Liveness(0.0)
+    assert not asleep.silent(60.0)
+    assert not asleep.silent(60.0 + 0.4 * SILENCE)
+    assert asleep.silent(60.0 + 0.6 * SILENCE)
