@@ -113,8 +113,8 @@ async def test_a_robot_server_that_is_killed_stops_the_cell_until_it_is_back_and
         await stopped_by_the_gate(eye, ("A", "B"))
         await robots.end()
         await mover.stop()
-        async with RobotServer.running(cell, socket=socket) as robots:
-            await robots.logs("daemon")
+        async with RobotServer.running(cell, socket=socket) as back:
+            await back.logs("daemon")
             # Emulated robots of a new process stand at their start: the gate sees them jump, and says so.
             await nothing_moves(daemon)
             await goes_on(daemon)

@@ -39,12 +39,13 @@ class Bench:
         return self.heard()
 
     def heard(self):
-        said, self.said = self.said, []
+        said = list(self.said)
+        self.said.clear()
         return said
 
     def daemon(self, start, tick=0, resets=0):
         self.berth.leave()
-        self.berth.take(start, Standing("A", tick, resets), lambda message: self.said.append(message))
+        self.berth.take(start, Standing("A", tick, resets), self.said.append)
         return self.heard()
 
     def offer(self, start, resets, target, last=-1, increments=((0.1, 0.0), (0.05, 0.0), (0.0, 0.0))):
@@ -128,7 +129,7 @@ def test_without_a_daemon_the_plan_runs_out():
     assert bench.tick(5) == []
     assert bench.berth.resting
     bench.daemon("d2")
-    assert [x for x in bench.tick() if isinstance(x, Played)][0].event.setpoint == pytest.approx((0.15, 1.0))
+    assert next(x for x in bench.tick() if isinstance(x, Played)).event.setpoint == pytest.approx((0.15, 1.0))
 
 
 def test_one_that_ends_takes_no_plan():

@@ -85,6 +85,7 @@ class Daemon:
         log: Log,
         keys: Keys | None = None,
         dialects: Sequence[Dialect] = DIALECTS,
+        *,
         recorder: Recorder | None = None,
         robot_server: Path | None = None,
     ) -> None:
