@@ -58,7 +58,10 @@ def _serve(cell: "Cell", path: Path) -> int:
     log = Log(sys.stderr)
     with lock, listening:
         try:
-            server = RobotServer(cell.hash, make_berths(cell, monotonic), log)
+            berths = make_berths(
+                cell, monotonic, lambda robot, text: log.warning("link", robot=robot, text=text)
+            )
+            server = RobotServer(cell.hash, berths, log)
             # What stands now stays: no search for garbage through all of it shall delay a reply.
             gc.collect()
             gc.freeze()
