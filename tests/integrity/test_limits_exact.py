@@ -1,4 +1,4 @@
-"""Bounds to the last bit: what is just allowed is let through whole, what is just not is named with its numbers."""
+"""Bounds to the last bit: what is just allowed goes through whole, what is just not is named with numbers."""
 
 import math
 
@@ -118,7 +118,10 @@ def test_a_blend_names_the_joint_its_place_and_its_limit():
     reason = shaped.reasons[-1]
     assert (reason.cause, reason.joint, reason.value, reason.bound) == (Cause.JOINT_LIMIT, "b", 0.55, 1.0)
     assert stays_inside(shaped.u, (0.0, 0.55), b) is None
-    wanted = (largest_stopping(1.0, 0.01), 0.09)  # the first joint's stop is longer, and the second must go along with it
+    wanted = (
+        largest_stopping(1.0, 0.01),
+        0.09,
+    )  # the first joint's stop is longer, and the second must go along with it
     assert shaped.u == pytest.approx(blend(brake, wanted, shaped.beta))
     assert stays_inside(blend(brake, wanted, shaped.beta + 1e-6), (0.0, 0.55), b) == 1
 

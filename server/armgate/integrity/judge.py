@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armgate.cell.events import Cause, Joints, Reason
+from armgate.cell.events import Cause, Joints, Point, Reason
 from armgate.integrity.braking import stop_increments
 from armgate.integrity.certificate import Budget
 from armgate.integrity.clearance import Binding, Clearance
@@ -21,6 +21,9 @@ from armgate.integrity.swept import Array, Swept
 
 BUDGET = 32
 """Engine evaluations that one command may cost."""
+
+_JOINTS = -1
+"""In the place of a pair: a joint outside of its limits binds."""
 
 _TRIALS = 2
 _SECANT = 0.98
@@ -39,7 +42,7 @@ class Decision:
 
 
 class Judge:
-    """Decides about wishes; keeps nothing but the floors of retreats."""
+    """Decides about wishes; keeps nothing but the floors and turns of retreats."""
 
     def __init__(self, clearance: Clearance, response: str) -> None:
         self._clearance = clearance
@@ -55,7 +58,10 @@ class Judge:
         demand = self._retreat.demand(state, states)
         if demand.forbidden is not None:
             return self._refuse(state, wish, demand.forbidden)
-        return self._clear(wish, state, demand)
+        decision = self._clear(wish, state, demand)
+        if demand.violated:
+            self._retreat.claim(state, decision.beta > 0.0)
+        return decision
 
     def _clear(self, wish: Wish, state: RobotState, demand: Demand) -> Decision:
         """Tries the wish; in ``slow`` mode also less of it."""
@@ -69,7 +75,7 @@ class Judge:
             if isinstance(decided, Decision):
                 reasons = decided.reasons
                 if binding is not None:
-                    reasons = (*reasons, self._reason(binding))
+                    reasons = (*reasons, self._reason(binding, state))
                 return replace(decided, reasons=reasons)
             binding = decided
             beta = self._secant(beta, binding)
@@ -89,7 +95,7 @@ class Judge:
         if (demand.violated or any(map(any, state.outside))) and not self._retreat.widens(
             state, end, demand.violated
         ):
-            return self._no_widening(demand)
+            return demand.violated[0] if demand.violated else Binding(_JOINTS, 0.0, 0.0, None)
         total = wish.beta * beta
         return Decision(increments, total, wish.reasons, occupied, swept, judged.lb)
 
@@ -110,16 +116,11 @@ class Judge:
         return state.remaining or (state.zeros,)
 
     def _refuse(self, state: RobotState, wish: Wish, binding: Binding) -> Decision:
-        return Decision(self._braking(state), 0.0, (*wish.reasons, self._reason(binding)))
+        return Decision(self._braking(state), 0.0, (*wish.reasons, self._reason(binding, state)))
 
-    def _no_widening(self, demand: Demand) -> Binding:
-        pair = demand.violated[0] if demand.violated else -1
-        lb = float(self._clearance.bound[pair]) if demand.violated else 0.0
-        return Binding(pair, lb, lb, None)
-
-    def _reason(self, binding: Binding) -> Reason:
-        if binding.pair < 0:
-            return Reason(Cause.JOINT_LIMIT, "outside its joint limits: only motion back inside is allowed")
+    def _reason(self, binding: Binding, state: RobotState) -> Reason:
+        if binding.pair == _JOINTS:
+            return _outside(state)
         a, b = self._clearance.names(binding.pair)
         limit = float(self._clearance.limits[binding.pair])
         text = (
@@ -127,4 +128,18 @@ class Judge:
             f"{1e3 * limit:.1f} mm must be kept"
         )
         value = binding.lb if np.isfinite(binding.lb) else None
-        return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=binding.points)
+        points = self._witness(binding, state)
+        return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=points)
+
+    def _witness(self, binding: Binding, state: RobotState) -> tuple[Point, Point] | None:
+        """The points of the engine's last answer; where the budget ended before it was asked, of one more."""
+        return binding.points or self._clearance.prove_held(state.index, binding.pair, Budget(1)).points
+
+
+def _outside(state: RobotState) -> Reason:
+    """The first joint that is outside of its limits, and cannot go on but back."""
+    b, (low, high) = state.bounds, state.outside
+    j = next(j for j, both in enumerate(zip(low, high, strict=True)) if any(both))
+    limit = b.lower[j] if low[j] else b.upper[j]
+    text = f"{b.names[j]} is outside its limit {limit:.6g}: only motion back inside is allowed"
+    return Reason(Cause.JOINT_LIMIT, text, joint=b.names[j], value=state.setpoint[j], bound=limit)

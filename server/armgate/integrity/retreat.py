@@ -2,8 +2,10 @@
 
 A pair whose certified bound is below its limit has a floor, the best value it has reached. An increment
 keeps the way back open if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at
-least one margin is proven to widen, and nothing new is violated. A retreat begins at rest; two robots that
-violate a pair move one at a time.
+least one margin is proven to widen, and nothing new is violated. A retreat begins at rest.
+
+Two robots that violate a pair move one at a time, the first in the configuration first: as long as it is
+asked to move, and could, the other is refused and brakes. It gives way by resting, or if it finds no way out.
 """
 
 from dataclasses import dataclass
@@ -19,46 +21,67 @@ from armgate.integrity.swept import Array
 PAIR_SLACK = 2e-4
 """How far a violated pair may fall below its floor, m."""
 
+_PATIENCE = 3
+"""So many ticks without being asked to move, and a robot no longer goes first."""
+
 _WIDER = 1e-7
 _PROOF_BUDGET = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What a robot's pairs must keep, m (pairs of the cell,), which are violated, what forbids any motion."""
+    """What a robot's pairs must keep.
+
+    Attributes:
+        need: m, (pairs of the cell,).
+        violated: The violated pairs that it may move out of, and what is proven of them.
+        forbidden: What forbids any motion.
+    """
 
     need: Array
-    violated: tuple[int, ...]
+    violated: tuple[Binding, ...]
     forbidden: Binding | None
 
 
 class Retreat:
-    """The floors of all violated pairs."""
+    """The floors of all violated pairs, and whose turn it is."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         self._floor: dict[int, float] = {}
+        self._claim: dict[int, int] = {}
+        """The tick at which a robot was last asked to move and could, or only had to wait for another."""
 
     def demand(self, state: RobotState, states: list[RobotState]) -> Demand:
         """Proves a robot's violated pairs anew, ratchets their floors, says what motion must keep."""
-        need = self._clearance.limits
-        violated, forbidden = [], None
+        need, violated = self._clearance.limits, []
+        waits, forbidden = False, None
         for pair in self._below(state.index):
             binding = self._clearance.prove_held(state.index, pair, Budget(_PROOF_BUDGET))
             if binding.lb >= binding.need:
                 self._floor.pop(pair, None)
-                continue
-            if self._may_move(state, states, pair):
-                violated.append(pair)
-                self._floor[pair] = max(self._floor.get(pair, -np.inf), binding.lb)
-            else:
+            elif not (pair in self._floor or state.resting):
                 forbidden = binding
+            elif not self._has_turn(state, states, pair):
+                forbidden, waits = binding, True
+            else:
+                violated.append(binding)
+                self._floor[pair] = max(self._floor.get(pair, -np.inf), binding.lb)
+        if waits:
+            self._claim[state.index] = state.tick
         if violated:
             need = need.copy()
-            need[violated] = [self._floor[p] - PAIR_SLACK for p in violated]
+            need[[v.pair for v in violated]] = [self._floor[v.pair] - PAIR_SLACK for v in violated]
         return Demand(need, tuple(violated), forbidden)
 
-    def widens(self, state: RobotState, end: Joints, violated: tuple[int, ...]) -> bool:
+    def claim(self, state: RobotState, admitted: bool) -> None:
+        """Notes whether a robot that was judged found a way out: then it goes first, else it gives way."""
+        if admitted:
+            self._claim[state.index] = state.tick
+        else:
+            self._claim.pop(state.index, None)
+
+    def widens(self, state: RobotState, end: Joints, violated: tuple[Binding, ...]) -> bool:
         """Says whether at least one violated margin, of a joint or of a pair, is proven wider at ``end``."""
         low, high = state.outside
         for q, x, below, above in zip(state.setpoint, end, low, high, strict=True):
@@ -66,15 +89,22 @@ class Retreat:
                 return True
         bound = self._clearance.point_bound
         return any(
-            bound(state.index, p, end) > bound(state.index, p, state.setpoint) + _WIDER for p in violated
+            bound(state.index, v.pair, end) > bound(state.index, v.pair, state.setpoint) + _WIDER
+            for v in violated
         )
 
     def _below(self, robot: int) -> list[int]:
         ids = self._clearance.pairs_of[robot]
         return [int(p) for p in ids[self._clearance.bound[ids] < self._clearance.limits[ids]]]
 
-    def _may_move(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
-        begun = pair in self._floor
+    def _has_turn(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
+        """All others that the pair violates rest, and none of them goes first."""
         cell_pair, bodies = self._clearance.cell.pairs[pair], self._clearance.cell.bodies
-        others = {bodies[cell_pair.a].robot, bodies[cell_pair.b].robot} - {state.index, None}
-        return (begun or state.resting) and all(states[k].resting for k in others if k is not None)
+        both = {bodies[cell_pair.a].robot, bodies[cell_pair.b].robot}
+        others = [states[k] for k in both if k is not None and k != state.index]
+        return all(s.resting and not (s.index < state.index and self._claims(s)) for s in others)
+
+    def _claims(self, state: RobotState) -> bool:
+        at = self._claim.get(state.index)
+        held = state.fence is not None and not state.stops
+        return held and at is not None and state.tick - at <= _PATIENCE

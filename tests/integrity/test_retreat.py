@@ -1,0 +1,140 @@
+"""Ways back: several violations at once, joints outside, two robots one at a time in the configured order."""
+
+import numpy as np
+import pytest
+
+from armgate.cell.events import Cause, LeaseChange, LinkChange, LinkState, Outcome
+from integrity import scenes
+from integrity.rig import Rig
+
+AWAY = {"fast": np.array([0.0, -0.0005]), "slow": np.array([0.0, 0.0005])}
+
+
+def near(first=(0.0, 0.0), second=(0.0, 0.11)):
+    """Two balls of 5 cm, 1 cm apart where 2 cm must be kept; ``fast`` stands first in the configuration."""
+    return Rig(scenes.crossing(window=0.0, periods=(0.012, 0.012)), stops=0.0,
+               start=[np.array(first), np.array(second)])  # fmt: skip
+
+
+def ask(rig, *order):
+    rig.step()
+    for _ in range(5):
+        rig.step()  # one tick of both
+    return [rig.command(i, (AWAY["fast"], AWAY["slow"])[i]) for i in order]
+
+
+def test_of_two_the_first_in_the_configuration_goes_first_whoever_is_asked_first():
+    rig = near()
+    ask(rig, 1)
+    (early,) = ask(rig, 1)
+    assert early.outcome is not Outcome.REFUSED  # nobody else wants to move
+    (waiting,) = ask(rig, 0)
+    assert waiting.outcome is Outcome.REFUSED  # the other one is on its way
+    assert waiting.reasons[-1].cause is Cause.CLEARANCE
+    (yielding,) = ask(rig, 1)
+    assert yielding.outcome is Outcome.REFUSED  # and gives way
+    for _ in range(12):
+        rig.step()
+    first, second = ask(rig, 0, 1)
+    assert first.outcome is not Outcome.REFUSED
+    assert second.outcome is Outcome.REFUSED
+    second, first = ask(rig, 1, 0)
+    assert first.outcome is not Outcome.REFUSED
+    assert second.outcome is Outcome.REFUSED
+
+
+def test_both_come_clear_and_then_move_at_once():
+    rig = near()
+    for _ in range(30):
+        ask(rig, 1, 0)
+    both = ask(rig, 1, 0)
+    assert [v.outcome for v in both] == [Outcome.ADMITTED] * 2
+    rig.check()
+    assert rig.tally.violations == []
+
+
+@pytest.mark.parametrize("why", ["rests", "no lease", "stopped", "no way out"])
+def test_the_second_goes_if_the_first_does_not(why):
+    rig = near()
+    assert ask(rig, 0)[0].outcome is not Outcome.REFUSED
+    for _ in range(6):
+        rig.step()
+    if why == "rests":
+        for _ in range(24):
+            rig.step()
+    if why == "no lease":
+        rig.feed(LeaseChange("fast", None))
+    if why == "stopped":
+        rig.stop("fast")
+    if why == "no way out":
+        rig.step()
+        assert rig.command(0, (0.0, 0.0005)).outcome is Outcome.REFUSED
+    for _ in range(12):
+        rig.step()
+    assert ask(rig, 1)[0].outcome is not Outcome.REFUSED
+
+
+def corner(distance=0.012):
+    """A ball of 5 cm in a corner, too near to the floor and to both walls."""
+    edge = 0.05 + distance + 0.1
+    walls = {
+        f"wall_{k}": {"shape": {"box": size}, "xyz": [edge * (k == j) for j in range(3)]}
+        for k, size in enumerate(([0.2, 2, 2], [2, 0.2, 2], [2, 2, 0.2]))
+    }
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), (0, 0, 1)), "start": [0.0] * 3}
+    return Rig(scenes.build({"A": robot}, surroundings=walls), stops=0.0)
+
+
+@pytest.mark.parametrize(
+    ("u", "way"),
+    [
+        ((-1, -1, -1), True),
+        ((-1, 0, 0), True),
+        ((-1, -1, 0.05), True),
+        ((1, 1, 1), False),
+        ((-1, -1, 1), False),
+    ],
+)
+def test_of_several_violations_none_may_get_worse_and_one_must_get_better(u, way):
+    rig = corner()
+    verdict = rig.command(0, 5e-4 * np.array(u))
+    assert (verdict.outcome is not Outcome.REFUSED) == way
+    if not way:
+        reason = verdict.reasons[-1]
+        assert reason.cause is Cause.CLEARANCE
+        assert reason.value == pytest.approx(0.012, abs=6e-4)
+        assert reason.points is not None
+    for _ in range(300):
+        rig.step(lambda rig, i: (-1e-3, -1e-3, -1e-3))
+    rig.check()
+    assert rig.tally.violations == []
+    assert rig.last_verdict[0].outcome is Outcome.ADMITTED
+
+
+def test_a_floor_only_rises():
+    """Out by some millimetres, then back: not even as far in as it began."""
+    rig = corner()
+    for _ in range(60):
+        rig.step(lambda rig, i: (-2e-4, -2e-4, -2e-4))
+    rig.rest()
+    reached = max(rig.drives[0].q)
+    assert reached < -2e-4
+    for _ in range(200):
+        rig.step(lambda rig, i: (1e-5, 1e-5, 1e-5))
+    rig.rest()
+    assert max(rig.drives[0].q) <= reached + 2e-4 + 1e-9
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_outside_its_limits_may_only_come_back(side):
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-1.0, 2.1 * side])])
+    rig.feed(LinkChange("A", LinkState.READY))
+    out = rig.command(0, (-1e-4, 0.0))
+    assert out.outcome is Outcome.REFUSED
+    reason = out.reasons[-1]
+    assert (reason.cause, reason.joint) == (Cause.JOINT_LIMIT, "J1")
+    assert (reason.value, reason.bound) == (2.1 * side, 2.0 * side)
+    rig.step()
+    for _ in range(6):
+        rig.step()
+    assert rig.command(0, (0.0, -1e-4 * side)).outcome is Outcome.ADMITTED
