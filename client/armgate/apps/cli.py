@@ -1,7 +1,7 @@
 """The root of the command line: ``armgate COMMAND …``.
 
-A command is a function with typer annotations that its owner registers in the entry point group
-``armgate.commands``. It is imported only when it is called, or named in ``armgate --help``.
+A command is a function with typer annotations, or a group of such, that its owner registers in the group
+``armgate.commands`` of entry points. It is imported only when it is called, or named in ``armgate --help``.
 
 Exit status: 0 done, 1 failed, 2 called wrongly (options, configuration, files). An error of ours, or of the
 operating system, is one line on stderr; anything else is a defect and shows its traceback.
@@ -37,8 +37,10 @@ class CommandGroup(TyperGroup):
         return None if entry is None else as_command(cmd_name, entry.load())
 
 
-def as_command(name: str, function: Callable[..., Any]) -> Any:
-    """A typer command of a plain annotated function; its help is the function's docstring."""
+def as_command(name: str, function: Callable[..., Any] | typer.Typer) -> Any:
+    """A typer command of a plain annotated function, whose docstring is its help; or a group of such."""
+    if isinstance(function, typer.Typer):
+        return typer.main.get_command(function)
     app = typer.Typer(add_completion=False)
     app.command(name)(function)
     return typer.main.get_command(app)

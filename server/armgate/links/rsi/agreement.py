@@ -69,7 +69,7 @@ class Agreement:
     def hints(self, telegram: Telegram, q: Joints) -> list[str]:
         """Known mistakes that show in a telegram."""
         found = []
-        decimals = telegram.decimals("AIPos", "ASPos", "EIPos", "ESPos")
+        decimals = telegram.decimals()
         if self._count >= _TELEGRAMS and decimals < min(self._setup.precision, 3):
             found.append(
                 f"the KRC sends {decimals} decimal(s), the cell says {self._setup.precision}: "

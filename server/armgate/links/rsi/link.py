@@ -16,7 +16,7 @@ from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
-from armgate.links.rsi.telegram import Telegram, TelegramError, read_telegram
+from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _NEW_RUN = 3
 """After so many cycles without a telegram another port of the KRC is believed to be its program's new one."""
@@ -82,6 +82,7 @@ class RsiLink:
         self._state = State.WAITING
         self._run: _Run | None = None
         self._agreement = Agreement(setup)
+        self._reader = TelegramReader(setup.axes)
         self._rebased = False
         self._rest_since = 0.0
         self._events: list[LinkEvent] = []
@@ -143,7 +144,7 @@ class RsiLink:
             self._refuse("stranger", f"a datagram from {source[0]}:{source[1]}, which is not the KRC")
             return _NOTHING
         try:
-            telegram = read_telegram(data)
+            telegram = self._reader.read(data)
             if not telegram.short:
                 return self._telegram(telegram, source, now)
             self._refuse("short", "")
@@ -175,8 +176,7 @@ class RsiLink:
         return run is None or source[:2] == run.source or now - run.time > _NEW_RUN * self._setup.period
 
     def _telegram(self, telegram: Telegram, source: Address, now: float) -> Answer:
-        q = telegram.values("AIPos", "EIPos", self._setup.axes)
-        delay, run = telegram.delay, self._run
+        q, delay, run = telegram.q, telegram.delay, self._run
         if run is None or source[:2] != run.source:
             return self._begin(telegram, q, delay, source, now)
         before = run.sequence.delay
@@ -195,7 +195,7 @@ class RsiLink:
         """RSI_ON: the corrections count from the programmed position, where the robot has to be."""
         if self._run is not None and self._state in ARMED:
             self._lose("the KRC's program began anew")
-        reference = telegram.values("ASPos", "ESPos", self._setup.axes)
+        reference = telegram.programmed(self._setup.axes)
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
         run = _Run(source[:2], Sequence(telegram.ipoc, delay), commanded, q, now)
         self._run, self._rebased = run, self._player.tick >= 0

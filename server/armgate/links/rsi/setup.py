@@ -66,7 +66,7 @@ def setup_of(cell: Cell, robot: Robot) -> Setup:
     if not isinstance(own, RsiLinkConfig):
         raise cell.config.error((*key, "kind"), f"{own.kind!r}; expected rsi")
     try:
-        axes = _axes(robot, own)
+        axes = joint_axes(robot, own)
     except ValueError as error:
         raise cell.config.error((*key, "axes"), str(error)) from error
     ethernet = _ethernet(cell.config, robot.name, own, axes)
@@ -110,7 +110,12 @@ def _row(values: object) -> Joints:
     return tuple(float(value) for value in values)  # type: ignore[attr-defined]
 
 
-def _axes(robot: Robot, own: RsiLinkConfig) -> tuple[Axis, ...]:
+def joint_axes(robot: Robot, own: RsiLinkConfig) -> tuple[Axis, ...]:
+    """The axis of each joint, in the order of the model.
+
+    Raises:
+        ValueError: They do not fit; says what was expected.
+    """
     joints = [(joint.name, joint.kind == "prismatic") for joint in robot.model.joints]
     return axes_of(joints, {name: (axis.joint, axis.received, axis.sent) for name, axis in own.axes.items()})
 

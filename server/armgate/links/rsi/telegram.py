@@ -1,10 +1,13 @@
 """The telegrams of RSI: reads what a KRC sends (``<Rob>``), writes what it takes (``<Sen>``)."""
 
+import math
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
+from armgate.cell.events import Joints
 from armgate.links.rsi.axes import AXES, Axis
 from armgate.links.rsi.ethernet import Ethernet
 from armgate.links.rsi.xml import XmlError, read_xml
@@ -15,8 +18,9 @@ LONGEST_REPLY = 1024
 """More a KRC does not take, bytes."""
 _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
 _DELAY = re.compile(r"[0-9]{1,10}")
-_NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]{1,2})?"
-_NUMBERS = re.compile(rf"{_NUMBER}(?: {_NUMBER})*")
+_NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_FREE = re.compile(rb'="([-+.0-9]{1,32})"')
+_IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
 
 
 class TelegramError(Exception):
@@ -36,84 +40,139 @@ class Telegram:
     """What a KRC said.
 
     Attributes:
+        data: Its bytes.
         ipoc: Its number.
-        groups: The attributes of each element, by its name.
+        short: Whether it is RSI 2's first frame, nothing but the IPOC; then there is no more in it.
+        delay: How many cycles were late so far.
+        q: Measured position, rad or m, in the order of the model.
     """
 
+    data: bytes
     ipoc: int
-    groups: dict[str, dict[str, str]]
+    short: bool
+    delay: int
+    q: Joints
 
-    @property
-    def short(self) -> bool:
-        """Whether it is RSI 2's first frame: nothing but the IPOC."""
-        return not self.groups
-
-    @property
-    def delay(self) -> int:
-        """How many cycles were late so far.
-
-        Raises:
-            TelegramError: It is not said.
-        """
-        text = self.groups.get("Delay", {}).get("D", "")
-        if not _DELAY.fullmatch(text):
-            said = "is missing" if not text else f"is {text[:40]!r}"
-            raise TelegramError("element", f"Delay D {said}: SEND must have DEF_Delay")
-        return int(text)
-
-    def values(self, inner: str, outer: str, axes: Sequence[Axis]) -> tuple[float, ...]:
-        """The positions of the axes' joints, rad or m, in the order of ``axes``.
-
-        Args:
-            inner: The element with A1…: AIPos or ASPos.
-            outer: The element with E1…: EIPos or ESPos.
-            axes: Which.
+    def programmed(self, axes: Sequence[Axis]) -> Joints:
+        """The position that the KRC's program holds, as ``q``.
 
         Raises:
             TelegramError: A value is missing or no number.
         """
-        groups = {"A": self.groups.get(inner, {}), "E": self.groups.get(outer, {})}
-        texts = [groups[axis.name[0]].get(axis.name, "-") for axis in axes]
-        if not _NUMBERS.fullmatch(" ".join(texts)):
-            raise self._bad_value(inner, outer, axes, texts)
-        return tuple([axis.read * float(text) for axis, text in zip(axes, texts, strict=True)])
+        return _positions(_groups(_root(self.data)), ("ASPos", "ESPos"), axes)
 
-    def _bad_value(self, inner: str, outer: str, axes: Sequence[Axis], texts: list[str]) -> TelegramError:
-        for axis, text in zip(axes, texts, strict=True):
-            tag = inner if axis.name[0] == "A" else outer
-            if text == "-":
-                return TelegramError("element", f"{tag} {axis.name} is missing: SEND must have DEF_{tag}")
-            if not _NUMBERS.fullmatch(text) or " " in text:
-                return TelegramError("value", f"{tag} {axis.name} is {text[:40]!r}; expected a number")
-        return TelegramError("value", f"{inner} or {outer} holds no numbers")
-
-    def decimals(self, *tags: str) -> int:
-        """The most decimals that a value of these elements has."""
-        texts = [text for tag in tags for text in self.groups.get(tag, {}).values()]
+    def decimals(self) -> int:
+        """The most decimals that a value of a position has."""
+        groups = _groups(_root(self.data))
+        tags = ("AIPos", "ASPos", "EIPos", "ESPos")
+        texts = [text for tag in tags for text in groups.get(tag, {}).values()]
         return max((len(text.partition(".")[2]) for text in texts), default=0)
 
 
-def read_telegram(data: bytes) -> Telegram:
-    """The telegram in a datagram. The outer element's attributes differ between controllers: not looked at.
+class TelegramReader:
+    """Reads telegrams. The outer element's attributes differ between controllers: they are not looked at.
 
-    Raises:
-        TelegramError: There is none.
+    A KRC's telegrams differ in their numbers only. The form of one that was read as XML becomes a pattern
+    in which numbers alone are free: what fits it is the same XML. All else is read as XML again.
+
+    Args:
+        axes: The axes of the robot's joints, in the order of the model.
     """
+
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        self._axes = tuple(axes)
+        self._scales = tuple(axis.read for axis in axes)
+        self._form: re.Pattern[bytes] | None = None
+        self._wanted: tuple[int, ...] = ()
+
+    def read(self, data: bytes) -> Telegram:
+        """The telegram in a datagram.
+
+        Raises:
+            TelegramError: There is none, or it lacks the measured position or the Delay.
+        """
+        found = None if self._form is None else self._form.fullmatch(data)
+        if found is None:
+            return self._parse(data)
+        delay, ipoc, *texts = found.group(*self._wanted)
+        try:
+            q = tuple([scale * float(text) for scale, text in zip(self._scales, texts, strict=True)])
+            return Telegram(data, int(ipoc), False, int(delay), q)
+        except ValueError:
+            return self._parse(data)
+
+    def _parse(self, data: bytes) -> Telegram:
+        root = _root(data)
+        groups = _groups(root)
+        text = root.findtext("IPOC", "")
+        digits = _DIGITS.fullmatch(text)
+        if digits is None:
+            raise TelegramError("ipoc", f"IPOC {text[:40]!r}; expected digits")
+        ipoc = int(digits[1])
+        if not groups:
+            return Telegram(data, ipoc, True, 0, ())
+        q = _positions(groups, ("AIPos", "EIPos"), self._axes)
+        delay = groups.get("Delay", {}).get("D", "")
+        if not _DELAY.fullmatch(delay):
+            said = "is missing" if not delay else f"is {delay[:40]!r}"
+            raise TelegramError("element", f"Delay D {said}: SEND must have DEF_Delay")
+        self._learn(data, root)
+        return Telegram(data, ipoc, False, int(delay), q)
+
+    def _learn(self, data: bytes, root: ET.Element) -> None:
+        """The pattern of this telegram, if its text and its XML have the same numbers in the same order."""
+        names = [(child.tag, name) for child in (root, *root) for name in child.attrib]
+        values = [value.encode() for child in (root, *root) for value in child.attrib.values()]
+        numbers = [one for one in zip(names, values, strict=True) if _FREE.fullmatch(b'="' + one[1] + b'"')]
+        self._form = None
+        if _FREE.findall(data) != [value for _, value in numbers] or len(_IPOC.findall(data)) != 1:
+            return
+        places = {name: place for place, (name, _) in enumerate(numbers, start=1)}
+        wanted = [("Delay", "D"), *((_tag(axis, "AIPos", "EIPos"), axis.name) for axis in self._axes)]
+        if data.index(b"<IPOC>") < data.rindex(b'="') or not places.keys() >= set(wanted):
+            return
+        delay, *axes = (places[name] for name in wanted)
+        self._wanted = (delay, len(places) + 1, *axes)
+        pieces = _FREE.split(_IPOC.sub(b"<IPOC>", data))[::2]
+        head, _, tail = pieces[-1].rpartition(b"<IPOC>")
+        form = rb'="([-+.0-9]{1,32})"'.join(map(re.escape, [*pieces[:-1], head]))
+        self._form = re.compile(form + rb"<IPOC>([0-9]{1,20})</IPOC>" + re.escape(tail))
+
+
+def _root(data: bytes) -> ET.Element:
     try:
         root = read_xml(data, LIMIT)
     except XmlError as error:
         raise TelegramError("xml", str(error)) from error
     if root.tag != "Rob":
         raise TelegramError("root", f"the outer element is <{root.tag[:40]}>; expected <Rob>")
+    return root
+
+
+def _groups(root: ET.Element) -> dict[str, dict[str, str]]:
+    """The attributes of each element."""
     groups = {child.tag: child.attrib for child in root}
     if len(groups) != len(root):
         raise TelegramError("element", "an element stands twice; expected each once")
     groups.pop("IPOC", None)
-    text = root.findtext("IPOC", "")
-    digits = _DIGITS.fullmatch(text)
-    if digits is None:
-        raise TelegramError("ipoc", f"IPOC {text[:40]!r}; expected digits")
-    return Telegram(int(digits[1]), groups)
+    return groups
+
+
+def _tag(axis: Axis, inner: str, outer: str) -> str:
+    return inner if axis.name[0] == "A" else outer
+
+
+def _positions(groups: dict[str, dict[str, str]], tags: tuple[str, str], axes: Sequence[Axis]) -> Joints:
+    found = []
+    for axis in axes:
+        tag = _tag(axis, *tags)
+        text = groups.get(tag, {}).get(axis.name)
+        if text is None:
+            raise TelegramError("element", f"{tag} {axis.name} is missing: SEND must have DEF_{tag}")
+        if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+            raise TelegramError("value", f"{tag} {axis.name} is {text[:40]!r}; expected a number")
+        found.append(axis.read * float(text))
+    return tuple(found)
 
 
 class ReplyWriter:

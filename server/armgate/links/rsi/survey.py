@@ -1,0 +1,164 @@
+"""What telegrams tell of a KRC that is only listened to: cycle, elements, units, axis signs."""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armgate.links.rsi.setup import Setup
+from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
+
+Foot = Callable[[ArrayLike], Sequence[float]]
+"""From joint positions (rad, m) to the flange's place in the arm's foot, mm."""
+
+_MOVED = 0.5
+"""Less than this many deg or mm is no jogging."""
+_NEAR = 2.0
+"""RIst and the model's flange are the same if they are no farther apart, mm."""
+_MM_BY_PI = 180.0 / math.pi
+
+
+class Survey:
+    """Gathers telegrams.
+
+    Args:
+        setup: What the cell says of robot and KRC.
+        foot: The model's flange.
+    """
+
+    def __init__(self, setup: Setup, foot: Foot) -> None:
+        self._setup, self._foot = setup, foot
+        self._reader = TelegramReader(setup.axes)
+        self._times: list[float] = []
+        self._ipocs: list[int] = []
+        self._q: list[tuple[float, ...]] = []
+        self._first: Telegram | None = None
+        self._last: Telegram | None = None
+        self._cartesian: list[tuple[float, ...] | None] = []
+        self.problems: list[str] = []
+        """What is wrong, each once."""
+        self.sources: set[str] = set()
+        """Addresses from which datagrams came."""
+
+    def take(self, data: bytes, host: str, now: float) -> None:
+        """A datagram came at this time, s."""
+        self.sources.add(host)
+        if host != self._setup.krc:
+            return self._say(f"datagrams come from {host}; the cell says krc: {self._setup.krc}")
+        try:
+            telegram = self._reader.read(data)
+            if telegram.short:
+                return None
+            telegram.programmed(self._setup.axes)
+        except TelegramError as error:
+            return self._say(f"a telegram does not fit: {error}")
+        self._first, self._last = self._first or telegram, telegram
+        self._times.append(now)
+        self._ipocs.append(telegram.ipoc)
+        self._q.append(telegram.q)
+        self._cartesian.append(_rist(data))
+        return None
+
+    def report(self) -> list[str]:
+        """What was found, a line each; ``problems`` is complete only after it."""
+        if self._first is None or self._last is None:
+            return ["no telegram came"]
+        lines = [*self._timing(), f"elements: {', '.join(_elements(self._first.data))}"]
+        lines.append(f"decimals: {self._last.decimals()} (the cell says {self._setup.precision})")
+        if self._last.decimals() < min(self._setup.precision, 3):
+            self._say("set Precision in the KRC's Ethernet object")
+        return [*lines, *self._axes(), *self._signs()]
+
+    # --- parts of the report ------------------------------------------------------------------------------
+
+    def _timing(self) -> list[str]:
+        count, first, last = len(self._times), self._first, self._last
+        lines = [f"telegrams: {count}, Delay {first.delay if first else 0} to {last.delay if last else 0}"]
+        if count < 3:
+            return [*lines, "too few telegrams for a cycle"]
+        gaps = np.diff(self._times)
+        cycle, worst = float(np.median(gaps)), float(np.max(np.abs(gaps - np.median(gaps))))
+        steps = sorted(set(np.diff(np.array(self._ipocs, dtype=object))))
+        lines.append(f"cycle: {1000 * cycle:.2f} ms, jitter up to {1000 * worst:.2f} ms")
+        lines.append(f"IPOC: from {self._ipocs[0]}, in steps of {', '.join(map(str, steps[:4]))}")
+        if abs(cycle - self._setup.period) > 0.25 * self._setup.period:
+            self._say(
+                f"the cell's period is {1000 * self._setup.period:g} ms, the cycle {1000 * cycle:.1f} ms"
+            )
+        return lines
+
+    def _axes(self) -> list[str]:
+        lines = []
+        rows = zip(
+            self._setup.axes, self._q[0], self._q[-1], self._setup.lower, self._setup.upper, strict=True
+        )
+        for axis, begun, now, lower, upper in rows:
+            at, low, high = (axis.shown * value for value in (now, lower, upper))
+            moved = axis.shown * (now - begun)
+            jogged = f", moved by {moved:+.2f}" if abs(moved) > _MOVED else ""
+            lines.append(
+                f"{axis.name} {axis.joint}: {at:.2f} {axis.unit}, limits {low:g} to {high:g}{jogged}"
+            )
+            if not lower <= now <= upper:
+                hint = ""
+                if axis.linear and lower <= now / _MM_BY_PI <= upper:
+                    hint = (
+                        f": as mm·180/π it would be {at / _MM_BY_PI:.2f} mm; set received to {_MM_BY_PI:.9f}"
+                    )
+                self._say(f"{axis.name} is outside the limits of {axis.joint}{hint}")
+        return lines
+
+    def _signs(self) -> list[str]:
+        """Whether RIst is where the model's flange is, and with which signs it would be."""
+        given = [(q, place) for q, place in zip(self._q, self._cartesian, strict=True) if place is not None]
+        samples = [given[0], given[len(given) // 2], given[-1]] if given else []
+        if not any(any(place) for _, place in samples):
+            return ["RIst: not sent or all zero; the signs of the axes cannot be compared"]
+        turning = [index for index, axis in enumerate(self._setup.axes) if not axis.linear]
+        errors = {}
+        for signs in product((1.0, -1.0), repeat=len(turning)):
+            factors = np.ones(len(self._setup.axes))
+            factors[turning] = signs
+            errors[signs] = max(math.dist(self._foot(factors * q), place) for q, place in samples)
+        own = errors[(1.0,) * len(turning)]
+        line = f"RIst: {own:.1f} mm from the model's flange (expected 0, with $BASE and $TOOL zero)"
+        if own <= _NEAR:
+            alike = sum(error <= _NEAR for error in errors.values()) - 1
+            more = (
+                f"; {alike} other choice(s) of signs would fit here too: jog all axes off zero"
+                if alike
+                else ""
+            )
+            return [line + more]
+        best = min(errors, key=lambda signs: (errors[signs] > _NEAR, signs.count(-1.0)))
+        if errors[best] <= _NEAR:
+            names = [self._setup.axes[index].name for index in turning]
+            turned = ", ".join(name for name, sign in zip(names, best, strict=True) if sign < 0.0)
+            self._say(
+                f"the model fits RIst if {turned} turn(s) the other way: make received and sent negative"
+            )
+        else:
+            self._say(
+                "RIst does not fit the model with any signs: another robot, or $BASE and $TOOL are not zero"
+            )
+        return [line]
+
+    def _say(self, problem: str) -> None:
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+
+def _elements(data: bytes) -> list[str]:
+    return [child.tag for child in ET.fromstring(data)]  # noqa: S314  (it was read as a telegram before)
+
+
+def _rist(data: bytes) -> tuple[float, ...] | None:
+    found = re.search(rb"<RIst ([^>]*)>", data)
+    values = dict(re.findall(rb'([XYZ])="([-+.0-9]{1,32})"', found[1])) if found else {}
+    if len(values) != 3:
+        return None
+    return tuple(float(values[name]) for name in (b"X", b"Y", b"Z"))
