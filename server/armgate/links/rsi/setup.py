@@ -3,14 +3,17 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from armgate.cell.cell import Cell, Robot
-from armgate.cell.config import CellConfig
 from armgate.cell.events import Joints
 from armgate.cell.link_config import RsiLinkConfig
 from armgate.links.rsi.axes import AXES, Axis, axes_of
 from armgate.links.rsi.ethernet import Ethernet, EthernetError, load_ethernet
 from armgate.links.rsi.telegram import LONGEST_REPLY, ReplyWriter
+
+if TYPE_CHECKING:  # what a robot model needs takes time to load
+    from armgate.cell.cell import Cell, Robot
+    from armgate.cell.config import CellConfig
 
 Address = tuple[str, int]
 
@@ -56,7 +59,7 @@ class Setup:
     listen: Address
 
 
-def setup_of(cell: Cell, robot: Robot) -> Setup:
+def setup_of(cell: "Cell", robot: "Robot") -> Setup:
     """The setup of a robot whose link is of the kind ``rsi``.
 
     Raises:
@@ -110,7 +113,7 @@ def _row(values: object) -> Joints:
     return tuple(float(value) for value in values)  # type: ignore[attr-defined]
 
 
-def joint_axes(robot: Robot, own: RsiLinkConfig) -> tuple[Axis, ...]:
+def joint_axes(robot: "Robot", own: RsiLinkConfig) -> tuple[Axis, ...]:
     """The axis of each joint, in the order of the model.
 
     Raises:
@@ -120,7 +123,7 @@ def joint_axes(robot: Robot, own: RsiLinkConfig) -> tuple[Axis, ...]:
     return axes_of(joints, {name: (axis.joint, axis.received, axis.sent) for name, axis in own.axes.items()})
 
 
-def _ethernet(config: CellConfig, robot: str, own: RsiLinkConfig, axes: tuple[Axis, ...]) -> Ethernet:
+def _ethernet(config: "CellConfig", robot: str, own: RsiLinkConfig, axes: tuple[Axis, ...]) -> Ethernet:
     key = ("robots", robot, "link", "ethernet")
     path: Path = config.file(key, own.ethernet)
     try:
@@ -192,7 +195,7 @@ def _listen(own: RsiLinkConfig, ethernet: Ethernet) -> Address:
     return host.strip("[]"), int(port)
 
 
-def _check(cell: Cell, robot: Robot, setup: Setup) -> None:
+def _check(cell: "Cell", robot: "Robot", setup: Setup) -> None:
     key = ("robots", robot.name)
     objection = uncovered(setup, _row(robot.start))
     if objection is not None:
