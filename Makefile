@@ -73,6 +73,9 @@ bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare ech
 bench-rsi: $(VENV)/.installed  ## measure a reply by RSI against a bare UDP echo
 	@$(BIN)/python benchmarks/bench_rsi.py $(ARGS)
 
+bench-record: $(VENV)/.installed  ## measure what recording costs the daemon's loop and the disk
+	@$(BIN)/python benchmarks/bench_record.py $(ARGS)
+
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
 

@@ -3,6 +3,7 @@
 JSON knows neither NaN nor infinity: they stand as the texts ``NaN``, ``Infinity`` and ``-Infinity``.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +29,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A robot's entry in the state at its own tick."""
+    """A robot's entry in the state at its own tick; bounds are kept to 1 nm (down), points to 1 µm."""
 
     entry: m.Entry
 
@@ -109,7 +110,25 @@ def _encode_step(step: Step) -> tuple[str, object]:
 
 
 def _encode_shown(shown: Shown) -> tuple[str, object]:
-    return form.robot_topic(shown.entry.robot), shown.entry
+    entry = shown.entry
+    fields: dict[str, object] = dict(entry.__dict__)
+    # A third of a recording would be digits below these, which nobody can see.
+    fields["nearest"] = entry.nearest and [
+        {
+            "pair": near.pair,
+            "distance": _down(near.distance),
+            "limit": near.limit,
+            "points": near.points and [[round(x, 6) for x in point] for point in near.points],
+        }
+        for near in entry.nearest
+    ]
+    fields["least_clearance"] = entry.least_clearance and _down(entry.least_clearance)
+    return form.robot_topic(entry.robot), fields
+
+
+def _down(bound: float) -> float:
+    """A lower bound to the nanometre: never more than it was."""
+    return math.floor(bound * 1e9) / 1e9
 
 
 def _encode_moment(moment: Moment) -> tuple[str, object]:

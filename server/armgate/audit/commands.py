@@ -1,4 +1,4 @@
-"""``armgate replay`` and ``armgate recover``."""
+"""``armgate replay``, ``explain``, ``report`` and ``recover``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a recording, or one of its files.")]
 _LISTED = 20
+_PICTURES = 12
 
 
 def replay(
@@ -32,6 +33,44 @@ def replay(
     outcome = replayed(recording, recorded_cell(recording.header))
     _tell_replay(outcome)
     raise typer.Exit(1 if outcome.count else 0)
+
+
+def explain(
+    run: Run,
+    tick: Annotated[int | None, typer.Option(min=0, help="Explain the commands for this tick.")] = None,
+    refused: Annotated[bool, typer.Option("--refused", help="Explain what was refused.")] = False,
+    robot: Annotated[str | None, typer.Option(help="Only this robot's commands.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the pictures; the run's if none is named.")
+    ] = None,
+) -> None:
+    """Say and draw why commands were limited or refused."""
+    from armgate.audit.build import recorded_cell  # noqa: PLC0415
+    from armgate.audit.errors import AuditError, UseError  # noqa: PLC0415
+    from armgate.audit.explaining import at_tick, cases, first_refusals, words  # noqa: PLC0415
+    from armgate.audit.picture import draw  # noqa: PLC0415
+    from armgate.recording import Recording  # noqa: PLC0415
+
+    if (tick is None) != refused:
+        raise UseError("expected one of --tick N and --refused")
+    recording = Recording.open(run)
+    cell = recorded_cell(recording.header)
+    if robot is not None and robot not in (names := [r.name for r in cell.robots]):
+        raise UseError(f"--robot {robot}: the recording has {', '.join(names)}")
+    folder = out or (run if run.is_dir() else run.parent)
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = first_refusals(robot) if tick is None else at_tick(tick, robot)
+    number = 0
+    for number, case in enumerate(cases(recording, cell, wanted), start=1):
+        typer.echo(words(case, cell))
+        file = folder / f"explain-{case.command.robot}-{case.tick}-{case.verdict.seq}.png"
+        if number > _PICTURES:
+            typer.echo(f"  (no picture: {_PICTURES} were drawn; name its --tick)")
+        elif draw(case, cell, file):
+            typer.echo(f"  picture: {file}")
+    if not number:
+        what = "nothing was refused" if tick is None else f"no command was for tick {tick}"
+        raise AuditError(f"{run}: {what}{'' if robot is None else f' of {robot}'}")
 
 
 def recover(run: Run) -> None:

@@ -17,7 +17,7 @@ from armgate.daemon.record_file import RecordFile
 from armgate.protocol import messages as m
 from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
 
-FLUSH = 0.1
+FLUSH = 0.15
 """What a killed daemon may lose at most, s, beside what the thread was late."""
 
 _PATIENCE = 10.0

@@ -4,10 +4,20 @@
 and plans.
 """
 
-from armgate.integrity.beside import GateBeside
+from armgate.integrity.beside import GateBeside, Intended
 from armgate.integrity.gate import Gate
 from armgate.integrity.nearest import start_clearances
 from armgate.integrity.replay import replay
+from armgate.integrity.support import support, support_table
 from armgate.integrity.view import RobotView
 
-__all__ = ["Gate", "GateBeside", "RobotView", "replay", "start_clearances"]
+__all__ = [
+    "Gate",
+    "GateBeside",
+    "Intended",
+    "RobotView",
+    "replay",
+    "start_clearances",
+    "support",
+    "support_table",
+]

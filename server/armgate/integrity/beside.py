@@ -4,19 +4,77 @@ Whatever the other rules say, the recorded plan is what the link took and played
 where the robots then were, not where these rules would have brought them.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from armgate.cell.events import Command, GateEvent, GateOutput, Plan, Stopped, Verdict
+from armgate.cell.events import Command, GateEvent, GateOutput, Joints, Plan, Point, Stopped, Verdict
+from armgate.integrity.braking import stop_increments
 from armgate.integrity.certificate import Budget
+from armgate.integrity.clearance import ordered
 from armgate.integrity.gate import Gate
 from armgate.integrity.judge import Decision
+from armgate.integrity.limits import StepBounds, shape_wish
 from armgate.integrity.robot import RobotState, end_of
 
 
+@dataclass(frozen=True, slots=True)
+class Intended:
+    """Where a command would have led, all joints of its robot, rad or m.
+
+    Attributes:
+        asked: The increment asked for.
+        wish: What the robot's own bounds leave of it.
+        end: Where its stop would end.
+        q: The measured position.
+        setpoint: The setpoint that it would be added to.
+        last: The increment played last.
+        bounds: The robot's bounds per tick.
+        share: The lease's own speed bound, a fraction.
+    """
+
+    asked: Joints
+    wish: Joints
+    end: Joints
+    q: Joints
+    setpoint: Joints
+    last: Joints
+    bounds: StepBounds
+    share: float
+
+
 class GateBeside(Gate):
-    """A gate that judges, and then follows what a recording says was answered."""
+    """A gate that judges, tells what it goes by, and follows what a recording says was answered."""
+
+    def intended(self, event: Command) -> Intended | None:
+        """Where a command would lead that is judged now; None if it cannot be asked for at all."""
+        s = self._of(event.robot)
+        if s.tick < 0 or len(event.dq) != len(s.zeros) or not all(map(math.isfinite, event.dq)):
+            return None
+        bounds = s.limits_now()
+        wish = shape_wish(event.dq, s.last, s.brake, s.setpoint, bounds, s.share).u
+        increments = stop_increments(wish, s.bounds.decel)
+        end = end_of(s.setpoint, increments)
+        return Intended(event.dq, wish, end, s.measured, s.setpoint, s.last, bounds, s.share)
+
+    def witness(self, robot: str, pair: tuple[str, str], q: Joints) -> tuple[Point, Point] | None:
+        """Nearest points of a pair's bodies, in its order, with ``robot`` at ``q``, others where they stand.
+
+        None if the cell has no such pair of this robot, or somebody's position is not known.
+        """
+        c, s = self._clearance, self._of(robot)
+        found = [p for p in c.pairs_of[s.index] if c.names(int(p)) == pair]
+        if not found or not c.known(int(found[0])):
+            return None
+        group, k = c.find(s.index, int(found[0]))
+        mine = c.space.still(s.index, q)
+        side = c.space.static
+        if group.other is not None:
+            other = self._robots[group.other]
+            side = mine if other is s else c.space.still(other.index, other.measured)
+        return ordered(group, k, c.certifier.prove(group, k, mine, side, (0, 0)).points)
 
     def step_beside(self, event: GateEvent, recorded: Sequence[GateOutput]) -> list[GateOutput]:
         """Takes an event, returns what these rules answer, and goes on as was answered then."""

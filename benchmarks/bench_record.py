@@ -1,0 +1,81 @@
+"""What recording costs: of the daemon's loop per robot tick, and of the disk per hour, in the demo.
+
+A real demo by the clock: daemon, leader, follower. The daemon's recorder is timed in its own loop; the unit
+is an append to a list, measured at the same places.
+"""
+
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from report import Row, report
+
+from armgate.apps.data import default_file
+from armgate.apps.demo.processes import Crew
+from armgate.apps.demo.run import Plan, run
+from armgate.recording import Recording
+
+HOUR = 3600.0
+GOALS = {0.012: 350.0, 0.004: 1000.0}
+LOOP_GOAL = 50.0
+
+
+class Measured(Plan):
+    """The demo, its daemon replaced by the measured one."""
+
+    def daemon(self):
+        own = ["serve", *map(str, self.configs), "--port", "0", "--record", str(self.record)]
+        return [sys.executable, str(Path(__file__).with_name("recorded_daemon.py")), str(os.getpid()), *own]
+
+
+def measure(period, seconds, folder):
+    """Recorder's times by kind [s], records lost, MB per hour, ms between two chunks."""
+    overlay = folder / "period.yaml"
+    robots = "".join(f"  {name}: {{period: {period}}}\n" for name in ("FR", "GR"))
+    overlay.write_text(f"robots:\n{robots}", encoding="utf-8")
+    os.environ["FIGURES"] = str(folder / "figures.json")
+    (folder / "logs").mkdir()
+    plan = Measured(
+        [default_file("demo.yaml"), overlay], default_file("paths/inspection.csv"), "GR", "FR",
+        duration=seconds, record=folder / "run",
+    )  # fmt: skip
+    with Crew(folder / "logs") as crew:
+        run(crew, plan, lambda _watch: None)
+    figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
+    places = [place for part in Recording.open(folder / "run").parts for place in part.chunks][1:]
+    file = places[0].file
+    # From the first chunk after the header to the end of the last: chunks and the indexes between them.
+    size = places[-1].offset + places[-1].length - places[0].offset
+    lasted = (places[-1].last_ns - places[0].first_ns) / 1e9
+    gap = median(np.diff([place.last_ns for place in places])) / 1e6
+    assert len({place.file for place in places}) == 1, file
+    return figures["spent"], figures["lost"], size * HOUR / lasted / 1e6, gap
+
+
+def rows(period, seconds):
+    """The figures of one period."""
+    with tempfile.TemporaryDirectory() as folder:
+        spent, lost, per_hour, gap = measure(period, seconds, Path(folder))
+    ms = f"{1000 * period:g} ms"
+    us = {kind: 1e6 * np.array(times) for kind, times in spent.items()}
+    # A robot tick is a tick, a command, its plan's answer and a share of the state.
+    total = sum(float(np.median(us[kind])) for kind in ("tick", "command", "answer", "state"))
+    late = sum(float(np.percentile(us[kind], 99)) for kind in ("tick", "command", "answer", "state"))
+    unit = float(np.median(us["append"]))
+    return [
+        Row(f"{ms}: loop per robot tick, median", total, "µs", LOOP_GOAL),
+        Row(f"{ms}: the same, p99 of each part", late, "µs"),
+        Row(f"{ms}: the same, in appends to a list", total / unit, "×"),
+        Row(f"{ms}: an hour of the demo", per_hour, "MB", GOALS[period]),
+        Row(f"{ms}: between two flushes, median", gap, "ms", 200.0),
+        Row(f"{ms}: records lost", lost, "1", 0.0),
+    ]
+
+
+if __name__ == "__main__":
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 50.0
+    report("record", [row for period in GOALS for row in rows(period, seconds)])

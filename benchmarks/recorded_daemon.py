@@ -1,0 +1,46 @@
+"""``armgate serve …`` that measures what recording costs its event loop; writes it to the file FIGURES."""
+
+import json
+import os
+import sys
+from time import perf_counter
+
+from armgate.apps.demo.child import end_with, hurry
+from armgate.daemon import record_start, recorder
+
+spent: dict[str, list[float]] = {"tick": [], "command": [], "answer": [], "state": [], "append": []}
+_KINDS = {"Tick": "tick", "Command": "command", "PlanAnswer": "answer"}
+
+
+class Timed(recorder.Recorder):
+    def tap(self, event, outputs):
+        start = perf_counter()
+        super().tap(event, outputs)
+        end = perf_counter()
+        kind = _KINDS.get(type(event).__name__)
+        if kind:
+            spent[kind].append(end - start)
+        row = []
+        start = perf_counter()  # the unit: what nobody can do without
+        row.append((event, outputs))
+        spent["append"].append(perf_counter() - start)
+
+    def show(self, ticks, entries, signals, warnings, step):
+        start = perf_counter()
+        super().show(ticks, entries, signals, warnings, step)
+        if ticks:
+            spent["state"].append((perf_counter() - start) / len(ticks))
+
+    def close(self, timeout=10.0):
+        super().close(timeout)
+        with open(os.environ["FIGURES"], "w", encoding="utf-8") as file:
+            json.dump({"spent": spent, "lost": self.lost}, file)
+
+
+if __name__ == "__main__":
+    from armgate.apps.cli import main
+
+    record_start.Recorder = Timed
+    end_with(int(sys.argv[1]))
+    hurry()
+    main(sys.argv[2:])

@@ -1,0 +1,89 @@
+"""Record, kill -9, recover, replay: in every state of the writer, at random moments, and a real daemon."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armgate.audit.build import recorded_cell
+from armgate.audit.recovering import recovered
+from armgate.audit.replaying import replayed
+from armgate.recording import Recording, RecordingError, TruncatedError
+from support.cells import arms_yaml
+from support.clients import Mover, Process, Raw, run
+
+STATES = ("between", "in_chunk", "after_chunk", "turn_closed", "turn_begun", "closing")
+CHILD = Path(__file__).parents[1] / "support" / "killed_recorder.py"
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """Folder, and for each case how many steps had been flushed when it was killed."""
+    folder = tmp_path_factory.mktemp("killed")
+    chance = random.Random(20)
+    moments = [str(n) for n in chance.sample(range(3, 400), 20)]
+    command = [sys.executable, str(CHILD), str(folder), "start", *STATES, *moments]
+    environment = os.environ | {"PYTHONPATH": str(CHILD.parents[1])}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
+    cases = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {case["status"] for case in cases} == {-signal.SIGKILL}
+    return folder, {case["case"]: case["flushed"] for case in cases}
+
+
+def judged_again(folder):
+    """How many steps are left after recovery; all are answered the same."""
+    recovered(folder)
+    recording = Recording.open(folder)
+    outcome = replayed(recording, recorded_cell(recording.header))
+    assert outcome.count == 0
+    return outcome.events
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_killed_in_any_state_of_the_writer_all_that_was_flushed_is_judged_the_same(killed, state):
+    folder, flushed = killed
+    if state != "turn_closed":  # there every file was closed, and no other begun
+        with pytest.raises(TruncatedError, match="armgate recover"):
+            Recording.open(folder / state)
+    assert judged_again(folder / state) >= flushed[state] > 0
+
+
+def test_killed_at_twenty_random_moments_all_that_was_flushed_is_judged_the_same(killed):
+    folder, flushed = killed
+    moments = [name for name in flushed if name.isdigit()]
+    left = {name: judged_again(folder / name) for name in moments}
+    assert len(left) == 20
+    assert all(left[name] >= flushed[name] for name in moments)
+    assert len(set(left.values())) > 10
+
+
+def test_killed_at_its_start_there_is_nothing_to_recover(killed):
+    folder, _ = killed
+    with pytest.raises(RecordingError, match="nothing can be recovered"):
+        recovered(folder / "start")
+
+
+async def test_a_daemon_killed_while_it_moves_is_recovered_and_judged_the_same(tmp_path):
+    file, out = tmp_path / "arms.yaml", tmp_path / "run"
+    file.write_text(arms_yaml(lag=0.03, max_age_ticks=1000))
+    async with Process.serving(file, "--record", out) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(30)
+        daemon.signal(signal.SIGKILL)
+        await mover.ended()
+        await Raw.close_all()
+        await daemon.process.wait()
+    status, said, err = await run("replay", out)
+    assert (status, said) == (1, "")
+    assert f"armgate recover {out}" in err
+    status, said, _ = await run("recover", out)
+    assert (status, "recovered" in said) == (0, True)
+    status, said, _ = await run("replay", out)
+    assert status == 0
+    assert "to the last bit" in said
+    assert (await run("recover", out))[1].strip().endswith("whole already")

@@ -1,0 +1,127 @@
+"""The recorder: never in the way, honest about what it lost, readable whatever happens to it."""
+
+import errno
+import os
+import threading
+
+import pytest
+
+from armgate.audit.recovering import recovered
+from armgate.daemon.record_file import RecordFile
+from armgate.daemon.recorder import Recorder
+from armgate.recording import Gap, LogLine, Recording, Step
+from support import records
+
+
+def feed(recorder, ticks):
+    for k in ticks:
+        _, step = records.tick_items(k)[0]
+        recorder.tap(step.event, step.outputs)
+
+
+def test_what_is_fed_is_recorded_in_order_and_closed(tmp_path):
+    recorder = Recorder(tmp_path / "run")
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, range(500))
+    recorder.log({"time": 1.7e9, "level": "info", "event": "hello", "name": "x"})
+    recorder.close()
+    recording = Recording.open(tmp_path / "run")
+    *steps, line = [item for _, item in recording.items()]
+    assert [step.event.tick for step in steps] == list(range(500))
+    assert line == LogLine(1.7e9, "info", "hello", {"name": "x"})
+    assert recorder.trouble is None
+    assert recorder.lost == 0
+
+
+def test_files_turn_by_size_and_each_is_whole(tmp_path):
+    recorder = Recorder(tmp_path, rotate=20_000, flush=0.0)
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, range(400))
+    recorder.close()
+    recording = Recording.open(tmp_path)
+    assert len(recording.parts) > 3
+    assert [step.event.tick for _, step in recording.steps()] == list(range(400))
+    assert [part.header.part for part in recording.parts] == list(range(1, len(recording.parts) + 1))
+
+
+class Blocked(RecordFile):
+    """A disk that takes nothing until it is let go."""
+
+    gate = threading.Event()
+    reached = threading.Event()
+
+    def put(self, item, at):
+        self.reached.set()
+        assert self.gate.wait(20)
+        super().put(item, at)
+
+
+def test_a_slow_disk_delays_nobody_and_what_is_lost_is_marked(tmp_path):
+    Blocked.gate.clear()
+    Blocked.reached.clear()
+    recorder = Recorder(tmp_path, limit=100, create=Blocked.create)
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, [0])
+    assert Blocked.reached.wait(20)
+    feed(recorder, range(1, 301))  # returns, though nothing is written
+    assert recorder.lost == 200
+    assert "200 records were lost" in recorder.trouble
+    Blocked.gate.set()
+    while recorder.depth:
+        pass
+    feed(recorder, [301])
+    recorder.close()
+    items = [item for _, item in Recording.open(tmp_path).items()]
+    assert [item.event.tick for item in items if isinstance(item, Step)] == [*range(101), 301]
+    assert items[-2] == Gap(200, 200)
+
+
+def test_in_lockstep_the_run_waits_for_the_disk(tmp_path):
+    Blocked.gate.clear()
+    recorder = Recorder(tmp_path, limit=10, create=Blocked.create)
+    recorder.begin(records.header(), lambda: 0.5, waits=True)
+    feeder = threading.Thread(target=feed, args=(recorder, range(200)))
+    feeder.start()
+    Blocked.gate.set()
+    feeder.join(20)
+    recorder.close()
+    assert recorder.lost == 0
+    assert [step.event.tick for _, step in Recording.open(tmp_path).steps()] == list(range(200))
+
+
+def full_after(limit):
+    """A disk that has room for so many bytes, written by pieces."""
+    left = [limit]
+
+    def write(descriptor, data):
+        if not left[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        piece = data[: min(left[0], 1000)]
+        left[0] -= len(piece)
+        return os.write(descriptor, piece)
+
+    class Full(RecordFile):
+        @classmethod
+        def create(cls, path, header):
+            return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, write)
+
+    return Full.create
+
+
+@pytest.mark.parametrize("room", [12_000, 14_000, 20_000, 33_333])
+def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room):
+    recorder = Recorder(tmp_path, create=full_after(room), flush=0.0)
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, range(3000))
+    recorder.close()
+    assert os.strerror(errno.ENOSPC) in recorder.trouble
+    assert "recording-0001.mcap" in recorder.trouble
+    (one,) = recovered(tmp_path)
+    assert (one.what, one.dropped) == ("recovered", 0)
+    ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
+    assert ticks == list(range(len(ticks)))
+
+
+def test_no_room_for_the_beginning_is_an_error_at_once(tmp_path):
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        Recorder(tmp_path, create=full_after(50)).begin(records.header(), lambda: 0.5)

@@ -1,0 +1,31 @@
+"""Recorded runs of a gate without a daemon: what is asked for at each tick is a function of the tick."""
+
+from armgate.cell import events as e
+from armgate.daemon.record_start import header_of
+from armgate.daemon.recorder import Recorder
+from armgate.daemon.runner import GateRunner
+from armgate.integrity import Gate
+from armgate.links import EmulatedLink
+
+START = "feed"
+
+
+def record_run(cell, folder, ticks, ask, recorder=None):
+    """Records ``ticks`` instants; ``ask(k)`` gives each robot's increment by name, or none."""
+    recorder = recorder or Recorder(folder)
+    time = 0.0
+    recorder.begin(header_of(cell, START, False, 0.0), lambda: time, waits=True)
+    links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
+    runner = GateRunner(Gate(cell, START), {link.robot: link for link in links}, recorder.tap)
+    for fence, link in enumerate(links, start=1):
+        runner.feed(e.LinkChange(link.robot, e.LinkState.READY))
+        runner.feed(e.LeaseChange(link.robot, fence))
+    for k in range(ticks):
+        time = cell.robots[0].period * k
+        for link in links:
+            runner.feed(link.advance(time))
+        for fence, link in enumerate(links, start=1):
+            dq = ask(k).get(link.robot)
+            if dq is not None:
+                runner.feed(e.Command(link.robot, fence, k, k, tuple(dq)))
+    return recorder
