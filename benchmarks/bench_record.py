@@ -6,6 +6,8 @@ is an append to a list, measured at the same places.
 
 import json
 import os
+import signal
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -15,8 +17,6 @@ import numpy as np
 from report import Row, report
 
 from armgate.apps.data import default_file
-from armgate.apps.demo.processes import Crew
-from armgate.apps.demo.run import Plan, run
 from armgate.recording import Recording
 
 HOUR = 3600.0
@@ -24,12 +24,9 @@ GOALS = {0.012: 350.0, 0.004: 1000.0}
 LOOP_GOAL = 50.0
 
 
-class Measured(Plan):
-    """The demo, its daemon replaced by the measured one."""
-
-    def daemon(self):
-        own = ["serve", *map(str, self.configs), "--port", "0", "--record", str(self.record)]
-        return [sys.executable, str(Path(__file__).with_name("recorded_daemon.py")), str(os.getpid()), *own]
+def start(*command):
+    """A child whose first line is read."""
+    return subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
 
 
 def measure(period, seconds, folder):
@@ -38,13 +35,17 @@ def measure(period, seconds, folder):
     robots = "".join(f"  {name}: {{period: {period}}}\n" for name in ("FR", "GR"))
     overlay.write_text(f"robots:\n{robots}", encoding="utf-8")
     os.environ["FIGURES"] = str(folder / "figures.json")
-    (folder / "logs").mkdir()
-    plan = Measured(
-        [default_file("demo.yaml"), overlay], default_file("paths/inspection.csv"), "GR", "FR",
-        duration=seconds, record=folder / "run",
-    )  # fmt: skip
-    with Crew(folder / "logs") as crew:
-        run(crew, plan, lambda _watch: None)
+    own = [default_file("demo.yaml"), overlay, "--port", 0, "--record", folder / "run"]
+    daemon = start(Path(__file__).with_name("recorded_daemon.py"), os.getpid(), "serve", *own)
+    address = daemon.stdout.readline().split()[-1]
+    app = ("-m", "armgate.apps")
+    lead = ("--path", default_file("paths/inspection.csv"), "--duration", seconds)
+    follower = start(*app, "follow", address, "--robot", "FR", "--leader", "GR", "--lag", 0.03)
+    leader = start(*app, "lead", address, "--robot", "GR", *lead)
+    leader.communicate()
+    for child, number in ((follower, signal.SIGINT), (daemon, signal.SIGTERM)):
+        child.send_signal(number)
+        child.communicate()
     figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     places = [place for part in Recording.open(folder / "run").parts for place in part.chunks][1:]
     file = places[0].file
@@ -70,8 +71,8 @@ def rows(period, seconds):
         Row(f"{ms}: loop per robot tick, median", total, "µs", LOOP_GOAL),
         Row(f"{ms}: the same, p99 of each part", late, "µs"),
         Row(f"{ms}: the same, in appends to a list", total / unit, "×"),
-        Row(f"{ms}: an hour of the demo", per_hour, "MB", GOALS[period]),
-        Row(f"{ms}: between two flushes, median", gap, "ms", 200.0),
+        Row(f"{ms}: an hour of the demo", float(per_hour), "MB", GOALS[period]),
+        Row(f"{ms}: between two flushes, median", float(gap), "ms", 200.0),
         Row(f"{ms}: records lost", lost, "1", 0.0),
     ]
 

@@ -5,7 +5,7 @@ import os
 import sys
 from time import perf_counter
 
-from armgate.apps.demo.child import end_with, hurry
+from armgate.apps.stack.child import end_with, hurry
 from armgate.daemon import record_start, recorder
 
 spent: dict[str, list[float]] = {"tick": [], "command": [], "answer": [], "state": [], "append": []}

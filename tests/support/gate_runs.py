@@ -14,9 +14,9 @@ def record_run(cell, folder, ticks, ask, recorder=None):
     """Records ``ticks`` instants; ``ask(k)`` gives each robot's increment by name, or none."""
     recorder = recorder or Recorder(folder)
     time = 0.0
-    recorder.begin(header_of(cell, START, False, 0.0), lambda: time, waits=True)
+    recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time, waits=True)
     links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
-    runner = GateRunner(Gate(cell, START), {link.robot: link for link in links}, recorder.tap)
+    runner = GateRunner(Gate(cell, START, compiled=False), {link.robot: link for link in links}, recorder.tap)
     for fence, link in enumerate(links, start=1):
         runner.feed(e.LinkChange(link.robot, e.LinkState.READY))
         runner.feed(e.LeaseChange(link.robot, fence))

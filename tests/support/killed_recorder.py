@@ -85,9 +85,9 @@ def record(cell, folder, case, say):
     death = Death(case, say)
     recorder = Recorder(folder, rotate=150_000, flush=0.0, create=mortal(death))
     time = 0.0
-    recorder.begin(header_of(cell, START, False, 0.0), lambda: time, waits=True)
+    recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time, waits=True)
     links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
-    runner = GateRunner(Gate(cell, START), {link.robot: link for link in links}, recorder.tap)
+    runner = GateRunner(Gate(cell, START, compiled=False), {link.robot: link for link in links}, recorder.tap)
     for link in links:
         runner.feed(e.LinkChange(link.robot, e.LinkState.READY))
     runner.feed(e.LeaseChange("A", 1))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+from armgate.audit.replaying import gate_for
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Cause, Command, Joints, Outcome, Point, Reason, Verdict
 from armgate.integrity import GateBeside, Intended
@@ -75,7 +76,7 @@ def cases(recording: Recording, cell: Cell, wanted: Wanted) -> Iterator[Case]:
     Raises:
         RecordingError: The recording is damaged or has a gap.
     """
-    gate = GateBeside(cell, recording.header.start)
+    gate = gate_for(recording.header, cell)
     for time, step in recording.steps():
         event = step.event
         verdict = next((o for o in step.outputs if isinstance(o, Verdict)), None)

@@ -8,6 +8,7 @@ from armgate.audit.compare import TOLERANCE, differences
 from armgate.cell.cell import Cell
 from armgate.cell.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.integrity import GateBeside
+from armgate.integrity.compiled import available
 from armgate.recording import Header, Recording, machine, software
 
 Progress = Callable[[int], None]
@@ -61,6 +62,8 @@ class Outcome:
 
 def foreign(header: Header) -> list[str]:
     """In what this machine and its software differ from what recorded, as far as bits may depend on it."""
+    if header.judge == "compiled" and not available():
+        return ["no compiled gate here (pip install 'armgate[fast]'), recorded with one"]
     pairs = [(header.machine, machine()), (header.software, software())]
     return [
         f"{key} {now.get(key, 'none')}, recorded with {then.get(key, 'none')}"
@@ -68,6 +71,11 @@ def foreign(header: Header) -> list[str]:
         for key in sorted(then.keys() | now.keys())
         if then.get(key) != now.get(key)
     ]
+
+
+def gate_for(header: Header, cell: Cell) -> GateBeside:
+    """A gate of the form that judged then, as far as it is to be had here."""
+    return GateBeside(cell, header.start, compiled=header.judge == "compiled" and available())
 
 
 def replayed(
@@ -86,7 +94,7 @@ def replayed(
     """
     out = Outcome(foreign=foreign(recording.header))
     out.tolerance = TOLERANCE if out.foreign else None
-    gate = GateBeside(cell, recording.header.start)
+    gate = gate_for(recording.header, cell)
     for time, step in recording.steps():
         event, then = step.event, step.outputs
         now = gate.step_beside(event, then) if otherwise else gate.step(event)

@@ -11,6 +11,7 @@ from armgate.cell.config import CellConfig
 from armgate.cell.portable import pack
 from armgate.daemon.library import Library
 from armgate.daemon.recorder import Recorder
+from armgate.integrity.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.recording.reader import PATTERN
 
@@ -58,7 +59,7 @@ def begin(recorder: Recorder, header: Header, now: Callable[[], float], *, waits
         raise RecorderError(text) from error
 
 
-def header_of(cell: Cell, start: str, lockstep: bool, now: float, judge: str = "numpy") -> Header:
+def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool | None = None) -> Header:
     """The header of a recording.
 
     Args:
@@ -66,7 +67,7 @@ def header_of(cell: Cell, start: str, lockstep: bool, now: float, judge: str = "
         start: The daemon's start id.
         lockstep: Whether time passes in lock-step.
         now: Daemon time, s.
-        judge: How the gate computes.
+        compiled: Whether the gate is the compiled one; where that can be, if it is not said.
     """
     library = Library(cell, lockstep)
     return Header(
@@ -75,7 +76,7 @@ def header_of(cell: Cell, start: str, lockstep: bool, now: float, judge: str = "
         cell=cell.name,
         hash=cell.hash,
         lockstep=lockstep,
-        judge=judge,
+        judge="compiled" if (available() if compiled is None else compiled) else "numpy",
         software=software(),
         machine=machine(),
         files=_texts(pack(cell.config)),

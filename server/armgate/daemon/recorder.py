@@ -4,9 +4,9 @@ The event loop only puts immutable values into a queue: a slow or full disk dela
 is lost, counted, marked in the recording and said in the states.
 """
 
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,11 @@ from armgate.daemon.record_file import RecordFile
 from armgate.protocol import messages as m
 from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
 
-FLUSH = 0.15
+FLUSH = 0.12
 """What a killed daemon may lose at most, s, beside what the thread was late."""
+
+_POLL = 0.02
+"""How often the thread looks for records, s: waking it for each would cost the event loop most of all."""
 
 _PATIENCE = 10.0
 """How long a lock-step run waits for the disk, s."""
@@ -68,7 +71,7 @@ class Recorder:
         self._limit = limit
         self._flush = flush
         self._create = create
-        self._queue: queue.SimpleQueue[_Queued] = queue.SimpleQueue()
+        self._queue: deque[_Queued] = deque()
         self._lost = self._lost_steps = 0
         self._pending = Gap(0, 0)
         self._failure: str | None = None
@@ -109,7 +112,7 @@ class Recorder:
     @property
     def depth(self) -> int:
         """How many records wait to be written."""
-        return self._queue.qsize()
+        return len(self._queue)
 
     @property
     def lost(self) -> int:
@@ -144,18 +147,18 @@ class Recorder:
     def close(self, timeout: float = 10.0) -> None:
         """Write what waits and close the file, for at most ``timeout`` s."""
         if self._thread is not None:
-            self._queue.put(None)
+            self._queue.append(None)
             self._thread.join(timeout)
             self._thread = None
 
     def _put(self, at: float, item: Item | _State) -> None:
-        if self._queue.qsize() >= self._limit and not (self._waits and self._made_room()):
+        if len(self._queue) >= self._limit and not (self._waits and self._made_room()):
             self._lose(item)
             return
         if self._pending.records:
-            self._queue.put((at, self._pending))
+            self._queue.append((at, self._pending))
             self._pending = Gap(0, 0)
-        self._queue.put((at, item))
+        self._queue.append((at, item))
 
     def _lose(self, item: object) -> None:
         self._lost += 1
@@ -164,7 +167,7 @@ class Recorder:
 
     def _made_room(self) -> bool:
         until = time.monotonic() + _PATIENCE
-        while self._queue.qsize() >= self._limit and self._failure is None:
+        while len(self._queue) >= self._limit and self._failure is None:
             if time.monotonic() > until:
                 return False
             time.sleep(0.001)
@@ -179,28 +182,34 @@ class Recorder:
             self._fail(error.strerror or str(error))
         except Exception as error:
             self._fail(repr(error))
-        while self._failure is not None and self._queue.get() is not None:
+        while self._failure is not None and self._next() is not None:
             self._lost += 1
 
     def _write_on(self) -> None:
         due = time.monotonic() + self._flush
         while True:
-            try:
-                queued = self._queue.get(timeout=max(0.0, due - time.monotonic()))
-            except queue.Empty:
-                pass
+            if not self._queue:
+                time.sleep(_POLL)
+            elif (queued := self._queue.popleft()) is None:
+                self._part.close()
+                return
             else:
-                if queued is None:
-                    self._part.close()
-                    return
-                at, item = queued
-                for one in item.items() if isinstance(item, _State) else (item,):
-                    self._part.put(one, at)
+                self._put_into_file(*queued)
+                time.sleep(0)  # whoever waits for the interpreter goes first: the event loop
             if time.monotonic() >= due:
                 self._part.flush()
                 if self._part.size >= self._rotate:
                     self._turn()
                 due = time.monotonic() + self._flush
+
+    def _put_into_file(self, at: float, item: Item | _State) -> None:
+        for one in item.items() if isinstance(item, _State) else (item,):
+            self._part.put(one, at)
+
+    def _next(self) -> _Queued:
+        while not self._queue:
+            time.sleep(_POLL)
+        return self._queue.popleft()
 
     def _turn(self) -> None:
         self._part.close()
