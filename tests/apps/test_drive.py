@@ -83,7 +83,7 @@ class Told:
     def __init__(self) -> None:
         self.progress: list[float] = []
 
-    def signal(self, name: str, value: float) -> None:
+    def signal(self, name: str, value: float, *, more: bool = False) -> None:
         assert name == "lead.progress"
         self.progress.append(value)
 

@@ -65,7 +65,7 @@ class Connection:
     def urdf(self, name: str) -> str:
         return self.built.robot(name).urdf
 
-    def signal(self, name: str, value: Any) -> None:
+    def signal(self, name: str, value: Any, *, more: bool = False) -> None:
         self.shared.append((name, value))
 
 

@@ -97,7 +97,7 @@ class Told:
     def __init__(self) -> None:
         self.errors: list[float] = []
 
-    def signal(self, name: str, value: float) -> None:
+    def signal(self, name: str, value: float, *, more: bool = False) -> None:
         assert name == "reach.error"
         self.errors.append(value)
 

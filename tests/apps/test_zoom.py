@@ -27,7 +27,7 @@ def test_they_are_shared_when_they_change_and_each_step_is_passed() -> None:
     cell: Any = SimpleNamespace(
         subscribe=lambda **_: None,
         states=lambda: (SimpleNamespace(time=5.0 + 0.1 * k) for k in range(1000)),
-        signal=lambda name, value: said.append((name, value)),
+        signal=lambda name, value, more: said.append((name, value)),
         skip=lambda: said.append("skip"),
     )
     share(cell, Wishes(0.5, 1.3, 1.0, 0.1, 3), Interrupt(), duration=3.0)

@@ -338,6 +338,30 @@ async def test_signals_do_not_wait(connect, server):
             await cell.signal("bad", [])
 
 
+async def test_a_signal_with_more_to_come_goes_with_what_is_said_next(connect, server):
+    async with await connect() as cell:
+        await cell.signal("one", 1, more=True)
+        await cell.signal("two", 2, more=True)
+        await asyncio.sleep(0)
+        assert server.count(m.Signal) == 0
+        await cell.ping()
+        assert (await server.said(m.Signal, 2)).name == "two"
+        assert server.count(m.Signal) == 2
+        await cell.signal("three", 3, more=True)
+    assert (await server.said(m.Signal, 3)).name == "three"  # a bye takes it along, too
+
+
+async def test_a_robot_less_participant_passes_the_step_of_the_newest_state(connect, server):
+    server.lockstep = True
+    server.first = state("FR", 0, step=5)
+    async with await connect() as cell:
+        await cell.skip()  # nothing has been seen yet
+        assert (await first(cell.states())).step == 5
+        await cell.skip()
+        assert (await server.said(m.Pass)).step == 5
+        assert server.count(m.Pass) == 1
+
+
 async def test_the_refusal_of_a_signal_is_told_by_the_next_one(connect, server):
     server.on[m.Signal] = lambda seat, request: seat.say(error(request, "signal_owned"))
     async with await connect() as cell:

@@ -157,14 +157,19 @@ class Cell(CellHandle):
         """Lock-step: nothing from this client for the newest step; for participants that hold no robot."""
         self._write(self._session.skip())
 
-    def signal(self, name: str, value: Iterable[float] | float) -> None:
+    def signal(self, name: str, value: Iterable[float] | float, *, more: bool = False) -> None:
         """Shares a number, or a short vector of them, with all clients; does not wait.
+
+        Args:
+            name: Of the signal.
+            value: The number or numbers.
+            more: Whether something will be said right after it, a command, say: then both go as one.
 
         Raises:
             Refused: An earlier signal was refused; those that came too fast are only counted.
         """
         self._drain()
-        self._write(self._session.signal(name, value))
+        self._write(self._session.signal(name, value, more=more))
 
     def stop(self, robot: str | None = None, reason: str = "") -> Stopped:
         """Stops one robot, or all; anybody may. The answer holds the stop's id."""
@@ -227,6 +232,7 @@ class Cell(CellHandle):
 
     def _wait(self, poll: Callable[[], T | None], timeout: float | None, what: str) -> T:
         deadline = float("inf") if timeout is None else monotonic() + timeout
+        self._write(self._session.kept())
         self._drain()
         while (found := poll()) is None:
             self._session.check()

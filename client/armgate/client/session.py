@@ -68,6 +68,8 @@ class Session:
         self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
+        # Said, but not yet handed to the shell: it goes with what is said next.
+        self._kept = b""
         self._sent = 0.0
         self._pinged: float | None = None
 
@@ -113,8 +115,8 @@ class Session:
         step = None if self.state is None else self.state.step
         return b"" if step is None else self.pass_step(step)
 
-    def signal(self, name: str, value: Iterable[float] | float) -> bytes:
-        """A signal; nobody waits for the answer.
+    def signal(self, name: str, value: Iterable[float] | float, *, more: bool = False) -> bytes:
+        """A signal; nobody waits for the answer. With ``more`` it goes with what is said next.
 
         Raises:
             Refused: An earlier signal was refused.
@@ -123,6 +125,9 @@ class Session:
         self._ids += 1
         data = self._say(build(Signal, name=name, value=_vector(name, value), id=self._ids))
         self.pending.expect_signaled(self._ids)
+        if more:
+            self._kept = data
+            return b""
         return data
 
     def wanted(self, robot: str) -> Subscribe | None:
@@ -134,12 +139,17 @@ class Session:
             return None
         return Subscribe(every=now.every, robots=(*now.robots, robot), fields=now.fields)
 
+    def kept(self) -> bytes:
+        """What was kept for what is said next, for a shell that is about to wait."""
+        data, self._kept = self._kept, b""
+        return data
+
     def bye(self, reason: str = "") -> bytes:
         """The last message; nothing where nothing can be said any more."""
         if self.closed is not None:
             return b""
         self.closed = ConnectionLost("this client has closed the connection; connect again")
-        return self._connection.send(Bye(reason=reason[:512]))
+        return self.kept() + self._connection.send(Bye(reason=reason[:512]))
 
     def keepalive(self, now: float) -> bytes:
         """A ping where nothing was sent for a third of a lease's time to live, else nothing."""
@@ -281,7 +291,7 @@ class Session:
     def _say(self, message: Message) -> bytes:
         self.check()
         try:
-            return self._connection.send(message)
+            return self.kept() + self._connection.send(message)
         except LocalProtocolError as error:
             raise BadArgument(error.text) from error
 

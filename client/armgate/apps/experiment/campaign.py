@@ -57,6 +57,7 @@ class Campaign:
             AppError: A process died or never became ready.
         """
         nursery = Nursery()
+        nursery.warm()
         complete = True
         with progress() as bar:
             for name, setup in setups.items():

@@ -230,5 +230,5 @@ def tell_changes(
     """Shares what is new; what was told before stays known to everybody."""
     for name, value in values.items():
         if told.get(name) != value:
-            cell.signal(name, value)
+            cell.signal(name, value, more=True)
     return {**told, **values}

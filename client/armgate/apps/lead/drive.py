@@ -94,7 +94,7 @@ def drive(
         if settled * playback.period > SETTLE:
             return f"{playback.end:.1f} s of the path played, at rest"
         if count % TOLD_EVERY == 0 or settled == 1:
-            cell.signal("lead.progress", playback.progress)
+            cell.signal("lead.progress", playback.progress, more=True)
         dq = playback.brake(played) if wish.asked else playback.step(setpoint, played)
         held = _tell_held(robot.send(dq.tolist()), playback, held, tell)
     raise AssertionError("ticks end only by an exception")

@@ -145,7 +145,7 @@ def drive(cell: Cell, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: flo
         controller = controller or arm.controller(setpoint)
         answer = controller.velocity(setpoint)
         error = float(np.linalg.norm(answer.error))
-        cell.signal("reach.error", error)
+        cell.signal("reach.error", error, more=True)
         ended = ("interrupted", None) if wish.asked else watch.update(tick.time, error, steps.pace(played))
         dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
         watch.take(robot.send(dq.tolist()))

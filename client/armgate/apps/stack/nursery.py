@@ -29,6 +29,12 @@ class Nursery:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([PRELOADED])
 
+    def warm(self) -> None:
+        """Waits until the libraries are loaded; after an installation that takes a minute, they are compiled."""
+        child = self._context.Process(target=_nothing)
+        child.start()
+        child.join()
+
     def start(self, arguments: Sequence[str], log: Path, *, lockstep: bool) -> "Fork":
         """Starts ``armgate ARGUMENTS``, its stdout piped to here and its stderr appended to a file."""
         ours, theirs = self._context.Pipe(duplex=False)
@@ -81,6 +87,10 @@ class Fork:
     def kill(self) -> None:
         """Ends it at once."""
         self.send_signal(signal.SIGKILL)
+
+
+def _nothing() -> None:
+    """What a child does that only shows that all is loaded."""
 
 
 def _live(arguments: list[str], log: Path, stdout: Connection, lockstep: bool) -> None:

@@ -56,6 +56,6 @@ def share(cell: Cell, wishes: Wishes, wish: Interrupt, duration: float | None) -
             return
         wanted = wishes.at(state.time - begin)
         if wanted != told:
-            cell.signal(SIGNAL, wanted)
+            cell.signal(SIGNAL, wanted, more=True)
             told = wanted
         cell.skip()
