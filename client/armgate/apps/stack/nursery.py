@@ -30,7 +30,7 @@ class Nursery:
         self._context.set_forkserver_preload([PRELOADED])
 
     def warm(self) -> None:
-        """Waits until the libraries are loaded; after an installation that takes a minute, they are compiled."""
+        """Waits until the libraries are loaded; after an installation parts are compiled first, for a minute."""
         child = self._context.Process(target=_nothing)
         child.start()
         child.join()
