@@ -49,6 +49,7 @@ def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
         for run in runs:
             _angle(axes[0], run)
             _distance(axes[1], run, alone)
+        axes[0].set_ylim(bottom=0.0)
         if alone:
             _place(axes[2], runs[0])
             _markers(axes[3], runs[0])
@@ -61,7 +62,6 @@ def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
 def _angle(axes: Any, run: Series) -> None:
     axes.plot(run["time_s"], np.degrees(run["angle_error_rad"]), color=_INK, alpha=0.85)
     axes.set_ylabel("angle error [°]")
-    axes.set_ylim(bottom=0.0)
 
 
 def _distance(axes: Any, run: Series, alone: bool) -> None:
@@ -70,7 +70,7 @@ def _distance(axes: Any, run: Series, alone: bool) -> None:
     )
     if alone:
         axes.plot(run["time_s"], run["distance_m"], color=_WANTED, ls="--", lw=1.0, label="wanted")
-        axes.legend(loc="upper right", ncols=2)
+        axes.legend(loc="best", ncols=2)
     axes.set_ylabel("view distance [m]")
 
 
@@ -80,7 +80,7 @@ def _place(axes: Any, run: Series) -> None:
         known = column[np.isfinite(column)]
         axes.plot(run["time_s"], column - (known[0] if len(known) else 0.0), color=colour, label=axis)
     axes.set_ylabel("leader's tool from\nits start [m]")
-    axes.legend(loc="upper right", ncols=3)
+    axes.legend(loc="best", ncols=3)
 
 
 def _markers(axes: Any, run: Series) -> None:

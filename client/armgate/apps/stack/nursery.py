@@ -30,7 +30,7 @@ class Nursery:
         self._context.set_forkserver_preload([PRELOADED])
 
     def warm(self) -> None:
-        """Waits until the libraries are loaded; after an installation parts are compiled first, for a minute."""
+        """Waits until the libraries are loaded; after an installation parts are compiled first."""
         child = self._context.Process(target=_nothing)
         child.start()
         child.join()
