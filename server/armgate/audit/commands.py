@@ -73,6 +73,21 @@ def explain(
         raise AuditError(f"{run}: {what}{'' if robot is None else f' of {robot}'}")
 
 
+def report(
+    run: Run,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The page; report.html in the run's folder if none.")
+    ] = None,
+) -> None:
+    """Write a run as one HTML page with plots."""
+    from armgate.audit.reporting import page  # noqa: PLC0415
+    from armgate.recording import Recording  # noqa: PLC0415
+
+    file = out or (run if run.is_dir() else run.parent) / "report.html"
+    file.write_text(page(Recording.open(run)), encoding="utf-8")
+    typer.echo(f"written: {file}")
+
+
 def recover(run: Run) -> None:
     """Make a recording whole whose daemon was killed: all that reached the disk is kept."""
     from armgate.audit.recovering import recovered  # noqa: PLC0415

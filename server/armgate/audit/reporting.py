@@ -1,0 +1,210 @@
+"""A run on one page: an HTML file that needs nothing else."""
+
+import base64
+import html
+import io
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from armgate.cell.events import Outcome, Verdict
+from armgate.protocol import messages as m
+from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
+
+_POINTS = 3000
+"""A curve is drawn with about so many points."""
+
+_COLOURS = {"admitted": "#4c9f70", "limited": "#d99a2b", "refused": "#c0392b"}
+
+
+@dataclass
+class Run:
+    """What the page tells."""
+
+    verdicts: dict[str, Counter[str]] = field(default_factory=dict)
+    bound: list[tuple[float, str, str]] = field(default_factory=list)
+    times: dict[str, list[float]] = field(default_factory=dict)
+    q: dict[str, list[Sequence[float]]] = field(default_factory=dict)
+    clearance: dict[str, list[float]] = field(default_factory=dict)
+    signals: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
+    log: list[LogLine] = field(default_factory=list)
+    lost: int = 0
+    end: float = 0.0
+
+    def take(self, time: float, item: object) -> None:
+        """Takes one item of the recording."""
+        match item:
+            case Step(outputs=outputs):
+                self._take_verdicts(time, outputs)
+            case Shown(entry=entry):
+                self._take_entry(entry)
+            case Moment():
+                self.end = max(self.end, item.time)
+                for name, signal in item.signals.items():
+                    if len(signal.value) == 1:
+                        times, values = self.signals.setdefault(name, ([], []))
+                        times.append(item.time)
+                        values.append(signal.value[0])
+            case LogLine(level=level) if level != "info":
+                self.log.append(item)
+            case Gap(records=records):
+                self.lost += records
+
+    def _take_verdicts(self, time: float, outputs: Sequence[object]) -> None:
+        for output in outputs:
+            if isinstance(output, Verdict):
+                cause = f" by {output.reasons[-1].cause.value}" if output.reasons else ""
+                self.verdicts.setdefault(output.robot, Counter())[f"{output.outcome.value}{cause}"] += 1
+                if output.outcome is not Outcome.ADMITTED:
+                    self.bound.append((time, output.robot, output.outcome.value))
+
+    def _take_entry(self, entry: m.Entry) -> None:
+        if entry.q is None:
+            return
+        self.times.setdefault(entry.robot, []).append(entry.time)
+        self.q.setdefault(entry.robot, []).append(entry.q)
+        near = [n.distance for n in entry.nearest or () if len({_owner(b) for b in n.pair}) == 2]
+        self.clearance.setdefault(entry.robot, []).append(min(near, default=float("nan")))
+
+
+def _owner(body: str) -> str:
+    """The robot of a body, or the body itself if it stands in the world."""
+    return body.partition("/")[0]
+
+
+def page(recording: Recording) -> str:
+    """The page of a recording.
+
+    Raises:
+        DamagedError: A message is not what was written.
+    """
+    run = Run()
+    for time, item in recording.items():
+        run.take(time, item)
+    header = recording.header
+    began = datetime.fromtimestamp(header.origin_ns / 1e9, tz=UTC)
+    facts = {
+        "cell": f"{header.cell}, {header.hash[:12]}…",
+        "began": f"{began:%Y-%m-%d %H:%M:%S} UTC",
+        "lasted": f"{run.end:.1f} s{' of virtual time' if header.lockstep else ''}",
+        "armgate": header.software.get("armgate", "?"),
+        "gate": header.judge,
+        "machine": header.machine.get("processor", "?"),
+        "records lost": str(run.lost),
+    }
+    parts = [f"<h1>{html.escape(header.cell)}</h1>", _table(facts.items()), "<h2>Verdicts</h2>"]
+    for robot, counts in sorted(run.verdicts.items()):
+        parts.append(f"<h3>{html.escape(robot)}</h3>{_table((k, str(n)) for k, n in counts.most_common())}")
+    parts += _plots(run, recording)
+    if run.log:
+        lines = [(f"{line.level} {line.event}", str(dict(line.fields))) for line in run.log[:200]]
+        parts += ["<h2>Warnings and errors in the log</h2>", _table(lines)]
+    return _PAGE.format(title=html.escape(header.cell), body="\n".join(parts))
+
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}: a recorded run</title>
+<style>body{{font:15px/1.45 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 1em;color:#222}}
+table{{border-collapse:collapse}}td{{padding:.15em 1.2em .15em 0;vertical-align:top}}
+td:first-child{{color:#666}}
+img{{max-width:100%}}h2{{margin-top:1.6em;border-bottom:1px solid #ddd}}</style></head>
+<body>
+{body}
+</body></html>
+"""
+
+
+def _table(rows: Any) -> str:
+    cells = (f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>" for k, v in rows)
+    return f"<table>{''.join(cells)}</table>"
+
+
+# --- plots ------------------------------------------------------------------------------------------------
+
+
+def _plots(run: Run, recording: Recording) -> list[str]:
+    import matplotlib as mpl  # noqa: PLC0415
+
+    mpl.use("Agg")
+    style = {
+        "figure.dpi": 100,
+        "font.size": 9.5,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "lines.linewidth": 1.1,
+    }
+    description = recording.description
+    with mpl.rc_context({**style, "axes.spines.top": False, "axes.spines.right": False}):
+        found = ["<h2>Clearance</h2>", _figure(_clearance, run, description)]
+        if run.bound:
+            found += ["<h2>What was limited or refused</h2>", _figure(_bound, run, description)]
+        for robot in run.times:
+            found += [f"<h2>{html.escape(robot)}: joints</h2>", _figure(_joints, run, description, robot)]
+        if run.signals:
+            found += ["<h2>Signals</h2>", _figure(_signals, run, description)]
+    return found
+
+
+def _figure(paint: Any, *given: Any) -> str:
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    figure, axes = plt.subplots(figsize=(10.0, 3.4), layout="constrained")
+    paint(axes, *given)
+    axes.set_xlabel("daemon time [s]")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    plt.close(figure)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="plot" src="data:image/png;base64,{data}">'
+
+
+def _clearance(axes: Any, run: Run, description: m.Description) -> None:
+    stop = 1000 * description.stop_distance
+    for robot, values in run.clearance.items():
+        axes.plot(*_thin(run.times[robot], [1000 * value for value in values]), label=robot)
+    axes.axhspan(0.0, stop, color="#c0392b", alpha=0.10, lw=0, label=f"stop distance {stop:g} mm")
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("to others and surroundings [mm]")
+    axes.legend(loc="upper right", ncols=4)
+
+
+def _bound(axes: Any, run: Run, _description: m.Description) -> None:
+    robots = sorted({robot for _, robot, _ in run.bound})
+    for outcome, colour in _COLOURS.items():
+        seen = [(time, robots.index(robot)) for time, robot, what in run.bound if what == outcome]
+        if seen:
+            axes.plot(*zip(*seen, strict=True), ls="", marker="|", ms=16, color=colour, label=outcome)
+    axes.set_yticks(range(len(robots)), robots)
+    axes.set_ylim(-0.6, len(robots) - 0.4)
+    axes.set_xlim(0.0, max(run.end, 0.1))
+    axes.legend(loc="upper right", ncols=2)
+
+
+def _joints(axes: Any, run: Run, description: m.Description, robot: str) -> None:
+    joints = next(r for r in description.robots if r.name == robot).joints
+    for number, joint in enumerate(joints):
+        values = [q[number] for q in run.q[robot]]
+        axes.plot(*_thin(run.times[robot], values), label=f"{joint.name} [{joint.unit}]")
+    axes.set_ylabel("measured")
+    if joints:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _signals(axes: Any, run: Run, _description: m.Description) -> None:
+    for name, (times, values) in run.signals.items():
+        axes.plot(*_thin(times, values), label=name)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _thin(times: Sequence[float], values: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Every so many points the lowest and the highest of them: no extremum is lost."""
+    step = max(1, 2 * len(times) // _POINTS)
+    if step == 1:
+        return list(times), list(values)
+    at: list[int] = []
+    for begin in range(0, len(times), step):
+        among = range(begin, min(begin + step, len(times)))
+        at += sorted({min(among, key=values.__getitem__), max(among, key=values.__getitem__)})
+    return [times[i] for i in at], [values[i] for i in at]

@@ -1,0 +1,41 @@
+"""A run on one page."""
+
+from html.parser import HTMLParser
+
+from support.clients import run
+
+
+class Images(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.sources, self.linked = [], []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        if tag == "img":
+            self.sources.append(given["src"])
+        self.linked += [given[key] for key in ("href", "src") if key in given and tag != "img"]
+
+
+async def test_the_page_needs_nothing_else_and_tells_the_run(tmp_path):
+    from armgate.audit.reporting import page
+    from armgate.recording import Recording
+    from support import records
+
+    records.write(tmp_path, range(300))
+    text = page(Recording.open(tmp_path))
+    found = Images()
+    found.feed(text)
+    assert len(found.sources) == 3  # clearance, joints of A, signals
+    assert all(source.startswith("data:image/png;base64,") for source in found.sources)
+    assert found.linked == []
+    assert "3.6 s" in text
+
+
+async def test_the_command_writes_it_beside_the_recording(one_run):
+    status, out, err = await run("report", one_run)
+    assert (status, err) == (0, "")
+    assert str(one_run / "report.html") in out
+    text = (one_run / "report.html").read_text()
+    assert "the daemon is ending" in text
+    assert "A: joints" in text
