@@ -11,9 +11,11 @@ import pytest
 
 from armgate.apps.demo.plan import NAMES
 from armgate.apps.demo.plan import plan as demo_plan
-from armgate.apps.errors import AppError
+from armgate.apps.errors import AppError, UsageError
 from armgate.apps.stack import run as course
 from armgate.apps.stack.processes import Asked, Crew, Exited, Printed
+from armgate.apps.stack.robots import robots_of
+from armgate.cell.config import load_config
 
 PYTHON = (sys.executable, "-u", "-c")
 GOOD = [*PYTHON, "pass"]
@@ -33,6 +35,10 @@ def plan(**changes: Any) -> course.Plan:
     return demo_plan([Path("a.yaml"), Path("b.yaml")], Path("p.csv"), "GR", "FR", **changes)
 
 
+def listening(crew: Crew) -> str:
+    return course._printed(crew, course.DAEMON, course.LISTENING)
+
+
 def test_the_commands() -> None:
     assert plan().daemon() == ["serve", "a.yaml", "b.yaml", "--port", "0"]
     assert plan(lockstep=True).daemon()[-2:] == ["--lockstep", "leader,follower"]
@@ -48,18 +54,19 @@ def test_the_commands() -> None:
 
 def test_the_address_is_what_the_daemon_prints(crew: Crew) -> None:
     crew.start("daemon", [*PYTHON, "print('warming up'); print('armgate: listening on 127.0.0.1:4711')"])
-    assert course._listening(crew) == "127.0.0.1:4711"
+    assert listening(crew) == "127.0.0.1:4711"
 
 
 def test_a_daemon_that_cannot_start_is_told_with_its_log(crew: Crew) -> None:
     crew.start("daemon", [*PYTHON, "import sys; print('armgate: port in use', file=sys.stderr); sys.exit(2)"])
     with pytest.raises(AppError, match=r"(?s)the daemon ended \(2\).*daemon\.log ends with.*port in use"):
-        course._listening(crew)
+        listening(crew)
 
 
 def test_nobody_waits_for_a_daemon_when_asked_to_end(crew: Crew) -> None:
     crew.events.put(Asked(signal.SIGINT))
-    assert course._listening(crew) is None
+    with pytest.raises(AppError, match="interrupted before the daemon was ready"):
+        listening(crew)
 
 
 def test_a_run_is_done_when_both_controllers_have_ended(crew: Crew) -> None:
@@ -76,7 +83,7 @@ def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(crew: Crew) ->
         assert crew.next(30.0) == Printed(name, "ready")
     crew.events.put(Asked(signal.SIGINT))
     assert not course._until_done(crew, NAMES, lambda: None)
-    course._rest(crew, NAMES)
+    course._rest(crew, plan())
     assert crew.running() == []
     assert crew.tail("leader")[-1] == "rested"
     assert crew.tail("daemon") == ["ready"]  # it was ended by SIGTERM, after the others
@@ -117,3 +124,29 @@ def test_how_a_death_is_told(crew: Crew) -> None:
     crew.log("leader").write_text("one\ntwo\n")
     text = str(course.died(crew, Exited("leader", 1)))
     assert text.splitlines()[-2:] == ["  | one", "  | two"]
+
+
+LINKS = Path(__file__).parents[2] / "configs" / "links" / "rsi-virtual.yaml"
+
+
+def test_what_stands_in_for_real_robots_follows_from_their_links(tmp_path: Path) -> None:
+    files = [LINKS.parents[1] / "demo.yaml", LINKS]
+    robots = robots_of(load_config(files), files, tmp_path / "s")
+    assert robots is not None
+    assert robots.server(files) == ["robot-server", *map(str, files), "--socket", str(tmp_path / "s")]
+    assert plan(robots=robots).daemon()[-2:] == ["--robot-server", str(tmp_path / "s")]
+    assert list(robots.krcs) == ["krc-FR", "krc-GR"]
+    words = list(robots.krcs["krc-GR"])
+    options = dict(zip(words[1::2], words[2::2], strict=True))
+    assert (options["--profile"], options["--robot"], options["--cycle"]) == ("krc2-rsi2", "GR", "12")
+    assert (options["--axiscorr"], options["--axiscorrmon"]) == ("A=400,E=4000", "A=401,E=4001")
+    assert Path(options["--config"]).name == "gantry-correction.xml"
+    assert robots_of(load_config(files[:1]), files[:1], tmp_path / "s") is None
+
+
+def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
+    real = tmp_path / "real.yaml"
+    real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
+    files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
+    with pytest.raises(UsageError, match="GR has a real KRC"):
+        robots_of(load_config(files), files, tmp_path / "s")

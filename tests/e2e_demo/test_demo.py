@@ -6,6 +6,7 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from typing import Any
 
 import pytest
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 ARMGATE = [sys.executable, "-m", "armgate.apps"]
 
 
@@ -125,6 +127,38 @@ def test_by_the_clock(tmp_path: Path) -> None:
     metrics = metrics_of(tmp_path / "run")
     check(metrics)
     assert metrics["duration_s"] >= 5.0
+
+
+def free_ports(count: int) -> list[int]:
+    socks = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    for sock in socks:
+        sock.bind(("127.0.0.1", 0))
+    ports = [sock.getsockname()[1] for sock in socks]
+    for sock in socks:
+        sock.close()
+    return ports
+
+
+def test_through_two_virtual_krcs_by_configuration_alone(tmp_path: Path) -> None:
+    text = (CONFIGS / "links" / "rsi-virtual.yaml").read_text().replace("../rsi", str(CONFIGS / "rsi"))
+    for before, port in zip(("49152", "49153"), free_ports(2), strict=True):
+        text = text.replace(f"listen: 127.0.0.1:{before}", f"listen: 127.0.0.1:{port}")
+    links = tmp_path / "links.yaml"
+    links.write_text(text)
+    done = demo("--links", str(links), "--duration", "3", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    check(metrics_of(tmp_path / "run"))
+    logs = tmp_path / "run" / "logs"
+    for krc in ("krc-FR", "krc-GR"):
+        lines = [
+            json.loads(line) for line in (logs / f"{krc}.log").read_text().splitlines() if line[0] == "{"
+        ]
+        assert [line["event"] for line in lines if line["level"] == "error"] == []
+        # However busy the machine is: the KRC was answered to the end, no drive gave up, and it has moved.
+        assert lines[-1]["state"] == "running"
+        assert lines[-1]["setpoint"] != lines[-1]["programmed"]
+    robots = (logs / "robots.log").read_text()
+    assert '"event": "ended", "resting": true' in robots
 
 
 def test_ctrl_c_ends_all_cleanly_with_what_was_seen(tmp_path: Path) -> None:

@@ -65,6 +65,8 @@ class RsiLinkConfig(Part):
         axiscorr: Largest correction of each axis as AXISCORR has it, deg and mm, ``A`` and ``E`` for all of
             them; None: not known, not checked.
         lag: Time constant with which the measured position follows, s: what controllers may reckon with.
+        virtual: Profile of the virtual KRC that stands in for it where a command starts the robots, too;
+            None: it is a real one, which nobody starts.
         angle_tolerance: How far a resting axis may be from where it should be, rad.
         length_tolerance: The same for prismatic joints, m.
     """
@@ -81,6 +83,7 @@ class RsiLinkConfig(Part):
     silence: Period = 0.1
     axiscorr: dict[AxisGroup, _Positive] | None = None
     lag: Annotated[Duration, Field(ge=0.0)] = 0.03
+    virtual: Literal["krc2-rsi2", "krc4-rsi3", "krc5-rsi5"] | None = None
     angle_tolerance: Annotated[Angle, Field(gt=0.0)] = 0.0035
     length_tolerance: Annotated[Length, Field(gt=0.0)] = 0.0002
 

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -41,6 +42,7 @@ def demo(
 ) -> None:
     """Run the whole stack here: daemon, leader, follower, display, plots."""
     from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
+    from armgate.apps.stack.robots import robots_of  # noqa: PLC0415
     from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
 
     configs = [config or default_file("demo.yaml"), *([links] if links else [])]
@@ -48,7 +50,9 @@ def demo(
     plan = _plan(configs, resolved, path or default_file("paths/inspection.csv"), lockstep, duration)
     folder = make_folder(out)
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
-    _run(replace(plan, record=folder), folder)
+    with TemporaryDirectory(prefix="armgate-") as private:  # a socket's name has to be a short one
+        robots = robots_of(resolved, configs, Path(private) / "robots.sock")
+        _run(replace(plan, record=folder, robots=robots), folder)
 
 
 def _plan(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from armgate.apps.stack.robots import Robots
 from armgate.apps.stack.run import FOLLOWER, LEADER, Plan
 
 NAMES = (LEADER, FOLLOWER)
@@ -18,6 +19,7 @@ def plan(
     lag: float = 0.03,
     lockstep: bool = False,
     duration: float | None = None,
+    robots: Robots | None = None,
 ) -> Plan:
     """One robot plays a path, the other one keeps its camera on it.
 
@@ -29,8 +31,9 @@ def plan(
         lag: Of the follower's robot behind its setpoint, s.
         lockstep: Whether ticks wait for the controllers instead of the clock.
         duration: How much of the path is played, s; None for all.
+        robots: What holds the robots, and stands in for them; None: the daemon does.
     """
     lead = ["lead", "--robot", leader, "--path", str(path)]
     lead += [] if duration is None else ["--duration", str(duration)]
     follow = ["follow", "--robot", follower, "--leader", leader, "--lag", str(lag)]
-    return Plan(configs, follower, {LEADER: lead, FOLLOWER: follow}, lockstep)
+    return Plan(configs, follower, {LEADER: lead, FOLLOWER: follow}, lockstep, robots=robots)

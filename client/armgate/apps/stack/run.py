@@ -12,13 +12,17 @@ from pathlib import Path
 from armgate.apps.errors import AppError
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
+from armgate.apps.stack.robots import SERVER, Robots
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
 DAEMON, LEADER, FOLLOWER = "daemon", "leader", "follower"
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
+HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 START_TIME = 60.0
-"""How long the daemon may take to listen, s."""
+"""How long each of those who are waited for at the start may take, s."""
+_LOOK = 0.02
+"""Time between two looks at what no event tells, s."""
 REST_TIME = 15.0
 """How long processes may take to bring their robots to rest and end, s."""
 BACKLOG = 10_000
@@ -39,6 +43,7 @@ class Plan:
         lockstep: Whether ticks wait for the controllers instead of the clock.
         until: Whose end ends the run; all of them if none is named.
         record: The folder that the daemon records into; None for none.
+        robots: What holds the robots, and stands in for them; None: the daemon does.
     """
 
     configs: Sequence[Path]
@@ -47,6 +52,7 @@ class Plan:
     lockstep: bool = False
     until: tuple[str, ...] = ()
     record: Path | None = None
+    robots: Robots | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,7 +62,8 @@ class Plan:
     def daemon(self) -> list[str]:
         """What starts the daemon, after ``armgate``."""
         recording = [] if self.record is None else ["--record", str(self.record)]
-        command = ["serve", *map(str, self.configs), "--port", "0", *recording]
+        robots = [] if self.robots is None else ["--robot-server", str(self.robots.socket)]
+        command = ["serve", *map(str, self.configs), "--port", "0", *recording, *robots]
         return [*command, "--lockstep", ",".join(self.names)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:
@@ -107,12 +114,12 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
     Raises:
         AppError: A process died or never became ready; the text says which, with its last log lines.
     """
+    if plan.robots is not None:
+        _start_robots(crew, plan.robots, plan.configs)
     crew.launch(DAEMON, plan.daemon(), lockstep=plan.lockstep)
     # The first run after an installation compiles the law: here, and not while the leader is on its way.
     prepare()
-    address = _listening(crew)
-    if address is None:
-        raise AppError("interrupted before the daemon was ready")
+    address = _printed(crew, DAEMON, LISTENING)
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower), cell.description)
         # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
@@ -121,28 +128,50 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )
         reader.start()
+        _until_ready(crew, watch)
         for name in plan.names:
             crew.launch(name, plan.controller(name, address), lockstep=plan.lockstep)
         try:
             complete = _until_done(crew, plan.until or plan.names, lambda: show(watch))
         finally:
-            _rest(crew, plan.names)
+            _rest(crew, plan)
         reader.join(REST_TIME)
     return watch, complete
 
 
-def _listening(crew: Crew) -> str | None:
-    """The daemon's address once it listens; None if the user stopped the run before."""
+def _start_robots(crew: Crew, robots: Robots, configs: Sequence[Path]) -> None:
+    """Starts the robot server, which has to listen before the KRCs speak, and then those."""
+    crew.launch(SERVER, robots.server(configs), lockstep=False)
+    _printed(crew, SERVER, HOLDING)
+    for name, command in robots.krcs.items():
+        crew.launch(name, command, lockstep=False)
+
+
+def _printed(crew: Crew, name: str, what: re.Pattern[str]) -> str:
+    """What a child says once it is ready."""
     deadline = time.monotonic() + START_TIME
     while (left := deadline - time.monotonic()) > 0.0:
         event = crew.next(left)
-        if isinstance(event, Printed) and (match := LISTENING.match(event.text)):
+        if isinstance(event, Printed) and event.name == name and (match := what.match(event.text)):
             return match[1]
         if isinstance(event, Asked):
-            return None
+            raise AppError(f"interrupted before the {name} was ready")
         if isinstance(event, Exited):
             raise died(crew, event)
-    raise AppError(f"the daemon did not listen within {START_TIME:g} s; see {crew.log(DAEMON)}")
+    raise AppError(f"the {name} was not ready within {START_TIME:g} s; see {crew.log(name)}")
+
+
+def _until_ready(crew: Crew, watch: Watch) -> None:
+    """Waits until all robots can be moved: real ones, and those that stand in for them, take their time."""
+    deadline = time.monotonic() + START_TIME
+    while time.monotonic() < deadline:
+        with watch.lock:
+            entries = watch.seen.entries
+        if entries and all(entry.link == "ready" and entry.q for entry in entries):
+            return
+        if not _goes_on(crew, crew.next(_LOOK)):
+            raise AppError("interrupted before the robots were ready")
+    raise AppError(f"not all robots were ready within {START_TIME:g} s; see {crew.log(SERVER)}")
 
 
 def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> bool:
@@ -168,12 +197,13 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
     return not isinstance(event, Asked)
 
 
-def _rest(crew: Crew, names: Sequence[str]) -> None:
-    """Ends everything in order: participants slow to rest, then the daemon."""
-    crew.send(signal.SIGINT, *names)
-    crew.wait(names, REST_TIME)
-    crew.send(signal.SIGTERM, DAEMON)
-    crew.wait([DAEMON], REST_TIME)
+def _rest(crew: Crew, plan: Plan) -> None:
+    """Ends everything in order: participants slow to rest, then the daemon, KRCs, the robot server."""
+    crew.send(signal.SIGINT, *plan.names)
+    crew.wait(plan.names, REST_TIME)
+    for name in (DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
+        crew.send(signal.SIGTERM, name)
+        crew.wait([name], REST_TIME)
 
 
 def died(crew: Crew, event: Exited) -> AppError:
