@@ -16,7 +16,14 @@ import typer
 from typer.core import TyperGroup
 
 GROUP = "armgate.commands"
-_EXTRAS = {"pinocchio": "cell", "coal": "cell", "fcl": "cell", "matplotlib": "plots"}
+_EXTRAS = {
+    "pinocchio": "cell",
+    "coal": "cell",
+    "fcl": "cell",
+    "matplotlib": "plots",
+    "viser": "view",
+    "moderngl": "view",
+}
 
 
 def commands() -> dict[str, EntryPoint]:

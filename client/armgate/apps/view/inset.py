@@ -1,0 +1,86 @@
+"""What the follower's camera sees, drawn in a thread of its own and shown in a corner of the page."""
+
+import threading
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from armgate.apps.errors import AppError
+from armgate.apps.view.optics import Optics
+from armgate.apps.view.overlays import q_of
+from armgate.apps.view.render import Picture, Renderer
+from armgate.apps.view.scene import Poses, Scene, SceneRobot
+from armgate.apps.view.source import Source
+
+RATE = 15.0
+"""Pictures that are tried for, per s."""
+WIDTH = 330
+"""Of the picture on the page, CSS pixels."""
+
+
+class Inset:
+    """The camera's picture.
+
+    Attributes:
+        problem: Why there is none, in words; None while there is.
+        picture: The newest one (height, width, 3).
+        drawn: How many were drawn.
+    """
+
+    def __init__(self, gui: Any, scene: Scene, source: Source, robot: SceneRobot, optics: Optics) -> None:
+        self.problem: str | None = None
+        self.picture: Picture | None = None
+        self.drawn = 0
+        self._scene, self._source, self._robot, self._optics = scene, source, robot, optics
+        self._ended = threading.Event()
+        panel = gui.add_panel()
+        panel.float(x=12, y=-12, width=WIDTH)
+        with panel.add_tab(f"Camera of {robot.name}", icon="camera"):
+            empty = np.full((optics.height, optics.width, 3), 225, dtype=np.uint8)
+            self._image = gui.add_image(empty, format="jpeg", jpeg_quality=80)
+            self._text = gui.add_markdown("", visible=False)
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            renderer = Renderer(self._scene, self._optics)
+        except (AppError, ModuleNotFoundError) as error:
+            self._say(str(error))
+            return
+        poses, seen = Poses(self._scene), None
+        try:
+            while not self._ended.is_set():
+                begin = monotonic()
+                state = self._source.newest()
+                if state is not None and state is not seen:
+                    seen = state
+                    self._draw(renderer, poses)
+                self._ended.wait(max(0.0, begin + 1.0 / RATE - monotonic()))
+        finally:
+            renderer.close()
+
+    def _draw(self, renderer: Renderer, poses: Poses) -> None:
+        state = self._source.newest()
+        assert state is not None
+        camera = self._robot.described.camera
+        places = {robot.name: q_of(state, robot.name) for robot in self._scene.robots}
+        if camera is None or any(q is None for q in places.values()):
+            return
+        links = {name: poses.links(name, q) for name, q in places.items()}
+        lens = poses.models[self._robot.name].frame(places[self._robot.name], camera)
+        self.picture = renderer.picture(lens, links)
+        self.drawn += 1
+        self._image.image = self.picture
+
+    def _say(self, problem: str) -> None:
+        self.problem = problem
+        self._image.visible = False
+        self._text.content = problem
+        self._text.visible = True

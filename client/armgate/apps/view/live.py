@@ -1,0 +1,151 @@
+"""A running daemon as a source: one connection in a thread with an event loop of its own.
+
+Whoever asks from another thread waits for the answer here, and never holds up the states.
+"""
+
+import asyncio
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+from armgate.apps.login import Login
+from armgate.client import ClientError, Description, Role, State, TimedOut, aio
+
+RATE = 30.0
+"""States that are asked for, per s."""
+ANSWER = 10.0
+"""How long an answer may take altogether, s."""
+
+T = TypeVar("T")
+
+
+class Live:
+    """A daemon that is looked at, and, as an operator, spoken to.
+
+    Args:
+        address: ``HOST:PORT``.
+        name: This client's name.
+        role: ``observer`` or ``operator``.
+        login: Token and TLS.
+
+    Raises:
+        ClientError: There is no connection; the text says why.
+    """
+
+    description: Description
+
+    def __init__(self, address: str, name: str, role: Role, login: Login) -> None:
+        self.address, self.role, self.login = address, role, login
+        self._state: State | None = None
+        self._problem: str | None = None
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="live", daemon=True)
+        self._thread.start()
+        try:
+            self._cell = self._run(aio.connect(address, name=name, role=role, **login))
+            self.description = self._cell.description
+            self._run(self._subscribe())
+        except BaseException:
+            self._end_loop()
+            raise
+        self._reader: Future[None] = asyncio.run_coroutine_threadsafe(self._read(), self._loop)
+
+    def __enter__(self) -> "Live":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._run(self._leave())
+        self._end_loop()
+
+    # --- what is seen --------------------------------------------------------------------------------------
+
+    def asset(self, name: str) -> bytes:
+        """The asset of this SHA-256; fetched once."""
+        return self._run(self._cell.asset(name))
+
+    def newest(self) -> State | None:
+        """The newest state; None before the first."""
+        return self._state
+
+    @property
+    def problem(self) -> str | None:
+        """Why no more states come; None while they do."""
+        return self._problem
+
+    # --- what is said --------------------------------------------------------------------------------------
+
+    @property
+    def operator(self) -> bool:
+        """Whether the daemon lets this client reset."""
+        return self._cell.welcome.role == "operator"
+
+    def stop(self, reason: str) -> str:
+        """Stops the whole cell; what came of it, in words."""
+        stopped = self._run(self._cell.stop(reason=reason))
+        return f"stop {stopped.stop} is in force: {', '.join(stopped.robots)} come to rest"
+
+    def reset(self) -> str:
+        """Lifts every stop in force; what came of it, in words.
+
+        Raises:
+            Refused: Another operator was faster, or a robot still moves.
+        """
+        state = self._state
+        stops = {stop for entry in (state.entries if state else ()) for stop in entry.stops or ()}
+        if not stops:
+            return "no stop is in force"
+        for stop in sorted(stops):
+            self._run(self._cell.reset(stop))
+        return f"reset {', '.join(map(str, sorted(stops)))}: robots may be acquired again"
+
+    def signal(self, name: str, value: float) -> None:
+        """Shares a number with the other clients.
+
+        Raises:
+            Refused: An earlier signal was refused, such as one that is another client's.
+        """
+        self._run(self._cell.signal(name, value))
+
+    # --- the loop's thread ---------------------------------------------------------------------------------
+
+    async def _subscribe(self) -> None:
+        # A state holds an entry of every robot: the ticks of one are enough.
+        fastest = min(self.description.robots, key=lambda robot: robot.period)
+        every = max(1, int(1.0 / (RATE * fastest.period)))
+        await self._cell.subscribe(every=every, robots=[fastest.name])
+
+    async def _read(self) -> None:
+        try:
+            while True:
+                try:
+                    async for state in self._cell.states():
+                        self._state = state
+                except TimedOut as error:
+                    # The robots' clock stands still; a daemon that is gone is told by the next wait.
+                    await self._cell.ping()
+                    self._problem = str(error)
+        except ClientError as error:
+            self._problem = str(error)
+
+    async def _leave(self) -> None:
+        self._reader.cancel()
+        await self._cell.close()
+
+    def _run(self, work: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(ANSWER)
+
+    def _end_loop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+def in_words(act: Callable[[], str]) -> tuple[bool, str]:
+    """What came of an act of the user: whether it was done, and what to say of it."""
+    try:
+        return True, act()
+    except ClientError as error:
+        return False, str(error)
+    except TimeoutError:
+        return False, f"the daemon has not answered within {ANSWER:g} s"

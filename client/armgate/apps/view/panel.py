@@ -1,0 +1,92 @@
+"""The panel: the robots' states in words and bars, and what anybody, or an operator, can do."""
+
+from collections.abc import Callable
+from typing import Any
+
+from armgate.apps.view import looks
+from armgate.apps.view.live import Live, in_words
+from armgate.apps.view.overlays import Overlays
+from armgate.apps.view.texts import banner, note, robot_html
+from armgate.client import Description, State
+
+ZOOM = (0.4, 2.5)
+"""Wanted view distances that can be chosen, m."""
+QUIET: looks.RGB = (70, 84, 104)
+
+
+class Panel:
+    """What stands beside the picture.
+
+    Args:
+        gui: The page's.
+        description: The cell.
+        notify: Tells every browser: title, text, colour.
+    """
+
+    def __init__(self, gui: Any, description: Description, notify: Callable[[str, str, str], None]) -> None:
+        self._gui, self._description, self._notify = gui, description, notify
+        self._told: dict[int, str] = {}
+        self._banner = gui.add_html("", order=0)
+        self._robots = {
+            robot.name: gui.add_html("", order=20 + i) for i, robot in enumerate(description.robots)
+        }
+
+    def add_controls(self, live: Live) -> None:
+        """STOP for everybody; reset and zoom for an operator."""
+        stop = self._gui.add_button("STOP", color="red", icon="hand-stop", order=1, hint="Stop every robot")
+        stop.on_click(lambda _: self._act("STOP", lambda: live.stop("STOP was pressed on the page")))
+        if not live.operator:
+            return
+        reset = self._gui.add_button("Reset", order=2, hint="Lift the stops in force")
+        reset.on_click(lambda _: self._act("Reset", live.reset))
+        zoom = self._gui.add_slider("Zoom [m]", *ZOOM, 0.05, 1.0, order=3, hint="Wanted view distance")
+
+        def zoomed(event: Any) -> None:
+            if event.client is not None:
+                self._act("Zoom", lambda: _zoom(live, float(zoom.value)), quiet=True)
+
+        zoom.on_update(zoomed)
+
+    def add_overlays(self, overlays: Overlays) -> None:
+        """A box to tick for each overlay."""
+        with self._gui.add_folder("Overlays", order=40, expand_by_default=False):
+            for name in overlays.shown:
+                box = self._gui.add_checkbox(name.capitalize(), overlays.shown[name])
+                box.on_update(
+                    lambda event, name=name: overlays.shown.update({name: bool(event.target.value)})
+                )
+
+    def update(self, state: State, problem: str | None) -> None:
+        """Shows a state."""
+        self._say(self._banner, self._headline(state, problem))
+        entries = {entry.robot: entry for entry in state.entries}
+        for robot in self._description.robots:
+            self._say(self._robots[robot.name], robot_html(robot, entries[robot.name]))
+
+    def fail(self, problem: str) -> None:
+        """Says why nothing comes any more."""
+        self._say(self._banner, banner(problem, looks.STATES["stop"]))
+
+    def _headline(self, state: State, problem: str | None) -> str:
+        if problem is not None:
+            return banner(problem, looks.STATES["stop"])
+        stops = sorted({stop for entry in state.entries for stop in entry.stops or ()})
+        if stops:
+            told = f"stop {', '.join(map(str, stops))} in force: an operator resets it"
+            return banner(told, looks.STATES["stop"])
+        return banner(f"running, {state.time:.0f} s", QUIET) + note(state.warnings)
+
+    def _say(self, handle: Any, html: str) -> None:
+        if self._told.get(id(handle)) != html:
+            self._told[id(handle)] = html
+            handle.content = html
+
+    def _act(self, title: str, act: Callable[[], str], *, quiet: bool = False) -> None:
+        done, text = in_words(act)
+        if not (done and quiet):
+            self._notify(title, text, "green" if done else "red")
+
+
+def _zoom(live: Live, distance: float) -> str:
+    live.signal("operator.distance", distance)
+    return f"wanted view distance {distance:.2f} m"

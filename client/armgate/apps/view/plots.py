@@ -1,0 +1,61 @@
+"""Live plots of the camera's angle and distance error, from what the follower shares."""
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from armgate.client import State
+
+SPAN = 30.0
+"""What is shown, s."""
+POINTS = 600
+_PLOTS = (
+    ("follow.angle_error", "Angle error [deg]", math.degrees(1.0), "#e8590c"),
+    ("follow.distance_error", "Distance error [mm]", 1000.0, "#1c7ed6"),
+)
+
+
+class Plots:
+    """One plot for each error; hidden until there is something to show."""
+
+    def __init__(self, gui: Any) -> None:
+        from viser import uplot  # noqa: PLC0415  (only where a page is)
+
+        self._times: deque[float] = deque(maxlen=POINTS)
+        self._values = [deque[float](maxlen=POINTS) for _ in _PLOTS]
+        nothing = np.zeros(1)
+        self._plots = [
+            gui.add_uplot(
+                (nothing, nothing),
+                (uplot.Series(label="t"), uplot.Series(label=label, stroke=colour, width=2)),
+                title=label,
+                scales={"x": uplot.Scale(time=False)},
+                legend=uplot.Legend(show=False),
+                height=130,
+                order=30 + number,
+                visible=False,
+            )
+            for number, (_, label, _, colour) in enumerate(_PLOTS)
+        ]
+
+    def take(self, state: State) -> None:
+        """Adds a state's values."""
+        found = [state.signals.get(name) for name, *_ in _PLOTS]
+        if any(signal is None for signal in found) or (self._times and state.time <= self._times[-1]):
+            return
+        self._times.append(state.time)
+        for values, signal, (_, _, factor, _) in zip(self._values, found, _PLOTS, strict=True):
+            assert signal is not None
+            values.append(factor * signal.value[0])
+
+    def draw(self) -> None:
+        """Shows what was added."""
+        if len(self._times) < 2:
+            return
+        times = np.array(self._times)
+        shown = times > times[-1] - SPAN
+        for plot, values in zip(self._plots, self._values, strict=True):
+            plot.data = (times[shown] - times[-1], np.array(values)[shown])
+            plot.visible = True

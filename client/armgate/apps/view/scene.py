@@ -1,0 +1,224 @@
+"""What there is to see: meshes on the links of robots and in the world, and where links are at q."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armgate.apps.view import looks
+from armgate.apps.view.realistic import real_meshes
+from armgate.apps.view.shapes import Mesh, convex, cylinder, joined, mesh_of
+from armgate.cell.model import RobotModel
+from armgate.cell.placement import Placement
+from armgate.client import Body, Description, RobotDescription
+
+Array = NDArray[np.float64]
+Asset = Callable[[str], bytes]
+
+TOOL_RADIUS = 0.022
+"""Radius of the mark at the working point of a robot that carries no camera, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Meshes of one colour that move together.
+
+    Attributes:
+        colour: Red, green, blue, 0 to 255.
+        mesh: In the link's frame, or in the world.
+    """
+
+    colour: looks.RGB
+    mesh: Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRobot:
+    """A robot to be drawn.
+
+    Attributes:
+        name: Its name.
+        described: As the daemon describes it.
+        urdf: Its URDF.
+        pieces: By link.
+    """
+
+    name: str
+    described: RobotDescription
+    urdf: str
+    pieces: Mapping[str, tuple[Piece, ...]]
+
+    def model(self) -> RobotModel:
+        """A model of its kinematics; one for each thread."""
+        base = Placement.from_quaternion(self.described.base_xyz, self.described.base_xyzw)
+        return RobotModel.from_urdf(self.urdf, base)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A cell to be drawn.
+
+    Attributes:
+        description: As the daemon tells it.
+        robots: In its order.
+        surroundings: What stands in the world.
+    """
+
+    description: Description
+    robots: tuple[SceneRobot, ...]
+    surroundings: tuple[Piece, ...]
+
+    @classmethod
+    def build(cls, description: Description, asset: Asset) -> "Scene":
+        """From a description and its assets."""
+        bodies = defaultdict(list)
+        for body in description.bodies:
+            bodies[body.robot].append(body)
+        robots = tuple(_robot(robot, bodies[robot.name], asset) for robot in description.robots)
+        standing = [(looks.surrounding(body.name), _mesh(body, asset)) for body in bodies[None]]
+        return cls(description, robots, _pieces(standing))
+
+    @property
+    def camera_robot(self) -> SceneRobot | None:
+        """The first robot with a camera."""
+        return next((robot for robot in self.robots if robot.described.camera), None)
+
+
+class Poses:
+    """Where the links of all robots are; belongs to one thread."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._links = {robot.name: tuple(robot.pieces) for robot in scene.robots}
+        self.models = {robot.name: robot.model() for robot in scene.robots}
+
+    def links(self, robot: str, q: ArrayLike) -> dict[str, Placement]:
+        """The frames of the links that carry something, in the world."""
+        model = self.models[robot]
+        return {link: model.frame(q, link) for link in self._links[robot]}
+
+
+def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset) -> SceneRobot:
+    urdf = asset(robot.urdf.hash).decode()
+    base = Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
+    model = RobotModel.from_urdf(urdf, base)
+    meshes: dict[str, list[tuple[looks.RGB, Mesh]]] = defaultdict(list)
+    real = real_meshes(urdf)
+    for body in bodies:
+        if body.link is not None and body.link not in real:
+            meshes[body.link].append((_robot_colour(model, body), _mesh(body, asset)))
+    for link, found in real.items():
+        meshes[link] += [(colour or _link_colour(model, link), mesh) for colour, mesh in found]
+    if not real:
+        for link, cap in (*_joint_caps(model, bodies), *_bones(model, bodies)):
+            meshes[link].append((looks.DARK, cap))
+    if robot.camera is None:
+        meshes[robot.tool].append((looks.TOOL, mesh_of("sphere", (TOOL_RADIUS,))))
+    else:
+        meshes[robot.camera].append((looks.DARK, _lens()))
+    return SceneRobot(robot.name, robot, urdf, {link: _pieces(found) for link, found in meshes.items()})
+
+
+def _pieces(found: list[tuple[looks.RGB, Mesh]]) -> tuple[Piece, ...]:
+    by_colour = defaultdict(list)
+    for colour, mesh in found:
+        by_colour[colour].append(mesh)
+    return tuple(Piece(colour, joined(meshes)) for colour, meshes in by_colour.items())
+
+
+def _mesh(body: Body, asset: Asset) -> Mesh:
+    place = Placement.from_quaternion(body.xyz, body.xyzw)
+    exact = body.exact
+    if exact is not None and exact.mesh is not None:
+        return _hull(asset(exact.mesh.hash).decode()).at(place)
+    if exact is not None and exact.kind == "cone":
+        return mesh_of("cone", exact.size).at(place)
+    return mesh_of(body.shape.kind, body.shape.size).at(place)
+
+
+def _hull(obj: str) -> Mesh:
+    """A convex body's OBJ, as the daemon writes it."""
+    rows = [line.split() for line in obj.splitlines()]
+    vertices = np.array([[float(x) for x in row[1:]] for row in rows if row[0] == "v"])
+    faces = np.array([[int(i) - 1 for i in row[1:]] for row in rows if row[0] == "f"])
+    return convex(vertices, faces)
+
+
+# --- an arm of primitives ----------------------------------------------------------------------------------
+
+
+def _link_colour(model: RobotModel, link: str) -> looks.RGB:
+    """The arm is orange; what carries it, and its hand, are dark."""
+    joint = model.frame_joint(link)
+    turning = 0
+    while joint >= 0:
+        turning += model.joints[joint].kind == "revolute"
+        joint = model.parents[joint]
+    every = sum(joint.kind == "revolute" for joint in model.joints)
+    if turning == 0:
+        return looks.STRUCTURE
+    return looks.HAND if turning >= max(every - 1, 2) else looks.ARM
+
+
+def _robot_colour(model: RobotModel, body: Body) -> looks.RGB:
+    assert body.link is not None
+    return looks.DARK if "camera" in body.name else _link_colour(model, body.link)
+
+
+def _joint_caps(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:
+    """A dark disc on both sides of an arm where it bends: what a joint's cover looks like."""
+    caps = []
+    for body in bodies:
+        joint = -1 if body.link is None else model.frame_joint(body.link)
+        if joint < 0 or body.shape.kind != "capsule" or body.link is None:
+            continue
+        place = Placement.from_quaternion(body.xyz, body.xyzw)
+        axis, along = _axis(model, joint), place.R[:, 2]
+        radius, length = body.shape.size
+        past = float(np.linalg.norm(place.t)) - length / 2 - radius
+        if axis is not None and abs(axis @ along) < 0.5 and past < 0.0:
+            caps.append((body.link, cylinder(0.62 * radius, 2.12 * radius).at(_towards(axis))))
+    return caps
+
+
+def _bones(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:
+    """A thin rod between the axes of an arm: what shows where its bodies leave gaps."""
+    round_ = [body.shape.size[0] for body in bodies if body.shape.kind in ("capsule", "cylinder")]
+    q, rods = np.zeros(model.n), []
+    for joint, parent in enumerate(model.parents):
+        if parent < 0 or model.joints[parent].kind != "revolute":
+            continue
+        links = [_first_link(model, parent), _first_link(model, joint)]
+        here, there = (model.frame(q, link) for link in links)
+        end = here.inverse().apply(there.t)
+        length = float(np.linalg.norm(end))
+        if round_ and length > 8.0 * min(round_):
+            middle = Placement(_towards(end / length).R, end / 2)
+            rods.append((links[0], cylinder(0.9 * min(round_), length).at(middle)))
+    return rods
+
+
+def _axis(model: RobotModel, joint: int) -> Array | None:
+    """The axis of a joint in the frame of the link that it carries; None if it does not turn."""
+    if model.joints[joint].kind != "revolute":
+        return None
+    link, q = _first_link(model, joint), np.zeros(model.n)
+    J = model.frame_jacobian(q, link)
+    return model.frame(q, link).R.T @ J[3:, joint]
+
+
+def _first_link(model: RobotModel, joint: int) -> str:
+    return next(name for name in model.frame_names if model.frame_joint(name) == joint)
+
+
+def _towards(axis: Array) -> Placement:
+    """A frame at the origin whose z is this axis."""
+    side = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = np.cross(side, axis)
+    x /= np.linalg.norm(x)
+    return Placement(np.stack([x, np.cross(axis, x), axis], axis=1), np.zeros(3))
+
+
+def _lens() -> Mesh:
+    return cylinder(0.03, 0.04).at(Placement(np.eye(3), np.array([0.0, 0.0, 0.1])))

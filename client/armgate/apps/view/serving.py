@@ -1,0 +1,121 @@
+"""Serves the page: connects, shows, and connects again when the daemon comes back."""
+
+import errno
+import io
+import signal
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import Any
+
+from armgate.apps.errors import AppError, UsageError
+from armgate.apps.login import Login
+from armgate.apps.view.live import Live
+from armgate.apps.view.viewer import Viewer
+from armgate.client import ClientError, Role
+
+AGAIN = 1.0
+"""Time between two tries to reach a daemon that went away, s."""
+
+
+def serve(
+    address: str,
+    name: str,
+    role: Role,
+    login: Login,
+    *,
+    at: tuple[str, int],
+    open_browser: bool,
+    tell: Callable[[str], object],
+) -> None:
+    """Shows a daemon's cell until somebody ends this process.
+
+    Raises:
+        ClientError: The daemon cannot be reached at the beginning, or does not want this client.
+        AppError: The page cannot be served.
+    """
+    with interruption() as ended:
+        live: Live | None = Live(address, name, role, login)
+        with page_server(*at) as server:
+            url = f"http://{server.get_host()}:{server.get_port()}"
+            tell(f"armgate: view at {url}")
+            if open_browser:
+                open_page(url)
+            while live is not None:
+                with live, Viewer(server, live) as viewer:
+                    if viewer.inset is not None and viewer.inset.problem is not None:
+                        tell(f"armgate: {viewer.inset.problem}")
+                    viewer.run(ended)
+                if not ended.is_set():
+                    tell(f"armgate: {live.problem}")
+                live = _again(address, name, role, login, ended)
+                if live is not None:
+                    server.scene.reset()
+                    server.gui.reset()
+                    tell("armgate: connected again")
+
+
+def _again(address: str, name: str, role: Role, login: Login, ended: threading.Event) -> Live | None:
+    while not ended.wait(AGAIN):
+        try:
+            return Live(address, name, role, login)
+        except ClientError:
+            continue
+    return None
+
+
+@contextmanager
+def page_server(host: str, port: int) -> Iterator[Any]:
+    """A server of viser on this address.
+
+    Raises:
+        AppError: The address cannot be used.
+    """
+    import viser  # noqa: PLC0415
+
+    # viser takes the next free port instead; who names a port wants that one.
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+            port = probe.getsockname()[1]
+        except OSError as error:
+            raise _no_port(host, port, error) from error
+    with redirect_stdout(io.StringIO()):  # it would print a box of its own
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    try:
+        yield server
+    finally:
+        with redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _no_port(host: str, port: int, error: OSError) -> AppError:
+    if error.errno == errno.EADDRINUSE:
+        return AppError(f"port {port} on {host} is taken; name another one: --port N, or 0 for any")
+    return UsageError(f"the page cannot be served on {host}:{port}: {error.strerror or error}")
+
+
+def open_page(url: str) -> None:
+    """Opens a browser, where there is one."""
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+@contextmanager
+def interruption() -> Iterator[threading.Event]:
+    """An event that SIGINT or SIGTERM sets; a second one ends the process at once."""
+    ended = threading.Event()
+
+    def take(_signum: int, _frame: object) -> None:
+        if ended.is_set():
+            raise KeyboardInterrupt
+        ended.set()
+
+    before = {signum: signal.signal(signum, take) for signum in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ended
+    finally:
+        for signum, handler in before.items():
+            signal.signal(signum, handler)

@@ -1,0 +1,111 @@
+"""The page: built once for a cell, then drawn at 30 Hz from the newest state.
+
+The browser gets positions, never the other way round: whether somebody looks on, or reloads, changes nothing.
+"""
+
+import threading
+from time import monotonic
+from typing import Any
+
+from armgate.apps.view import looks
+from armgate.apps.view.drawing import LinkNodes, draw_surroundings
+from armgate.apps.view.inset import Inset
+from armgate.apps.view.live import Live
+from armgate.apps.view.optics import Optics
+from armgate.apps.view.overlays import Overlays
+from armgate.apps.view.panel import Panel
+from armgate.apps.view.plots import Plots
+from armgate.apps.view.scene import Poses, Scene
+from armgate.apps.view.source import Source
+from armgate.apps.view.vantage import vantage
+from armgate.client import State
+
+RATE = 30.0
+"""Pictures of the scene, per s."""
+PANEL_EVERY, PLOT_EVERY = 3, 10
+"""Pictures between two updates of the panel, of the plots."""
+
+
+class Viewer:
+    """One page for one source.
+
+    Args:
+        server: viser's.
+        source: What is shown.
+
+    Attributes:
+        inset: The camera's picture; None where no robot has a camera.
+        frames: How many pictures of the scene were sent.
+    """
+
+    def __init__(self, server: Any, source: Source) -> None:
+        self._server, self._source = server, source
+        self.frames = 0
+        optics = Optics()
+        self._scene = Scene.build(source.description, source.asset)
+        self._poses = Poses(self._scene)
+        self._configure()
+        with server.atomic():
+            draw_surroundings(server.scene, self._scene)
+            self._robots = {
+                robot.name: LinkNodes(server.scene, f"/robots/{robot.name}", robot.pieces)
+                for robot in self._scene.robots
+            }
+            self._overlays = Overlays(server.scene, self._scene, optics)
+        self._panel = Panel(server.gui, source.description, self._notify)
+        self._plots = Plots(server.gui)
+        if isinstance(source, Live):
+            self._panel.add_controls(source)
+        self._panel.add_overlays(self._overlays)
+        robot = self._scene.camera_robot
+        self.inset = None if robot is None else Inset(server.gui, self._scene, source, robot, optics)
+
+    def __enter__(self) -> "Viewer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.inset is not None:
+            self.inset.close()
+
+    def run(self, ended: threading.Event) -> None:
+        """Draws until asked to end, or until the source has a problem."""
+        shown: State | None = None
+        while not ended.is_set():
+            begin = monotonic()
+            state = self._source.newest()
+            if state is not None and state is not shown:
+                shown = state
+                self.show(state)
+            if (problem := self._source.problem) is not None:
+                self._panel.fail(problem)
+                return
+            ended.wait(max(0.0, begin + 1.0 / RATE - monotonic()))
+
+    def show(self, state: State) -> None:
+        """Draws one state."""
+        with self._server.atomic():
+            for entry in state.entries:
+                if entry.q is not None:
+                    self._robots[entry.robot].move(self._poses.links(entry.robot, entry.q))
+            self._overlays.update(state, self._poses)
+        self._plots.take(state)
+        if self.frames % PANEL_EVERY == 0:
+            self._panel.update(state, self._source.problem)
+        if self.frames % PLOT_EVERY == 0:
+            self._plots.draw()
+        self.frames += 1
+
+    def _configure(self) -> None:
+        gui = self._server.gui
+        gui.configure_theme(
+            control_layout="fixed", control_width="medium", show_logo=False, show_share_button=False,
+            brand_color=looks.ARM,
+        )  # fmt: skip
+        gui.set_panel_label(f"armgate · {self._source.description.name}")
+        eye, at = vantage(self._scene)
+        self._server.initial_camera.position = eye
+        self._server.initial_camera.look_at = at
+
+    def _notify(self, title: str, text: str, colour: str) -> None:
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, color=colour, auto_close_seconds=8.0)

@@ -1,0 +1,33 @@
+"""The demo cell as a scene, from what its daemon would describe."""
+
+from pathlib import Path
+
+import pytest
+
+from armgate.apps.view.scene import Scene
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.daemon.library import Library
+from armgate.protocol import messages as m
+
+DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
+
+
+def whole(library: Library, name: str) -> bytes:
+    data = b""
+    while True:
+        chunk = library.chunk(name, len(data), m.MAX_CHUNK)
+        data += chunk.data
+        if len(data) >= chunk.total:
+            return data
+
+
+@pytest.fixture(scope="session")
+def cell():
+    return build_cell(load_config([DEMO]))
+
+
+@pytest.fixture(scope="session")
+def scene(cell):
+    library = Library(cell, False)
+    return Scene.build(library.description, lambda name: whole(library, name))

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from armgate.apps.view import looks
+from armgate.apps.view.scene import Poses
+from armgate.apps.view.vantage import vantage
+
+rng = np.random.default_rng(4)
+
+
+def test_links_are_where_the_gate_has_the_bodies(cell, scene):
+    poses = Poses(scene)
+    for robot in cell.robots:
+        q = rng.uniform(robot.lower, robot.upper)
+        links = poses.links(robot.name, q)
+        _, t = robot.model.body_placements(q)
+        told = [body for body in scene.description.bodies if body.robot == robot.name]
+        assert len(told) == len(robot.model.bodies)
+        for k, body in enumerate(told):
+            at = links[body.link].apply(np.array(body.xyz))
+            assert at == pytest.approx(t[k], abs=1e-9)
+            drawn = np.concatenate([piece.mesh.vertices for piece in _of(scene, robot.name)[body.link]])
+            inside = robot.model.bodies[k].shape.bounding_radius
+            assert np.linalg.norm(links[body.link].apply(drawn) - at, axis=1).min() <= inside + 1e-9
+
+
+def _of(scene, name):
+    return next(robot for robot in scene.robots if robot.name == name).pieces
+
+
+def test_every_body_is_drawn_in_its_colour(scene):
+    colours = {piece.colour for robot in scene.robots for pieces in robot.pieces.values() for piece in pieces}
+    assert {looks.ARM, looks.STRUCTURE, looks.HAND, looks.TOOL} <= colours
+    standing = {piece.colour for piece in scene.surroundings}
+    assert looks.FLOOR in standing
+    assert looks.surrounding("tank") in standing
+    assert scene.camera_robot.name == "FR"
+
+
+def test_margins_run_from_red_to_green():
+    assert looks.margin(0.05, 0.05) == looks.margin(0.0, 0.05) == looks.STATES["stop"]
+    assert looks.margin(0.2, 0.05) == looks.margin(9.0, 0.05) == looks.STATES["clear"]
+    assert looks.margin(0.125, 0.05) == looks.STATES["near"]
+
+
+def test_the_first_look_is_from_above_the_floor_and_outside(scene):
+    eye, at = vantage(scene)
+    assert eye[2] > at[2] > 0.0
+    assert np.linalg.norm(np.subtract(eye, at)) > 3.0
