@@ -191,3 +191,16 @@ class TestTheCell:
         assert axes["A6"].read < 0.0 and axes["A6"].sent < 0.0  # noqa: PT018
         assert [axis.joint for axis in setup_of(cell, cell.robots[0]).axes][:4] == ["X", "Y", "Z", "A1"]
         assert len(NINE) == len(axes)
+
+
+def test_the_documents_draw_the_table_of_states():
+    text = (FILES.parents[1] / "docs" / "rsi.md").read_text()
+    drawn = set(re.findall(r"^    (\w+) --> (\w+): (\w+)$", text, re.MULTILINE))
+    assert drawn == {(state.value, after.value, event.value) for (state, event), after in TABLE.items()}
+
+
+@pytest.mark.parametrize(("name", "robots"), [("rsi-example", ["FR"]), ("rsi-virtual", ["FR", "GR"])])
+def test_the_links_that_come_along_fit_the_demo_cell(name, robots):
+    configs = FILES.parent
+    cell = build_cell(load_config([configs / "demo.yaml", configs / "links" / f"{name}.yaml"]))
+    assert [setup_of(cell, cell.robot(robot)).robot for robot in robots] == robots
