@@ -5,6 +5,7 @@ ARGS ?=
 RUNS ?= 100000
 STEPS ?= 20000
 MUTANTS ?=
+PAIRS ?= 100000
 SEED ?= 0
 
 VENV := .venv
@@ -14,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate bench-rsi help install demo test lint spec fuzz conformance coverage adversary mutants bench-control clean
+.PHONY: bench-gate bench-rsi help install demo test lint spec fuzz conformance coverage adversary certificates mutants bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -57,6 +58,9 @@ coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov
 
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
 	@STEPS=$(STEPS) $(BIN)/python tests/integrity/adversary.py
+
+certificates: $(VENV)/.tested  ## hold PAIRS proofs of distance against a second method
+	@PAIRS=$(PAIRS) $(BIN)/python tests/integrity/certificates.py
 
 mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests notice: make mutants MUTANTS=100
 	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)

@@ -1,12 +1,15 @@
 """What messages and ticks do, with a real gate and without sockets."""
 
 import math
+import re
+from dataclasses import replace
 
 import pytest
 
 from armgate.cell import events
 from armgate.daemon.core import RIGHTS
 from armgate.daemon.leasing import NOBODY
+from armgate.integrity.engine import CoalEngine
 from armgate.protocol import messages as m
 from support.cells import arms_config
 from support.peers import Bench
@@ -360,6 +363,23 @@ def test_the_state_tells_holder_stops_verdict_and_signals(bench):
     assert state.signals["lead.progress"].owner == "wave"
     assert state.warnings == ("2 ticks came late",)
     assert a.nearest
+
+
+def test_an_engine_that_misjudges_is_told_in_the_state(config, monkeypatch):
+    """All of its answers fall short of their proofs: a warning, and robots that are safe all the same."""
+    honest = CoalEngine.suggest
+
+    def boastful(self, *asked):
+        said = honest(self, *asked)
+        return replace(said, distance=said.distance + 1.0)
+
+    monkeypatch.setattr(CoalEngine, "suggest", boastful)
+    bench = Bench(config).start()
+    eye = bench.client("eye", "observer")
+    bench.tick()
+    bench.core.handle(eye, m.Subscribe(robots=("A",)))
+    (warning,) = eye.last(m.State).warnings
+    assert re.fullmatch(r"distance engine: (\d+) of \1 answers fell short of their proof", warning)
 
 
 # --- the rest ---------------------------------------------------------------------------------------------

@@ -38,6 +38,9 @@ class Broken:
     def view(self, robot):
         return self.gate.view(robot)
 
+    def warnings(self):
+        return ()
+
 
 class Running:
     """A daemon that serves."""

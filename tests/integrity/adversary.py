@@ -1,11 +1,12 @@
 """Adversaries: controllers that want to break things, and the long form of their attack.
 
-    STEPS=1000000 python tests/integrity/adversary.py
+    STEPS=1000000 SEED=0 JOBS=2 python tests/integrity/adversary.py
 
 prints, last, ``violations: N`` with the acceptance rate and the smallest margin that the oracle saw, and
 exits with 1 on any violation.
 """
 
+import multiprocessing
 import os
 import random
 import sys
@@ -220,22 +221,42 @@ def say(text: str) -> None:
     sys.stdout.flush()
 
 
+LENGTH = 400
+"""Commands of one run."""
+
+
+def run_of(seed: int) -> tuple[int, Setting, Tally]:
+    """One run by its number, in whatever process: a seed decides everything."""
+    setting = SETTINGS[seed % len(SETTINGS)]
+    place = _ARENAS.setdefault(setting, None) or arena(setting)
+    _ARENAS[setting] = place
+    return seed, setting, attack(place, setting, seed, max(1, int(LENGTH * setting.share)))
+
+
+_ARENAS: dict[Setting, Arena | None] = {}
+
+
 def main() -> int:
+    """Attacks in as many processes as there are cores, until so many commands are judged."""
     steps, seed = int(os.environ.get("STEPS", "20000")), int(os.environ.get("SEED", "0"))
-    arenas = {s: arena(s) for s in SETTINGS}
-    total, began, length = Tally(), time.monotonic(), 400
-    while total.commands < steps:
-        setting = SETTINGS[seed % len(SETTINGS)]
-        tally = attack(arenas[setting], setting, seed, max(1, int(length * setting.share)))
-        for text in tally.violations[:5]:
-            say(f"seed {seed}, {setting}: {text}")
-        total.add(tally)
-        if seed % 50 == 49:
-            spent, broken = time.monotonic() - began, len(total.violations)
-            say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
-        seed += 1
+    jobs = int(os.environ.get("JOBS", "0")) or os.cpu_count() or 1
+    shares = [s.share for s in SETTINGS]
+    runs = 0
+    while sum(LENGTH * shares[(seed + k) % len(shares)] for k in range(runs)) < steps:
+        runs += 1
+    total, began = Tally(), time.monotonic()
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        runs_done = pool.imap_unordered(run_of, range(seed, seed + runs))
+        for done, (number, setting, tally) in enumerate(runs_done, 1):
+            for text in tally.violations[:5]:
+                say(f"seed {number}, {setting}: {text}")
+            total.add(tally)
+            if done % 50 == 0:
+                spent, broken = time.monotonic() - began, len(total.violations)
+                say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
+    spent = time.monotonic() - began
     outcomes = f"{total.admitted} admitted, {total.limited} limited, {total.refused} refused"
-    say(f"{total.commands} commands: {outcomes}")
+    say(f"{total.commands} commands: {outcomes}; {total.commands / spent:.0f} a second in {jobs} processes")
     seen = f"{total.samples} positions executed, {total.stop_samples} of stops"
     say(f"{seen}, every {1e3 * GRID:g} ms")
     least = f"{1e3 * total.least:.4f} mm over the stop distance"

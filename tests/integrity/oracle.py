@@ -385,8 +385,10 @@ class Oracle:
         best = room(n)
         turns = np.concatenate([R[a].T, -R[a].T])
         for _ in range(60):
+            if step.max() < 1e-8:  # what is left to win is of second order in it
+                break
             m = n[:, None, :] + step[:, None, None] * turns
-            m = m / np.maximum(np.linalg.norm(m, axis=2, keepdims=True), 1e-12)
+            m = m / np.sqrt(np.einsum("kij,kij->ki", m, m))[:, :, None]
             rooms = room(m.reshape(-1, 3)).reshape(len(n), -1)
             k = np.argmax(rooms, axis=1)
             gain = rooms[np.arange(len(n)), k]

@@ -19,7 +19,7 @@ def test_no_adversary_breaks_the_invariant(number):
     place = arena(setting)
     total = Tally()
     for seed in range(3):
-        total.add(adversary.attack(place, setting, 1000 * seed + number, int(480 * setting.share)))
+        total.add(adversary.attack(place, setting, 1000 * seed + number, int(580 * setting.share)))
     assert total.violations == []
     assert total.accepted > 0.1
 

@@ -338,7 +338,7 @@ class Core:
     def _put(self, ticks: Sequence[events.Tick], step: int | None) -> None:
         """Note what the states at these ticks say."""
         entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
-        warnings = tuple(self.warnings.values())
+        warnings = (*self.warnings.values(), *self._runner.warnings())
         if self.on_state is not None:
             self.on_state(ticks, entries, self._signals.values, warnings, step)
         for tick in ticks:

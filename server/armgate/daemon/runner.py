@@ -23,6 +23,9 @@ class Judge(Protocol):
     def view(self, robot: str) -> RobotView:
         """What is known of one robot."""
 
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth saying beside the robots."""
+
 
 class Carrier(Protocol):
     """What the daemon needs of a link."""
@@ -75,3 +78,7 @@ class GateRunner:
     def view(self, robot: str) -> RobotView:
         """What the gate knows of one robot."""
         return self._judge.view(robot)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What the gate warns of."""
+        return self._judge.warnings()
