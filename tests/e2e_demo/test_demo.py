@@ -139,26 +139,51 @@ def free_ports(count: int) -> list[int]:
     return ports
 
 
-def test_through_two_virtual_krcs_by_configuration_alone(tmp_path: Path) -> None:
+def virtual_links(folder: Path) -> str:
+    """The virtual KRCs' overlay, with ports that nobody uses."""
     text = (CONFIGS / "links" / "rsi-virtual.yaml").read_text().replace("../rsi", str(CONFIGS / "rsi"))
     for before, port in zip(("49152", "49153"), free_ports(2), strict=True):
         text = text.replace(f"listen: 127.0.0.1:{before}", f"listen: 127.0.0.1:{port}")
-    links = tmp_path / "links.yaml"
-    links.write_text(text)
-    done = demo("--links", str(links), "--duration", "3", "--out", "run", cwd=tmp_path)
+    (folder / "links.yaml").write_text(text)
+    return str(folder / "links.yaml")
+
+
+def krc_logs(run: Path) -> list[list[dict[str, Any]]]:
+    logs = [(run / "logs" / f"krc-{robot}.log").read_text().splitlines() for robot in ("FR", "GR")]
+    return [[json.loads(line) for line in lines if line.startswith("{")] for lines in logs]
+
+
+def test_through_two_virtual_krcs_by_configuration_alone(tmp_path: Path) -> None:
+    links = virtual_links(tmp_path)
+    done = demo("--links", links, "--duration", "3", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     check(metrics_of(tmp_path / "run"))
-    logs = tmp_path / "run" / "logs"
-    for krc in ("krc-FR", "krc-GR"):
-        lines = [
-            json.loads(line) for line in (logs / f"{krc}.log").read_text().splitlines() if line[0] == "{"
-        ]
-        assert [line["event"] for line in lines if line["level"] == "error"] == []
+    for lines in krc_logs(tmp_path / "run"):
         # However busy the machine is: the KRC was answered to the end, no drive gave up, and it has moved.
+        assert [line["event"] for line in lines if line["level"] == "error"] == []
         assert lines[-1]["state"] == "running"
         assert lines[-1]["setpoint"] != lines[-1]["programmed"]
-    robots = (logs / "robots.log").read_text()
+    robots = (tmp_path / "run" / "logs" / "robots.log").read_text()
     assert '"event": "ended", "resting": true' in robots
+
+
+@pytest.mark.parametrize(("command", "ends"), [("serve", "running"), ("robot-server", "broken_off")])
+def test_killed_in_motion_krcs_are_answered_or_break_off_by_themselves_and_no_drive_faults(
+    tmp_path: Path, command: str, ends: str
+) -> None:
+    with running(tmp_path, "--links", virtual_links(tmp_path), "--out", "run") as child:
+        os.kill(children(child.pid)[command], signal.SIGKILL)
+        _, err = child.communicate(timeout=120)
+    assert child.returncode == 1
+    assert "was killed by SIGKILL" in err
+    for lines in krc_logs(tmp_path / "run"):
+        assert lines[-1]["state"] == ends
+        assert ("KSS29002" in lines[-1]["message"]) == (ends == "broken_off")
+        assert "Command" not in lines[-1]["message"]
+    if command == "serve":
+        robots = (tmp_path / "run" / "logs" / "robots.log").read_text()
+        assert '"event": "daemon.gone"' in robots
+        assert '"event": "ended", "resting": true' in robots
 
 
 def test_ctrl_c_ends_all_cleanly_with_what_was_seen(tmp_path: Path) -> None:
