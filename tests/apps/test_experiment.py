@@ -83,6 +83,7 @@ def test_the_joystick_moves_the_tool_smoothly_within_its_box(speed: float) -> No
         velocity = np.diff(path, axis=0) / T
         assert np.linalg.norm(velocity, axis=1).max() == pytest.approx(speed, rel=0.01)
         assert np.abs(np.diff(velocity, axis=0)).max() / T < 4.0
+        assert np.linalg.norm(velocity[-1]) < 0.03 * speed
         assert (np.abs(path - MIDDLE) < HALF + 0.3).all()
         np.testing.assert_array_equal(path, joystick(seed, speed, MIDDLE, HALF, seconds=20.0, period=T))
 

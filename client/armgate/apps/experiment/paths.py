@@ -11,6 +11,8 @@ TURN = (0.4, 1.4)
 """How long the stick stays where it is, s."""
 TRIES = 2_000
 """Directions that are tried for a dash before it ends farther behind its place."""
+LET_GO = 2.0
+"""How long before the end the stick is let go, s: a path ends at rest."""
 FINER = 3
 """How many steps of the hands make one sample."""
 FULL = 0.999
@@ -59,6 +61,8 @@ def _under_hands(
         outside = np.abs(end - middle) > half
         stick = np.where(outside, -np.sign(end - middle) * np.maximum(np.abs(stick), 0.5), stick)
         stick = stick / max(1.0, float(np.linalg.norm(stick)))
+        if (count - k) * step < LET_GO:
+            stick = np.zeros(3)
         command = command + share * (speed * stick - command)
         v = v + share * (command - v)
         p = p + step * v
