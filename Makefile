@@ -68,7 +68,7 @@ mutants: $(VENV)/.tested  ## put faults into the gate and count those that the t
 soak: $(VENV)/.tested  ## abuse the daemon for 10000 ticks, and watch its memory over 100000
 	@ARMGATE_SOAK=1 $(BIN)/python -m pytest -s tests/e2e/test_abuse.py $(ARGS)
 
-bench-gate: $(VENV)/.installed  ## measure the gate's decisions against a bare loop of the distance engine
+bench-gate: $(VENV)/.benched  ## measure the gate's decisions against a bare loop of the distance engine
 	@$(BIN)/python benchmarks/bench_gate.py $(ARGS)
 
 bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare echo, and 50 observers

@@ -1,10 +1,15 @@
 """What a decision of the gate costs, in units of one bare ``pin.computeDistances`` over the same pairs.
 
-The unit is measured in the same process, interleaved with the decisions. A control (the
-same clock read twice around nothing) stands beside each figure for the machine's noise.
+Both forms of the gate, in numpy and compiled, decide about the same commands one after the other, and the
+unit is measured in the same process, interleaved with them. A control, the same loop deciding nothing, tells
+the machine's noise. The tail is that of many decisions in the demo cell.
+
+    bench_gate.py [DECISIONS [DECISIONS OF THE TAIL]]
 """
 
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from time import perf_counter_ns
 
 import numpy as np
@@ -15,17 +20,21 @@ from scenes import crowded_cell, demo_cell, six_robots
 from armgate.cell.cell import Cell
 from armgate.cell.events import Command, LeaseChange, LinkChange, LinkState, Plan, PlanAnswer, Tick
 from armgate.integrity import Gate
+from armgate.integrity.compiled import available
 from armgate.integrity.engine import CoalEngine
+from armgate.integrity.judge import BUDGET
 
 DECISIONS = int(sys.argv[1]) if len(sys.argv) > 1 else 4000
+TAIL = int(sys.argv[2]) if len(sys.argv) > 2 else 100_000
 GLIDING_AT = 0.051
 """Distance from the floor while gliding, 1 mm above the stop distance, m."""
 
-GOALS = {  # case: (median, p99) in units
-    "demo, free": (1.5, 12.0),
-    "demo, gliding": (5.0, 15.0),
-    "demo + 1000 obstacles": (0.1, 0.3),
-    "6 robots": (0.05, 0.4),
+FORMS = {"numpy": False, "compiled": True} if available() else {"numpy": False}
+GOALS = {  # case: form: (median, p99) in units
+    "demo, free": {"numpy": (1.5, 12.0), "compiled": (0.5, 2.0)},
+    "demo, gliding": {"numpy": (5.0, 15.0), "compiled": (0.8, 4.0)},
+    "demo + 1000 obstacles": {"numpy": (0.1, 0.3), "compiled": (0.05, 0.15)},
+    "6 robots": {"numpy": (0.05, 0.4), "compiled": (0.03, 0.15)},
 }
 
 
@@ -64,11 +73,12 @@ class Unit:
 class Rig:
     """Drives all robots of a cell through a gate with ideal links in virtual time."""
 
-    def __init__(self, cell: Cell) -> None:
-        self.cell, self.gate = cell, Gate(cell, "bench")
+    def __init__(self, cell: Cell, compiled: bool) -> None:
+        self.cell, self.gate = cell, Gate(cell, "bench", compiled)
         self.setpoint = [tuple(float(x) for x in r.start) for r in cell.robots]
         self.plan: list[tuple[Plan, int] | None] = [None] * len(cell.robots)
         self.tick, self.refused, self.asked = 0, 0, 0
+        self.within, self.most = 0, 0
         for robot, q in zip(cell.robots, self.setpoint, strict=True):
             self.gate.step(LinkChange(robot.name, LinkState.READY))
             self.gate.step(LeaseChange(robot.name, 1))
@@ -78,15 +88,22 @@ class Rig:
         """Sends one command; returns the ns of the decision."""
         name = self.cell.robots[robot].name
         command = Command(name, 1, self.asked, self.tick, tuple(float(x) for x in dq))
-        begin = perf_counter_ns()
+        before, begin = self.evaluations, perf_counter_ns()
         out = self.gate.step(command)
         spent = perf_counter_ns() - begin
+        self.most = max(self.most, self.evaluations - before)
+        self.within += self.evaluations - before
         self.asked += 1
         self.refused += len(out) == 1
         if len(out) == 2:
             self.plan[robot] = (out[1], -1)
             self.gate.step(PlanAnswer(name, out[1].key, True))
         return spent
+
+    @property
+    def evaluations(self) -> int:
+        """How often the distance engines were asked."""
+        return self.gate._clearance.certifier.queries
 
     def advance(self) -> None:
         self.tick += 1
@@ -133,37 +150,84 @@ def glide(rig: Rig):
     return wishes
 
 
-def case(name: str, cell: Cell, drive, warm: int) -> list[Row]:
-    rig, unit = Rig(cell), Unit(cell)
-    wishes = drive(rig)
-    times, control, bare = [], [], []
-    while len(times) < DECISIONS:
-        for i, dq in enumerate(wishes()):
-            spent = rig.decide(i, dq)
-            begin = perf_counter_ns()
-            control.append(perf_counter_ns() - begin)
-            if rig.tick >= warm and (np.any(dq) or len(cell.robots) == 1):
-                times.append(spent)
-        rig.advance()
-        if rig.tick % 10 == 0:
-            unit.place([np.array(q) for q in rig.setpoint])
+class Nothing:
+    """Decides nothing: what is left is the loop, the clock and the machine's noise."""
+
+    def step(self, command: Command) -> list[object]:
+        return []
+
+
+@dataclass
+class Run:
+    """One form's rig and what its decisions took, ns."""
+
+    rig: Rig
+    wishes: Callable[[], list[np.ndarray]]
+    times: list[int] = field(default_factory=list)
+
+
+def control(nothing: Nothing, command: Command) -> int:
+    begin = perf_counter_ns()
+    nothing.step(command)
+    return perf_counter_ns() - begin
+
+
+def measure(
+    cell: Cell, drive, warm: int, count: int, units: bool
+) -> tuple[dict[str, Run], list[int], list[int]]:
+    """Has all forms decide in turn, tick by tick; returns their runs, and control and unit, ns."""
+    rigs = {form: Rig(cell, compiled) for form, compiled in FORMS.items()}
+    runs = {form: Run(rig, drive(rig)) for form, rig in rigs.items()}
+    nothing, idle, unit, bare = Nothing(), [], Unit(cell), []
+    command = Command(cell.robots[0].name, 1, 0, 0, (0.0,) * cell.robots[0].model.n)
+    while len(next(iter(runs.values())).times) < count:
+        for run in runs.values():
+            for i, dq in enumerate(run.wishes()):
+                spent = run.rig.decide(i, dq)
+                idle.append(control(nothing, command))
+                if run.rig.tick >= warm and np.any(dq):
+                    run.times.append(spent)
+            run.rig.advance()
+        if units and run.rig.tick % 10 == 0:
+            unit.place([np.array(q) for q in run.rig.setpoint])
             bare.append(unit.measure())
-    queries = rig.gate._clearance.certifier.queries
-    median, p99 = (float(np.percentile(times, p)) for p in (50, 99))
-    one = float(np.median(bare))
-    goal = GOALS[name]
-    return [
-        Row(f"{name}: median", median / one, "units", goal[0]),
-        Row(f"{name}: p99", p99 / one, "units", goal[1]),
-        Row(f"{name}: p99.9", float(np.percentile(times, 99.9)) / one, "units"),
-        Row(f"{name}: median", median / 1e3, "µs"),
-        Row(f"{name}: p99", p99 / 1e3, "µs"),
-        Row(f"{name}: p99.9", float(np.percentile(times, 99.9)) / 1e3, "µs"),
-        Row(f"{name}: control p99.9", float(np.percentile(control, 99.9)) / 1e3, "µs"),
+    return runs, idle, bare
+
+
+def percentile(times: list[int], p: float) -> float:
+    return float(np.percentile(times, p))
+
+
+def case(name: str, cell: Cell, drive, warm: int) -> list[Row]:
+    runs, idle, bare = measure(cell, drive, warm, DECISIONS, True)
+    one = percentile(bare, 50)
+    rows = [
         Row(f"{name}: unit ({len(cell.pairs)} pairs)", one / 1e3, "µs"),
-        Row(f"{name}: engine queries per decision and tick", queries / rig.asked, "1"),
-        Row(f"{name}: refused", rig.refused / rig.asked, "share"),
+        Row(f"{name}: control, median", percentile(idle, 50) / 1e3, "µs"),
+        Row(f"{name}: control, p99", percentile(idle, 99) / 1e3, "µs"),
     ]
+    for form, run in runs.items():
+        what, goal, rig = f"{name}, {form}", GOALS[name][form], run.rig
+        for k, (label, p) in enumerate((("median", 50), ("p99", 99))):
+            rows.append(Row(f"{what}: {label}", percentile(run.times, p) / one, "units", goal[k]))
+            rows.append(Row(f"{what}: {label}", percentile(run.times, p) / 1e3, "µs"))
+        rows += [
+            Row(f"{what}: evaluations per decision", rig.within / rig.asked, "1"),
+            Row(f"{what}: most evaluations in a decision", rig.most, "1", BUDGET),
+            Row(f"{what}: refused", rig.refused / rig.asked, "share"),
+        ]
+    return rows
+
+
+def tail() -> list[Row]:
+    """p99.9 of many decisions in the demo cell, beside the control."""
+    runs, idle, _ = measure(demo_cell(), lambda rig: wander(rig, 0.3, 0.3), 50, TAIL, False)
+    rows = [Row(f"demo, {TAIL} decisions, control: p99.9", percentile(idle, 99.9) / 1e3, "µs")]
+    for form, run in runs.items():
+        what = f"demo, {TAIL} decisions, {form}"
+        rows.append(Row(f"{what}: p99.9", percentile(run.times, 99.9) / 1e3, "µs"))
+        rows.append(Row(f"{what}: most evaluations in a decision", run.rig.most, "1", BUDGET))
+    return rows
 
 
 def main() -> None:
@@ -171,7 +235,7 @@ def main() -> None:
     rows += case("demo, gliding", demo_cell(), glide, 400)
     rows += case("demo + 1000 obstacles", crowded_cell(), lambda rig: wander(rig, 0.3, 0.3), 50)
     rows += case("6 robots", six_robots(), lambda rig: wander(rig, 0.2, 0.2), 50)
-    report("gate", rows)
+    report("gate", rows + tail())
 
 
 if __name__ == "__main__":

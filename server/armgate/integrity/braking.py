@@ -23,7 +23,10 @@ def ticks_to_rest(u: Sequence[float], decel: Sequence[float]) -> float:
         u: Increment of one tick, rad or m per joint.
         decel: Deceleration bound times T² per joint; infinite where a joint may stop at once.
     """
-    return max((abs(x) / d for x, d in zip(u, decel, strict=True)), default=0.0)
+    m = 0.0
+    for x, d in zip(u, decel, strict=True):
+        m = max(m, abs(x) / d)
+    return m
 
 
 def stop_share(m: float) -> float:

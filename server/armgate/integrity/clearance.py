@@ -109,6 +109,12 @@ class Clearance:
         """Returns by how much each of a robot's pairs can close when its joints move by ``step``."""
         return np.asarray(self.screen.pairs[robot].growth @ step)
 
+    def below(self, robot: int) -> list[int]:
+        """Returns a robot's pairs whose kept bound is below their limit."""
+        ids = self.pairs_of[robot]
+        too_near = self.bound.take(ids) < self.limits.take(ids)
+        return [int(p) for p in ids[too_near]] if too_near.any() else []
+
     # --- the held occupancies ------------------------------------------------------------------------------
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:

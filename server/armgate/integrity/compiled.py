@@ -18,6 +18,7 @@ from armgate.integrity.support import Cornered
 from armgate.integrity.swept import Array, Index, Place, Space, Swept
 
 Records = NDArray[np.void]
+_STALE = -1
 _ROWS = 8
 """Room for nodes that a robot holds at once, at first."""
 
@@ -52,7 +53,6 @@ class CompiledScreen(Screen):
         self._cell = pack_cell(space)
         self._own = [_pack_pairs(own) for own in pairs]
         self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
-        self._stale: set[int] = set()
         self._left = np.empty(max((len(own.ids) for own in pairs), default=0), dtype=np.intp)
         bodies = len(space.cell.bodies)
         # What never moves has one row, and stands behind the robots; unknown robots have none.
@@ -64,19 +64,20 @@ class CompiledScreen(Screen):
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Notes what a robot holds; written down when somebody looks."""
         self._held[robot] = swept
-        self._stale.add(robot)
+        self._nodes[3][robot] = _STALE
 
     def run(
         self, robot: int, new: Swept, step: Array | None, need: Array, kept: tuple[Array, Array]
     ) -> tuple[Array, Index]:
         """As `Screen.run`."""
-        for other in sorted(self._stale - {robot}):
-            self._write(other)
-            self._stale.discard(other)
         lb = kept[0].copy()
         moves = (robot, new.nodes, new.tube, new.tube if step is None else step, step is not None, need)
         out = (lb, self._left)
-        count = self._kernels.screen(self._cell, self._nodes, self._own[robot], moves, (*kept, MARGIN), out)
+        known = (*kept, MARGIN)
+        while (
+            count := self._kernels.screen(self._cell, self._nodes, self._own[robot], moves, known, out)
+        ) < 0:
+            self._write(-1 - count)  # a robot that has moved, and turns out to matter
         return lb, self._left[:count].copy()
 
     def _write(self, robot: int) -> None:

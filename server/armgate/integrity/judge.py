@@ -73,10 +73,9 @@ class Judge:
                 break
             decided = self._try(u, wish, beta, state, demand, budget)
             if isinstance(decided, Decision):
-                reasons = decided.reasons
-                if binding is not None:
-                    reasons = (*reasons, self._reason(binding, state))
-                return replace(decided, reasons=reasons)
+                if binding is None:
+                    return decided
+                return replace(decided, reasons=(*decided.reasons, self._reason(binding, state)))
             binding = decided
             beta = self._secant(beta, binding)
         assert binding is not None
@@ -89,7 +88,7 @@ class Judge:
         end = end_of(state.setpoint, increments)
         occupied = state.occupancy_to(end)
         swept = self._clearance.space.sweep(state.index, occupied)
-        judged = self._clearance.judge(state.index, swept, self._step(state, end), demand.need, budget)
+        judged = self._clearance.judge(state.index, swept, self._step(state, swept), demand.need, budget)
         if judged.binding is not None:
             return judged.binding
         if (demand.violated or any(map(any, state.outside))) and not self._retreat.widens(
@@ -107,10 +106,11 @@ class Judge:
             return 0.5 * beta
         return float(_SECANT * beta * held / (held - tried))
 
-    def _step(self, state: RobotState, end: Joints) -> Array | None:
-        if len(state.reserved) != 1:
+    def _step(self, state: RobotState, new: Swept) -> Array | None:
+        held = state.reserved
+        if len(held) != 1:
             return None
-        return np.abs(np.subtract(end, state.reserved[0].occupied.end))
+        return np.asarray(np.abs(new.nodes[-1] - held[0].swept.nodes[-1]))
 
     def _braking(self, state: RobotState) -> tuple[Joints, ...]:
         return state.remaining or (state.zeros,)

@@ -237,7 +237,10 @@ def _apart(cell, held, pair, n, new):
 
 @kernel
 def screen(cell, held, own, moves, kept, out):
-    """`Screen.run`: fills ``lb`` for the robot's pairs and ``left``; returns how many are left."""
+    """`Screen.run`: fills ``lb`` for the robot's pairs and ``left``; returns how many are left.
+
+    −1 − k if it needs to know what robot k holds, and the table is not up to date there (its count is −1).
+    """
     pairs, growth, chain_bend = own
     robot, nodes, tube, step, known, need = moves
     bound, directions, margin = kept
@@ -266,6 +269,9 @@ def screen(cell, held, own, moves, kept, out):
                 for j in range(len(tube)):
                     slab -= growth[p, j] * tube[j]
             else:
+                other = cell[2][pair.theirs].owner
+                if other != robot and held[3][other] < 0:
+                    return -1 - other
                 slab = _apart(cell, held, pair, n, (R, t, stray))
             here = max(here, slab - margin)
             if here < wanted:

@@ -52,6 +52,8 @@ def shape_wish(
         bounds: The robot's bounds; limits already widened where it starts outside.
         share: The lease's own speed bound, a fraction.
     """
+    if _is_free(dq, last, bounds, share) and stays_inside(dq, setpoint, bounds) is None:
+        return Wish(dq, 1.0, ())
     u, reasons = _clamp_speed(dq, bounds, share)
     u, more = _clamp_acceleration(u, last, bounds)
     reasons += more
@@ -61,6 +63,17 @@ def shape_wish(
     reasons += more
     u, beta, more = _blend_into_limits(u, brake, setpoint, bounds)
     return Wish(u, beta, tuple(reasons + more))
+
+
+def _is_free(u: Joints, last: Joints, bounds: StepBounds, share: float) -> bool:
+    """Whether no joint's speed or acceleration bound binds: almost always, and found faster than clamped."""
+    for x, before, speed, accel, decel in zip(u, last, bounds.speed, bounds.accel, bounds.decel, strict=True):
+        if abs(x) > share * speed:
+            return False
+        low, high = acceleration_box(before, accel, decel)
+        if not low <= x <= high:
+            return False
+    return True
 
 
 def acceleration_box(last: float, accel: float, decel: float) -> tuple[float, float]:
@@ -79,9 +92,10 @@ def acceleration_box(last: float, accel: float, decel: float) -> tuple[float, fl
 def stays_inside(u: Joints, setpoint: Joints, bounds: StepBounds) -> int | None:
     """Returns the first joint whose stop after ``u`` leaves its limits, None if all stay inside."""
     reach = 1.0 + stop_share(ticks_to_rest(u, bounds.decel))
-    for j, (x, q) in enumerate(zip(u, setpoint, strict=True)):
+    ways = zip(u, setpoint, bounds.lower, bounds.upper, strict=True)
+    for j, (x, q, lower, upper) in enumerate(ways):
         end = q + reach * x
-        if (x > 0.0 and end > bounds.upper[j] + ROUNDING) or (x < 0.0 and end < bounds.lower[j] - ROUNDING):
+        if (x > 0.0 and end > upper + ROUNDING) or (x < 0.0 and end < lower - ROUNDING):
             return j
     return None
 

@@ -87,12 +87,8 @@ def _without_repeats(nodes: tuple[Joints, ...]) -> tuple[Joints, ...]:
     return nodes[:1] + tuple(b for a, b in pairwise(nodes) if a != b)
 
 
-def _length(a: Joints, b: Joints) -> float:
-    return math.sqrt(sum((y - x) ** 2 for x, y in zip(a, b, strict=True)))
-
-
 def _corner_cut(a: Joints, b: Joints, c: Joints) -> list[float]:
-    first, second = _length(a, b), _length(b, c)
+    first, second = math.dist(a, b), math.dist(b, c)
     if first == 0.0 or second == 0.0:
         return [0.0] * len(a)
     share = first / (first + second)

@@ -94,8 +94,7 @@ class Retreat:
         )
 
     def _below(self, robot: int) -> list[int]:
-        ids = self._clearance.pairs_of[robot]
-        return [int(p) for p in ids[self._clearance.bound[ids] < self._clearance.limits[ids]]]
+        return self._clearance.below(robot)
 
     def _has_turn(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
         """All others that the pair violates rest, and none of them goes first."""
