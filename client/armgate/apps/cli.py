@@ -23,6 +23,7 @@ _EXTRAS = {
     "matplotlib": "plots",
     "viser": "view",
     "moderngl": "view",
+    "pygame": "gamepad",
 }
 
 

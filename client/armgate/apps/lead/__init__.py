@@ -1,1 +1,1 @@
-"""``armgate lead``: drives one robot along a recorded path."""
+"""``armgate lead``: drives one robot along a recorded path, or by hand."""

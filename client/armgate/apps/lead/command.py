@@ -1,17 +1,26 @@
-"""``armgate lead``: takes a robot and drives it along a recorded path."""
+"""``armgate lead``: takes a robot and drives it along a recorded path, or by hand."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from armgate.apps.login import Ca, Cert, Key, TokenFile, login
 
+if TYPE_CHECKING:
+    from armgate.apps.interrupt import Interrupt
+    from armgate.client import Cell
+
 
 def lead(
     address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
     *,
-    path: Annotated[Path, typer.Option(help="File of the recorded path.", show_default=False)],
+    path: Annotated[Path | None, typer.Option(help="File of a recorded path.", show_default=False)] = None,
+    by: Annotated[
+        str | None,
+        typer.Option("--input", metavar="NAME", help="Drive by hand: gamepad, keyboard.", show_default=False),
+    ] = None,
     robot: Annotated[
         str | None,
         typer.Option(help="Robot to drive; the one that the path was recorded with if none is named."),
@@ -20,25 +29,54 @@ def lead(
         float | None,
         typer.Option(min=0.1, metavar="S", help="Play only the first S seconds and come to rest."),
     ] = None,
+    mode: Annotated[
+        Literal["joint", "tool"], typer.Option(help="By hand: move joints or the tool first.")
+    ] = "joint",
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="By hand: the largest share of the robot's speeds.")
+    ] = 0.25,
     name: Annotated[str, typer.Option(help="This participant's name.")] = "leader",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Drive a robot along a recorded path."""
+    """Drive a robot along a recorded path (--path), or by hand (--input)."""
+    from armgate.apps.errors import UsageError  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
+    from armgate.client import connect  # noqa: PLC0415
+
+    if (path is None) == (by is None):
+        raise UsageError("give either --path FILE or --input NAME")
+    run = _along(path, robot, duration) if path is not None else _by_hand(str(by), robot, mode, speed)
+    own = login(token_file, ca, cert, key)
+    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
+        typer.echo(run(cell, wish))
+
+
+Run = Callable[["Cell", "Interrupt"], str]
+
+
+def _along(path: Path, robot: str | None, duration: float | None) -> Run:
     from armgate.apps.lead.drive import bounds_of, check_path, drive  # noqa: PLC0415
     from armgate.apps.lead.path import read_path  # noqa: PLC0415
     from armgate.apps.lead.playback import Playback  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
 
     recorded = read_path(path)
-    own = login(token_file, ca, cert, key)
-    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
+
+    def run(cell: "Cell", wish: "Interrupt") -> str:
         described = check_path(recorded, cell.description, robot or recorded.robot)
         cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
         playback = Playback(recorded, bounds_of(described), duration)
         with cell.acquire(described.name) as arm:
-            ended = drive(cell, arm, playback, wish, typer.echo)
-    typer.echo(f"{described.name}: {ended}")
+            return f"{described.name}: {drive(cell, arm, playback, wish, typer.echo)}"
+
+    return run
+
+
+def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: float) -> Run:
+    from armgate.apps.lead.hand import Hand, drive_by_hand  # noqa: PLC0415
+    from armgate.apps.lead.inputs import find  # noqa: PLC0415
+
+    hand = Hand(find(by), robot, mode, speed)
+    return lambda cell, wish: drive_by_hand(cell, hand, wish, typer.echo)

@@ -59,6 +59,23 @@ class Bounds:
         speed = share * self.increment / np.maximum(D, _TINY)
         return distance * min(1.0, float(braking.min()), float(speed.min()))
 
+    def reach(self, room: Array) -> Array:
+        """The largest increments (n,) from which each joint can stop within ``room`` (n,) ≥ 0.
+
+        u = (k + f)·a with the whole number k and 0 ≤ f < 1 is followed by u − a, u − 2a, … f·a: in all
+        ½a(k + 1)(k + 2f), which is solved for f. (The formula of ``approach`` goes up to a/8 too far.)
+        """
+        D = room / self.loss
+        k = np.floor((np.sqrt(1.0 + 8.0 * D) - 1.0) / 2.0)
+        f = D / (k + 1.0) - k / 2.0
+        return np.minimum((k + f) * self.loss, self.increment)
+
+    def towards(self, wish: Array, last: Array) -> Array:
+        """The wish, as far as each joint can speed up or slow down to it from the last increment."""
+        more = np.where(last < 0.0, self.loss, self.gain)
+        less = np.where(last > 0.0, self.loss, self.gain)
+        return np.clip(np.clip(wish, last - less, last + more), -self.increment, self.increment)
+
     def limit(self, wish: Array, last: Array) -> Array:
         """The wish, each joint within its increment and within its acceleration from the last increment."""
         near = np.clip(wish, last - self.gain, last + self.gain)

@@ -1,0 +1,155 @@
+"""A game controller: it moves the robot only while its deadman button, the left shoulder, is held.
+
+    left shoulder         hold to move; let go: the robot comes to rest
+    right stick button    joints or tool
+    cross up, down        faster, slower
+    start                 end
+
+    tool:   left stick x and y, right trigger up, left trigger down;
+            right stick turns about y and z, A and B about x
+    joints: left stick forward and back moves the joint chosen, cross left and right choose another
+
+All directions are the world's: the stick pushed away moves the tool along +x, pushed left along +y.
+"""
+
+import os
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from armgate.apps.errors import AppError
+from armgate.apps.lead.inputs import Mode, Setting
+from armgate.apps.lead.inputs.pace import Pace
+from armgate.apps.lead.wishes import JointRate, Moment, Motion, ToolTwist, Wish
+
+DEAD_ZONE = 0.15
+"""Sticks that are let go do not stand in their middle: less than this share of their way is none."""
+_FULL = 32767.0
+
+
+def make(setting: Setting) -> "Gamepad":
+    """The first gamepad that is plugged in.
+
+    Raises:
+        AppError: There is none.
+        ModuleNotFoundError: pygame is not installed.
+    """
+    pygame, controller = _library()
+    pads = [number for number in range(controller.get_count()) if controller.is_controller(number)]
+    if not pads:
+        pygame.quit()
+        raise AppError("no gamepad is plugged in; plug one in and start again")
+    return Gamepad(setting, pygame, controller.Controller(pads[0]))
+
+
+def _library() -> tuple[ModuleType, ModuleType]:
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window: the pad is heard all the same
+    os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
+    os.environ.setdefault("SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS", "1")
+    import pygame  # noqa: PLC0415 (an optional extra)
+    from pygame._sdl2 import controller  # noqa: PLC0415
+
+    pygame.display.init()
+    controller.init()
+    return pygame, controller
+
+
+class Gamepad:
+    """Wishes of one pad.
+
+    The deadman button must be seen let go once before it counts: one that is held by tape moves nothing.
+    """
+
+    def __init__(self, setting: Setting, pygame: Any, pad: Any) -> None:
+        self._pygame = pygame
+        self._pad = pad
+        self._tell = setting.tell
+        self._mode: Mode = setting.mode
+        self._names = [joint.name for joint in setting.robot.joints]
+        self._chosen = 0
+        self._pace = Pace(setting.tell)
+        self._armed = self._asked = False
+
+    def wish(self, moment: Moment) -> Wish:
+        """What the pad says now."""
+        pg = self._pygame
+        for event in pg.event.get():
+            if event.type == pg.CONTROLLERBUTTONDOWN:
+                self._pressed(event.button)
+        if not self._pad.attached():
+            return Wish(ended="the gamepad was pulled out", failed=True)
+        if self._pad.get_button(pg.CONTROLLER_BUTTON_START):
+            return Wish(ended="ended by the gamepad")
+        held = bool(self._pad.get_button(pg.CONTROLLER_BUTTON_LEFTSHOULDER))
+        if not self._armed:
+            self._arm(held)
+            return Wish()
+        return Wish(self._motion() if held else None)
+
+    def _arm(self, held: bool) -> None:
+        if not held:
+            self._armed = True
+            self._tell(f"gamepad {self._pad.name}: hold the left shoulder to move, {self._what()}")
+        elif not self._asked:
+            self._asked = True
+            self._tell("let go of the left shoulder first")
+
+    def close(self) -> None:
+        """Let go of the pad."""
+        self._pygame.quit()
+
+    # --- what is pushed -----------------------------------------------------------------------------------
+
+    def _motion(self) -> Motion:
+        return JointRate(self._joints()) if self._mode == "joint" else ToolTwist(self._twist())
+
+    def _joints(self) -> np.ndarray:
+        share = np.zeros(len(self._names))
+        share[self._chosen] = -self._axis("LEFTY") * self._pace.share
+        return share
+
+    def _twist(self) -> np.ndarray:
+        linear = (
+            -self._axis("LEFTY"),
+            -self._axis("LEFTX"),
+            self._axis("TRIGGERRIGHT") - self._axis("TRIGGERLEFT"),
+        )
+        roll = self._button("A") - self._button("B")
+        angular = (roll, -self._axis("RIGHTY"), -self._axis("RIGHTX"))
+        return np.array([*linear, *angular]) * self._pace.share
+
+    def _axis(self, name: str) -> float:
+        """A stick or trigger, −1 to 1, what is less than the dead zone taken off."""
+        value = self._pad.get_axis(getattr(self._pygame, f"CONTROLLER_AXIS_{name}")) / _FULL
+        return beyond(value)
+
+    def _button(self, name: str) -> float:
+        return float(self._pad.get_button(getattr(self._pygame, f"CONTROLLER_BUTTON_{name}")))
+
+    # --- what is pressed ----------------------------------------------------------------------------------
+
+    def _pressed(self, button: int) -> None:
+        pg = self._pygame
+        match button:
+            case pg.CONTROLLER_BUTTON_RIGHTSTICK:
+                self._mode = "tool" if self._mode == "joint" else "joint"
+                self._tell(self._what())
+            case pg.CONTROLLER_BUTTON_DPAD_LEFT | pg.CONTROLLER_BUTTON_DPAD_RIGHT:
+                by = 1 if button == pg.CONTROLLER_BUTTON_DPAD_RIGHT else -1
+                self._chosen = (self._chosen + by) % len(self._names)
+                self._tell(self._what())
+            case pg.CONTROLLER_BUTTON_DPAD_UP:
+                self._pace.faster()
+            case pg.CONTROLLER_BUTTON_DPAD_DOWN:
+                self._pace.slower()
+
+    def _what(self) -> str:
+        return "moving the tool" if self._mode == "tool" else f"moving joint {self._names[self._chosen]}"
+
+
+def beyond(value: float) -> float:
+    """A stick's value without its dead zone: 0 inside of it, rising evenly to ±1 behind it."""
+    rest = max(0.0, abs(value) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
+    return float(np.copysign(min(rest, 1.0), value))

@@ -1,0 +1,120 @@
+"""Inputs without their devices: dead zone, keys, a mailbox, paces, how plug-ins are found."""
+
+import numpy as np
+import pytest
+
+from armgate.apps.errors import UsageError
+from armgate.apps.lead.inputs import Setting, find
+from armgate.apps.lead.inputs.gamepad import DEAD_ZONE, beyond
+from armgate.apps.lead.inputs.keyboard import HELD, Keys, keys_in
+from armgate.apps.lead.inputs.mailbox import FRESH, Mailbox
+from armgate.apps.lead.inputs.pace import Pace
+from armgate.apps.lead.wishes import JointRate, Moment, ToolTwist, Wish
+
+MOMENT = Moment(0.0, np.zeros(3), np.zeros(3))
+
+
+class Clock:
+    def __init__(self):
+        self.time = 5.0
+
+    def __call__(self):
+        return self.time
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def told():
+    return []
+
+
+@pytest.fixture
+def keys(description, clock, told):
+    return Keys(Setting(description.robots[0], "joint", told.append), clock)
+
+
+def test_the_dead_zone_is_dead_and_what_is_behind_it_rises_evenly():
+    assert [beyond(x) for x in (0.0, DEAD_ZONE, -DEAD_ZONE)] == [0.0, 0.0, 0.0]
+    assert beyond(1.0) == -beyond(-32768 / 32767) == 1.0
+    middle = (1.0 + DEAD_ZONE) / 2.0
+    assert beyond(middle) == pytest.approx(0.5)
+    assert beyond(-middle) == pytest.approx(-0.5)
+
+
+def test_a_pace_is_halved_and_doubled_within_bounds(told):
+    pace = Pace(told.append)
+    for _ in range(9):
+        pace.slower()
+    assert 0.0 < pace.share < 0.1
+    for _ in range(9):
+        pace.faster()
+    assert pace.share == 1.0
+    assert told[-1] == "100% of the speed"
+
+
+def test_what_a_terminal_sends_is_read_as_keys():
+    assert [*keys_in(b"w\x1b[A\x1bOB2\xc3")] == ["w", "+", "-", "2", "unknown"]
+    assert [*keys_in(b"\x1b[5~")] == ["unknown"]
+
+
+def test_a_key_moves_for_a_moment_and_then_the_robot_rests(keys, clock):
+    assert keys.wish() == Wish()
+    keys.press("+")
+    motion = keys.wish().motion
+    assert isinstance(motion, JointRate)
+    assert motion.share.tolist() == [0.5, *[0.0] * (len(motion.share) - 1)]
+    clock.time += HELD
+    assert keys.wish() == Wish()
+
+
+@pytest.mark.parametrize("key", [" ", "unknown", "x", "2", "m", "]"])
+def test_every_other_key_lets_it_rest(keys, key):
+    keys.press("+")
+    keys.press(key)
+    assert keys.wish().motion is None
+
+
+def test_keys_choose_joints_modes_and_speeds(keys, told):
+    keys.press("2")
+    keys.press("[")
+    keys.press("-")
+    assert keys.wish().motion.share[1] == -0.25
+    keys.press("9")  # there is no such joint
+    keys.press("w")  # the tool's key
+    assert keys.wish().motion is None
+    keys.press("m")
+    assert told[-1] == "moving the tool"
+    keys.press("j")
+    motion = keys.wish().motion
+    assert isinstance(motion, ToolTwist)
+    assert motion.share.tolist() == [0, 0, 0, 0, 0, 0.25]
+    keys.press("+")
+    assert keys.wish().motion is None
+    keys.press("q")
+    assert keys.wish().ended == "ended by the keyboard"
+
+
+def test_a_mailbox_holds_a_wish_for_a_moment(clock):
+    box, motion = Mailbox(now=clock), JointRate(np.zeros(3))
+    assert box.wish(MOMENT) == Wish()
+    box.put(motion)
+    assert box.wish(MOMENT).motion is motion
+    clock.time += FRESH
+    assert box.wish(MOMENT) == Wish()
+    box.put(motion)
+    box.put(None)
+    assert box.wish(MOMENT) == Wish()
+    box.end("the page was closed", failed=True)
+    box.put(motion)
+    assert box.wish(MOMENT) == Wish(ended="the page was closed", failed=True)
+    box.close()
+
+
+def test_plug_ins_are_found_by_name():
+    assert callable(find("gamepad"))
+    with pytest.raises(UsageError, match="no input 'wheel'; there are gamepad, keyboard"):
+        find("wheel")
