@@ -126,12 +126,21 @@ def _token_file(config: "CellConfig") -> Path | None:
     return None if tokens is None else config.file(("server", "tokens"), tokens)
 
 
+_CELL_EXTRA = ("pinocchio", "coal", "fcl", "mcap", "prometheus_client")
+
+
 @contextmanager
 def _cell_extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("pinocchio", "coal", "fcl", "mcap"):
+        if (error.name or "").partition(".")[0] not in (
+            "pinocchio",
+            "coal",
+            "fcl",
+            "mcap",
+            "prometheus_client",
+        ):
             raise
         text = f'{error.name} is not installed; a machine with the cell needs: pip install "armgate[cell]"'
         raise ServeError(text) from error

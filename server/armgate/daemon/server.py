@@ -9,7 +9,7 @@ from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
@@ -17,12 +17,13 @@ from armgate.cell.events import Tick
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.daemon.access import Access, Keys
 from armgate.daemon.attempts import Attempts
-from armgate.daemon.core import Core
+from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
 from armgate.daemon.library import BODY_EXACT
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
+from armgate.daemon.notify import Notifier
 from armgate.daemon.peer import answer
 from armgate.daemon.record_start import begin, header_of
 from armgate.daemon.recorder import Recorder
@@ -44,6 +45,9 @@ from armgate.protocol import (
 )
 from armgate.protocol import messages as m
 
+if TYPE_CHECKING:
+    from armgate.daemon.metrics import Metrics
+
 _SETTLE = 5.0
 """How long after the end of its plan a robot may take to be measured at rest, s of daemon time."""
 
@@ -52,6 +56,12 @@ _CLOSE = 2.0
 
 
 _TAKEN_BACK = "the token of this session was taken back or changed; come in with one that is valid"
+
+
+class MetricsError(Exception):
+    """The figures cannot be served there; nothing was moved."""
+
+    exit_code = 2
 
 
 class Phase(Enum):
@@ -122,7 +132,9 @@ class Daemon:
             )
             links = [_link(cell, index, self.start) for index in range(len(cell.robots))]
         tap = None if recorder is None else recorder.tap
-        runner = GateRunner(gate(cell, self.start), {link.robot: link for link in links}, tap)
+        self._metrics, judge = self._measured(cell, gate(cell, self.start))
+        self._notifier = Notifier()
+        runner = GateRunner(judge, {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
         defer = None if lockstep else self._soon
         self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer)
@@ -144,6 +156,7 @@ class Daemon:
         Raises:
             OSError: The address cannot be listened on.
             RecorderError: Nothing can be recorded.
+            MetricsError: The figures cannot be served.
             SocketError: There is no robot server, or it refuses.
         """
         loop = asyncio.get_running_loop()
@@ -156,8 +169,12 @@ class Daemon:
         self._log.info("listening", host=host, port=port, start=self.start, lockstep=self._pace.lockstep)
         self._begin()
         announce(host, port)
+        self._notifier.ready(f"listening on {host}:{port}")
         await self._over.wait()
         await self._close()
+        self._notifier.close()
+        if self._metrics is not None:
+            await asyncio.to_thread(self._metrics.close)
         if self._recorder is not None:
             self._recorder.close()
         return self._status
@@ -169,6 +186,7 @@ class Daemon:
                 await self._pace.open()
             port = await self._listener.open(host, self._settings.port)
             self._begin_recording()
+            self._serve_metrics()
         except BaseException:
             self._pace.close()
             raise
@@ -180,6 +198,7 @@ class Daemon:
             self._log.warning("end.at_once")
             self._finish(1)
             return
+        self._notifier.stopping()
         self._log.info("end", robots=self._core.robots)
         self._come_to_rest(Phase.RESTING)
         self._core.ending = True
@@ -235,6 +254,8 @@ class Daemon:
         else:
             self._warn_of_lateness()
             self._heed_recorder()
+            if self._metrics is not None and not self._pace.lockstep:
+                self._metrics.late(max(0.0, self._pace.now() - instant.time))
             self._core.tick(instant.time, instant.due, self._pace.step_of(instant))
         if self._phase is not Phase.RUNNING:
             self._look_for_rest(instant.time)
@@ -279,6 +300,47 @@ class Daemon:
             begin(self._recorder, header, self._pace.now, waits=self._pace.lockstep)
             self._log.also = self._recorder.log
             self._core.on_state = self._recorder.show
+        if self._metrics is not None:
+            self._core.on_state = self._both(self._core.on_state, self._metrics)
+
+    @staticmethod
+    def _both(first: OnState | None, metrics: "Metrics") -> OnState:
+        def show(
+            ticks: Sequence[Tick],
+            entries: tuple[m.Entry, ...],
+            signals: dict[str, m.SignalValue],
+            warnings: tuple[str, ...],
+            step: int | None,
+        ) -> None:
+            metrics.show(entries)
+            if first is not None:
+                first(ticks, entries, signals, warnings, step)
+
+        return show
+
+    def _measured(self, cell: Cell, judge: Judge) -> tuple["Metrics | None", Judge]:
+        if cell.config.metrics.port is None:
+            return None, judge
+        from armgate.daemon.metrics import Metrics  # noqa: PLC0415 (off by default)
+
+        metrics = Metrics(self._queues)
+        return metrics, metrics.timed(judge)
+
+    def _serve_metrics(self) -> None:
+        wanted = self._cell.config.metrics.port
+        if self._metrics is None or wanted is None:
+            return
+        try:
+            port = self._metrics.serve(wanted)
+        except OSError as error:
+            text = f"metrics.port: cannot listen on 127.0.0.1:{wanted}: {error.strerror or error}"
+            raise MetricsError(f"{text}; stop what uses it, or configure another port") from error
+        self._log.info("metrics", host="127.0.0.1", port=port)
+
+    def _queues(self) -> dict[str, int]:
+        """What waits: in the recorder, and of clients."""
+        waiting = {} if self._recorder is None else {"recorder": self._recorder.depth}
+        return {**waiting, "sessions": len(self._sessions), "log": self._log.depth}
 
     def _heed_recorder(self) -> None:
         recorder = self._recorder

@@ -45,6 +45,11 @@ class Log:
         """Something failed."""
         self._put("error", event, fields)
 
+    @property
+    def depth(self) -> int:
+        """How many lines wait to be written."""
+        return self._lines.qsize()
+
     def close(self, timeout: float = 1.0) -> None:
         """Write what waits, for at most ``timeout`` s."""
         try:

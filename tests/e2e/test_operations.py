@@ -1,0 +1,84 @@
+"""Figures of a running daemon; and a recording that is required, on a disk that is full."""
+
+import asyncio
+import json
+import sys
+
+from armgate.protocol import messages as m
+from support.cells import arms_yaml
+from support.clients import PATIENCE, Mover, Process, Raw, run
+
+
+async def test_figures_are_served_and_printed(tmp_path):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml(max_age_ticks=1000, metrics="{port: 0}"))
+    async with Process.serving(file) as daemon:
+        async with asyncio.timeout(PATIENCE):
+            port = None
+            while port is None:
+                line = json.loads(await daemon.process.stderr.readline())
+                port = line["port"] if line["event"] == "metrics" else None
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(10)
+        status, out, err = await run("status", "--port", port)
+        await mover.stop()
+    assert (status, err) == (0, "")
+    for part in ("Judged commands", "A admitted: ", "How late instants came", "99 % below", "A ready: 1"):
+        assert part in out
+    assert "sessions: " in out
+    status, out, err = await run("status", "--port", port)
+    assert (status, out) == (1, "")
+    assert "metrics.port" in err
+
+
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+from armgate.apps.cli import main
+main(sys.argv[2:])
+"""
+
+
+async def limited(file, out, room):
+    """A daemon whose files may not grow beyond ``room`` bytes."""
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-c", LIMITED, str(room), "serve", str(file), "--port", "0", "--record", str(out),
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+
+
+async def watched(tmp_path, recording):
+    """The states until one warns of the recording, and some more; exit status of replay after recovery."""
+    file, out = tmp_path / "arms.yaml", tmp_path / "run"
+    file.write_text(arms_yaml(recording=recording))
+    process = await limited(file, out, 60_000)
+    try:
+        async with asyncio.timeout(PATIENCE):
+            port = int((await process.stdout.readline()).decode().rpartition(":")[2])
+        eye = await Raw.hello(port, "eye", "observer")
+        eye.send(m.Subscribe())
+        warned = await eye.get(m.State, lambda s: any("recording ended" in w for w in s.warnings))
+        after = await eye.get(m.State, lambda s: s.tick > warned.tick + 5)
+        process.terminate()
+        await Raw.close_all()
+        async with asyncio.timeout(PATIENCE):
+            await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.communicate()
+    assert process.returncode == 0
+    assert (await run("recover", out))[0] == 0
+    assert (await run("replay", out))[0] == 0
+    return warned, after
+
+
+async def test_a_full_disk_is_survived_and_told(tmp_path):
+    warned, after = await watched(tmp_path, "{required: false}")
+    assert any("recording-0001.mcap" in warning for warning in warned.warnings)
+    assert not any(entry.stops for entry in after.entries)
+
+
+async def test_where_recording_is_required_the_robots_rest_without_it(tmp_path):
+    _, after = await watched(tmp_path, "{required: true}")
+    assert all(entry.stops for entry in after.entries)
