@@ -119,6 +119,9 @@ class _Timed:
     def view(self, robot: str) -> RobotView:
         return self._judge.view(robot)
 
+    def warnings(self) -> tuple[str, ...]:
+        return self._judge.warnings()
+
 
 def _verdicts(entries: Sequence[m.Entry]) -> CounterMetricFamily:
     family = CounterMetricFamily("armgate_verdicts", "Judged commands", labels=["robot", "outcome", "reason"])
