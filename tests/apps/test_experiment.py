@@ -127,6 +127,14 @@ def test_an_approach_that_rises_or_ends_off_is_seen() -> None:
     assert bad["settled_s"] is None
 
 
+def test_a_tour_counts_from_two_seconds_on_until_the_stick_is_let_go() -> None:
+    time = 0.01 * np.arange(400)
+    angle = np.radians(np.where(time < 1.9, 90.0, np.where(time > 2.05, 45.0, 3.0)))
+    assert evaluate(Trial("slow", 0, 0.0), observed(angle_error_rad=angle)) == {"moving_rms_deg": None}
+    longer = observed(angle_error_rad=angle, time_s=2.0 * time)
+    assert evaluate(Trial("slow", 0, 0.0), longer)["moving_rms_deg"] > 45.0
+
+
 def test_in_a_dash_the_angle_counts_where_nothing_excuses_it() -> None:
     time = 0.01 * np.arange(400)
     peak = np.where(np.abs(time - 3.0) < 0.1, np.radians(5.0), 0.0)
@@ -155,7 +163,7 @@ def entry(case: str, **changes: Any) -> dict[str, Any]:
     one = {
         "case": case, "seed": 1, "angle_error_deg": {"max": 0.1, "rms": 0.05}, "stop_distance_m": 0.05,
         "distance_error_m": {"max": 0.001, "rms": 0.0005}, "min_clearance_m": 0.2, "late_commands": 0,
-        "states_missed": {}, "duration_s": 2.0, "realtime_factor": 4.0,
+        "states_missed": {}, "moving_rms_deg": 0.05, "duration_s": 2.0, "realtime_factor": 4.0,
         "verdicts": {"FR": {"admitted": 5, "limited": {"acceleration": 2}, "refused": {}}},
     }  # fmt: skip
     return one | changes
@@ -182,11 +190,9 @@ def test_claims_hold_as_long_as_every_run_does() -> None:
 
 
 def test_prediction_is_compared_seed_by_seed() -> None:
-    without = entry("fast", angle_error_deg={"max": 1.0, "rms": 0.6})
+    without = entry("fast", moving_rms_deg=0.6)
     for rms, holds in ((0.19, True), (0.21, False)):
-        rows = claims(
-            "tracking", [without, entry("fast-predicted", angle_error_deg={"max": 1.0, "rms": rms})]
-        )
+        rows = claims("tracking", [without, entry("fast-predicted", moving_rms_deg=rms)])
         assert holding(rows, "0.5 m/s: RMS") is holds
 
 

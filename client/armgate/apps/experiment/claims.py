@@ -84,8 +84,8 @@ def _tracking(entries: Sequence[Entry]) -> Iterable[Claim]:
 
 
 def _ratios(entries: Sequence[Entry], without: str, with_: str) -> list[float | None]:
-    before = {entry["seed"]: entry["angle_error_deg"]["rms"] for entry in _of(entries, without)}
-    after = {entry["seed"]: entry["angle_error_deg"]["rms"] for entry in _of(entries, with_)}
+    before = {entry["seed"]: entry["moving_rms_deg"] for entry in _of(entries, without)}
+    after = {entry["seed"]: entry["moving_rms_deg"] for entry in _of(entries, with_)}
     return [
         after[seed] / before[seed] if after[seed] is not None and before[seed] else None
         for seed in sorted(before.keys() & after.keys())

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from armgate.apps.experiment.paths import LET_GO
 from armgate.apps.experiment.trials import Trial
 from armgate.apps.stack.metrics import columns
 from armgate.apps.stack.observation import Observation
@@ -32,7 +33,7 @@ def evaluate(trial: Trial, seen: Observation) -> dict[str, Any]:
         return _zoom(series)
     if trial.case.startswith("dash"):
         return _dash(series)
-    return {}
+    return _tour(series)
 
 
 def _approach(series: dict[str, Array], positions: Array) -> dict[str, Any]:
@@ -49,6 +50,13 @@ def _approach(series: dict[str, Array], positions: Array) -> dict[str, Any]:
         "end_distance_m": float(distance[end].max()),
         "end_motion_rad": float(np.ptp(positions[end], axis=0).max()),
     }
+
+
+def _tour(series: dict[str, Array]) -> dict[str, Any]:
+    """The RMS angle over the same stretch whoever follows; when a transient is over depends on how well."""
+    time, angle = series["time_s"], np.degrees(series["angle_error_rad"])
+    moving = (time >= time[0] + QUIET) & (time <= time[-1] - LET_GO)
+    return {"moving_rms_deg": float(np.sqrt(np.mean(angle[moving] ** 2))) if moving.any() else None}
 
 
 def _zoom(series: dict[str, Array]) -> dict[str, Any]:
