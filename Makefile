@@ -28,7 +28,7 @@ help:  ## list the commands
 install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the cell's libraries and the plots
 	@echo "armgate: installed; try $(BIN)/armgate --help"
 
-demo: $(VENV)/.installed  ## run the demo: daemon, leader and follower, about a minute
+demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
 test: $(VENV)/.tested  ## run the tests
@@ -103,6 +103,11 @@ $(VENV)/.made:
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
 	@echo "armgate: installing into $(VENV) (the first time takes a minute or two)"
 	@$(PIP) install --editable ".[cell,plots]"
+	@touch $@
+
+$(VENV)/.viewed: $(VENV)/.installed
+	@echo "armgate: installing the viewer"
+	@$(PIP) install --editable ".[cell,plots,view]"
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed

@@ -122,7 +122,7 @@ def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
 
 
 def test_by_the_clock(tmp_path: Path) -> None:
-    done = demo("--duration", "5", "--out", "run", cwd=tmp_path)
+    done = demo("--no-view", "--duration", "5", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     metrics = metrics_of(tmp_path / "run")
     check(metrics)
@@ -155,7 +155,7 @@ def krc_logs(run: Path) -> list[list[dict[str, Any]]]:
 
 def test_through_two_virtual_krcs_by_configuration_alone(tmp_path: Path) -> None:
     links = virtual_links(tmp_path)
-    done = demo("--links", links, "--duration", "3", "--out", "run", cwd=tmp_path)
+    done = demo("--no-view", "--links", links, "--duration", "3", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     check(metrics_of(tmp_path / "run"))
     for lines in krc_logs(tmp_path / "run"):

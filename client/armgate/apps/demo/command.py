@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -35,7 +36,7 @@ def demo(
     duration: Annotated[
         float | None, typer.Option(min=0.1, metavar="S", help="Play only the first S seconds of the path.")
     ] = None,
-    no_view: Annotated[bool, typer.Option("--no-view", help="Open no viewer (there is none yet).")] = False,
+    no_view: Annotated[bool, typer.Option("--no-view", help="Open no viewer.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the run; runs/<time> if none is named.")
     ] = None,
@@ -52,7 +53,16 @@ def demo(
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
     with TemporaryDirectory(prefix="armgate-") as private:  # a socket's name has to be a short one
         robots = robots_of(resolved, configs, Path(private) / "robots.sock")
-        _run(replace(plan, record=folder, robots=robots), folder)
+        view = not (no_view or lockstep) and _has_viewer()
+        _run(replace(plan, record=folder, robots=robots, view=view), folder)
+
+
+def _has_viewer() -> bool:
+    """Whether the viewer is installed; says so if it is not."""
+    if all(find_spec(name) for name in ("viser", "moderngl")):
+        return True
+    typer.echo("no viewer: run pip install 'armgate[view]' to see the run in a browser")
+    return False
 
 
 def _plan(

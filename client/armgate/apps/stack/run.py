@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import typer
+
 from armgate.apps.errors import AppError
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
@@ -16,9 +18,10 @@ from armgate.apps.stack.robots import SERVER, Robots
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
-DAEMON, LEADER, FOLLOWER = "daemon", "leader", "follower"
+DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
+VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
 START_TIME = 60.0
 """How long each of those who are waited for at the start may take, s."""
 _LOOK = 0.02
@@ -44,6 +47,7 @@ class Plan:
         until: Whose end ends the run; all of them if none is named.
         record: The folder that the daemon records into; None for none.
         robots: What holds the robots, and stands in for them; None: the daemon does.
+        view: Whether a viewer shows the run.
     """
 
     configs: Sequence[Path]
@@ -53,6 +57,7 @@ class Plan:
     until: tuple[str, ...] = ()
     record: Path | None = None
     robots: Robots | None = None
+    view: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,7 +111,7 @@ class Watch:
 
 
 def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, bool]:
-    """Runs the plan and shows it about ten times a second.
+    """Runs the plan and shows it about ten times a second; what a viewer says is printed.
 
     Returns:
         What was watched, and whether the path was run to its end (it was not if the user stopped it).
@@ -129,6 +134,9 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
         )
         reader.start()
         _until_ready(crew, watch)
+        if plan.view:
+            # Never in real time: what is only looked at must not take the robots' processes their turn.
+            crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], lockstep=True)
         for name in plan.names:
             crew.launch(name, plan.controller(name, address), lockstep=plan.lockstep)
         try:
@@ -192,16 +200,27 @@ def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> b
 
 
 def _goes_on(crew: Crew, event: Event | None) -> bool:
+    if isinstance(event, Printed | Exited) and event.name == VIEWER:
+        _tell_of_viewer(crew, event)
+        return True
     if isinstance(event, Exited) and (event.status != 0 or event.name == DAEMON):
         raise died(crew, event)
     return not isinstance(event, Asked)
+
+
+def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
+    """A run goes on without its viewer."""
+    if isinstance(event, Printed):
+        typer.echo(event.text)
+    elif event.status != 0:
+        typer.echo(f"the run goes on without a viewer: {' '.join(crew.tail(VIEWER)[-1:])}")
 
 
 def _rest(crew: Crew, plan: Plan) -> None:
     """Ends everything in order: participants slow to rest, then the daemon, KRCs, the robot server."""
     crew.send(signal.SIGINT, *plan.names)
     crew.wait(plan.names, REST_TIME)
-    for name in (DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
+    for name in (VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
         crew.send(signal.SIGTERM, name)
         crew.wait([name], REST_TIME)
 

@@ -22,8 +22,8 @@ SPEED = 0.12
 """Length that the ellipsoid gives to 1 m/s at joint speeds of length 1, m."""
 THIN = 0.004
 """Least semi-axis drawn, m: the ellipsoid is flat at a singularity."""
-GHOST_FROM = 2e-3
-"""A stop path is drawn where the robot needs more than this to rest, rad or m."""
+GHOST_FROM = 0.03
+"""A stop path is drawn where the robot needs more than this to rest, rad or m; else it only tints it."""
 
 
 class Overlays:

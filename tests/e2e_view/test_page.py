@@ -1,0 +1,88 @@
+"""The page in a real browser: robots move, the camera sees the tool, STOP stops, a reload changes nothing."""
+
+import math
+import subprocess
+
+import numpy as np
+import pytest
+
+from armgate.apps.view import looks
+from armgate.client import connect
+from support.browsers import keep
+from support.pages import Page
+from support.pictures import middle_of
+
+from .conftest import ARMGATE
+
+
+@pytest.fixture(scope="module")
+def page(browser, viewing):
+    return Page(browser, viewing)
+
+
+@pytest.fixture
+def tracking(address):
+    """Leader and follower at work, once the camera is on the tool."""
+    commands = (
+        ["follow", address, "--robot", "FR", "--leader", "GR"],
+        ["lead", address, "--path", "configs/paths/inspection.csv"],
+    )
+    children = [subprocess.Popen([*ARMGATE, *command], stdout=subprocess.DEVNULL) for command in commands]
+    try:
+        with connect(address, name="eye", role="observer") as cell:
+            cell.subscribe(every=4, robots=["FR"], fields=["q"])
+            for state in cell.states():
+                error, progress = (
+                    state.signals.get(f"{name}") for name in ("follow.angle_error", "lead.progress")
+                )
+                if error and progress and progress.value[0] > 0.05 and error.value[0] < math.radians(1.0):
+                    break
+        yield children
+    finally:
+        for child in children:
+            child.terminate()
+        for child in children:
+            child.wait(30)
+
+
+def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page, address, tracking):
+    before = {robot: page.joints(robot) for robot in ("FR", "GR")}
+    assert {robot: len(joints) for robot, joints in before.items()} == {"FR": 6, "GR": 9}
+    first = page.screenshot().astype(int)
+    for robot, joints in before.items():
+        page.until(lambda robot=robot, joints=joints: page.joints(robot) != joints, f"{robot} moves")
+    page.until(lambda: "follower" in page.text and "leader" in page.text, "the holders of the leases")
+    for _ in range(3):
+        picture = page.picture()
+        column, _ = middle_of(picture, looks.TOOL)
+        assert abs(column - picture.shape[1] / 2) <= 0.05 * picture.shape[1]
+    seen = page.screenshot().astype(int)
+    x, y, width, height = (int(value) for value in page.scene())
+    changed = np.abs(seen - first).max(axis=2)[y : y + height, x : x + width] > 30
+    assert changed.sum() > 200  # the robots in the 3-D view moved, too
+    keep(page.browser, "viewer-tracking.png")
+
+    page.press("STOP")
+    page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
+    with connect(address, name="eye", role="observer") as cell:
+        cell.subscribe(every=1, robots=["FR"])
+        places = []
+        for state in cell.states():
+            assert all(entry.stops and entry.holder is None for entry in state.entries)
+            places.append([q for entry in state.entries for q in entry.q])
+            if len(places) > 5 and np.ptp(np.array(places[-5:]), axis=0).max() < 1e-6:
+                break  # at rest
+    for child in tracking:
+        assert child.wait(30) != 0  # they were told that their robots were stopped
+    keep(page.browser, "viewer-stopped.png")
+
+
+def test_a_reload_disturbs_nothing_and_reset_lifts_the_stop(page, address):
+    page.browser.refresh()
+    page.until(lambda: "STOP" in page.text and len(page.joints("GR")) == 9, "the page again")
+    page.press("Reset")
+    page.until(lambda: "running" in page.text, "no stop in force")
+    with connect(address, name="eye", role="observer") as cell:
+        state = next(cell.states())
+        assert all(not entry.stops for entry in state.entries)
+        assert all(not (entry.late_commands or 0) for entry in state.entries)

@@ -1,0 +1,82 @@
+"""The viewer's page in a browser: what it says and shows, and what can be pressed."""
+
+import base64
+import io
+import re
+
+import numpy as np
+from PIL import Image
+from selenium.webdriver.support.ui import WebDriverWait
+
+PATIENCE = 60
+# The camera's picture as the browser shows it: drawn from the page's own image element.
+_PICTURE = """
+const image = [...document.querySelectorAll('img')].find(i => i.naturalWidth >= 320);
+if (!image) return null;
+const canvas = document.createElement('canvas');
+canvas.width = image.naturalWidth; canvas.height = image.naturalHeight;
+canvas.getContext('2d').drawImage(image, 0, 0);
+return canvas.toDataURL('image/png');
+"""
+_PRESS = """
+const button = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === arguments[0]);
+if (button) button.click();
+return !!button;
+"""
+_SCENE = """
+const c = document.querySelector('canvas').getBoundingClientRect();
+return [c.x, c.y, c.width, c.height];
+"""
+
+
+class Page:
+    """One open page."""
+
+    def __init__(self, browser, url):
+        self.browser, self.url = browser, url
+        browser.get(url)
+        self.until(lambda: "STOP" in self.text and "FR" in self.text, "the panel")
+
+    def until(self, condition, what):
+        """Waits for something to be so, and gives it."""
+        return WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1).until(
+            lambda _: condition(), f"{what}; the page: {self.text!r:.2000}"
+        )
+
+    @property
+    def text(self):
+        """All that can be read."""
+        return self.browser.execute_script("return document.body.innerText")
+
+    def joints(self, robot):
+        """The joint values that the panel shows for a robot, as written there."""
+        lines = self.text.splitlines()
+        start = lines.index(
+            robot, next((i for i, line in enumerate(lines) if "running" in line or "stop" in line), 0)
+        )
+        found = []
+        for line in lines[start + 1 :]:
+            if line in ("FR", "GR"):
+                break
+            if re.fullmatch(r"-?\d+\.\d(°|\d\d m)", line):
+                found.append(line)
+        return found
+
+    def press(self, label):
+        """Presses a button."""
+        assert self.browser.execute_script(_PRESS, label), f"no button {label!r}"
+
+    def picture(self):
+        """The camera's picture (height, width, 3); None before the first."""
+        data = self.browser.execute_script(_PICTURE)
+        if data is None:
+            return None
+        return np.array(Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))).convert("RGB"))
+
+    def scene(self):
+        """Left, top, width and height of the 3-D view in the window."""
+        return self.browser.execute_script(_SCENE)
+
+    def screenshot(self):
+        """What the browser shows, (height, width, 3)."""
+        return np.array(Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB"))
