@@ -30,7 +30,7 @@ def demo(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
 def running(cwd: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
     """A demo that moves: its follower has told an angle."""
     child = subprocess.Popen(
-        [*ARMGATE, "demo", *arguments],
+        [*ARMGATE, "demo", "--no-view", *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
