@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def where(picture, colour, angle=0.07):
+def where(picture, colour, angle=0.25):
     """Which pixels (height, width) have this hue, lit or in the shade."""
     pixels = picture.reshape(-1, 3).astype(float)
     wanted = np.array(colour, dtype=float)

@@ -17,7 +17,7 @@ from armgate.client import Body, Description, RobotDescription
 Array = NDArray[np.float64]
 Asset = Callable[[str], bytes]
 
-TOOL_RADIUS = 0.022
+TOOL_RADIUS = 0.03
 """Radius of the mark at the working point of a robot that carries no camera, m."""
 
 
