@@ -204,8 +204,18 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
         _tell_of_viewer(crew, event)
         return True
     if isinstance(event, Exited) and (event.status != 0 or event.name == DAEMON):
-        raise died(crew, event)
+        raise died(crew, _cause(crew, event))
     return not isinstance(event, Asked)
+
+
+def _cause(crew: Crew, event: Exited) -> Exited:
+    """Of processes that end together: one that was killed comes first, the others only lost it."""
+    deadline = time.monotonic() + _LOOK
+    while event.status >= 0 and (left := deadline - time.monotonic()) > 0.0:
+        other = crew.next(left)
+        if isinstance(other, Exited) and other.status < 0:
+            return other
+    return event
 
 
 def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
