@@ -44,13 +44,20 @@ async def serving(*files, build=cell, **more):
         log.close()
 
 
+@asynccontextmanager
+async def another(*files, **more):
+    """Host and port of one more daemon of the kind."""
+    async with serving(*files, **more) as port:
+        yield "127.0.0.1", port
+
+
 class Kit:
     """Tries cases on a daemon in this event loop."""
 
     async def results(self, *ids, patience=None, files=("conformance.yaml",), participants=()):
         """What the cases came to, by id."""
         async with serving(*files) as port:
-            target = Target("127.0.0.1", port, longest=patience or 10.0)
+            target = Target("127.0.0.1", port, longest=patience or 10.0, anew=lambda: another(*files))
             facts = await ask(target, None, participants)
             return {r.case.id: r async for r in Runner(target, facts).run(selected(list(ids)))}
 

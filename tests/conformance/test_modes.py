@@ -2,6 +2,12 @@
 
 import asyncio
 import re
+import shlex
+import socket
+import sys
+from functools import partial
+
+import pytest
 
 from armgate.conformance.case import selected
 from armgate.conformance.ledger import Ledger
@@ -12,10 +18,12 @@ from armgate.conformance.verdicts import Outcome
 from armgate.conformance.wire import Wire
 from armgate.daemon import tokens
 from armgate.daemon.access import Keys
+from armgate.daemon.attempts import Attempts
 from armgate.daemon.tls import server_context
-from conformance.conftest import serving
+from conformance.conftest import CONFIGS, another, serving
 from support.certificates import Authority
 from support.clients import run
+from support.robot_servers import RobotServer
 from support.version2 import BOTH
 
 ROLES = {"operator": None, "controller": None, "observer": None, "elsewhere": ("B",)}
@@ -52,6 +60,67 @@ async def test_a_server_with_tls_and_tokens(tmp_path):
     passed = set(re.findall(r"^PASS +PASS +(\S+)", out, re.MULTILINE))
     assert {"SEC-2/none", "SEC-3/above", "SEC-5/robots", "SEC-10/plain"} <= passed
     assert "the server has tokens" in out
+
+
+@pytest.mark.parametrize(
+    ("held", "outcome"), [(True, Outcome.PASS), (False, Outcome.FAIL)], ids=["held", "open"]
+)
+async def test_a_door_that_is_closed_after_too_many_guesses(held, outcome, monkeypatch):
+    secrets, kept = made({"operator": None})
+    keys = Keys(None, kept)
+    if not held:
+        monkeypatch.setattr(Attempts, "wait", lambda self, origin, now: 0.0)
+    async with serving("conformance.yaml", keys=keys) as port:
+        another_one = partial(another, "conformance.yaml", keys=keys)
+        target = Target("127.0.0.1", port, secrets, anew=another_one)
+        runner = Runner(target, await ask(target, None, ()))
+        (result,) = [r async for r in runner.run(selected(["SEC-8/guesses"]))]
+    assert result.session is outcome, result.findings
+
+
+FAR_ARM = """
+armgate: 1
+robots:
+  R:
+    urdf: {robots}/kr16.urdf
+    base: {{xyz: [0, -10, 0]}}
+    start: [0 deg, -90 deg, 90 deg, 0 deg, 45 deg, 0 deg]
+    period: 0.012
+    lag_window: 50 ms
+    ignore_pairs: [[link_3, link_5]]
+    link: {{kind: rsi, ethernet: {rsi}/axis-correction.xml, krc: 127.0.0.1, listen: "127.0.0.1:{port}"}}
+"""
+
+
+def free_port():
+    """A port for datagrams that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        return own.getsockname()[1]
+
+
+async def test_a_robot_whose_link_is_not_ready(tmp_path):
+    """No KRC is there: the robot can be held, and every command of it is refused."""
+    files = [CONFIGS / "conformance.yaml", tmp_path / "far.yaml"]
+    own = free_port()
+    files[1].write_text(FAR_ARM.format(robots=CONFIGS / "robots", rsi=CONFIGS / "rsi", port=own))
+    async with RobotServer.running(*files, socket=tmp_path / "robots") as robots:
+        start = [
+            sys.executable,
+            "-m",
+            "armgate.apps",
+            "serve",
+            *files,
+            "--port",
+            0,
+            "--robot-server",
+            robots.socket,
+        ]
+        status, out, err = await run(
+            "conformance", "--start", shlex.join(map(str, start)), "--only", "CMD-11"
+        )
+    assert (status, err) == (0, ""), out
+    assert out.splitlines()[-1] == "1 cases, 1 passed, 0 failed, 0 skipped"
 
 
 async def test_no_report_holds_a_token():

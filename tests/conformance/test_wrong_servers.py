@@ -3,6 +3,8 @@
 import hashlib
 import math
 from dataclasses import replace
+from itertools import count
+from typing import Literal
 
 import pytest
 
@@ -10,6 +12,7 @@ from armgate.cell import events
 from armgate.conformance.verdicts import Outcome
 from armgate.daemon import core as core_module
 from armgate.daemon import library as library_module
+from armgate.daemon import server as server_module
 from armgate.daemon import session as session_module
 from armgate.daemon import translate
 from armgate.daemon.core import RIGHTS, Core
@@ -23,6 +26,7 @@ from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
 
 PATIENCE = 2.0
+LOCKSTEP = ("conformance.yaml", "conformance-lockstep.yaml")
 
 
 def around(patch, owner, name, make):
@@ -355,6 +359,41 @@ def pong_rounds(patch):
     )  # fmt: skip
 
 
+def every_start_the_same(patch):
+    patch.setattr(server_module.secrets, "token_hex", lambda count: "0" * 2 * count)
+
+
+class Gossip(m.Signaled):
+    type: Literal["gossip"] = "gossip"
+
+
+def types_of_its_own(patch):
+    around(
+        patch, core_module, "answer",
+        lambda right: lambda model, *a, **more: right(Gossip if model is m.Signaled else model, *a, **more),
+    )  # fmt: skip
+
+
+def distances_too_large(patch):
+    around(
+        patch, translate, "entry",
+        lambda right: lambda *a: farther(right(*a)),
+    )  # fmt: skip
+
+
+def who_is_faster_is_seen(patch):
+    turns = count()
+    around(
+        patch, Signals, "set",
+        lambda right: lambda self, *a: right(self, *a[:-1], float(next(turns))),
+    )  # fmt: skip
+
+
+def farther(entry):
+    nearest = [pair.model_copy(update={"distance": 1.5 * pair.distance}) for pair in entry.nearest or ()]
+    return entry.model_copy(update={"nearest": tuple(nearest)})
+
+
 def finite(dq, n):
     return tuple(x if math.isfinite(x) else 0.0 for x in dq)
 
@@ -409,6 +448,10 @@ WRONG = {
     "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
     "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
     "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
+    "who is faster is seen": (who_is_faster_is_seen, "LCK-12/faster", "session"),
+    "every start the same": (every_start_the_same, "HEL-11/anew", "session"),
+    "types of its own": (types_of_its_own, "EVO-4/unnamed", "session"),
+    "distances too large": (distances_too_large, "STA-13/witness", "session"),
 }
 
 
@@ -416,7 +459,8 @@ WRONG = {
 async def test_a_server_wrong_in_one_way_is_caught(name, kit, monkeypatch):
     change, case, verdict = WRONG[name]
     change(monkeypatch)
-    result = (await kit.results(case, patience=PATIENCE))[case]
+    lockstep = {"files": LOCKSTEP, "participants": ("kit-a", "kit-b")} if case.startswith("LCK") else {}
+    result = (await kit.results(case, patience=PATIENCE, **lockstep))[case]
     assert getattr(result, verdict) is Outcome.FAIL, (result.findings, result.wire[-10:])
     assert result.findings
     assert result.wire, "a failure without its wire log"

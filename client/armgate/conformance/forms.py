@@ -58,11 +58,16 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 
 def faults(message: Fields) -> Iterator[str]:
-    """What is wrong with the form of a message of the server; nothing for a type that is not known."""
+    """What is wrong with the form of a message of the server.
+
+    The kit names no capability that exists, so a type that version 1 does not have may not come (EVO-4).
+    """
     kind = message.get("type")
     if not isinstance(kind, str):
         yield f"a message whose type is {kind!r}"
-    elif kind in MESSAGES:
+    elif kind not in MESSAGES:
+        yield f"a message of type {kind[:60]!r}, which no capability was named for"
+    else:
         yield from _map(kind, MESSAGES[kind], message)
 
 

@@ -75,6 +75,8 @@ async def reached(options: Options) -> AsyncIterator[tuple[Target, Facts]]:
         else:
             host, port = await stack.enter_async_context(served(options.start or ""))
         target = Target(host, port, options.tokens, _tls(options.tls_ca), options.faults)
+        if (command := options.start) is not None:
+            target.anew = lambda: served(command)
         facts = await ask(target, options.robot, options.participants)
         if options.faults != Faults():
             target.proxy = await stack.enter_async_context(Proxy(host, port, options.faults, options.seed))

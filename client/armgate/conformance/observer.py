@@ -3,6 +3,7 @@
 import asyncio
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from armgate.conformance.ledger import Ledger
 from armgate.conformance.packing import Fields
@@ -12,6 +13,8 @@ from armgate.conformance.wire import Wire
 
 _KEPT = 20_000
 _FINDINGS = 8
+_FIRST = 2.0
+"""How long the first state of each robot may take, s."""
 
 
 class Observer:
@@ -45,7 +48,9 @@ class Observer:
         await self.wire.answered("subscribe", "subscribed", every=1)
         self._task = asyncio.create_task(self._look())
         # (lock-step: nothing ticks before its participants are there, but the newest states come at once)
-        await self.until(lambda: len(self.entries) == len(self._joints), "a state of every robot")
+        with suppress(Unmet):  # (one whose link is not ready may never tick, and have no entry)
+            await self.until(lambda: len(self.entries) == len(self._joints), "every robot's entry", _FIRST)
+        await self.until(lambda: bool(self.entries), "a state")
 
     async def close(self) -> None:
         """Look on no more."""

@@ -3,6 +3,7 @@
 import asyncio
 import ssl
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -36,6 +37,7 @@ class Target:
         faults: What the kit's proxy does to the connections of cases.
         proxy: That proxy, None: connections are direct.
         longest: How long an answer may take without faults, s.
+        anew: Starts another server of the same kind, that runs meanwhile; None: the kit starts none.
     """
 
     host: str
@@ -45,6 +47,7 @@ class Target:
     faults: Faults = field(default_factory=Faults)
     proxy: Proxy | None = None
     longest: float = _PATIENCE
+    anew: Callable[[], AbstractAsyncContextManager[tuple[str, int]]] | None = None
 
     @property
     def token(self) -> str | None:

@@ -1,5 +1,8 @@
 """One case under way: its connections, its commands, what it knows of the server."""
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
 from itertools import count
 
 from armgate.conformance.holder import Holder
@@ -83,6 +86,25 @@ class Trial:
         """A connection of an operator."""
         return await self.client("operator", "operator")
 
+    @asynccontextmanager
+    async def anew(self) -> AsyncIterator[Target]:
+        """Another server of the same kind, started for this case and ended with it.
+
+        Raises:
+            Skip: The kit did not start the one that it tries.
+        """
+        if self.target.anew is None:
+            raise Skip("needs a second server of the kind: have the kit start it by --start")
+        async with self.target.anew() as (host, port):
+            yield replace(self.target, host=host, port=port, proxy=None)
+
+    async def visit(self, target: Target, name: str, role: str = "controller", **hello: object) -> Wire:
+        """A connection to another server, welcomed."""
+        wire = Wire(name, self.log, Ledger(), self.target.patience)
+        await target.connect(lambda: wire)
+        self.wires.append(wire)
+        return await target.welcomed(wire, name, role, **hello)
+
     # --- what a case needs --------------------------------------------------------------------------------
 
     def other_robot(self) -> str:
@@ -95,6 +117,10 @@ class Trial:
             if robot["name"] != self.robot:
                 return str(robot["name"])
         raise Skip("the cell has one robot only")
+
+    def out_of_reach(self, robot: str) -> bool:
+        """Whether the link of a robot is not ready; one that has never ticked is not."""
+        return self.observer.entries.get(robot, {}).get("link") != "ready"
 
     async def freed(self, robot: str | None = None, within: float | None = None) -> None:
         """Wait until the observer sees that nobody holds the robot."""

@@ -29,6 +29,8 @@ class Binds(StrEnum):
     BOTH = "both"
     HOST = "host"
     """Whoever runs the server, in what the wire does not show."""
+    TEXT = "text"
+    """Later versions of the specification."""
 
 
 class When(StrEnum):

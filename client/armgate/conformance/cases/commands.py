@@ -268,6 +268,21 @@ async def _(trial: Trial) -> None:
     await trial.rested()
 
 
+@case(
+    "CMD-11/link",
+    "Command a robot whose link is not ready, if the cell has one",
+    "Refused by link; the slot stays free",
+    also=("CMD-7",),
+)
+async def _(trial: Trial) -> None:
+    out = next(filter(trial.out_of_reach, (r["name"] for r in trial.facts.description["robots"])), None)
+    if out is None:
+        raise Skip("the links of all robots are ready")
+    holder = await trial.holder(robot=out)
+    command = holder.forbid(holder.command(0, [0.0] * holder.n), "its link is not ready")
+    refused(await holder.verdict(command), "link")
+
+
 for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
 
     @case(

@@ -114,6 +114,13 @@ async def _(trial: Trial) -> None:
     check(starts == {trial.facts.welcome["start"]}, f"start differs: {starts}")
 
 
+@case("HEL-11/anew", "Start another server of the kind and say hello there", "Its start is another one")
+async def _(trial: Trial) -> None:
+    async with trial.anew() as target:
+        wire = await trial.visit(target, trial.name("anew"), "observer")
+        check(wire.welcome["start"] != trial.facts.welcome["start"], "two starts have the same name")
+
+
 @case(
     "HEL-12/limits", "Look at the limits in welcome", "inbound 65536, outbound 1048576, the others sensible"
 )
@@ -237,6 +244,27 @@ async def _(trial: Trial) -> None:
 async def _(trial: Trial) -> None:
     wire = await trial.client("observer", capabilities=["telepathy", "x:y/z-1"])
     await wire.in_step()
+
+
+@case(
+    "EVO-4/unnamed",
+    "Say hello without capabilities; describe, subscribe to all, hold, move, signal, stop and reset",
+    "No message of a type, and no shape, outcome or condition, that version 1 does not have",
+    also=("EVO-5",),
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.operator()
+    await wire.answered("describe", "description")
+    await wire.answered("subscribe", "subscribed")
+    lease = await wire.answered("acquire", "lease", robot=trial.robot)
+    command = {"robot": trial.robot, "fence": lease["fence"], "tick": trial.observer.tick(trial.robot)}
+    wire.say({"type": "command", **command, "seq": next(wire.ledger.seqs), "dq": [0.0] * trial.n})
+    await wire.expect("verdict")
+    await wire.answered("signal", "signaled", name="kit/unnamed", value=[1.0])
+    stop = await wire.answered("stop", "stopped", robot=trial.robot)
+    await trial.rested()
+    await trial.lifted(wire, stop["stop"])
+    await wire.in_step()  # every message so far was held against the forms of version 1
 
 
 @case(

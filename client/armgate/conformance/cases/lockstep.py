@@ -1,16 +1,21 @@
 """Lock-step: steps that end when all have had their say. Needs the names of two participants."""
 
 import asyncio
+import math
 from typing import Any
 
 from armgate.conformance.case import case
+from armgate.conformance.holder import Holder
 from armgate.conformance.packing import Fields
+from armgate.conformance.target import Target
 from armgate.conformance.trial import Trial
 from armgate.conformance.verdicts import Skip, check
 from armgate.conformance.wire import Wire
 
 _SILENCE = 20.0
 """How long a server may bear a silent participant, s; the kit does not know its bound."""
+_STEPS = 12
+"""How long a conversation is that is held twice, in steps."""
 
 
 class Seat:
@@ -37,13 +42,25 @@ class Seat:
         """The next state of a step that is not before ``least``."""
 
         def newer(message: Fields) -> bool:
-            if message["type"] != "state":
-                return False
-            self.step = max(self.step, message["step"])
-            self.ticks |= {entry["robot"]: entry["tick"] for entry in message["entries"]}
-            return bool(message["step"] >= least)
+            self._note(message)
+            return message["type"] == "state" and bool(message["step"] >= least)
 
         return await self.wire.hear(newer, f"a state of step {least}")
+
+    def _note(self, message: Fields) -> None:
+        if message["type"] == "state":
+            self.step = max(self.step, message["step"])
+            self.ticks |= {entry["robot"]: entry["tick"] for entry in message["entries"]}
+
+    async def heard(self, least: int) -> list[Fields]:
+        """All that comes until the states of a step that is not before ``least`` are there."""
+        found: list[Fields] = []
+        while not any(m["type"] == "state" and m["step"] >= least for m in found):
+            found.append(await self.wire.hear(lambda m: True, f"a state of step {least}"))
+        found += await self.wire.heard()
+        for message in found:
+            self._note(message)
+        return found
 
     def pass_(self, step: int | None = None) -> None:
         """Nothing more for this step."""
@@ -301,6 +318,53 @@ async def _(trial: Trial) -> None:
     first.pass_()
     await second.wire.fails("silent", within=_SILENCE)
     await first.shown(step + 1)
+
+
+@case(
+    "LCK-12/faster",
+    f"On two servers of their own, the same {_STEPS} steps: in one the first participant speaks first, in the other the last",
+    "Both participants are sent the same verdicts and states in both",
+)
+async def _(trial: Trial) -> None:
+    if len(trial.facts.participants) < 2:
+        raise Skip("give --participants A,B: two names of the server's lock-step")
+    async with trial.anew() as one, trial.anew() as other:
+        first, second = await _told(trial, one, (0, 1)), await _told(trial, other, (1, 0))
+    for name, here, there in zip(trial.facts.participants, first, second, strict=False):
+        for a, b in zip(here, there, strict=False):
+            check(a == b, f"{name} was told {a} where the first was faster, {b} where it was not")
+        check(len(here) == len(there) > _STEPS, f"{name} was told {len(here)} and {len(there)} of them")
+
+
+async def _told(trial: Trial, target: Target, order: tuple[int, int]) -> list[list[Fields]]:
+    """The verdicts and states that two participants were sent, of steps in which they spoke in this order."""
+    seats = [Seat(await trial.visit(target, name)) for name in trial.facts.participants[:2]]
+    told: list[list[Fields]] = [[], []]
+    for seat in seats:
+        await seat.wire.answered("subscribe", "subscribed")
+        await seat.shown(0)
+    held = {}
+    for number, robot in enumerate(trial.facts.description["robots"][:2]):
+        lease = await seats[number].wire.answered("acquire", "lease", robot=robot["name"])
+        held[number] = Holder(seats[number].wire, robot, lease, trial.observer)
+    for step in range(_STEPS):
+        first, last = order
+        _speak(seats[first], held.get(first), step)
+        told[first] += await seats[first].wire.heard()  # (so that it was heard before the other speaks)
+        _speak(seats[last], held.get(last), step)
+        for number, seat in enumerate(seats):
+            told[number] += await seat.heard(seat.step + 1)
+    return [[m for m in heard if m["type"] in ("state", "verdict")] for heard in told]
+
+
+def _speak(seat: Seat, holder: Holder | None, step: int) -> None:
+    """A signal, and a command of what is held or nothing more."""
+    seat.wire.say({"type": "signal", "name": f"kit/{seat.wire.name}", "value": [float(step)]})
+    if holder is None:
+        seat.pass_()
+    else:
+        dq = [0.001 * math.sin(step), *[0.0] * (holder.n - 1)]
+        seat.wire.say(holder.command(seat.ticks[holder.robot], dq))
 
 
 @case(

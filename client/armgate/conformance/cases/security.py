@@ -4,11 +4,14 @@ import ssl
 
 from armgate.conformance.case import case
 from armgate.conformance.ledger import Ledger
+from armgate.conformance.target import Target
 from armgate.conformance.trial import Trial
 from armgate.conformance.verdicts import Skip, check
 from armgate.conformance.wire import Wire
 
 _WRONG = "armgate_" + "A" * 43
+_GUESSES = 60
+"""How many wrong tokens a server may look at before it looks at no more."""
 
 
 @case("SEC-2/none", "Say hello without a token", "A fatal unauthorized", also=("HEL-15",))
@@ -82,6 +85,26 @@ async def _(trial: Trial) -> None:
         raise Skip("the server has tokens")
     wire = await trial.client("operator", token=_WRONG)
     check(wire.welcome["role"] == "operator", f"the role is {wire.welcome['role']}")
+
+
+@case(
+    "SEC-8/guesses",
+    f"On a server of its own, bring up to {_GUESSES} wrong tokens, one after the other, then a right one",
+    "From some guess on none is looked at: the right one is refused as well, by unauthorized",
+)
+async def _(trial: Trial) -> None:
+    async with trial.anew() as target:
+        for number in range(_GUESSES):
+            await _refused(trial, target, _WRONG, f"guess{number}")
+        await _refused(trial, target, str(target.token), "owner")
+
+
+async def _refused(trial: Trial, target: Target, token: str, name: str) -> None:
+    """Bring a token that a server must not take."""
+    wire = Wire(name, trial.log, Ledger(), trial.target.patience)
+    await target.connect(lambda: wire)
+    wire.say({**target.hello(trial.name(name), "observer"), "token": token})
+    await wire.fails("unauthorized")
 
 
 @case(

@@ -1,6 +1,7 @@
 """Subscriptions and states."""
 
 import itertools
+import math
 from typing import Any
 
 from armgate.conformance.case import case
@@ -15,6 +16,9 @@ FIELDS = (
     "counts", "late_commands",
 )  # fmt: skip
 """The fields of an entry in version 1, beside robot, tick and time."""
+
+_ROUNDING = 1e-6
+"""m"""
 
 _PAUSE = 1.0
 """For how long a slow reader reads nothing, s."""
@@ -315,6 +319,31 @@ async def _(trial: Trial) -> None:
     check(told == (bad["seq"], "refused", "length"), f"the entry tells {told}")
     check(shown["counts"].get("refused:length", 0) == before + 1, f"counts are {shown['counts']}")
     check(shown["applied_seq"] == good["seq"], f"applied_seq is {shown['applied_seq']}")
+
+
+@case(
+    "STA-13/witness",
+    "Move twenty ticks; look at the nearest pairs",
+    "No distance is above that of the two points told with it; the limit is one of the description",
+)
+async def _(trial: Trial) -> None:
+    # The true distance is at most that of any two points of the bodies, such as these.
+    holder = await trial.holder()
+    limits = {trial.facts.description[key] for key in ("stop_distance", "self_distance")}
+    seen = 0
+    for _ in range(20):
+        await holder.moved(holder.small(0.2))
+        for pair in entry(await holder.fresh(), trial.robot)["nearest"] or ():
+            check(pair["limit"] in limits, f"the limit of {pair['pair']} is {pair['limit']}, not of {limits}")
+            if pair.get("points"):
+                seen += 1
+                apart = math.dist(*pair["points"])
+                check(
+                    pair["distance"] <= apart + _ROUNDING,
+                    f"{pair['pair']}: {pair['distance']} is told for points that are {apart} apart",
+                )
+    if not seen:
+        raise Skip("no state told a pair with its points")
 
 
 @case(
