@@ -10,6 +10,9 @@ from armgate.conformance.wire import Wire
 _TRIES = 40
 """How often a command is sent again that came too late on a busy machine."""
 
+_TOGETHER = 20
+"""How often commands are sent again between which a tick passed."""
+
 _LATE = {"stale", "occupied"}
 _GENTLE = 0.4
 """The share of what a joint could do that a small increment asks for."""
@@ -144,3 +147,36 @@ def refused(verdict: Fields, expected: str) -> None:
         told == ("refused", None, expected),
         f"expected a refusal by {expected} with target nil, got {told[0]} by {told[2]} with target {told[1]}",
     )
+
+
+def admitted(verdict: Fields) -> None:
+    """Check that a verdict lets a command through as it was asked."""
+    check(
+        verdict["outcome"] == "admitted",
+        f"expected admitted, got {verdict['outcome']}: {verdict.get('reasons')}",
+    )
+
+
+async def together(holder: Holder, *makes: Any, good: int = -1) -> list[Fields]:
+    """The verdicts of commands sent in one write, all based on one fresh tick that did not pass meanwhile.
+
+    Args:
+        holder: Sends them.
+        makes: Make the commands of a tick.
+        good: Which of them must not have come too late.
+
+    Raises:
+        Unmet: The tick always passed.
+    """
+    for _ in range(_TOGETHER):
+        tick = (await holder.fresh())["tick"]
+        commands = [make(tick) for make in makes]
+        holder.wire.say(*commands)
+        verdicts = [await holder.wire.expect("verdict", seq=command["seq"]) for command in commands]
+        told = verdicts[good]
+        if cause(told) == "occupied" and any(v["target"] is not None for v in verdicts if v is not told):
+            return verdicts  # the slot went to one of these, not to an earlier command
+        targets = {verdict["target"] for verdict in verdicts} - {None}
+        if len(targets) < 2 and cause(told) not in ("stale", "occupied"):
+            return verdicts
+    raise Unmet(f"{_TOGETHER} times in a row a tick passed between commands sent in one write")
