@@ -26,6 +26,8 @@ START_TIME = 60.0
 """How long each of those who are waited for at the start may take, s."""
 _LOOK = 0.02
 """Time between two looks at what no event tells, s."""
+_TOGETHER = 1.0
+"""How much later than those that lost it a process that was killed may be seen to have ended, s."""
 REST_TIME = 15.0
 """How long processes may take to bring their robots to rest and end, s."""
 BACKLOG = 10_000
@@ -210,7 +212,7 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
 
 def _cause(crew: Crew, event: Exited) -> Exited:
     """Of processes that end together: one that was killed comes first, the others only lost it."""
-    deadline = time.monotonic() + _LOOK
+    deadline = time.monotonic() + _TOGETHER
     while event.status >= 0 and (left := deadline - time.monotonic()) > 0.0:
         other = crew.next(left)
         if isinstance(other, Exited) and other.status < 0:
