@@ -17,6 +17,7 @@ from armgate.cell.mesh.decompose import Cut, cut
 from armgate.cell.mesh.files import locate, read_mesh
 from armgate.cell.mesh.hull import hull_of, thinned
 from armgate.cell.mesh.parts import parts_of
+from armgate.cell.portable import load_packed, pack
 from support import meshes
 
 PARTS = Cut("parts", 0.1, 16, 64)
@@ -334,6 +335,26 @@ def test_other_peoples_urdfs_and_surroundings_become_convex_parts(tmp_path):
     )
     assert [b.name for b in hull.bodies][:3] == ["A/base", "A/hand/1", "A/hand/2"]
     assert hull.hash != cell.hash
+
+
+def test_a_cell_with_meshes_is_packed_whole(tmp_path):
+    """From what a recording carries the same cell is built elsewhere; files of one name do not collide."""
+    path = written(tmp_path / "here")
+    other = tmp_path / "here" / "ell.stl"
+    vertices, faces = meshes.blocks(meshes.U, (0, 0.1, 0.2, 0.3), (0, 0.1, 0.2), (0.0, 0.1))
+    other.write_bytes(meshes.stl(vertices, faces))
+    path.write_text(path.read_text() + "  post: {shape: {mesh: {file: ell.stl}}, xyz: [0, -5, 0]}\n")
+    config = load_config([path])
+    packed = pack(config)
+    there = tmp_path / "there"
+    there.mkdir()
+    (tmp_path / "here").rename(tmp_path / "gone")
+    again = build_cell(load_packed(packed, there))
+    (tmp_path / "gone").rename(tmp_path / "here")
+    cell = build_cell(config)
+    assert again.hash == cell.hash
+    assert [(b.name, b.shape) for b in again.bodies] == [(b.name, b.shape) for b in cell.bodies]
+    assert len([name for name in packed if name.endswith("ell.stl")]) == 2
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import errno
 import os
 import threading
+import time
 
 import pytest
 
@@ -42,6 +43,48 @@ def test_files_turn_by_size_and_each_is_whole(tmp_path):
     assert len(recording.parts) > 3
     assert [step.event.tick for _, step in recording.steps()] == list(range(400))
     assert [part.header.part for part in recording.parts] == list(range(1, len(recording.parts) + 1))
+
+
+class Clock:
+    """The thread's time: it passes while the thread waits; what is due meanwhile is fed."""
+
+    def __init__(self, due):
+        self.time, self.due, self.fed = 0.0, due, {}
+        self.feed = None
+
+    def pause(self, seconds):
+        self.time += max(seconds, 0.001)  # (writing takes its time, too)
+        while self.due and self.due[0] <= self.time:
+            self.fed[len(self.fed)] = self.due.pop(0)
+            self.feed(len(self.fed) - 1)
+
+
+@pytest.mark.parametrize("period", [0.004, 0.012, 0.15, 1.0])
+def test_what_is_fed_is_on_its_way_to_the_disk_within_a_fifth_of_a_second(tmp_path, period):
+    """Killed at any moment, no more than that is lost."""
+    clock = Clock([period * k for k in range(round(3.0 / period))])
+    flushed = {}
+
+    class Timed(RecordFile):
+        put_steps = 0
+
+        def put(self, item, at):
+            super().put(item, at)
+            self.put_steps += 1
+
+        def flush(self):
+            super().flush()
+            for k in range(len(flushed), self.put_steps):
+                flushed[k] = clock.time
+
+    recorder = Recorder(tmp_path, create=Timed.create, clock=lambda: clock.time, pause=clock.pause)
+    clock.feed = lambda k: feed(recorder, [k])
+    recorder.begin(records.header(), lambda: clock.time)
+    while clock.due:
+        time.sleep(0.001)
+    recorder.close()
+    assert len(flushed) == len(clock.fed) > 2
+    assert max(flushed[k] - clock.fed[k] for k in clock.fed) <= 0.2
 
 
 class Blocked(RecordFile):

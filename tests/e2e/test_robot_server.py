@@ -1,13 +1,16 @@
 """Robots in a robot server, daemons that come and go: who is killed or stalls, and where everything ends."""
 
+import asyncio
+import json
 import os
+import re
 import signal
 
 import pytest
 
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
-from support.clients import Mover, Process, Raw, run
+from support.clients import PATIENCE, Mover, Process, Raw, run
 from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
 
 
@@ -85,6 +88,43 @@ async def test_a_daemon_that_is_killed_leaves_robots_that_rest_and_its_successor
         async with serving(cell, socket) as daemon:
             await nothing_moves(daemon)
             await goes_on(daemon)
+
+
+async def test_what_happened_with_robots_elsewhere_is_recorded_and_judged_the_same_again(
+    cell, socket, tmp_path
+):
+    """Also that of the daemon that took them over from one that was killed, and of the reset."""
+    async with RobotServer.running(cell, socket=socket) as robots:
+        async with Process.serving(cell, "--robot-server", socket, "--record", tmp_path / "one") as daemon:
+            mover = await Mover.start(daemon.port, "A")
+            await mover.moves_on(30)
+            daemon.signal(signal.SIGKILL)
+            await mover.ended()
+            await robots.logs("daemon.gone")
+        async with Process.serving(cell, "--robot-server", socket, "--record", tmp_path / "two") as daemon:
+            await goes_on(daemon)
+            daemon.signal()
+            assert (await daemon.end())[0] == 0
+    assert (await run("recover", tmp_path / "one"))[0] == 0
+    for name in ("one", "two"):
+        status, said, err = await run("replay", tmp_path / name)
+        assert (status, err) == (0, ""), said
+        assert "to the last bit" in said
+
+
+async def test_figures_tell_how_late_ticks_were_heard_of(cell, socket):
+    cell.write_text(cell.read_text() + "metrics: {port: 0}\n")
+    async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
+        async with asyncio.timeout(PATIENCE):
+            while (line := json.loads(await daemon.process.stderr.readline()))["event"] != "metrics":
+                pass
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(10)
+        status, out, err = await run("status", "--port", line["port"])
+        await mover.stop()
+    assert (status, err) == (0, "")
+    assert int(re.search(r"How late ticks were heard of\n +(\d+) of them", out)[1]) > 10
+    assert "unread_bytes: 0" in out
 
 
 async def test_a_daemon_that_stalls_is_let_go_of_and_finds_its_robots_stopped(cell, socket):

@@ -33,18 +33,8 @@ class Metrics(Collector):
         self._entries: Sequence[m.Entry] = ()
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self._registry = CollectorRegistry()
-        self._late = Histogram(
-            "armgate_tick_lateness_seconds",
-            "How late instants came",
-            registry=self._registry,
-            buckets=_SECONDS,
-        )
-        self._decision = Histogram(
-            "armgate_decision_seconds",
-            "What judging a command took",
-            registry=self._registry,
-            buckets=_SECONDS,
-        )
+        self._late = self._histogram("armgate_tick_lateness_seconds", "How late ticks were heard of")
+        self._decision = self._histogram("armgate_decision_seconds", "What judging a command took")
         self._registry.register(self)
         self._server: Any = None
 
@@ -74,7 +64,7 @@ class Metrics(Collector):
         self._entries = entries
 
     def late(self, seconds: float) -> None:
-        """An instant came so late."""
+        """A tick was heard of so late."""
         self._late.observe(seconds)
 
     def timed(self, judge: Judge) -> Judge:

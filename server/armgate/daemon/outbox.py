@@ -32,6 +32,11 @@ class Outbox:
         """Whether nothing waits."""
         return not self._queue and not self._states
 
+    @property
+    def size(self) -> int:
+        """How many bytes wait."""
+        return self._queued + sum(map(len, tuple(self._states.values())))
+
     def put(self, frame: bytes) -> None:
         """Send a frame that may not be dropped.
 

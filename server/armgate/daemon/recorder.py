@@ -53,6 +53,8 @@ class Recorder:
         limit: How many records may wait for the disk.
         flush: Longest time between two flushes, s.
         create: Makes a part, from its path and header.
+        clock: The thread's time, s, of any clock that does not go back.
+        pause: Waits for some seconds of it.
     """
 
     def __init__(
@@ -64,6 +66,8 @@ class Recorder:
         limit: int = 16384,
         flush: float = FLUSH,
         create: Callable[[Path, Header], RecordFile] = RecordFile.create,
+        clock: Callable[[], float] = time.monotonic,
+        pause: Callable[[float], None] = time.sleep,
     ) -> None:
         self.folder = folder
         self.required = required
@@ -71,6 +75,7 @@ class Recorder:
         self._limit = limit
         self._flush = flush
         self._create = create
+        self._clock, self._pause = clock, pause
         self._queue: deque[_Queued] = deque()
         self._lost = self._lost_steps = 0
         self._pending = Gap(0, 0)
@@ -186,21 +191,21 @@ class Recorder:
             self._lost += 1
 
     def _write_on(self) -> None:
-        due = time.monotonic() + self._flush
+        due = self._clock() + self._flush
         while True:
             if not self._queue:
-                time.sleep(_POLL)
+                self._pause(_POLL)
             elif (queued := self._queue.popleft()) is None:
                 self._part.close()
                 return
             else:
                 self._put_into_file(*queued)
-                time.sleep(0)  # whoever waits for the interpreter goes first: the event loop
-            if time.monotonic() >= due:
+                self._pause(0)  # whoever waits for the interpreter goes first: the event loop
+            if self._clock() >= due:
                 self._part.flush()
                 if self._part.size >= self._rotate:
                     self._turn()
-                due = time.monotonic() + self._flush
+                due = self._clock() + self._flush
 
     def _put_into_file(self, at: float, item: Item | _State) -> None:
         for one in item.items() if isinstance(item, _State) else (item,):
@@ -208,7 +213,7 @@ class Recorder:
 
     def _next(self) -> _Queued:
         while not self._queue:
-            time.sleep(_POLL)
+            self._pause(_POLL)
         return self._queue.popleft()
 
     def _turn(self) -> None:

@@ -254,8 +254,7 @@ class Daemon:
         else:
             self._warn_of_lateness()
             self._heed_recorder()
-            if self._metrics is not None and not self._pace.lockstep:
-                self._metrics.late(max(0.0, self._pace.now() - instant.time))
+            self._measure_lateness(instant.time)
             self._core.tick(instant.time, instant.due, self._pace.step_of(instant))
         if self._phase is not Phase.RUNNING:
             self._look_for_rest(instant.time)
@@ -266,6 +265,8 @@ class Daemon:
             return
         if self._phase is not Phase.FAILED:
             self._heed_recorder()
+            if isinstance(event, Tick):
+                self._measure_lateness(event.time)
             try:
                 self._core.hear(event)
             except Exception as error:
@@ -289,6 +290,10 @@ class Daemon:
         elif time > self._rest_by:
             self._log.error("not_at_rest", at=time)
             self._finish(1)
+
+    def _measure_lateness(self, due: float) -> None:
+        if self._metrics is not None and not self._pace.lockstep:
+            self._metrics.late(max(0.0, self._pace.now() - due))
 
     def _warn_of_lateness(self) -> None:
         if isinstance(self._pace, Wall) and (overruns := self._pace.lateness.overruns):
@@ -338,9 +343,15 @@ class Daemon:
         self._log.info("metrics", host="127.0.0.1", port=port)
 
     def _queues(self) -> dict[str, int]:
-        """What waits: in the recorder, and of clients."""
-        waiting = {} if self._recorder is None else {"recorder": self._recorder.depth}
-        return {**waiting, "sessions": len(self._sessions), "log": self._log.depth}
+        """What waits: records, lines of the log, bytes for clients that read slowly, in all and of one."""
+        recorder = {} if self._recorder is None else {"recorder": self._recorder.depth}
+        unread = [session.unread for session in tuple(self._sessions)]
+        clients = {
+            "sessions": len(unread),
+            "unread_bytes": sum(unread),
+            "unread_bytes_of_one": max(unread, default=0),
+        }
+        return {**recorder, "log": self._log.depth, **clients}
 
     def _heed_recorder(self) -> None:
         recorder = self._recorder

@@ -115,6 +115,11 @@ class Session(asyncio.Protocol):
         """Whether the client has been welcomed."""
         return bool(self.id)
 
+    @property
+    def unread(self) -> int:
+        """How many bytes wait here for a client that reads slowly."""
+        return self._outbox.size
+
     # --- asyncio ------------------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

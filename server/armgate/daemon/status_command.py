@@ -17,7 +17,7 @@ class StatusError(Exception):
 def status(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Where the daemon serves its figures.")] = 7412,
 ) -> None:
-    """Print a daemon's figures: verdicts, clearance, links, queues, how late ticks came."""
+    """Print a daemon's figures: verdicts, clearance, links, queues, how late ticks were heard of."""
     from prometheus_client.parser import text_string_to_metric_families  # noqa: PLC0415
 
     for family in text_string_to_metric_families(_fetched(port)):
