@@ -11,9 +11,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json, to_json
 
-from armgate.cell.events import GateEvent, GateOutput
+from armgate.cell.events import GateEvent, GateOutput, Plan
 from armgate.protocol import messages as m
-from armgate.recording import form
+from armgate.recording import form, plans
 
 _LEVELS = {"info": 2, "warning": 3, "error": 4}
 _LEVEL_NAMES = {number: name for name, number in _LEVELS.items()}
@@ -29,7 +29,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A robot's entry in the state at its own tick; bounds are kept to 1 nm (down), points to 1 µm."""
+    """A robot's entry in the state at its own tick; bounds are kept to 1 µm (down), points to 0.1 mm."""
 
     entry: m.Entry
 
@@ -105,7 +105,7 @@ def decode(topic: str, data: bytes) -> Item | None:
 
 
 def _encode_step(step: Step) -> tuple[str, object]:
-    outputs = [{_OUTPUT_NAMES[type(output)]: output} for output in step.outputs]
+    outputs = [{_OUTPUT_NAMES[type(o)]: plans.packed(o) if isinstance(o, Plan) else o} for o in step.outputs]
     return _STEP_TOPICS[type(step.event)], {"event": step.event, "outputs": outputs}
 
 
@@ -118,7 +118,7 @@ def _encode_shown(shown: Shown) -> tuple[str, object]:
             "pair": near.pair,
             "distance": _down(near.distance),
             "limit": near.limit,
-            "points": near.points and [[round(x, 6) for x in point] for point in near.points],
+            "points": near.points and [[round(x, 4) for x in point] for point in near.points],
         }
         for near in entry.nearest
     ]
@@ -127,8 +127,8 @@ def _encode_shown(shown: Shown) -> tuple[str, object]:
 
 
 def _down(bound: float) -> float:
-    """A lower bound to the nanometre: never more than it was."""
-    return math.floor(bound * 1e9) / 1e9
+    """A lower bound to the micrometre: never more than it was."""
+    return math.floor(bound * 1e6) / 1e6
 
 
 def _encode_moment(moment: Moment) -> tuple[str, object]:
@@ -168,7 +168,8 @@ def _step(kind: str, value: Any) -> Step | None:
     outputs = []
     for output in value["outputs"]:
         ((name, given),) = output.items()
-        outputs.append(_OUTPUTS[name].validate_python(given))
+        read = plans.unpacked if name == "plan" else _OUTPUTS[name].validate_python
+        outputs.append(read(given))
     return Step(_EVENTS[kind].validate_python(value["event"]), tuple(outputs))
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from armgate.cell import events as e
 from armgate.protocol import messages as m
+from armgate.recording import plans
 
 FORMAT = 1
 """Raised when readers of the one before would misread a file; mere additions do not raise it."""
@@ -138,7 +139,9 @@ def _step_schema(kind: str) -> dict[str, Any]:
         definitions.update(schema.pop("$defs", {}))
         return schema
 
-    outputs = {name: of(model) for name, model in OUTPUTS.items()}
+    outputs = {name: of(model) for name, model in OUTPUTS.items() if model is not e.Plan}
+    outputs["plan"] = plans.schema()
+    definitions.update(outputs["plan"].pop("$defs"))
     event = of(EVENTS[kind])
     each = {"type": "object", "properties": outputs, "maxProperties": 1}
     properties = {"event": event, "outputs": {"type": "array", "items": each}}
