@@ -33,13 +33,13 @@ def process(*arguments, says):
         child.communicate()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def address():
     with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, _):
         yield found
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def viewing(address):
     with process("view", address, "--role", "operator", "--port", "0", says="armgate: view at ") as (
         url,
@@ -50,7 +50,7 @@ def viewing(address):
         assert child.wait(30) == 0
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser(tmp_path_factory):
     with chromium(tmp_path_factory.mktemp("chromium")) as made:
         yield made

@@ -6,9 +6,14 @@ import re
 
 import numpy as np
 from PIL import Image
+from selenium.common.exceptions import TimeoutException
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
+from support.pictures import where
+
 PATIENCE = 60
+GIZMO_X = (255, 32, 96)
 # The camera's picture as the browser shows it: drawn from the page's own image element.
 _PICTURE = """
 const image = [...document.querySelectorAll('img')].find(i => i.naturalWidth >= 320);
@@ -27,6 +32,14 @@ _SCENE = """
 const c = document.querySelector('canvas').getBoundingClientRect();
 return [c.x, c.y, c.width, c.height];
 """
+_SLIDER = """
+const label = [...document.querySelectorAll('label')].find(l => l.innerText.trim() === arguments[0]);
+const track = label && document.getElementById(label.htmlFor);
+if (!track) return null;
+track.scrollIntoView({block: 'center'});
+const knob = track.querySelector('.mantine-Slider-thumb').getBoundingClientRect();
+return [knob.x + knob.width / 2, knob.y + knob.height / 2, track.getBoundingClientRect().width];
+"""
 
 
 class Page:
@@ -39,9 +52,10 @@ class Page:
 
     def until(self, condition, what):
         """Waits for something to be so, and gives it."""
-        return WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1).until(
-            lambda _: condition(), f"{what}; the page: {self.text!r:.2000}"
-        )
+        try:
+            return WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1).until(lambda _: condition())
+        except TimeoutException:
+            raise AssertionError(f"not seen: {what}; the page: {self.text!r:.2000}") from None
 
     @property
     def text(self):
@@ -80,3 +94,35 @@ class Page:
     def screenshot(self):
         """What the browser shows, (height, width, 3)."""
         return np.array(Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB"))
+
+    # --- a real pointer ------------------------------------------------------------------------------------
+
+    def point(self, x, y, *, press=False):
+        """Moves the pointer there; ``press`` holds its button down from then on."""
+        actions = ActionBuilder(self.browser, duration=30)
+        actions.pointer_action.move_to_location(round(x), round(y))
+        if press:
+            actions.pointer_action.pointer_down()
+        actions.perform()
+
+    def let_go(self):
+        """Lets the pointer's button go."""
+        actions = ActionBuilder(self.browser)
+        actions.pointer_action.pointer_up()
+        actions.perform()
+
+    def gizmo(self):
+        """A place in the window on the gizmo's first arrow; None if it is not seen."""
+        left, top, width, height = (int(value) for value in self.scene())
+        seen = where(self.screenshot()[top : top + height, left : left + width], GIZMO_X, angle=0.06)
+        found = np.argwhere(seen)
+        if len(found) < 8:
+            return None
+        row, column = found[len(found) // 2]
+        return left + int(column), top + int(row)
+
+    def slider(self, label):
+        """The middle of a slider's knob in the window, and the length of its track, pixels."""
+        found = self.browser.execute_script(_SLIDER, label)
+        assert found, f"no slider {label!r}"
+        return found

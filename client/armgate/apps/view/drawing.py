@@ -38,7 +38,7 @@ class LinkNodes:
         """Moves the links."""
         for link, place in places.items():
             before = self._shown.get(link)
-            if before is None or _moved(before, place):
+            if before is None or moved(before, place):
                 self._shown[link] = place
                 frame = self._frames[link]
                 frame.position = place.t
@@ -124,5 +124,6 @@ def _plain() -> Any:
     return np.full((2, 2, 3), looks.BACKGROUND, dtype=np.uint8)
 
 
-def _moved(before: Placement, now: Placement) -> bool:
+def moved(before: Placement, now: Placement) -> bool:
+    """Whether somebody could see a difference."""
     return bool(np.abs(before.t - now.t).max() > MOVED or np.abs(before.R - now.R).max() > MOVED)

@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 
 class Live:
-    """A daemon that is looked at, and, as an operator, spoken to.
+    """A daemon that is looked at, and spoken to.
 
     Args:
         address: ``HOST:PORT``.
         name: This client's name.
-        role: ``observer`` or ``operator``.
+        role: What it may do.
         login: Token and TLS.
 
     Raises:
@@ -36,7 +36,7 @@ class Live:
     description: Description
 
     def __init__(self, address: str, name: str, role: Role, login: Login) -> None:
-        self.address, self.role, self.login = address, role, login
+        self.address, self.name, self.role, self.login = address, name, role, login
         self._state: State | None = None
         self._problem: str | None = None
         self._loop = asyncio.new_event_loop()
@@ -79,6 +79,11 @@ class Live:
     def operator(self) -> bool:
         """Whether the daemon lets this client reset."""
         return self._cell.welcome.role == "operator"
+
+    @property
+    def drives(self) -> bool:
+        """Whether the daemon lets this client take robots."""
+        return self._cell.welcome.role != "observer"
 
     def stop(self, reason: str) -> str:
         """Stops the whole cell; what came of it, in words."""

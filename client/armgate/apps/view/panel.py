@@ -4,10 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 from armgate.apps.view import looks
+from armgate.apps.view.driving import Driving
 from armgate.apps.view.live import Live, in_words
 from armgate.apps.view.overlays import Overlays
 from armgate.apps.view.texts import banner, note, robot_html
-from armgate.client import Description, State
+from armgate.client import Description, RobotDescription, State
 
 ZOOM = (0.4, 2.5)
 """Wanted view distances that can be chosen, m."""
@@ -47,6 +48,13 @@ class Panel:
 
         zoom.on_update(zoomed)
 
+    def add_driving(self, driving: Driving) -> None:
+        """A button for each robot that takes it for the page on which it is pressed."""
+        for i, robot in enumerate(self._description.robots):
+            hint = "Take the lease and move it by hand, from this page"
+            button = self._gui.add_button(f"Drive {robot.name}", icon="hand-move", order=20.4 + i, hint=hint)
+            button.on_click(_taking(driving, robot))
+
     def add_overlays(self, overlays: Overlays) -> None:
         """A box to tick for each overlay."""
         with self._gui.add_folder("Overlays", order=40, expand_by_default=False):
@@ -85,6 +93,13 @@ class Panel:
         done, text = in_words(act)
         if not (done and quiet):
             self._notify(title, text, "green" if done else "red")
+
+
+def _taking(driving: Driving, robot: RobotDescription) -> Callable[[Any], Any]:
+    async def pressed(event: Any) -> None:
+        driving.take(robot, event.client)
+
+    return pressed
 
 
 def _zoom(live: Live, distance: float) -> str:

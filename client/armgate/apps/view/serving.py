@@ -26,6 +26,7 @@ def serve(
     role: Role,
     login: Login,
     *,
+    speed: float,
     at: tuple[str, int],
     open_browser: bool,
     tell: Callable[[str], object],
@@ -44,7 +45,7 @@ def serve(
             if open_browser:
                 open_page(url)
             while live is not None:
-                with live, Viewer(server, live) as viewer:
+                with live, Viewer(server, live, speed) as viewer:
                     if viewer.inset is not None and viewer.inset.problem is not None:
                         tell(f"armgate: {viewer.inset.problem}")
                     viewer.run(ended)

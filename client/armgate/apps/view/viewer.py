@@ -1,6 +1,7 @@
 """The page: built once for a cell, then drawn at 30 Hz from the newest state.
 
-The browser gets positions, never the other way round: whether somebody looks on, or reloads, changes nothing.
+The browser gets positions: whether somebody looks on, or reloads, changes nothing. Only a page that has taken
+a robot moves it.
 """
 
 import threading
@@ -9,6 +10,7 @@ from typing import Any
 
 from armgate.apps.view import looks
 from armgate.apps.view.drawing import LinkNodes, draw_surroundings
+from armgate.apps.view.driving import Driving
 from armgate.apps.view.inset import Inset
 from armgate.apps.view.live import Live
 from armgate.apps.view.optics import Optics
@@ -32,13 +34,14 @@ class Viewer:
     Args:
         server: viser's.
         source: What is shown.
+        speed: The largest share of the robots' speeds with which pages drive.
 
     Attributes:
         inset: The camera's picture; None where no robot has a camera.
         frames: How many pictures of the scene were sent.
     """
 
-    def __init__(self, server: Any, source: Source) -> None:
+    def __init__(self, server: Any, source: Source, speed: float = 0.25) -> None:
         self._server, self._source = server, source
         self.frames = 0
         optics = Optics()
@@ -54,8 +57,12 @@ class Viewer:
             self._overlays = Overlays(server.scene, self._scene, optics)
         self._panel = Panel(server.gui, source.description, self._notify)
         self._plots = Plots(server.gui)
+        self._driving: Driving | None = None
         if isinstance(source, Live):
             self._panel.add_controls(source)
+            if source.drives:
+                self._driving = Driving(server, source, speed)
+                self._panel.add_driving(self._driving)
         self._panel.add_overlays(self._overlays)
         robot = self._scene.camera_robot
         self.inset = None if robot is None else Inset(server.gui, self._scene, source, robot, optics)
@@ -64,6 +71,8 @@ class Viewer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._driving is not None:
+            self._driving.close()
         if self.inset is not None:
             self.inset.close()
 
@@ -88,6 +97,8 @@ class Viewer:
                 if entry.q is not None:
                     self._robots[entry.robot].move(self._poses.links(entry.robot, entry.q))
             self._overlays.update(state, self._poses)
+            if self._driving is not None:
+                self._driving.update(state, self._poses)
         self._plots.take(state)
         if self.frames % PANEL_EVERY == 0:
             self._panel.update(state, self._source.problem)

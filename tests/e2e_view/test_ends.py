@@ -1,0 +1,92 @@
+"""What goes wrong with a viewer ends safe and is said: a wrong token, nobody there, two operators at once."""
+
+import subprocess
+import threading
+
+import pytest
+
+from armgate.apps.view.live import Live, in_words
+from armgate.client import connect
+
+from .conftest import ARMGATE, CONFIG, process
+
+
+def run(*arguments):
+    return subprocess.run(
+        [*ARMGATE, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@pytest.fixture
+def secured(tmp_path):
+    """A daemon that asks for tokens, and a controller's token."""
+    file, overlay = tmp_path / "tokens", tmp_path / "server.yaml"
+    made = run("token", "--role", "controller", "--robots", "FR", "--file", file)
+    assert made.returncode == 0, made.stderr
+    overlay.write_text(f"armgate: 1\nserver: {{tokens: {file}}}\n")
+    (tmp_path / "right").write_text(made.stdout.strip().splitlines()[-1])
+    with process("serve", CONFIG, overlay, "--port", "0", says="armgate: listening on ") as (address, _):
+        yield address
+
+
+def test_a_wrong_token_shows_nothing_and_is_told(secured, tmp_path):
+    (tmp_path / "wrong").write_text("armgate_wrong\n")
+    ended = run("view", secured, "--port", "0", "--token-file", tmp_path / "wrong")
+    assert ended.returncode == 1
+    assert "unauthorized" in ended.stderr
+    assert "view at" not in ended.stdout
+    assert "armgate_wrong" not in ended.stderr + ended.stdout
+
+
+def test_a_token_for_controllers_is_not_one_for_operators(secured, tmp_path):
+    ended = run("view", secured, "--port", "0", "--role", "operator", "--token-file", tmp_path / "right")
+    assert ended.returncode == 1
+    assert "use a valid token for this role" in ended.stderr
+    view = ("view", secured, "--port", "0", "--role", "controller", "--token-file", tmp_path / "right")
+    with process(*view, says="armgate: view at "):
+        pass
+
+
+def test_nobody_listens_there():
+    ended = run("view", "127.0.0.1:9", "--port", "0")
+    assert ended.returncode == 1
+    assert "armgate serve" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_two_operators_who_stop_and_reset_at_once_are_both_answered(address):
+    login = {"token": None, "tls": None}
+    with Live(address, "one", "operator", login) as one, Live(address, "two", "operator", login) as two:
+        begin, said = threading.Barrier(2), []
+
+        def press(live, first, then):
+            for _ in range(15):
+                begin.wait()
+                said.append(in_words(first(live)))
+                said.append(in_words(then(live)))
+
+        def stop(live):
+            return lambda: live.stop("pressed")
+
+        def reset(live):
+            return live.reset
+
+        hands = [
+            threading.Thread(target=press, args=(one, stop, reset)),
+            threading.Thread(target=press, args=(two, reset, stop)),
+        ]
+        for hand in hands:
+            hand.start()
+        for hand in hands:
+            hand.join()
+        assert len(said) == 60
+        assert all(text for _, text in said)
+        # The last word is a stop's, or a reset's that came after it: told alike to both, and nobody moves.
+        with connect(address, name="eye", role="operator") as cell:
+            stopped = cell.stop(reason="the end").stop
+            states = cell.states()
+            state = next(s for s in states if all(stopped in (entry.stops or ()) for entry in s.entries))
+            assert all(entry.holder is None for entry in state.entries)
+            for stop_id in sorted({stop for entry in state.entries for stop in entry.stops}):
+                cell.reset(stop_id)
+            next(state for state in states if not any(entry.stops for entry in state.entries))
