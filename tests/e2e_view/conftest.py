@@ -33,13 +33,13 @@ def process(*arguments, says):
         child.communicate()
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def address():
     with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, _):
         yield found
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def viewing(address):
     with process("view", address, "--role", "operator", "--port", "0", says="armgate: view at ") as (
         url,
