@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from armgate.cell.bounds import joint_bounds, start_position
 from armgate.cell.config import CellConfig, RobotConfig
+from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
 from armgate.cell.gantry import add_body, add_frame, add_gantry
 from armgate.cell.model import RobotModel
 from armgate.cell.names import whole_name
 from armgate.cell.pairs import Body, Pair, PairKind, collect_bodies, collect_pairs
-from armgate.cell.parts import parts_of_shape
 from armgate.cell.source import Path_
 from armgate.cell.urdf import parse_xml, read_urdf
 

@@ -6,10 +6,11 @@ from itertools import combinations
 from typing import Literal
 
 from armgate.cell.config import CellConfig
+from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
 from armgate.cell.model import ModelBody, RobotModel
 from armgate.cell.names import MAX_NAME, part_name, whole_name
-from armgate.cell.parts import Part, parts_of_shape
+from armgate.cell.parts import Part
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
 

@@ -1,18 +1,13 @@
-"""Of what a body consists: one primitive, or the convex parts of a mesh."""
+"""Of what a body consists: shapes, each in its place."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from armgate.cell.names import part_name
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
 from armgate.cell.urdf import write_body
-
-if TYPE_CHECKING:
-    from armgate.cell.config import ShapeConfig
 
 
 @dataclass(frozen=True)
@@ -21,25 +16,6 @@ class Part:
 
     shape: Shape
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-def parts_of_shape(shape: "ShapeConfig", folder: Path, packages: Mapping[str, Path]) -> tuple[Part, ...]:
-    """The parts of a configured shape: itself, or those that a mesh is cut into.
-
-    Args:
-        shape: The shape.
-        folder: Where relative file names count from.
-        packages: Folders for ``package://``.
-
-    Raises:
-        ModelError: A mesh cannot be used; the text names its file.
-    """
-    if shape.mesh is None:
-        return (Part(shape.shape),)
-    from armgate.cell.mesh.files import locate  # noqa: PLC0415  (most cells have no meshes)
-    from armgate.cell.mesh.parts import how, parts_of  # noqa: PLC0415
-
-    return parts_of(locate(shape.mesh.file, folder, packages), shape.mesh.scale, how(shape.mesh))
 
 
 def add_parts(
