@@ -86,12 +86,12 @@ def test_what_is_judged_clear_is_clear(name):
         R, t = oracle.place(qs)
         low = oracle.below(R, t)
         for i in range(len(swept)):
-            judged = clearance.judge(i, swept[i], None, clearance.limits, Budget(32))
-            for pair in clearance.pairs_of[i]:
+            judged = clearance.judge(i, swept[i], None, clearance.limits_of[i], Budget(32))
+            for place, pair in enumerate(clearance.pairs_of[i]):
                 at = int(low[:, pair].argmin())
-                if low[at, pair] < max(judged.lb[pair], clearance.bound[pair]):
+                if low[at, pair] < max(judged.lb[place], clearance.bound[pair]):
                     high = oracle.apart(int(pair), R[at], t[at]).high
-                    assert max(judged.lb[pair], clearance.bound[pair]) <= high + 1e-6
+                    assert max(judged.lb[place], clearance.bound[pair]) <= high + 1e-6
             cleared += judged.binding is None
     assert cleared > 0
 

@@ -99,8 +99,9 @@ class GateBeside(Gate):
         """The recorded plan with what can be said of it at once; the rest is proven where it matters."""
         occupied = s.occupancy_to(end_of(s.setpoint, plan.increments))
         swept = self._clearance.space.sweep(s.index, occupied)
-        anything = np.full_like(self._clearance.limits, -np.inf)
+        anything = np.full_like(self._clearance.limits_of[s.index], -np.inf)
         judged = self._clearance.judge(s.index, swept, None, anything, Budget(0))
+        self._clearance.watch()
         return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
 
     def _follow_stops(self, outputs: Sequence[GateOutput], recorded: Sequence[GateOutput]) -> None:

@@ -12,6 +12,7 @@ always a part of what was proven before.
 
 import math
 from collections.abc import Sequence
+from operator import truediv
 
 from armgate.cell.events import Joints
 
@@ -23,10 +24,7 @@ def ticks_to_rest(u: Sequence[float], decel: Sequence[float]) -> float:
         u: Increment of one tick, rad or m per joint.
         decel: Deceleration bound times T² per joint; infinite where a joint may stop at once.
     """
-    m = 0.0
-    for x, d in zip(u, decel, strict=True):
-        m = max(m, abs(x) / d)
-    return m
+    return max(map(truediv, map(abs, u), decel), default=0.0)
 
 
 def stop_share(m: float) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from armgate.cell.cell import Cell
 from armgate.cell.events import Joints, Point
+from armgate.integrity.bounds import KeptBounds
 from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.compiled import screen_of
 from armgate.integrity.groups import ChainGroup, Group, groups_of
@@ -77,7 +78,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Lower bounds of all of a robot's pairs for a new occupancy, or the first pair that binds it."""
+    """Lower bounds of a robot's P pairs for a new occupancy, (P,), or the first pair that binds it."""
 
     lb: Array
     binding: Binding | None
@@ -101,7 +102,9 @@ class Clearance:
         self.pairs_of = tuple(own.ids for own in pairs)
         self._place = tuple({int(p): (g, k) for g in gs for k, p in enumerate(g.ids)} for gs in self.groups)
         self.limits = np.array([p.limit for p in cell.pairs])
-        self.bound = np.full(len(cell.pairs), -np.inf)
+        self.limits_of = tuple(self.limits[ids] for ids in self.pairs_of)
+        self.bound = KeptBounds(self.pairs_of)
+        self.watch()
         self.held: list[list[Swept]] = [[] for _ in cell.robots]
         self._n = np.tile(np.array([0.0, 0.0, 1.0]), (len(cell.pairs), 1))
 
@@ -109,11 +112,20 @@ class Clearance:
         """Returns by how much each of a robot's pairs can close when its joints move by ``step``."""
         return np.asarray(self.screen.pairs[robot].growth @ step)
 
+    def watch(self) -> None:
+        """Some bound may be below its limit: after a survey, or what was staged unjudged.
+
+        What is judged keeps all limits where they are kept already, so it is enough to look until then.
+        """
+        self._watched = [True] * len(self.groups)
+
     def below(self, robot: int) -> list[int]:
         """Returns a robot's pairs whose kept bound is below their limit."""
-        ids = self.pairs_of[robot]
-        too_near = self.bound.take(ids) < self.limits.take(ids)
-        return [int(p) for p in ids[too_near]] if too_near.any() else []
+        if not self._watched[robot]:
+            return []
+        near = self.pairs_of[robot][self.bound.of(robot) < self.limits_of[robot]].tolist()
+        self._watched[robot] = bool(near)
+        return near
 
     # --- the held occupancies ------------------------------------------------------------------------------
 
@@ -130,23 +142,28 @@ class Clearance:
             found = self._pursue(Question(group, k, robot, mine, float(self.limits[pair])), budget)
             lowest, points = min(lowest, found.lb), ordered(group, k, found.points) or points
         self.bound[pair] = max(self.bound[pair], lowest)
-        return Binding(pair, float(self.bound[pair]), float(self.limits[pair]), points)
+        return Binding(pair, self.bound[pair], float(self.limits[pair]), points)
 
     def survey(self, robot: int) -> None:
         """Proves all pairs of a robot's held occupancies anew: at the start, or if what was held is void."""
-        self.bound[self.pairs_of[robot]] = -np.inf
-        for group in self.groups[robot]:
-            if group.other is not None and not self.held[group.other]:
-                continue
-            every = np.arange(len(group.ids))
-            for n in (self.kept_n(group, every), self._between(group, robot)):
-                lb = np.min([self._slab(group, robot, mine, every, n) for mine in self.held[robot]], axis=0)
-                better = lb > self.bound[group.ids]
-                self._n[group.ids[better]] = n[better] * group.sign[better, None]
-                self.bound[group.ids] = np.maximum(self.bound[group.ids], lb)
-        for pair in self.pairs_of[robot]:
-            if self.known(int(pair)) and self.bound[pair] < self.limits[pair]:
-                self.prove_held(robot, int(pair), Budget(_SURVEY_BUDGET))
+        self.watch()
+        self.bound.put(robot, np.concatenate([self._proven(robot, group) for group in self.groups[robot]]))
+        for pair in self.below(robot):
+            if self.known(pair):
+                self.prove_held(robot, pair, Budget(_SURVEY_BUDGET))
+
+    def _proven(self, robot: int, group: Group) -> Array:
+        """What kept and guessed directions prove of a group's held occupancies, (P,); the better are kept."""
+        best = np.full(len(group.ids), -np.inf)
+        if group.other is not None and not self.held[group.other]:
+            return best
+        every = np.arange(len(group.ids))
+        for n in (self.kept_n(group, every), self._between(group, robot)):
+            lb = np.min([self._slab(group, robot, mine, every, n) for mine in self.held[robot]], axis=0)
+            better = lb > best
+            self._n[group.ids[better]] = n[better] * group.sign[better, None]
+            best = np.maximum(best, lb)
+        return best
 
     def known(self, pair: int) -> bool:
         """Says whether the positions of both bodies of a pair are known."""
@@ -162,17 +179,18 @@ class Clearance:
             robot: Its index.
             new: The occupancy to judge.
             step: By how much it extends the held one per joint; None if the kept bounds say nothing of it.
-            need: The distance that each pair must keep, m, (pairs of the cell,).
+            need: The distance that each of its P pairs must keep, m, (P,).
             budget: Engine evaluations left for this command.
         """
-        lb, left = self.screen.run(robot, new, step, need, (self.bound, self._n))
-        for pair in self.pairs_of[robot][left].tolist():
+        lb, left = self.screen.run(robot, new, step, need, (self.bound.of(robot), self._n))
+        for place in left.tolist():
+            pair, wanted = int(self.pairs_of[robot][place]), float(need[place])
             group, k = self.find(robot, pair)
-            found = self._pursue(Question(group, k, robot, new, float(need[pair])), budget)
-            lb[pair] = max(lb[pair], found.lb)
-            if lb[pair] < need[pair]:
+            found = self._pursue(Question(group, k, robot, new, wanted), budget)
+            lb[place] = max(lb[place], found.lb)
+            if lb[place] < wanted:
                 points = ordered(group, k, found.points)
-                return Judgement(lb, Binding(pair, float(lb[pair]), float(need[pair]), points))
+                return Judgement(lb, Binding(pair, float(lb[place]), wanted, points))
         return Judgement(lb, None)
 
     def point_bound(self, robot: int, pair: int, q: Joints) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.cell import Cell
 from armgate.cell.model import RobotModel
-from armgate.integrity.screen import MARGIN, RobotPairs, Screen
+from armgate.integrity.screen import RobotPairs, Screen
 from armgate.integrity.support import Cornered
 from armgate.integrity.swept import Array, Index, Place, Space, Swept
 
@@ -44,7 +44,7 @@ def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) 
 
 
 class CompiledScreen(Screen):
-    """`Screen` with its decisions compiled; see there."""
+    """`Screen` with its slabs and kinematics compiled; see there."""
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
         prepare()
@@ -53,7 +53,6 @@ class CompiledScreen(Screen):
         self._cell = pack_cell(space)
         self._own = [_pack_pairs(own) for own in pairs]
         self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
-        self._left = np.empty(max((len(own.ids) for own in pairs), default=0), dtype=np.intp)
         bodies = len(space.cell.bodies)
         # What never moves has one row, and stands behind the robots; unknown robots have none.
         count = np.array([0] * len(self._held) + [1], dtype=np.int64)
@@ -66,19 +65,12 @@ class CompiledScreen(Screen):
         self._held[robot] = swept
         self._nodes[3][robot] = _STALE
 
-    def run(
-        self, robot: int, new: Swept, step: Array | None, need: Array, kept: tuple[Array, Array]
-    ) -> tuple[Array, Index]:
-        """As `Screen.run`."""
-        lb = kept[0].copy()
-        moves = (robot, new.nodes, new.tube, new.tube if step is None else step, step is not None, need)
-        out = (lb, self._left)
-        known = (*kept, MARGIN)
-        while (
-            count := self._kernels.screen(self._cell, self._nodes, self._own[robot], moves, known, out)
-        ) < 0:
-            self._write(-1 - count)  # a robot that has moved, and turns out to matter
-        return lb, self._left[:count].copy()
+    def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
+        lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
+        own, slabs = self._own[robot], self._kernels.slabs
+        while (other := slabs(self._cell, self._nodes, own, moves, asked, lb)) >= 0:
+            self._write(other)  # a robot that has moved, and turns out to matter
+        return lb
 
     def _write(self, robot: int) -> None:
         swept, row = self._held[robot], 0
@@ -125,11 +117,10 @@ def prepare() -> None:
     one, two = np.zeros(1), np.zeros((2, 1))
     own = (np.zeros(1, k.PAIR), two[:1], np.zeros((1, 1, 1)))
     held = (R, t, stray, np.ones(2, dtype=np.int64))
-    kept = (one, np.zeros((1, 3)), MARGIN)
     k.place(cell, 0, one, R[0], t[0])
     k.hold(cell, held, 0, 0, two, one)
-    k.screen(cell, held, own, (0, two, one, one, True, one), kept, (one, np.zeros(1, np.intp)))
-    for compiled in (k.place, k.hold, k.screen):
+    k.slabs(cell, held, own, (0, two, one), (np.zeros(1, np.intp), np.zeros((1, 3))), one)
+    for compiled in (k.place, k.hold, k.slabs):
         compiled.disable_compile()
 
 
@@ -185,7 +176,7 @@ def _corners(space: Space) -> Array:
 
 def _pack_pairs(own: RobotPairs) -> tuple[Any, ...]:
     pairs = np.zeros(len(own.ids), _kernels().PAIR)
-    pairs["id"], pairs["mine"], pairs["theirs"], pairs["sign"] = own.ids, own.mine, own.theirs, own.sign
+    pairs["mine"], pairs["theirs"] = own.mine, own.theirs
     n = own.growth.shape[1]
     bend = np.zeros((0, n, n)) if own.chain is None else own.chain.bend
     return pairs, np.ascontiguousarray(own.growth), np.ascontiguousarray(bend)

@@ -69,7 +69,7 @@ class Judge:
         beta, binding = 1.0, None
         for _ in range(_TRIALS + 1 if self._slow and not demand.violated else 1):
             u = blend(state.brake, wish.u, beta)
-            if stays_inside(u, state.setpoint, state.limits_now()) is not None:
+            if beta < 1.0 and stays_inside(u, state.setpoint, state.limits_now()) is not None:
                 break
             decided = self._try(u, wish, beta, state, demand, budget)
             if isinstance(decided, Decision):
@@ -77,6 +77,8 @@ class Judge:
                     return decided
                 return replace(decided, reasons=(*decided.reasons, self._reason(binding, state)))
             binding = decided
+            if binding.pair == _JOINTS:
+                break  # less of a motion that does not lead back inside does not either
             beta = self._secant(beta, binding)
         assert binding is not None
         return self._refuse(state, wish, binding)

@@ -1,4 +1,4 @@
-"""The screen compiled by numba: the same formulas as the readable modules, in loops.
+"""Kinematics and slabs compiled by numba: the same formulas as the readable modules, in loops.
 
 Each kernel names the function that it repeats; what the formulas mean stands there. A test holds the two
 against each other. All kernels stand in one file, because numba's cache knows only the file of the function
@@ -31,7 +31,7 @@ BODY = np.dtype(
         ("corners", "i8"),
     ]
 )
-PAIR = np.dtype([("id", "i8"), ("mine", "i8"), ("theirs", "i8"), ("sign", "f8")])
+PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 
 
 def kernel(function: F) -> F:
@@ -236,46 +236,28 @@ def _apart(cell, held, pair, n, new):
 
 
 @kernel
-def screen(cell, held, own, moves, kept, out):
-    """`Screen.run`: fills ``lb`` for the robot's pairs and ``left``; returns how many are left.
+def slabs(cell, held, own, moves, asked, lb):
+    """`Screen._slabs`: fills ``lb``, (P,), and returns −1.
 
-    −1 − k if it needs to know what robot k holds, and the table is not up to date there (its count is −1).
+    Or k, if it needs to know what robot k holds, and the table is not up to date there (its count is −1).
     """
     pairs, growth, chain_bend = own
-    robot, nodes, tube, step, known, need = moves
-    bound, directions, margin = kept
-    lb, left = out
-    count, placed = 0, False
+    robot, nodes, tube = moves
+    left, n = asked
+    for p in left:
+        other = cell[2][pairs[p].theirs].owner
+        if other != robot and held[3][other] < 0:
+            return other
     number = cell[0][robot].bodies
     R, t = np.empty((len(nodes), number, 3, 3)), np.empty((len(nodes), number, 3))
     stray = np.empty((len(nodes), number))
-    for p in range(len(pairs)):
-        pair = pairs[p]
-        wanted = need[pair.id]
-        here = -np.inf
-        if known:
-            loss = 0.0
-            for j in range(len(step)):
-                loss += growth[p, j] * step[j]
-            here = bound[pair.id] - loss
-        if here < wanted:
-            if not placed:
-                _sweep(cell, robot, nodes, tube, (R, t, stray))
-                placed = True
-            d, s = directions[pair.id], pair.sign
-            n = (s * d[0], s * d[1], s * d[2])
-            if p < len(chain_bend):
-                slab = _chained(cell, pair, n, R, t) - _curl(nodes, chain_bend[p])
-                for j in range(len(tube)):
-                    slab -= growth[p, j] * tube[j]
-            else:
-                other = cell[2][pair.theirs].owner
-                if other != robot and held[3][other] < 0:
-                    return -1 - other
-                slab = _apart(cell, held, pair, n, (R, t, stray))
-            here = max(here, slab - margin)
-            if here < wanted:
-                left[count] = p
-                count += 1
-        lb[pair.id] = here
-    return count
+    _sweep(cell, robot, nodes, tube, (R, t, stray))
+    for i in range(len(left)):
+        p = left[i]
+        if p < len(chain_bend):
+            lb[i] = _chained(cell, pairs[p], n[i], R, t) - _curl(nodes, chain_bend[p])
+            for j in range(len(tube)):
+                lb[i] -= growth[p, j] * tube[j]
+        else:
+            lb[i] = _apart(cell, held, pairs[p], n[i], (R, t, stray))
+    return -1

@@ -1,9 +1,8 @@
 """The nearest pairs at the measured positions, for the state: told as lower bounds, the nearest one tight.
 
 A lower bound is kept for every pair and lowered by what its robots moved since. The lowest bounds are asked
-again of
-the engine until the lowest is a fresh one: then no pair can be nearer than it says. So only near pairs cost
-    anything.
+again of the engine until the lowest is a fresh one: then no pair can be nearer than it says. So only near
+pairs cost anything.
 """
 
 from collections.abc import Sequence
@@ -15,9 +14,10 @@ from armgate.cell.events import Joints, Nearest
 from armgate.integrity.certificate import Proof
 from armgate.integrity.clearance import Clearance, ordered
 from armgate.integrity.groups import Group
-from armgate.integrity.swept import Index, Swept
+from armgate.integrity.swept import Array, Index, Swept
 
 _FEW = 4
+_MANY = 64
 _REFRESHES = 64
 
 
@@ -27,9 +27,8 @@ class NearestPairs:
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         pairs = clearance.cell.pairs
-        self._others = tuple(
-            np.array([p for p in ids if pairs[p].kind != "self"], dtype=np.intp) for ids in clearance.pairs_of
-        )
+        # A robot's pairs begin with those with itself.
+        self._others = [sum(pairs[p].kind == "self" for p in ids) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
 
@@ -41,23 +40,26 @@ class NearestPairs:
             measured: The measured q of every robot, None where it is not known.
             count: How many.
         """
-        c, ids = self._clearance, self._clearance.pairs_of[robot]
         for i, q in enumerate(measured):
             self._follow(i, q, measured)
+        ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
+        margin = self._margin.take(ids)
         proofs: dict[int, Proof] = {}
-        for asked in range(_REFRESHES):
-            stale = [p for p in self._lowest(robot) if p not in proofs]
+        for asked in range(1, _REFRESHES + 1):
+            stale = [k for k in self._lowest(robot, margin) if k not in proofs]
             if not stale:
                 break
-            if asked == _FEW:  # many moved far: one slab for all is cheaper than the engine for each
-                self._measure(robot, measured)
+            if asked % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
+                self._measure(robot, measured, _first(margin, _MANY), margin)
                 continue
-            proofs[stale[0]] = proof = self._refresh(robot, stale[0], measured)
-            self._margin[stale[0]] = proof.lb - c.limits[stale[0]]
-        order = ids[np.argsort(self._margin[ids], kind="stable")]
-        wanted = [int(p) for p in order[:count]]
-        wanted += [p for p in self._lowest(robot) if p not in wanted]
-        return {p: self._told(robot, p, proofs.get(p)) for p in wanted if np.isfinite(self._margin[p])}
+            k = stale[0]
+            proofs[k] = self._refresh(robot, int(ids[k]), measured)
+            margin[k] = proofs[k].lb - limits[k]
+        self._margin[ids] = margin
+        told = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
+        return {
+            int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if np.isfinite(margin[k])
+        }
 
     def _follow(self, robot: int, q: Joints | None, measured: Sequence[Joints | None]) -> None:
         """Lowers the bounds of a robot's pairs by what it moved; finds them where it is seen first."""
@@ -68,21 +70,26 @@ class NearestPairs:
         if last is not None:
             self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
             return
-        self._measure(robot, measured)
+        margin = self._margin[ids]
+        self._measure(robot, measured, np.arange(len(ids)), margin)
+        self._margin[ids] = margin
 
-    def _measure(self, robot: int, measured: Sequence[Joints | None]) -> None:
-        """Proves what the kept directions prove of all of a robot's pairs at the measured positions."""
-        q = measured[robot]
+    def _measure(self, robot: int, measured: Sequence[Joints | None], places: Index, margin: Array) -> None:
+        """Raises to what the kept directions prove, at the measured positions, some of a robot's margins."""
+        q, first = measured[robot], 0
         for group in self._clearance.groups[robot]:
+            here, first = (
+                places[(places >= first) & (places < first + len(group.ids))],
+                first + len(group.ids),
+            )
             side = self._side(group, measured)
-            if q is None or side is None:
+            if q is None or side is None or not len(here):
                 continue
-            every: Index = np.arange(len(group.ids))
+            sel: Index = here + len(group.ids) - first
             mine = self._clearance.space.still(robot, q)
-            lb, _, _ = group.slab(mine, side, every, self._clearance.kept_n(group, every))
-            known = np.isfinite(self._margin[group.ids])
-            kept = np.where(known, self._margin[group.ids], -np.inf)
-            self._margin[group.ids] = np.maximum(kept, lb - group.limit)
+            lb, _, _ = group.slab(mine, side, sel, self._clearance.kept_n(group, sel))
+            kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
+            margin[here] = np.maximum(kept, lb - group.limit[sel])
 
     def _refresh(self, robot: int, pair: int, measured: Sequence[Joints | None]) -> Proof:
         group, k = self._clearance.find(robot, pair)
@@ -95,11 +102,11 @@ class NearestPairs:
         self._clearance.keep_n(group, k, proof.n)
         return proof
 
-    def _lowest(self, robot: int) -> list[int]:
-        """The pair with the lowest bound of all, and of those with others; none of unknown robots."""
-        every, others = self._clearance.pairs_of[robot], self._others[robot]
-        lowest = [int(ids[np.argmin(self._margin[ids])]) for ids in (every, others) if len(ids)]
-        return [pair for pair in lowest if np.isfinite(self._margin[pair])]
+    def _lowest(self, robot: int, margin: Array) -> list[int]:
+        """The places of the lowest margin of all, and of those with others; none of unknown robots."""
+        first = self._others[robot]
+        lowest = [k + int(np.argmin(margin[k:])) for k in (0, first) if k < len(margin)]
+        return [k for k in lowest if np.isfinite(margin[k])]
 
     def _side(self, group: Group, measured: Sequence[Joints | None]) -> Swept | None:
         if group.other is None:
@@ -112,6 +119,15 @@ class NearestPairs:
         limit = float(c.limits[pair])
         points = None if proof is None else ordered(*c.find(robot, pair), proof.points)
         return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
+
+
+def _first(margin: Array, count: int) -> Index:
+    """The places of the ``count`` lowest margins, the lowest first; of equal ones, the first."""
+    if count < len(margin):
+        lowest = np.sort(np.argpartition(margin, count - 1)[:count])
+    else:
+        lowest = np.arange(len(margin))
+    return np.asarray(lowest[np.argsort(margin[lowest], kind="stable")])
 
 
 def start_clearances(cell: Cell) -> list[Nearest]:

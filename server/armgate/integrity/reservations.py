@@ -18,7 +18,7 @@ class Reservations:
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
-        # Bounds proven for plans that their links have not answered yet, all pairs of the cell, by robot.
+        # Bounds proven of the pairs of robots whose links have not answered their plans yet.
         self._staged: dict[int, Array] = {}
 
     def hold_plan(self, s: RobotState) -> None:
@@ -32,11 +32,9 @@ class Reservations:
         s.pending = plan
         if decision.occupied is None or decision.swept is None or decision.lb is None:
             return  # the plan is the rest of the held one: reserved already
-        ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
-        for staged in self._staged.values():
-            staged[ids] = np.minimum(staged[ids], decision.lb[ids])
+        self._lower_staged(s.index, decision.lb)
         self._staged[s.index] = decision.lb
-        np.minimum(bound, decision.lb, out=bound)  # of the pairs of others, both are the same
+        self._clearance.bound.lower(s.index, decision.lb)
         s.next = Reserved(decision.occupied, decision.swept)
         self._hold(s)
 
@@ -47,8 +45,7 @@ class Reservations:
         self._hold(s)
         staged = self._staged.pop(s.index, None)
         if staged is not None and not s.residue:
-            ids = self._clearance.pairs_of[s.index]
-            self._clearance.bound[ids] = staged[ids]
+            self._clearance.bound.put(s.index, staged)
 
     def drop(self, s: RobotState) -> None:
         """The link keeps the old plan; the bounds stay at the lower of both, which holds for it too."""
@@ -59,9 +56,17 @@ class Reservations:
     def renew(self, s: RobotState) -> None:
         """Proves a robot's pairs anew where what was proven is void; also for what waits for an answer."""
         self._clearance.survey(s.index)
-        ids, bound = self._clearance.pairs_of[s.index], self._clearance.bound
-        for staged in self._staged.values():
-            staged[ids] = np.minimum(staged[ids], bound[ids])
+        self._lower_staged(s.index, self._clearance.bound.of(s.index))
+
+    def _lower_staged(self, robot: int, lb: Array) -> None:
+        """What waits for an answer holds for what else is reserved too: the lower of both, pair by pair."""
+        own = self._staged.get(robot)
+        if own is not None:
+            np.minimum(own, lb, out=own)
+        for other, here, there in self._clearance.bound.shared(robot):
+            staged = self._staged.get(other)
+            if staged is not None:
+                staged[there] = np.minimum(staged[there], lb[here])
 
     def _hold(self, s: RobotState) -> None:
         self._clearance.hold(s.index, [r.swept for r in s.reserved])

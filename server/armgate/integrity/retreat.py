@@ -33,7 +33,7 @@ class Demand:
     """What a robot's pairs must keep.
 
     Attributes:
-        need: m, (pairs of the cell,).
+        need: m, one a pair of the robot, (P,).
         violated: The violated pairs that it may move out of, and what is proven of them.
         forbidden: What forbids any motion.
     """
@@ -54,9 +54,9 @@ class Retreat:
 
     def demand(self, state: RobotState, states: list[RobotState]) -> Demand:
         """Proves a robot's violated pairs anew, ratchets their floors, says what motion must keep."""
-        need, violated = self._clearance.limits, []
+        need, violated = self._clearance.limits_of[state.index], []
         waits, forbidden = False, None
-        for pair in self._below(state.index):
+        for pair in self._clearance.below(state.index):
             binding = self._clearance.prove_held(state.index, pair, Budget(_PROOF_BUDGET))
             if binding.lb >= binding.need:
                 self._floor.pop(pair, None)
@@ -71,7 +71,8 @@ class Retreat:
             self._claim[state.index] = state.tick
         if violated:
             need = need.copy()
-            need[[v.pair for v in violated]] = [self._floor[v.pair] - PAIR_SLACK for v in violated]
+            for v in violated:
+                need[self._clearance.pairs_of[state.index] == v.pair] = self._floor[v.pair] - PAIR_SLACK
         return Demand(need, tuple(violated), forbidden)
 
     def claim(self, state: RobotState, admitted: bool) -> None:
@@ -92,9 +93,6 @@ class Retreat:
             bound(state.index, v.pair, end) > bound(state.index, v.pair, state.setpoint) + _WIDER
             for v in violated
         )
-
-    def _below(self, robot: int) -> list[int]:
-        return self._clearance.below(robot)
 
     def _has_turn(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
         """All others that the pair violates rest, and none of them goes first."""

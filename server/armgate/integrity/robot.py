@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from operator import add
 
 import numpy as np
 
@@ -201,7 +202,7 @@ def robot_state(robot: Robot, index: int) -> RobotState:
 def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
     """Returns the setpoint after all increments, added one by one as a link adds them."""
     for u in increments:
-        setpoint = tuple(q + x for q, x in zip(setpoint, u, strict=True))
+        setpoint = tuple(map(add, setpoint, u))
     return setpoint
 
 

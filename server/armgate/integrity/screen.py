@@ -20,6 +20,10 @@ from armgate.integrity.swept import Array, Index, Space, Swept
 MARGIN = 1e-9
 """What every bound is lowered by for floating-point rounding, m."""
 
+_AHEAD = 8.0
+"""Pairs that would be open after so many steps more are tried along with those that are: most of a pass is
+its overhead, and so most decisions need none."""
+
 
 @dataclass(frozen=True, slots=True)
 class RobotPairs:
@@ -83,27 +87,26 @@ class Screen:
             robot: Its index.
             new: The occupancy to judge.
             step: By how much it extends the held one per joint; None if the kept bounds say nothing of it.
-            need: The distance that each pair must keep, m, (pairs of the cell,).
-            kept: The kept bounds, m, (pairs of the cell,), and directions, first body to second, (…, 3).
+            need: The distance that each of the robot's P pairs must keep, m, (P,).
+            kept: The kept bounds of the robot's pairs, m, (P,), and the directions of all pairs of the cell,
+                first body to second, (…, 3).
 
         Returns:
-            Lower bounds for all pairs of the cell, those of others as they were, and which of the robot's
-            pairs are still open.
+            Lower bounds of the robot's pairs, (P,), and which of them are still open, ascending.
         """
         (bound, n), own = kept, self.pairs[robot]
-        lb, wanted = bound.copy(), need.take(own.ids)
         if step is None:
-            here = np.full(len(own.ids), -np.inf)
+            loss, lb = None, np.full(len(own.ids), -np.inf)
         else:
-            here = bound.take(own.ids)
-            here -= own.growth @ step
-        left = (here < wanted).nonzero()[0]
-        if len(left):
-            slab = self._slabs(robot, new, left, n[own.ids[left]] * own.sign[left, None])
-            here[left] = np.maximum(here[left], slab)
-            left = left[here[left] < wanted[left]]
-        lb[own.ids] = here
-        return lb, left
+            loss = own.growth @ step
+            lb = bound - loss
+        left = (lb < need).nonzero()[0]
+        if not len(left):
+            return lb, left
+        tried = left if loss is None else (lb < need + _AHEAD * loss).nonzero()[0]
+        directions = n.take(own.ids[tried], axis=0) * own.sign[tried, None]
+        lb[tried] = np.maximum(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
+        return lb, left[lb[left] < need[left]]
 
     def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
         """The swept slabs of the pairs ``left``, in ascending order, with directions mine to theirs."""
@@ -114,7 +117,7 @@ class Screen:
         if first < len(left):
             apart = left[first:]
             lb[first:] = self._table.slabs(robot, new, own.mine[apart], own.theirs[apart], n[first:])
-        return lb - MARGIN
+        return lb
 
 
 class _Table:
