@@ -54,7 +54,7 @@ def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch)
 
     def blind(self, *given):
         original(self, *given)
-        self.limits = self.limits - 10.0
+        self.limits_of = tuple(x - 10.0 for x in self.limits_of)
 
     monkeypatch.setattr(Clearance, "__init__", blind)
     setting = SETTINGS[3]

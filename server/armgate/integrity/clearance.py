@@ -123,7 +123,7 @@ class Clearance:
         """Returns a robot's pairs whose kept bound is below their limit."""
         if not self._watched[robot]:
             return []
-        near = self.pairs_of[robot][self.bound.of(robot) < self.limits_of[robot]].tolist()
+        near: list[int] = self.pairs_of[robot][self.bound.of(robot) < self.limits_of[robot]].tolist()
         self._watched[robot] = bool(near)
         return near
 
