@@ -39,7 +39,7 @@ def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints,
         return ()
     m = ticks_to_rest(u, decel)
     shares = [1.0] + [1.0 - k / m for k in range(1, math.floor(m) + 1)]
-    return tuple(tuple(x * share for x in u) for share in shares if share > 0.0)
+    return tuple(tuple(map(share.__mul__, u)) for share in shares if share > 0.0)
 
 
 def largest_stopping(room: float, decel: float) -> float:

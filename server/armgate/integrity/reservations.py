@@ -60,6 +60,8 @@ class Reservations:
 
     def _lower_staged(self, robot: int, lb: Array) -> None:
         """What waits for an answer holds for what else is reserved too: the lower of both, pair by pair."""
+        if not self._staged:
+            return
         own = self._staged.get(robot)
         if own is not None:
             np.minimum(own, lb, out=own)

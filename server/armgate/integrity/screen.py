@@ -34,6 +34,7 @@ class RobotPairs:
         mine, theirs: The two bodies' indices in the cell, (P,).
         sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
         growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
+        side: Their groups, numbered, (P,).
         chain: The group of pairs whose bodies move together, None if there is none.
         chained: How many these are; they come first.
     """
@@ -43,6 +44,7 @@ class RobotPairs:
     theirs: Index
     sign: Array
     growth: Array
+    side: Index
     chain: ChainGroup | None
     chained: int
 
@@ -57,6 +59,7 @@ def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
         theirs=_joined([g.shape_theirs for g in groups], none),
         sign=_joined([g.sign for g in groups], np.zeros(0)),
         growth=_joined([g.growth for g in groups], np.zeros((0, n))),
+        side=_joined([np.full(len(g.ids), i, np.intp) for i, g in enumerate(groups)], none),
         chain=chain,
         chained=0 if chain is None else len(chain.ids),
     )
@@ -95,18 +98,21 @@ class Screen:
             Lower bounds of the robot's pairs, (P,), and which of them are still open, ascending.
         """
         (bound, n), own = kept, self.pairs[robot]
-        if step is None:
-            loss, lb = None, np.full(len(own.ids), -np.inf)
-        else:
-            loss = own.growth @ step
-            lb = bound - loss
+        lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
         left = (lb < need).nonzero()[0]
         if not len(left):
             return lb, left
-        tried = left if loss is None else (lb < need + _AHEAD * loss).nonzero()[0]
+        tried = left if step is None else self._with_next(own, step, need - lb, left)
         directions = n.take(own.ids[tried], axis=0) * own.sign[tried, None]
         lb[tried] = np.maximum(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
         return lb, left[lb[left] < need[left]]
+
+    def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
+        """The open pairs and those soon open, ascending, of the sides that have to be looked at anyway."""
+        soon = (short > -_AHEAD * (own.growth @ step)).nonzero()[0]
+        looked = np.zeros(len(own.side), dtype=np.bool_)
+        looked[own.side[left]] = True
+        return np.asarray(soon[looked[own.side[soon]]])
 
     def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
         """The swept slabs of the pairs ``left``, in ascending order, with directions mine to theirs."""
