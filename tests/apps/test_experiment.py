@@ -20,6 +20,7 @@ from armgate.apps.stack.observation import COLUMNS, Observation
 from armgate.cell.errors import ConfigError
 
 T = 0.012
+ATTACKED = "link_1"  # by an even number of eights
 MIDDLE, HALF = np.array([2.0, 0.0, 1.0]), np.array([0.3, 0.7, 0.35])
 
 
@@ -42,7 +43,7 @@ def test_an_error_in_a_file_names_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "runs"), [("approach", 3 + 6), ("tracking", 9 * 3), ("zoom", 3), ("collision", 2 * 3)]
+    ("name", "runs"), [("approach", 3 + 6), ("tracking", 9 * 3), ("zoom", 3), ("collision", 4 * 3)]
 )
 def test_the_experiments_that_come_with_armgate(scene: Scene, name: str, runs: int) -> None:
     found = trials(load_experiment(default_file(f"experiments/{name}.yaml")), scene, seeds=3)
@@ -64,6 +65,19 @@ def test_a_trial_becomes_processes_and_files(scene: Scene, tmp_path: Path) -> No
     moved = build_scene((*scene.configs, tmp_path / "overlay.yaml"))
     np.testing.assert_allclose(moved.tool, path[0], atol=1e-12)
     assert moved.follower.config.link.lag == 0.12
+
+
+def test_in_a_pursuit_the_leader_begins_where_a_dash_does(scene: Scene, tmp_path: Path) -> None:
+    found = trials(load_experiment(default_file("experiments/collision.yaml")), scene, seeds=1)
+    dashed, pursued = (next(t for t in found if t.case == f"{kind}-0.5") for kind in ("dash", "pursuit"))
+    assert dashed.path is not None
+    assert pursued.seconds == 14.0
+    planned = plan(pursued, scene, tmp_path, realtime=False)
+    lead = planned.controller("leader", "h:1")
+    assert lead[:6] == ["lead", "h:1", "--robot", "GR", "--pursue", f"FR/{ATTACKED}"]
+    assert lead[6:8] == ["--tool-speed", "0.5"]
+    moved = build_scene((*scene.configs, tmp_path / "overlay.yaml"))
+    np.testing.assert_allclose(moved.tool, dashed.path[0], atol=1e-12)
 
 
 def test_a_leader_that_cannot_carry_its_tool_is_refused(tmp_path: Path) -> None:
@@ -199,6 +213,13 @@ def test_prediction_is_compared_seed_by_seed() -> None:
 @pytest.mark.parametrize(("refused", "holds"), [(4, True), (5, False)])
 def test_a_tenth_of_the_dashes_may_refuse_the_follower(refused: int, holds: bool) -> None:
     assert holding(claims("collision", dashed(refused, 40)), "follower is refused") is holds
+
+
+def test_a_pursuit_is_only_reported() -> None:
+    entries = [entry("pursuit-0.5", follower_refused=k > 0, leader_refused=True) for k in range(4)]
+    refused, leader = claims("collision", entries)[:2]
+    assert (refused.value, refused.goal, refused.holds) == (0.75, "reported", None)
+    assert (leader.value, leader.holds) == (1.0, None)
 
 
 def test_what_no_run_may_do() -> None:

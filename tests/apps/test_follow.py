@@ -11,14 +11,16 @@ import pytest
 
 from armgate.apps.data import default_file
 from armgate.apps.errors import AppError, UsageError
+from armgate.apps.follow.beside import Beside, Side
 from armgate.apps.follow.loop import FollowLoop, Progress, Wish, chase, tell_changes
 from armgate.apps.interrupt import Interrupt, interrupt
 from armgate.apps.robots import floor_of
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
-from armgate.client import Description, Tick
+from armgate.client import Description, Entry, Nearest, Tick
 from armgate.client.tick import State
+from armgate.control.nearness import NearPair
 
 T = 0.012
 
@@ -118,6 +120,46 @@ def test_it_follows_until_the_path_is_done_within_its_bounds(built: BuiltCell) -
     assert np.all(np.abs(u) <= own.velocity * T)
     assert np.all(np.abs(np.diff(u, axis=0)) <= own.acceleration * T * T)
     np.testing.assert_array_equal(u[-1], 0.0)
+
+
+POINTS = ((0.2, -0.25, 1.0), (0.2, -0.4, 1.0))
+NEAR = {"pair": ("GR/link_6", "FR/link_3"), "distance": 0.15, "limit": 0.05, "points": POINTS[::-1]}
+
+
+def beside(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[NearPair, ...]:
+    """What is found where the leader's stop ends ``end`` farther along y."""
+    fr, gr = built.robot("FR"), built.robot("GR")
+    stop = np.array(gr.start)
+    stop[1] += end
+    entries = (
+        Entry(robot="FR", tick=0, time=0.0, nearest=(Nearest.model_validate(near),)),
+        Entry(robot="GR", tick=0, time=0.0, q=tuple(gr.start.tolist()), stop_end=tuple(stop.tolist())),
+    )
+    return Beside(Side("FR", fr.model), Side("GR", gr.model)).pairs(*entries)
+
+
+def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell) -> None:
+    (pair,) = beside(built, NEAR)
+    np.testing.assert_array_equal(pair.points, POINTS)
+    assert (pair.joint, pair.room) == (2, pytest.approx(0.1))
+    (nearer,) = beside(built, NEAR, end=0.04)
+    assert nearer.room == pytest.approx(0.06)
+    (leaving,) = beside(built, NEAR, end=-0.04)
+    assert leaving.room == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"pair": ("FR/link_3", "floor")},
+        {"pair": ("FR/link_2", "FR/link_5")},
+        {"pair": ("GR/link_6", "FR/base_link")},
+        {"points": None},
+        {"distance": 0.3},
+    ],
+)
+def test_other_pairs_do_not_matter(built: BuiltCell, other: dict[str, Any]) -> None:
+    assert beside(built, NEAR | other) == ()
 
 
 def test_it_shares_what_it_measures(built: BuiltCell) -> None:

@@ -88,10 +88,28 @@ def test_induced_velocity(pair, fr):
         same(fast.induced(q, packed, v), law.induced(q, goal, v))
 
 
-def test_gap_with_and_without_obstacles(pair, fr):
+def test_ways_that_are_left(pair, fr):
+    rng = np.random.default_rng(6)
+    for q, p, distance, around, v in states(fr, 60, seed=6):
+        ways = rng.uniform(0.1, 1.0, (2, 6))
+        ways[:, rng.integers(0, 6)] = 0.0  # with most joints barred the task is singular, and rounding grows
+        for emergency in (False, True):
+            (law, goal), (fast, packed) = goals(
+                pair, q, p, distance, around, ways=ways, velocity=v, emergency=emergency
+            )
+            same(fast(q, packed), law(q, goal))
+        same(fast.induced(q, packed, v), law.induced(q, goal, v))
+
+
+def test_gaps_with_and_without_obstacles(pair, fr):
     law, fast = pair
+    touched = 0
     for q, _, _, around, _ in states(fr, 50, seed=4):
-        assert fast.scene(around, q).gap == pytest.approx(law.scene(around, q).gap, abs=1e-12)
+        ours, reference = fast.scene(around, q), law.scene(around, q)
+        assert ours.gap == pytest.approx(reference.gap, abs=1e-12)
+        assert ours.own_gap == pytest.approx(reference.own_gap, abs=1e-12)
+        touched += reference.own_gap < law.gains.own_reach
+    assert 5 < touched < 50
     assert fast.scene(Obstacles(), q).gap == np.inf
 
 

@@ -31,8 +31,9 @@ def test_bounded_where_all_joints_are_weighted_away(rng):
 
 def test_only_approaching_joints_are_weighted(rng):
     M, rate, x = rng.normal(size=(3, 6)), (0.4, -0.3), rng.uniform(-0.99, 0.99, 6)
-    w = LimitWeights(-np.ones(6), np.ones(6), 0.02).inverse(x)
-    qd = limited_gradient(M, rate, x, w, steepness=0.5)
+    weights = LimitWeights(-np.ones(6), np.ones(6), 0.02)
+    w = weights.inverse(x)
+    qd = limited_gradient(M, rate, *weights.directed(x, always=False), steepness=0.5)
     used = np.where(qd * x > 0.0, w, 1.0)
     assert np.allclose(qd, weighted_gradient(M, rate, used, 0.5)) or (used[qd * x <= 0.0] == 1.0).all()
     np.testing.assert_allclose(M[:2] @ qd, rate, rtol=1e-6)
@@ -43,7 +44,15 @@ def test_a_joint_leaves_its_limit_as_if_it_had_none():
     M[0, 0] = M[1, 1] = 1.0
     M[2, 2] = -1.0
     x = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    w = LimitWeights(-np.ones(6), np.ones(6), 0.02).inverse(x)
-    assert limited_gradient(M, (0.0, 0.0), x, w, steepness=0.5)[2] == -1.0
+    ways = LimitWeights(-np.ones(6), np.ones(6), 0.02).directed(x, always=False)
+    assert limited_gradient(M, (0.0, 0.0), *ways, steepness=0.5)[2] == -1.0
     M[2, 2] = 1.0
-    assert limited_gradient(M, (0.0, 0.0), x, w, steepness=0.5)[2] == 0.0
+    assert limited_gradient(M, (0.0, 0.0), *ways, steepness=0.5)[2] == 0.0
+
+
+def test_what_is_weighed_both_ways_stands_still(rng):
+    M, ways = rng.normal(size=(3, 6)), np.ones(6)
+    ways[1] = 0.0
+    qd = limited_gradient(M, (0.4, -0.3), ways, ways, steepness=0.5)
+    assert qd[1] == 0.0
+    np.testing.assert_allclose(M[:2] @ qd, (0.4, -0.3), rtol=1e-9)

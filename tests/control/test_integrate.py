@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armgate.control.gains import Gains
-from armgate.control.integrate import Ended, Scheme, integrate, rk4
+from armgate.control.integrate import Ended, Scheme, integrate, rk4, rk4_turn
 from armgate.control.law import CameraLaw
 
 FAR = np.full(6, 1e3)
@@ -43,6 +43,30 @@ def test_ends_at_the_bound_and_hardly_beyond():
     run = integrate(lambda q: np.ones(6), np.zeros(6), reach, Scheme(step=10.0))
     assert run.ended is Ended.BOUND
     assert 0.1 <= run.q[0] <= 0.1 * (1.0 + Scheme().split) + 1e-12
+
+
+@pytest.mark.parametrize("rate", [5.0, 300.0, 30_000.0])
+def test_a_stiff_field_is_approached_from_one_side(rate):
+    """Where repulsion meets a pull one direction is stiff; steps that are too long would leap over it."""
+
+    def f(q):
+        return np.array([-rate * q[0], 1.0])
+
+    start, reach = np.array([0.1, 0.0]), np.full(2, 1e3)
+    schemes = [Scheme(budget=budget, tolerance=0.0) for budget in range(1, 30)]
+    stiff, slow = np.array([integrate(f, start, reach, scheme).q for scheme in schemes]).T
+    assert (np.diff(np.abs(stiff)) <= 0.0).all()
+    assert (np.diff(slow) >= 0.0).all()
+    assert slow[-1] > 0.0
+
+
+def test_the_turn_of_a_step_is_that_of_its_field():
+    A = np.diag([-3.0, -3.0])
+    for h in (0.1, 0.5):
+        q, turn = rk4_turn(lambda at: A @ at, np.ones(2), h, A @ np.ones(2))
+        assert turn == pytest.approx(0.5 * h * 3.0)
+        np.testing.assert_allclose(q, rk4(lambda at: A @ at, np.ones(2), h, A @ np.ones(2)))
+    assert rk4_turn(np.ones_like, np.ones(2), 0.1, np.ones(2))[1] == 0.0
 
 
 def test_ends_with_its_budget():

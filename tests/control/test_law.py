@@ -73,7 +73,8 @@ def test_distance_force_is_the_gradient_of_its_potential(fr, q, differences):
     )
 
 
-def test_repulsion_is_the_gradient_of_its_potential(law, q, differences):
+def test_repulsion_is_the_gradient_of_its_potential(fr, q, differences):
+    law = CameraLaw(fr.model, "camera", Gains(own_repulsion=0.0))
     obstacles = scene_beside(law, q)
     F_rep = law.terms(q, law.goal(P, 1.0, law.scene(obstacles, q))).F_rep
     assert np.abs(F_rep).max() > 1e-3

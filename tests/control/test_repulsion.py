@@ -11,8 +11,13 @@ from armgate.control.repulsion import Emergency, Obstacles, Repulsion, push
 GAINS = Gains()
 
 
-def repulsion(radii, obstacles, sinks=True):
-    return Repulsion(np.array(radii), np.full(len(radii), sinks), obstacles, GAINS)
+def repulsion(radii, obstacles, sinks=True, moves=True):
+    every = np.full(len(radii), True)
+    return Repulsion(np.array(radii), every & moves, every & sinks, obstacles, GAINS)
+
+
+def pushed(d):
+    return push(d, GAINS.repulsion, GAINS.reach, GAINS)
 
 
 def test_push_is_the_slope_of_its_potential():
@@ -21,12 +26,16 @@ def test_push_is_the_slope_of_its_potential():
     def potential(at):
         return 0.5 * GAINS.repulsion * (1.0 / at - 1.0 / GAINS.reach) ** 2
 
-    np.testing.assert_allclose(push(d, GAINS), -(potential(d + 1e-7) - potential(d - 1e-7)) / 2e-7, rtol=1e-5)
+    np.testing.assert_allclose(
+        pushed(d),
+        -(potential(d + 1e-7) - potential(d - 1e-7)) / 2e-7,
+        rtol=1e-5,
+    )
 
 
 @given(st.floats(-1.0, 1.0))
 def test_push_never_pulls_and_is_bounded(d):
-    strength = push(np.array([d]), GAINS)[0]
+    strength = pushed(np.array([d]))[0]
     assert 0.0 <= strength <= GAINS.push
     assert d < GAINS.reach or strength == 0.0
 
@@ -47,14 +56,14 @@ def test_spheres_on_the_same_spot_stay_finite():
 def test_forces_act_along_the_line_of_centres_at_the_centre():
     o, b = np.array([0.1, 0.2, 0.3]), np.array([0.1, 0.5, 0.3])
     _, wrenches = repulsion([0.05], Obstacles(b[None], np.array([0.05]))).wrenches(o[None])
-    force = np.array([0.0, -push(np.array([0.2]), GAINS)[0], 0.0])
+    force = np.array([0.0, -pushed(np.array([0.2]))[0], 0.0])
     np.testing.assert_allclose(wrenches[0], [*force, *np.cross(o, force)])
 
 
 def test_the_floor_pushes_up_what_can_sink():
     floor, low = Obstacles(floor=-0.1), np.array([[0.3, 0.0, 0.2]])
     _, wrenches = repulsion([0.1], floor).wrenches(low)
-    assert wrenches[0, 2] == pytest.approx(push(np.array([0.2]), GAINS)[0])
+    assert wrenches[0, 2] == pytest.approx(pushed(np.array([0.2]))[0])
     assert repulsion([0.1], floor).least_gap(low) == pytest.approx(0.2)
     assert repulsion([0.1], floor, sinks=False).wrenches(low) is None
     assert repulsion([0.1], floor, sinks=False).least_gap(low) == np.inf
@@ -64,6 +73,15 @@ def test_nothing_near_nothing_pushed():
     far = Obstacles(np.array([[5.0, 0.0, 0.0]]), np.array([0.1]))
     assert repulsion([0.1, 0.1], far).wrenches(np.zeros((2, 3))) is None
     assert repulsion([0.1], Obstacles()).least_gap(np.zeros((1, 3))) == np.inf
+
+
+def test_what_no_joint_moves_is_not_pushed_nor_counted():
+    """A sphere on the axis of the first joint: who stands beside it is no emergency that could be left."""
+    beside = Obstacles(np.array([[0.25, 0.0, 0.0]]), np.array([0.1]))
+    assert repulsion([0.1], beside).least_gap(np.zeros((1, 3))) == pytest.approx(0.05)
+    still = repulsion([0.1], beside, moves=False)
+    assert still.least_gap(np.zeros((1, 3))) == np.inf
+    assert still.wrenches(np.zeros((1, 3))) is None
 
 
 def test_emergency_has_hysteresis():

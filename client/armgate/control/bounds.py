@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor
 
 import numpy as np
@@ -75,6 +75,10 @@ class IncrementBounds:
             lower=low + margin,
             upper=high - margin,
         )
+
+    def tightened(self, lower: Vector, upper: Vector) -> IncrementBounds:
+        """The same where the setpoint has to stay within `lower` and `upper`, (n,), too."""
+        return replace(self, lower=np.maximum(self.lower, lower), upper=np.minimum(self.upper, upper))
 
     def share(self, q: Vector) -> float:
         """How far the worst joint at q (n,) is from its middle, as a share of its half range."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
 from importlib import import_module
 from types import ModuleType
@@ -50,18 +50,18 @@ def prepare() -> None:
     if not available():
         return
     kernels = _kernels()
-    arm = tuple(np.zeros(1, dtype) for dtype in (kernels.JOINT, kernels.SPHERE, kernels.CAMERA))
-    arm[0]["R"][:] = arm[2]["R"][:] = np.eye(3)
-    arm[0]["axis"], arm[0]["parent"], arm[2]["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
+    arm = tuple(np.zeros(1, dtype) for dtype in (kernels.JOINT, kernels.SPHERE, kernels.PAIR, kernels.CAMERA))
+    arm[0]["R"][:] = arm[3]["R"][:] = np.eye(3)
+    arm[0]["axis"], arm[0]["parent"], arm[3]["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
     goal, q, obstacles = np.zeros(1, kernels.GOAL), np.zeros(1), np.zeros(1, kernels.OBSTACLE)
     goal["p"] = 1.0
-    scene = (arm, goal, q, obstacles)
+    scene = (arm, goal, q, obstacles, np.ones((2, 1)))
     kernels.evaluate(q, scene)
     kernels.advance(q, 0.1, scene)
-    kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1), scene)
+    kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1, 1.0), scene)
     kernels.task(q, scene)
     kernels.induced(q, scene)
-    kernels.gap(q, arm, 0.0, obstacles)
+    kernels.gaps(q, arm, 0.0, obstacles)
 
 
 def _kernels() -> ModuleType:
@@ -102,7 +102,8 @@ class CompiledLaw(CameraLaw):
         prepare()
         self._kernels = _kernels()
         self._evaluate = self._kernels.evaluate
-        self._packed = self._pack_joints(), self._pack_spheres(), self._pack_camera()
+        self._packed = self._pack_joints(), self._pack_spheres(), self._pack_pairs(), self._pack_camera()
+        self._free = np.ones((2, model.n))
         self._no_obstacles = np.zeros(0, self._kernels.OBSTACLE)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
@@ -111,8 +112,8 @@ class CompiledLaw(CameraLaw):
         records["centre"], records["radius"] = obstacles.centres, obstacles.radii
         floor = -np.inf if obstacles.floor is None else obstacles.floor
         around = _own(q)
-        gap = self._kernels.gap(around, self._packed, floor, records)
-        return PackedScene(around, gap, records, floor)
+        gap, own_gap = self._kernels.gaps(around, self._packed, floor, records)
+        return PackedScene(around, gap, own_gap, records, floor)
 
     def goal(
         self,
@@ -122,20 +123,22 @@ class CompiledLaw(CameraLaw):
         *,
         emergency: bool = False,
         velocity: ArrayLike = (0.0, 0.0, 0.0),
+        ways: Vector | None = None,
     ) -> PackedGoal:
         """As `CameraLaw.goal`."""
         target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
         record = np.empty(1, self._kernels.GOAL)
         if scene is None:
             around, obstacles = np.zeros(self.model.n), self._no_obstacles
-            floor, gap = -np.inf, np.inf
+            floor, gaps = -np.inf, (np.inf, np.inf)
         elif isinstance(scene, PackedScene):
-            around, obstacles, floor, gap = scene.around, scene.obstacles, scene.floor, scene.gap
+            around, obstacles, floor = scene.around, scene.obstacles, scene.floor
+            gaps = scene.gap, scene.own_gap
         else:
             raise TypeError(NOT_OURS)
-        record[0] = (target, moving, distance, emergency, floor, gap)
-        packed = (self._packed, record, around, obstacles)
-        return PackedGoal(target, distance, scene, emergency, moving, packed)
+        record[0] = (target, moving, distance, emergency, floor, *gaps)
+        packed = (self._packed, record, around, obstacles, self._free if ways is None else _own(ways))
+        return PackedGoal(target, distance, scene, emergency, moving, ways, packed)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
         """As `CameraLaw.__call__`."""
@@ -154,7 +157,7 @@ class CompiledLaw(CameraLaw):
             _own(start),
             _own(start if origin is None else origin),
             _own(reach),
-            (scheme.step, scheme.budget, scheme.split, scheme.resolution, scheme.tolerance),
+            astuple(scheme),
             _packed(goal),
         )
         return Integration(q, steps, _ENDED[ended])
@@ -172,7 +175,7 @@ class CompiledLaw(CameraLaw):
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
         """As `CameraLaw.induced`."""
-        moving = self.goal(goal.p, goal.distance, goal.scene, velocity=velocity)
+        moving = self.goal(goal.p, goal.distance, goal.scene, velocity=velocity, ways=goal.ways)
         qd: Vector = self._kernels.induced(_own(q), moving.packed)
         return qd
 
@@ -191,12 +194,20 @@ class CompiledLaw(CameraLaw):
         return joints
 
     def _pack_spheres(self) -> Records:
-        spheres = np.zeros(len(self.spheres.radii), self._kernels.SPHERE)
-        spheres["joint"], spheres["radius"] = self.spheres.joints, self.spheres.radii
-        spheres["sinks"] = self._arm.sinks
-        for k in range(len(spheres)):
-            spheres[k]["centre"] = self.spheres.in_joint(k)
+        own, base = self.spheres, self._own.base
+        k = len(own.radii)
+        spheres = np.zeros(k + len(base), self._kernels.SPHERE)
+        moving, fixed = spheres[:k], spheres[k:]
+        moving["joint"], moving["radius"] = own.joints, own.radii
+        moving["moves"], moving["sinks"] = self._arm.moves, self._arm.sinks
+        moving["centre"] = np.reshape([own.in_joint(i) for i in range(k)], (k, 3))
+        fixed["joint"], fixed["centre"], fixed["radius"] = -1, base, self._own.base_radii
         return spheres
+
+    def _pack_pairs(self) -> Records:
+        pairs = np.zeros(len(self._own.touching), self._kernels.PAIR)
+        pairs["a"], pairs["b"], pairs["touching"] = self._own.a, self._own.b, self._own.touching
+        return pairs
 
     def _pack_camera(self) -> Records:
         gains, placement = self.gains, self._arm.mount
@@ -205,7 +216,17 @@ class CompiledLaw(CameraLaw):
         camera["joint"], camera["spin"] = self._arm.last, self._arm.spin
         camera["squared"], camera["always"] = self._weights.squared, gains.limits.always
         camera["fade"] = gains.roll_fade
-        for name in ("task", "distance", "roll", "repulsion", "reach", "contact", "push"):
+        for name in (
+            "task",
+            "distance",
+            "roll",
+            "repulsion",
+            "reach",
+            "own_repulsion",
+            "own_reach",
+            "contact",
+            "push",
+        ):
             camera[name] = getattr(gains, name)
         return camera
 

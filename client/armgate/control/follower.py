@@ -11,6 +11,7 @@ from armgate.control.bounds import IncrementBounds
 from armgate.control.integrate import Ended, Scheme
 from armgate.control.keeping import corrected, drawn_in, projection, slowed, view_vector
 from armgate.control.law import CameraLaw, Goal, Scene
+from armgate.control.nearness import NearPair, limits_beside
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
 from armgate.control.shaping import RESERVE, braking_way, shape_chord
@@ -34,6 +35,8 @@ class Situation:
         target_time: when that was measured, s, on the clock of `time`.
         distance: d_r, the wanted view distance, m.
         obstacles: the leader's spheres and the floor.
+        stop_end: where the stop that the gate holds ends, (n,); None if that is not known.
+        near: pairs of bodies that the gate tells of; they count where `stop_end` is known.
     """
 
     time: float
@@ -44,16 +47,20 @@ class Situation:
     target_time: float
     distance: float
     obstacles: Obstacles
+    stop_end: Vector | None = None
+    near: tuple[NearPair, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """What is followed in one increment: the target where dq takes effect, its velocity, obstacles, mode."""
+    """What is followed in one increment: the target where dq takes effect, obstacles, mode, bounds."""
 
     focus: Vector
     velocity: Vector
     scene: Scene
     emergency: bool
+    bounds: IncrementBounds
+    ways: Vector | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +81,7 @@ class FollowStep:
         why: what decided its length, in words.
         angle: measured view angle error, rad; None while no target is known.
         distance: measured distance error ‖p − x‖ − d_r, m; None while no target is known.
-        repulsion: whether an obstacle pushes.
+        repulsion: whether an obstacle pushes, or the robot's own body.
         emergency: whether (13) has replaced (9).
         gap: least distance to an obstacle's bounding sphere, m (inf: no obstacles).
         focus: the target as predicted for the time at which dq takes effect, (3,), m; None if none is
@@ -157,12 +164,13 @@ class Follower:
         scene = self._law.scene(now.obstacles, now.setpoint)
         emergency = self._emergency.update(scene.gap)
         age = np.inf if self._predictor.time is None else now.time - self._predictor.time
+        bounds, ways = self._beside(now)
         if age > self._stale:
-            dq = self._bounds.within(self._bounds.braked(now.last), now.last, now.setpoint)
+            dq = bounds.within(bounds.braked(now.last), now.last, now.setpoint)
             return self._told(now, scene, dq, _lost(age))
         focus, velocity = self._focus(age)
         plan = self._drift if self._real_time else self._chase
-        dq, why, steps = plan(now, Aim(focus, velocity, scene, emergency))
+        dq, why, steps = plan(now, Aim(focus, velocity, scene, emergency, bounds, ways))
         return self._told(now, scene, dq, why, focus=focus, steps=steps)
 
     def _focus(self, age: float) -> tuple[Vector, Vector]:
@@ -171,11 +179,19 @@ class Follower:
             return self._predictor.predict(age + self._ahead)
         return self._predictor.predict(0.0)[0], np.zeros(3)
 
+    def _beside(self, now: Situation) -> tuple[IncrementBounds, Vector | None]:
+        """Beside something tighter bounds, and what they leave of each joint's way; else the usual ones."""
+        if now.stop_end is None or not now.near:
+            return self._bounds, None
+        lower, upper = limits_beside(self._law.model, now.q, now.setpoint, now.stop_end, now.near)
+        ways = np.clip(np.array((now.setpoint - lower, upper - now.setpoint)) / self._reach, 0.0, 1.0)
+        return self._bounds.tightened(lower, upper), ways
+
     def _chase(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
         """As far towards the optimum as the bounds allow."""
-        law, bounds = self._law, self._bounds
+        law, bounds = self._law, aim.bounds
         q = now.q if self._measured else now.setpoint
-        goal = law.goal(aim.focus, now.distance, aim.scene, emergency=aim.emergency)
+        goal = law.goal(aim.focus, now.distance, aim.scene, emergency=aim.emergency, ways=aim.ways)
         induced = np.zeros_like(q)
         if not aim.emergency and aim.velocity.any():
             induced = self._period * law.induced(q, goal, aim.velocity)
@@ -184,12 +200,12 @@ class Follower:
         dq = bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
-            dq = self._kept(dq, Way(q, induced, run.q), goal, now)
+            dq = self._kept(dq, Way(q, induced, run.q), goal, now, bounds)
         return dq, _reason(run.ended, aim.emergency, bounded), run.steps
 
-    def _kept(self, dq: Vector, way: Way, goal: Goal, now: Situation) -> Vector:
+    def _kept(self, dq: Vector, way: Way, goal: Goal, now: Situation, bounds: IncrementBounds) -> Vector:
         """`dq` with the view of the law, which a piece of the straight way to its reference has not."""
-        law, bounds = self._law, self._bounds
+        law = self._law
         psi, J_t = law.task(way.start + way.induced, goal)
         start, end = view_vector(psi), view_vector(law.task(way.end, goal)[0])
         dq = bounds.within(slowed(dq, way.induced, psi, J_t, bounds.change), now.last, now.setpoint)
@@ -211,9 +227,10 @@ class Follower:
             aim.scene,
             emergency=aim.emergency,
             velocity=aim.velocity,
+            ways=aim.ways,
         )
         wanted = law.step(q, self._period, goal) - q
-        dq = self._bounds.within(wanted, now.last, now.setpoint)
+        dq = aim.bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         return dq, _reason(Ended.BOUND, aim.emergency, bounded), 1
 
@@ -233,7 +250,7 @@ class Follower:
             why=why,
             angle=angle,
             distance=distance,
-            repulsion=scene.gap < self._law.gains.reach,
+            repulsion=scene.gap < self._law.gains.reach or scene.own_gap < self._law.gains.own_reach,
             emergency=self._emergency.active,
             gap=scene.gap,
             focus=focus,

@@ -21,6 +21,8 @@ class Gains:
         roll: k_c of (15), 1/s.
         repulsion: η, the strength of (12). The paper leaves it at 1, with other radii.
         reach: ρ0 of (12), m. Bounding spheres farther than this from each other do not push.
+        own_repulsion: η between spheres of the robot's own segments.
+        own_reach: ρ0 between them, m.
         contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart,
             finitely.
         push: no pair of spheres pushes harder than this.
@@ -36,6 +38,8 @@ class Gains:
     roll: float = 5.0
     repulsion: float = 0.01
     reach: float = 0.3
+    own_repulsion: float = 0.0004
+    own_reach: float = 0.1
     contact: float = 0.02
     push: float = 20.0
     limits: LimitRule = LimitRule.UNIT_FREE

@@ -44,25 +44,25 @@ def weighted_gradient(M: Vector, rate: tuple[float, float], w: Vector, steepness
 
 
 def limited_gradient(
-    M: Vector, rate: tuple[float, float], x: Vector, w: Vector, *, steepness: float
+    M: Vector, rate: tuple[float, float], down: Vector, up: Vector, *, steepness: float
 ) -> Vector:
-    """(9) with each joint's weight in force only while the joint approaches the limit that it is nearer to.
+    """(9) with a weight for each direction of a joint: near a limit only the way towards it is weighed.
 
-    Which joints approach is a result of the law, so it is solved twice: with all joints free, then with
-    those weighted that approach. Where weighting them makes others approach (rare), these join and it is
-    solved again. As a joint's q̇ passes zero its weight does not matter, so the switch is continuous.
+    Which way joints go is a result of the law, so it is solved with the larger weights, then with those of
+    the ways that joints take. Where weighing them makes others take a weighed way (rare), it is solved again.
+    As a joint's q̇ passes zero its weight does not matter, so the switch is continuous.
 
     Args:
         M: as in `weighted_gradient`.
         rate: as there.
-        x: positions in the half range, (n,), `LimitWeights.position`.
-        w: `LimitWeights.inverse` at x, (n,).
+        down: the diagonal of W⁻¹ for joints that go down, (n,), each in [0, 1].
+        up: for those that go up.
         steepness: as in `weighted_gradient`.
     """
-    approaching = weighted_gradient(M, rate, np.ones_like(w), steepness) * x > 0.0
+    w = np.maximum(down, up)
     while True:
-        qd = weighted_gradient(M, rate, np.where(approaching, w, 1.0), steepness)
-        joined = approaching | (qd * x > 0.0)
-        if (joined == approaching).all():
+        qd = weighted_gradient(M, rate, w, steepness)
+        taken = np.where(qd > 0.0, up, np.where(qd < 0.0, down, w))
+        if (taken >= w).all():
             return qd
-        approaching = joined
+        w = np.minimum(w, taken)

@@ -53,6 +53,8 @@ class Scheme:
         split: no step moves a joint by more than this part of its reach.
         resolution: a rest of the way below this, rad or m, is not worth a step …
         tolerance: … nor one below this part of the way made.
+        turn: longest step in units of the field's own time, h ‖∂f/∂q‖/2. Where repulsion meets a pull the
+            field is stiff, and longer steps would cast the reference to and fro.
     """
 
     step: float = 0.2
@@ -60,14 +62,26 @@ class Scheme:
     split: float = 1.0 / 3.0
     resolution: float = 2e-6
     tolerance: float = 0.05
+    turn: float = 1.0
 
 
 def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:
     """One step of the classical Runge-Kutta method from q over h, k1 being f(q)."""
+    return rk4_turn(f, q, h, k1)[0]
+
+
+def rk4_turn(f: Field, q: Vector, h: float, k1: Vector) -> tuple[Vector, float]:
+    """The same, and h ‖∂f/∂q‖/2 as its stages show it: ‖k3 − k2‖ / ‖k2 − k1‖.
+
+    The stages lie h (k2 − k1)/2 apart, so that the field changes by about ∂f/∂q times this between them. The
+    method is stable for real eigenvalues down to −2.8/h, which is a ratio of 1.4.
+    """
     k2 = f(q + 0.5 * h * k1)
     k3 = f(q + 0.5 * h * k2)
     k4 = f(q + h * k3)
-    return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+    changed = float(np.abs(k2 - k1).max())
+    turn = float(np.abs(k3 - k2).max()) / changed if changed > 0.0 else 0.0
+    return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), turn
 
 
 def integrate(
@@ -83,7 +97,7 @@ def integrate(
         origin: the robot's position (17), from which the way made is counted; `start` by default.
     """
     origin = start if origin is None else origin
-    q, largest_step = start, scheme.split * reach
+    q, largest_step, longest = start, scheme.split * reach, scheme.step
     for steps in range(scheme.budget):
         k1 = f(q)
         way = scheme.step * float(np.abs(k1).max())
@@ -93,7 +107,11 @@ def integrate(
         if (made >= reach).any():
             return Integration(q, steps, Ended.BOUND)
         slowest = float((np.abs(k1) / largest_step).max())
-        h = min(scheme.step, 1.0 / slowest) if slowest > 0.0 else scheme.step
-        q = rk4(f, q, h, k1)
+        h = min(longest, 1.0 / slowest) if slowest > 0.0 else longest
+        ahead, turn = rk4_turn(f, q, h, k1)
+        if turn > scheme.turn:
+            longest = 0.5 * h / turn
+            continue
+        q, longest = ahead, min(scheme.step, 2.0 * h)
     ended = Ended.BOUND if (np.abs(q - origin) >= reach).any() else Ended.BUDGET
     return Integration(q, scheme.budget, ended)

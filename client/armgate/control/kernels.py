@@ -34,7 +34,10 @@ JOINT = np.dtype(
         ("lever", "f8"),
     ]
 )
-SPHERE = np.dtype([("joint", "i8"), ("centre", "f8", (3,)), ("radius", "f8"), ("sinks", "i8")])
+SPHERE = np.dtype(
+    [("joint", "i8"), ("centre", "f8", (3,)), ("radius", "f8"), ("moves", "i8"), ("sinks", "i8")]
+)
+PAIR = np.dtype([("a", "i8"), ("b", "i8"), ("touching", "f8")])
 OBSTACLE = np.dtype([("centre", "f8", (3,)), ("radius", "f8")])
 CAMERA = np.dtype(
     [
@@ -48,6 +51,8 @@ CAMERA = np.dtype(
         ("fade", "f8", (2,)),
         ("repulsion", "f8"),
         ("reach", "f8"),
+        ("own_repulsion", "f8"),
+        ("own_reach", "f8"),
         ("contact", "f8"),
         ("push", "f8"),
         ("squared", "i8"),
@@ -62,6 +67,7 @@ GOAL = np.dtype(
         ("emergency", "i8"),
         ("floor", "f8"),
         ("gap", "f8"),
+        ("own_gap", "f8"),
     ]
 )
 
@@ -145,10 +151,25 @@ def _place(joints, q, R, t, J):
 
 
 @kernel
-def _centre(sphere, R, t):
-    o = _turned(R[sphere.joint], sphere.centre)
-    at = t[sphere.joint]
-    return at[0] + o[0], at[1] + o[1], at[2] + o[2]
+def _centres(spheres, R, t):
+    """`CameraArm.centres`, and those of the base, (k, 3)."""
+    centres = np.empty((len(spheres), 3))
+    for k in range(len(spheres)):
+        sphere = spheres[k]
+        if sphere.joint < 0:
+            centres[k] = sphere.centre
+        else:
+            o = _turned(R[sphere.joint], sphere.centre)
+            for c in range(3):
+                centres[k, c] = t[sphere.joint, c] + o[c]
+    return centres
+
+
+@kernel
+def _apart(o, b):
+    """O − b and its length."""
+    x, y, z = o[0] - b[0], o[1] - b[1], o[2] - b[2]
+    return (x, y, z), sqrt(x * x + y * y + z * z)
 
 
 @kernel
@@ -195,10 +216,10 @@ def _roll(e1, e2, camera):
 
 
 @kernel
-def _push(d, camera):
+def _push(d, eta, reach, camera):
     """`repulsion.push`."""
     d = max(d, camera.contact)
-    strength = camera.repulsion * (1.0 / d - 1.0 / camera.reach) / (d * d)
+    strength = eta * (1.0 / d - 1.0 / reach) / (d * d)
     return min(max(strength, 0.0), camera.push)
 
 
@@ -220,35 +241,67 @@ def _pushed(F, joints, J, joint, force, at):
 
 @kernel
 def _repulsion(F, q, scene, placed):
-    """`CameraLaw._repulsion` and `Repulsion.wrenches`."""
-    (joints, spheres, cameras), goals, around, obstacles = scene
+    """`CameraLaw._repulsion`."""
+    (joints, spheres, _, cameras), goals, around, _, _ = scene
     R, t, J = placed
     camera, goal = cameras[0], goals[0]
     way = 0.0
     for i in range(len(joints)):
         way += abs(q[i] - around[i]) * joints[i].lever
-    if way < goal.gap - camera.reach:
+    others, own = way >= goal.gap - camera.reach, way >= goal.own_gap - camera.own_reach
+    if not (others or own):
         return
-    for sphere in spheres:
-        o = _centre(sphere, R, t)
+    centres = _centres(spheres, R, t)
+    if others:
+        _from_others(F, scene, J, centres)
+    if own:
+        _from_itself(F, scene, J, centres)
+
+
+@kernel
+def _from_others(F, scene, J, centres):
+    """`Repulsion.wrenches`."""
+    (joints, spheres, _, cameras), goals, _, obstacles, _ = scene
+    camera, goal = cameras[0], goals[0]
+    eta, reach = camera.repulsion, camera.reach
+    for k in range(len(spheres)):
+        sphere, o = spheres[k], centres[k]
+        if not sphere.moves:
+            continue
         for obstacle in obstacles:
             b = obstacle.centre
             apart = (o[0] - b[0], o[1] - b[1], o[2] - b[2])
             squared = _dot(apart, apart)
             touching = sphere.radius + obstacle.radius
-            if squared < (touching + camera.reach) ** 2:
+            if squared < (touching + reach) ** 2:
                 distance = max(sqrt(squared), 1e-9)
-                s = _push(distance - touching, camera) / distance
+                s = _push(distance - touching, eta, reach, camera) / distance
                 _pushed(F, joints, J, sphere.joint, (apart[0] * s, apart[1] * s, apart[2] * s), o)
         height = o[2] - (sphere.radius + goal.floor)
-        if sphere.sinks and height < camera.reach:
-            _pushed(F, joints, J, sphere.joint, (0.0, 0.0, _push(height, camera)), o)
+        if sphere.sinks and height < reach:
+            _pushed(F, joints, J, sphere.joint, (0.0, 0.0, _push(height, eta, reach, camera)), o)
+
+
+@kernel
+def _from_itself(F, scene, J, centres):
+    """`OwnPairs.force`."""
+    joints, spheres, pairs, cameras = scene[0]
+    camera = cameras[0]
+    for pair in pairs:
+        o = centres[pair.a]
+        apart, distance = _apart(o, centres[pair.b])
+        gap = distance - pair.touching
+        if gap < camera.own_reach:
+            s = _push(gap, camera.own_repulsion, camera.own_reach, camera) / max(distance, 1e-9)
+            f = (apart[0] * s, apart[1] * s, apart[2] * s)
+            _pushed(F, joints, J, spheres[pair.a].joint, f, o)
+            _pushed(F, joints, J, spheres[pair.b].joint, (-f[0], -f[1], -f[2]), o)
 
 
 @kernel
 def _terms(q, scene, M, F_rep):
     """`CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
-    (joints, _, cameras), goals, _, _ = scene
+    (joints, _, _, cameras), goals, _, _, _ = scene
     camera, goal = cameras[0], goals[0]
     n = len(joints)
     R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
@@ -278,18 +331,24 @@ def _terms(q, scene, M, F_rep):
 
 
 @kernel
-def _weights(q, arm, x, w):
-    """`LimitWeights.position` and `.inverse`."""
-    joints, _, cameras = arm
+def _weights(q, scene):
+    """`CameraLaw._directed`, (2, n)."""
+    (joints, _, _, cameras), _, _, _, ways = scene
+    directed = ways.copy()
     for i in range(len(joints)):
-        x[i] = q[i] * joints[i].slope - joints[i].offset
-        m = max(1.0 - x[i] * x[i], 0.0)
+        x = q[i] * joints[i].slope - joints[i].offset
+        m = max(1.0 - x * x, 0.0)
         m *= m
-        H = joints[i].strength * abs(x[i])
+        H = joints[i].strength * abs(x)
         if cameras[0].squared:
             m *= m
             H *= H
-        w[i] = m / (m + H)
+        w = m / (m + H)
+        if x < 0.0 or cameras[0].always:
+            directed[0, i] *= w
+        if x > 0.0 or cameras[0].always:
+            directed[1, i] *= w
+    return directed
 
 
 @kernel
@@ -317,42 +376,41 @@ def _gradient(M, F_rep, rate, w, steepness, qd):
 
 
 @kernel
-def _approached(M, F_rep, rate, near, steepness, qd):
-    """`gradient.limited_gradient`; `near` are positions in the half range and weights."""
-    x, w = near
-    n = len(w)
-    held = np.ones(n)
+def _limited(M, F_rep, rate, directed, steepness, qd):
+    """`gradient.limited_gradient`."""
+    n = len(qd)
+    w = np.empty(n)
+    for i in range(n):
+        w[i] = max(directed[0, i], directed[1, i])
     while True:
-        _gradient(M, F_rep, rate, held, steepness, qd)
-        joined = False
+        _gradient(M, F_rep, rate, w, steepness, qd)
+        again = False
         for i in range(n):
-            if qd[i] * x[i] > 0.0 and held[i] != w[i]:
-                held[i] = w[i]
-                joined = True
-        if not joined:
+            taken = w[i]
+            if qd[i] != 0.0:
+                taken = directed[1, i] if qd[i] > 0.0 else directed[0, i]
+            if taken < w[i]:
+                w[i], again = taken, True
+        if not again:
             return
 
 
 @kernel
 def field(q, scene):
     """f(q, p, d_r) of (16), (n,)."""
-    arm, goals, _, _ = scene
-    camera = arm[2][0]
+    arm, goals, _, _, _ = scene
+    camera = arm[3][0]
     n = len(q)
-    M, F_rep, x, w, qd = np.empty((4, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    M, F_rep, qd = np.empty((4, n)), np.empty(n), np.empty(n)
     psi1, psi2, drift1, drift2, _ = _terms(q, scene, M, F_rep)
-    _weights(q, arm, x, w)
+    directed = _weights(q, scene)
     if goals[0].emergency:
         for i in range(n):
-            held = F_rep[i] * x[i] > 0.0 or camera.always
-            qd[i] = w[i] * F_rep[i] if held else F_rep[i]
+            qd[i] = directed[1 if F_rep[i] > 0.0 else 0, i] * F_rep[i]
         return qd
     steepness = 0.5 * (1.0 + psi1 * psi1 + psi2 * psi2)
     rate = (-camera.task * psi1 - drift1, -camera.task * psi2 - drift2)
-    if camera.always:
-        _gradient(M, F_rep, rate, w, steepness, qd)
-    else:
-        _approached(M, F_rep, rate, (x, w), steepness, qd)
+    _limited(M, F_rep, rate, directed, steepness, qd)
     return qd
 
 
@@ -364,24 +422,28 @@ def evaluate(q, scene):
 
 @kernel
 def rk4(q, h, k1, scene):
-    """`integrate.rk4`."""
+    """`integrate.rk4_turn`."""
     k2 = field(q + 0.5 * h * k1, scene)
     k3 = field(q + 0.5 * h * k2, scene)
     k4 = field(q + h * k3, scene)
-    return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+    changed, turned = 0.0, 0.0
+    for i in range(len(q)):
+        changed, turned = max(changed, abs(k2[i] - k1[i])), max(turned, abs(k3[i] - k2[i]))
+    turn = turned / changed if changed > 0.0 else 0.0
+    return q + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), turn
 
 
 @kernel
 def advance(q, h, scene):
     """`CameraLaw.step`, in place: q becomes where the step leads."""
-    q[:] = rk4(q, h, field(q, scene), scene)
+    q[:] = rk4(q, h, field(q, scene), scene)[0]
 
 
 @kernel
 def integrate(start, origin, reach, scheme, scene):
     """`integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
-    step, budget, split, resolution, tolerance = scheme
-    q = start.copy()
+    step, budget, split, resolution, tolerance, most = scheme
+    q, longest = start.copy(), step
     for steps in range(budget):
         k1 = field(q, scene)
         made, fastest, slowest, left = 0.0, 0.0, 0.0, False
@@ -394,8 +456,12 @@ def integrate(start, origin, reach, scheme, scene):
             return q, steps, 0
         if left:
             return q, steps, 1
-        h = min(step, 1.0 / slowest) if slowest > 0.0 else step
-        q = rk4(q, h, k1, scene)
+        h = min(longest, 1.0 / slowest) if slowest > 0.0 else longest
+        ahead, turn = rk4(q, h, k1, scene)
+        if turn > most:
+            longest = 0.5 * h / turn
+            continue
+        q, longest = ahead, min(step, 2.0 * h)
     for i in range(len(q)):
         if abs(q[i] - origin[i]) >= reach[i]:
             return q, budget, 1
@@ -413,11 +479,12 @@ def task(q, scene):
 @kernel
 def induced(q, scene):
     """`CameraLaw.induced` for the goal's own velocity, (n,)."""
-    arm, _, _, _ = scene
     n = len(q)
-    M, F_rep, x, w = np.empty((4, n)), np.empty(n), np.empty(n), np.empty(n)
+    M, F_rep, w = np.empty((4, n)), np.empty(n), np.empty(n)
     psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
-    _weights(q, arm, x, w)
+    directed = _weights(q, scene)
+    for i in range(n):
+        w[i] = min(directed[0, i], directed[1, i])
     slope = 2.0 / (1.0 + psi1 * psi1 + psi2 * psi2)
     S, rate = INDUCED_DAMPING * np.eye(3), np.array((-slope * drift1, -slope * drift2, -along))
     M[0] *= slope
@@ -439,19 +506,24 @@ def induced(q, scene):
 
 
 @kernel
-def gap(q, arm, floor, obstacles):
-    """`Repulsion.least_gap` at q."""
-    joints, spheres, _ = arm
+def gaps(q, arm, floor, obstacles):
+    """`Repulsion.least_gap` and `OwnPairs.least_gap` at q."""
+    joints, spheres, pairs, _ = arm
     n = len(joints)
     R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
     _place(joints, q, R, t, J)
-    least = np.inf
-    for sphere in spheres:
-        o = _centre(sphere, R, t)
+    centres = _centres(spheres, R, t)
+    least, own = np.inf, np.inf
+    for k in range(len(spheres)):
+        sphere, o = spheres[k], centres[k]
+        if not sphere.moves:
+            continue
         for obstacle in obstacles:
-            b = obstacle.centre
-            r = (o[0] - b[0], o[1] - b[1], o[2] - b[2])
-            least = min(least, sqrt(_dot(r, r)) - (sphere.radius + obstacle.radius))
+            _, distance = _apart(o, obstacle.centre)
+            least = min(least, distance - (sphere.radius + obstacle.radius))
         if sphere.sinks:
             least = min(least, o[2] - (sphere.radius + floor))
-    return least
+    for pair in pairs:
+        _, distance = _apart(centres[pair.a], centres[pair.b])
+        own = min(own, distance - pair.touching)
+    return least, own

@@ -27,12 +27,15 @@ class CameraArm:
         J: the spatial Jacobian, world axes, at the world's origin, (6, n); for [f; p × f] it gives joint
             forces.
         last: index of the last joint that carries the camera.
+        carriers: row j: 1.0 for joint j and the joints that carry it, else 0.0, (n, n).
         camera_moved: 1.0 for the joints that carry the camera, else 0.0, (n,).
         spheres_moved: the same for each sphere, (k, n).
         spin: ∂φ/∂q of the last joint, φ being the roll angle of (15).
         mount: placement of the camera in the frame of that joint.
+        moves: which spheres' centres any joint moves, (k,); one on the axis of the first joint stays.
         sinks: which spheres can come nearer to the floor at all, (k,).
-        lever: no sphere's centre moves farther than lever · |Δq|, (n,), m/rad.
+        lever: no sphere's centre moves farther than lever · |Δq|, (n,), m/rad; nor does it move farther
+            than that against another one.
 
     Raises:
         ModelError: for a frame that the model does not have, or that no joint moves.
@@ -53,11 +56,12 @@ class CameraArm:
         self.J: Vector = self._data.J
         self._R, self._t = camera.rotation.T, camera.translation
         self._centres = [oMf[k].translation for k in frames]
-        moved = _carriers(model)
+        self.carriers = moved = _carriers(model)
         self.camera_moved = moved[self.last]
         self.spheres_moved = moved[list(spheres.joints)].reshape(-1, model.n)
         self.place(pin.neutral(self._model))
         self.spin = -dot(vector(self.J[3:, self.last]), self.camera_axes()[2])
+        self.moves = _moving(model, spheres)
         self.sinks = self._sinking(model, spheres)
         self.lever: Vector = motion_bounds(model)[list(spheres.bodies)].max(axis=0, initial=0.0)
 
@@ -96,8 +100,15 @@ class CameraArm:
         return np.array(self._centres).reshape(-1, 3)
 
 
+def _moving(model: RobotModel, spheres: Spheres) -> NDArray[np.bool_]:
+    """See `CameraArm.moves`."""
+    places = [spheres.centres(q) for q in np.linspace(model.lower, model.upper, 5)]
+    moves: NDArray[np.bool_] = np.ptp(places, axis=0).max(axis=1, initial=0.0) > 1e-6
+    return moves
+
+
 def _carriers(model: RobotModel) -> Vector:
-    """Row j: 1.0 for joint j and the joints that carry it, (n, n)."""
+    """See `CameraArm.carriers`."""
     moved = np.eye(model.n)
     for joint, parent in enumerate(model.parents):
         if parent >= 0:

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from armgate.cell.model import RobotModel
 from armgate.control.gains import Gains
-from armgate.control.gradient import limited_gradient, weighted_gradient
+from armgate.control.gradient import limited_gradient
 from armgate.control.integrate import Integration, Scheme, integrate, rk4
+from armgate.control.itself import OwnPairs
 from armgate.control.kinematics import CameraArm
 from armgate.control.repulsion import Obstacles, Repulsion
 from armgate.control.spheres import Spheres
@@ -30,10 +31,12 @@ class Scene:
     Attributes:
         around: that position, (n,).
         gap: least distance to an obstacle there, m; inf without obstacles.
+        own_gap: least distance between own spheres that can meet, m.
     """
 
     around: Vector
     gap: float
+    own_gap: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,8 @@ class Goal:
         emergency: (13) instead of (9).
         velocity: ṗ, m/s, for the term P ṗ of (4). Only a law that integrates real time may have it: in the
             virtual time of (16) the target stands still.
+        ways: what is left to each joint of its way down and up, (2, n), each in [0, 1], on top of the weights
+            of its limits; None for all.
     """
 
     p: V3
@@ -65,6 +70,7 @@ class Goal:
     scene: Scene | None = None
     emergency: bool = False
     velocity: V3 = (0.0, 0.0, 0.0)
+    ways: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +82,7 @@ class Terms:
         J_t: ∂Ψ/∂q, (2, n).
         J_d: ∂‖x − p‖/∂q, (n,), m/rad.
         F: the sum of the fields of view distance (14) and roll (15), (n,).
-        F_rep: repulsion (12), (n,).
+        F_rep: repulsion (12) from obstacles and from itself, (n,).
         P: ∂Ψ/∂p, (2, 3), 1/m.
         ray: unit vector from lens to target, (3).
     """
@@ -120,14 +126,16 @@ class CameraLaw:
         self.gains = Gains() if gains is None else gains
         self.spheres = Spheres.of(model) if spheres is None else spheres
         self._arm = CameraArm(model, frame, self.spheres)
+        self._own = OwnPairs(model, self.spheres, self._arm.carriers)
         self._weights = LimitWeights.of(model, self.gains.limits, self.gains.limit)
         self._nothing = np.zeros(model.n)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> Scene:
         """The obstacles as seen around q, (n,); the law stays valid for them everywhere."""
         self._arm.place(q)
-        repulsion = Repulsion(self.spheres.radii, self._arm.sinks, obstacles, self.gains)
-        return PushingScene(q, repulsion.least_gap(self._arm.centres()), repulsion)
+        repulsion = Repulsion(self.spheres.radii, self._arm.moves, self._arm.sinks, obstacles, self.gains)
+        centres = self._arm.centres()
+        return PushingScene(q, repulsion.least_gap(centres), self._own.least_gap(centres), repulsion)
 
     def goal(
         self,
@@ -137,6 +145,7 @@ class CameraLaw:
         *,
         emergency: bool = False,
         velocity: ArrayLike = (0.0, 0.0, 0.0),
+        ways: Vector | None = None,
     ) -> Goal:
         """What to evaluate the law for.
 
@@ -146,14 +155,16 @@ class CameraLaw:
             scene: the obstacles; None for none.
             emergency: (13) instead of (9).
             velocity: ṗ, (3,), m/s; see `Goal`.
+            ways: (2, n); see `Goal`.
         """
         target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
-        return Goal(target, distance, scene, emergency, moving)
+        return Goal(target, distance, scene, emergency, moving, ways)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
         """f(q, p, d_r) of (16), (n,), rad/s."""
         terms = self.terms(q, goal)
-        return self.velocity(q, terms, emergency=goal.emergency, drift=_drift(terms, goal.velocity))
+        drift = _drift(terms, goal.velocity)
+        return self.velocity(q, terms, emergency=goal.emergency, drift=drift, ways=goal.ways)
 
     def step(self, q: Vector, h: float, goal: Goal) -> Vector:
         """One step (16) of the Runge-Kutta method from q over h, s."""
@@ -195,33 +206,44 @@ class CameraLaw:
             return self._nothing
         if not isinstance(scene, PushingScene):
             raise TypeError("expected a scene made by this law")
-        arm = self._arm
+        arm, F = self._arm, self._nothing
         # Mostly all is far away, and the way made since cannot have changed that.
-        if float(np.abs(q - scene.around) @ arm.lever) < scene.gap - self.gains.reach:
-            return self._nothing
-        pushed = scene.repulsion.wrenches(arm.centres())
-        if pushed is None:
-            return self._nothing
-        which, wrenches = pushed
-        F: Vector = ((wrenches @ arm.J) * arm.spheres_moved[which]).sum(axis=0)
+        way = float(np.abs(q - scene.around) @ arm.lever)
+        others, own = way >= scene.gap - self.gains.reach, way >= scene.own_gap - self.gains.own_reach
+        if not (others or own):
+            return F
+        centres = arm.centres()
+        if others and (pushed := scene.repulsion.wrenches(centres)) is not None:
+            which, wrenches = pushed
+            F = F + ((wrenches @ arm.J) * arm.spheres_moved[which]).sum(axis=0)
+        if own and (force := self._own.force(centres, arm.J, self.gains)) is not None:
+            F = F + force
         return F
 
     def velocity(
-        self, q: Vector, terms: Terms, *, emergency: bool = False, drift: tuple[float, float] = (0.0, 0.0)
+        self,
+        q: Vector,
+        terms: Terms,
+        *,
+        emergency: bool = False,
+        drift: tuple[float, float] = (0.0, 0.0),
+        ways: Vector | None = None,
     ) -> Vector:
         """q̇ of (9), or of (13) in an emergency, from the terms at q, (n,), rad/s; `drift` is P ṗ of (4)."""
-        x, always = self._weights.position(q), self.gains.limits.always
-        w = self._weights.inverse(x)
+        down, up = self._directed(q, ways)
         if emergency:
-            return np.where((terms.F_rep * x > 0.0) | always, w, 1.0) * terms.F_rep
+            return np.where(terms.F_rep > 0.0, up, down) * terms.F_rep
         M = np.empty((3, len(q)))
         M[:2] = terms.J_t
         M[2] = terms.F + terms.F_rep
         k_p, (psi1, psi2) = self.gains.task, terms.psi
         rate = (-k_p * psi1 - drift[0], -k_p * psi2 - drift[1])
-        if always:
-            return weighted_gradient(M, rate, w, terms.steepness)
-        return limited_gradient(M, rate, x, w, steepness=terms.steepness)
+        return limited_gradient(M, rate, down, up, steepness=terms.steepness)
+
+    def _directed(self, q: Vector, ways: Vector | None) -> tuple[Vector, Vector]:
+        """W⁻¹ for joints that go down, and for those that go up, (n,)."""
+        down, up = self._weights.directed(self._weights.position(q), always=self.gains.limits.always)
+        return (down, up) if ways is None else (down * ways[0], up * ways[1])
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
         """The joint velocity that keeps angle and distance while the target moves at `velocity` (3,), m/s.
@@ -235,7 +257,7 @@ class CameraLaw:
         slope, (drift1, drift2) = 1.0 / terms.steepness, _drift(terms, v)
         rate = (-slope * drift1, -slope * drift2, -dot(terms.ray, v))
         J = np.vstack((slope * terms.J_t, terms.J_d))
-        A = J * self._weights.inverse(self._weights.position(q))
+        A = J * np.minimum(*self._directed(q, goal.ways))
         qd: Vector = np.linalg.solve(A @ J.T + INDUCED_DAMPING * np.eye(3), rate) @ A
         return qd
 

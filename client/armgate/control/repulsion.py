@@ -43,10 +43,10 @@ class Obstacles:
             )
 
 
-def push(d: Vector, gains: Gains) -> Vector:
-    """φ(d) of (12): zero beyond ρ0, finite at contact. d is the distance between surfaces, m."""
+def push(d: Vector, eta: float, reach: float, gains: Gains) -> Vector:
+    """φ(d) of (12) with η and ρ0: zero beyond ρ0, finite at contact. d is the distance of surfaces, m."""
     d = np.maximum(d, gains.contact)
-    strength: Vector = gains.repulsion * (1.0 / d - 1.0 / gains.reach) / (d * d)
+    strength: Vector = eta * (1.0 / d - 1.0 / reach) / (d * d)
     return np.clip(strength, 0.0, gains.push)
 
 
@@ -55,16 +55,25 @@ class Repulsion:
 
     Args:
         radii: of the robot's spheres, (k,), m.
+        moves: which of them any joint moves, (k,): nothing else can be pushed, or go out of the way.
         sinks: which of them can come nearer to the floor at all, (k,).
         obstacles: what pushes.
         gains: how.
     """
 
-    def __init__(self, radii: Vector, sinks: NDArray[np.bool_], obstacles: Obstacles, gains: Gains) -> None:
+    def __init__(
+        self,
+        radii: Vector,
+        moves: NDArray[np.bool_],
+        sinks: NDArray[np.bool_],
+        obstacles: Obstacles,
+        gains: Gains,
+    ) -> None:
         self._gains = gains
         self._centres = obstacles.centres
-        self._touching = radii[:, None] + obstacles.radii
-        self._near_squared = (self._touching + gains.reach) ** 2
+        touching = radii[:, None] + obstacles.radii
+        self._touching = np.where(moves[:, None], touching, -np.inf)
+        self._near_squared = np.where(moves[:, None], (touching + gains.reach) ** 2, 0.0)
         # Height of a centre at which its sphere rests on the floor.
         floor = -np.inf if obstacles.floor is None else obstacles.floor
         self._resting = np.where(sinks, radii + floor, -np.inf)
@@ -89,13 +98,16 @@ class Repulsion:
             return None
         i, j = near.nonzero()
         distance = np.maximum(np.sqrt(squared[i, j]), 1e-9)
-        strength = push(distance - self._touching[i, j], self._gains)
+        strength = self._push(distance - self._touching[i, j])
         (k,) = low.nonzero()
         up = np.zeros((len(k), 3))
-        up[:, 2] = push(height[k], self._gains)
+        up[:, 2] = self._push(height[k])
         forces = np.concatenate((apart[i, j] * (strength / distance)[:, None], up))
         pushed = np.concatenate((i, k))
         return pushed, np.concatenate((forces, np.cross(centres[pushed], forces)), axis=1)
+
+    def _push(self, d: Vector) -> Vector:
+        return push(d, self._gains.repulsion, self._gains.reach, self._gains)
 
 
 class Emergency:

@@ -22,12 +22,12 @@ MOST = 8
 
 @dataclass(frozen=True, slots=True)
 class Spheres:
-    """Spheres that together cover the moving bodies of a robot; those of its base are left out.
+    """Spheres that together cover bodies of a robot: those that move, or those of its base.
 
     Attributes:
         model: whose bodies they cover.
         bodies: for each sphere the index of its body in `model.bodies`, (k,).
-        joints: the joint that carries it, (k,), ≥ 0.
+        joints: the joint that carries it, (k,); −1 for the base.
         offsets: its centre in the body's own frame, (k, 3), m.
         radii: (k,), m.
     """
@@ -41,11 +41,19 @@ class Spheres:
     @classmethod
     def of(cls, model: RobotModel) -> Spheres:
         """The spheres of all bodies of `model` that a joint moves."""
+        return cls._of(model, [index for index, body in enumerate(model.bodies) if body.joint >= 0])
+
+    @classmethod
+    def of_base(cls, model: RobotModel) -> Spheres:
+        """The spheres of the bodies of its base."""
+        return cls._of(model, [index for index, body in enumerate(model.bodies) if body.joint < 0])
+
+    @classmethod
+    def _of(cls, model: RobotModel, bodies: list[int]) -> Spheres:
         rows = [
-            (index, body.joint, offset, radius)
-            for index, body in enumerate(model.bodies)
-            if body.joint >= 0
-            for offset, radius in cover(body.shape)
+            (index, model.bodies[index].joint, offset, radius)
+            for index in bodies
+            for offset, radius in cover(model.bodies[index].shape)
         ]
         return cls(
             model,

@@ -100,3 +100,13 @@ class LimitWeights:
             H *= H
         w: Vector = m / (m + H)
         return w
+
+    def directed(self, x: Vector, *, always: bool) -> tuple[Vector, Vector]:
+        """The diagonals of W⁻¹ at the positions x for joints that go down, and for those that go up.
+
+        Args:
+            x: as in `inverse`.
+            always: whether joints that leave their limit are weighed, too.
+        """
+        w = self.inverse(x)
+        return (w, w) if always else (np.where(x < 0.0, w, 1.0), np.where(x > 0.0, w, 1.0))

@@ -113,15 +113,26 @@ def _zoom(entries: Sequence[Entry]) -> Iterable[Claim]:
 
 def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
     for case in sorted({entry["case"] for entry in entries}):
-        own = _of(entries, case)
-        speed = case.removeprefix("dash-")
-        refused = sum(e["follower_refused"] for e in own) / len(own)
-        yield at_most(f"{speed} m/s: share of runs in which the follower is refused", [refused], 0.1, "")
-        free = (e["free_angle_deg"] for e in own)
-        yield at_most(f"{speed} m/s: angle except while (13) or the gate acts and 2 s after", free, 1.0, "°")
-        leaders = sum(e["leader_refused"] for e in own) / len(own)
-        text = f"{speed} m/s: share of runs in which the leader is refused"
-        yield Claim(text, "reported", leaders, "", None)
+        own, (kind, speed) = _of(entries, case), case.split("-")
+        text = f"{kind} at {speed} m/s"
+        if kind == "dash":
+            refused = _share(own, "follower_refused")
+            yield at_most(f"{text}: share of runs in which the follower is refused", [refused], 0.1, "")
+            free = [e["free_angle_deg"] for e in own]
+            yield at_most(f"{text}: angle except while (13) or the gate acts and 2 s after", free, 1.0, "°")
+        else:
+            yield _reported(
+                own, f"{text}: share of runs in which the follower is refused", "follower_refused"
+            )
+        yield _reported(own, f"{text}: share of runs in which the leader is refused", "leader_refused")
+
+
+def _share(entries: Sequence[Entry], what: str) -> float:
+    return sum(bool(entry[what]) for entry in entries) / len(entries)
+
+
+def _reported(entries: Sequence[Entry], text: str, what: str) -> Claim:
+    return Claim(text, "reported", _share(entries, what), "", None)
 
 
 _OF = {"tracking": _tracking, "approach": _approach, "zoom": _zoom, "collision": _collision}

@@ -31,7 +31,7 @@ def evaluate(trial: Trial, seen: Observation) -> dict[str, Any]:
         return _approach(series, positions)
     if trial.zoom is not None:
         return _zoom(series)
-    if trial.case.startswith("dash"):
+    if trial.case.startswith(("dash", "pursuit")):
         return _dash(series)
     return _tour(series)
 

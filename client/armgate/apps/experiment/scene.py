@@ -21,8 +21,6 @@ CLEAR = 0.08
 """Bounding spheres of a start are this far from the leader and the floor, m …"""
 CLEAR_ITSELF = 0.025
 """… and from each other."""
-NOT_BEHIND = 80.0
-"""A start at a limit has the leader's tool no farther off its view axis, degrees."""
 TRIES = 20_000
 """How many positions are tried for a start, from near the configured one to anywhere."""
 NEIGHBOURS = 3
@@ -114,8 +112,7 @@ def off_axis_start(scene: Scene, seed: int) -> Array:
 def limit_starts(scene: Scene, share: float) -> list[Array]:
     """Starts of the follower (n,), one at each limit of each joint, the others as they are configured.
 
-    Where that is not clear of everything, or the leader's tool is behind the camera, other joints are moved
-    by chance until neither is so.
+    Where that is not clear of everything the other joints are moved by chance until it is.
     """
     return [
         _limit_start(scene, joint, sign * share)
@@ -131,7 +128,7 @@ def _limit_start(scene: Scene, joint: int, share: float) -> Array:
         q: Array = robot.start + spread * rng.uniform(-1.0, 1.0, len(half)) * half
         q = np.clip(q, middle - 0.9 * half, middle + 0.9 * half)
         q[joint] = middle[joint] + share * half[joint]
-        if _off_axis(scene, q) < NOT_BEHIND and clear(scene, q):
+        if clear(scene, q):
             return q
     raise UsageError(f"no start of {robot.name} at {share:g} of the range of joint {joint} is clear")
 

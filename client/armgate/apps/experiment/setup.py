@@ -82,14 +82,23 @@ class Zoom(Common):
     rate: Speed
 
 
+class Pursuit(Part):
+    """The leader goes for a link of the follower wherever that moves to: how often, how long, how fast."""
+
+    seeds: Seeds
+    seconds: Period
+    speeds: Annotated[tuple[Speed, ...], Field(min_length=1)]
+
+
 class Collision(Common):
-    """The leader dashes at the follower, whose focus stays."""
+    """The leader dashes at the follower, whose focus stays; then it pursues it, where that is asked for."""
 
     experiment: Literal["collision"]
     focus: Point
     way: Size
     speeds: Annotated[tuple[Speed, ...], Field(min_length=1)]
     lag: Lag
+    pursuit: Pursuit | None = None
 
 
 Experiment = Approach | Tracking | Zoom | Collision

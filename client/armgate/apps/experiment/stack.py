@@ -55,7 +55,9 @@ def plan(trial: Trial, scene: Scene, folder: Path, realtime: bool) -> Plan:
     overlay.write_text(yaml.safe_dump(_overlay(trial, scene), sort_keys=False), encoding="utf-8")
     follower, leader = scene.follower.name, scene.leader.name
     crew: dict[str, tuple[str, ...]] = {}
-    if trial.path is not None:
+    if trial.pursue is not None:
+        crew[LEADER] = ("lead", "--robot", leader, *trial.pursue)
+    elif trial.path is not None:
         path = folder / "path.csv"
         joints = [
             (joint.name, "rad" if joint.kind == "revolute" else "m") for joint in scene.leader.model.joints

@@ -29,6 +29,8 @@ class Trial:
         follow: Options of ``armgate follow``.
         start: Of the follower (n,); None: as configured.
         path: Of the leader's tool (k, 3), world, one sample a tick; None: it rests.
+        pursue: Options of ``armgate lead`` with which the leader pursues the follower, from the beginning of
+            its path; None: it goes along it.
         zoom: Options of ``armgate zoom``; None: nobody zooms.
         seconds: How long the follower follows; None: until the leader is done.
     """
@@ -39,6 +41,7 @@ class Trial:
     follow: tuple[str, ...] = ()
     start: Array | None = field(default=None, compare=False)
     path: Array | None = field(default=None, compare=False)
+    pursue: tuple[str, ...] | None = None
     zoom: tuple[str, ...] | None = None
     seconds: float | None = None
 
@@ -59,7 +62,7 @@ def trials(experiment: Experiment, scene: Scene, seeds: int | None = None) -> li
         case Zoom():
             return list(_zooms(experiment, scene, numbers))
         case Collision():
-            return list(_dashes(experiment, scene, numbers))
+            return [*_dashes(experiment, scene, numbers), *_pursuits(experiment, scene, seeds)]
 
 
 def _view(experiment: Experiment) -> tuple[str, ...]:
@@ -110,22 +113,40 @@ def _zooms(experiment: Zoom, scene: Scene, seeds: range) -> Iterator[Trial]:
 
 
 def _dashes(experiment: Collision, scene: Scene, seeds: range) -> Iterator[Trial]:
-    spheres = Spheres.of(scene.follower.model)
-    centres = spheres.centres(scene.follower.start)
-    links = sorted(set(spheres.bodies))
-    focus = ("--focus", *map(str, experiment.focus))
+    lag, looks = experiment.lag, _looks(experiment)
     for speed in experiment.speeds:
         for seed in seeds:
-            link = links[seed % len(links)]
-            place = centres[[body == link for body in spheres.bodies]].mean(axis=0)
-            begin, end = dash(place, seed, experiment.way, *scene.reach())
+            _, begin, end = _attack(experiment, scene, seed)
             path = straight(begin, end, speed, scene.leader.period)
             seconds = experiment.way / speed + experiment.seconds
+            yield Trial(f"dash-{speed:g}", seed, lag, looks, path=path, seconds=seconds)
+
+
+def _pursuits(experiment: Collision, scene: Scene, seeds: int | None) -> Iterator[Trial]:
+    own = experiment.pursuit
+    if own is None:
+        return
+    count = own.seeds if seeds is None else min(seeds, own.seeds)
+    for speed in own.speeds:
+        for seed in range(experiment.first_seed, experiment.first_seed + count):
+            body, begin, _ = _attack(experiment, scene, seed)
+            pursue = ("--pursue", f"{scene.follower.name}/{body}", "--tool-speed", str(speed))
             yield Trial(
-                f"dash-{speed:g}",
-                seed,
-                experiment.lag,
-                (*_view(experiment), *focus),
-                path=path,
-                seconds=seconds,
-            )
+                f"pursuit-{speed:g}", seed, experiment.lag, _looks(experiment), path=begin[None],
+                pursue=pursue, seconds=own.seconds,
+            )  # fmt: skip
+
+
+def _looks(experiment: Collision) -> tuple[str, ...]:
+    return (*_view(experiment), "--focus", *map(str, experiment.focus))
+
+
+def _attack(experiment: Collision, scene: Scene, seed: int) -> tuple[str, Array, Array]:
+    """The link that a seed attacks, each in its turn; where the leader's tool begins, and where it ends."""
+    spheres = Spheres.of(scene.follower.model)
+    links = sorted(set(spheres.bodies))
+    link = links[seed % len(links)]
+    centres = spheres.centres(scene.follower.start)
+    place = centres[[body == link for body in spheres.bodies]].mean(axis=0)
+    begin, end = dash(place, seed, experiment.way, *scene.reach())
+    return scene.follower.model.bodies[link].name, begin, end

@@ -54,7 +54,7 @@ def follow(
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         wanted = Wish(distance, lag, focus=focus, predict=predict)
         loop = FollowLoop.build(cell, robot, leader, wanted)
-        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
+        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest"])
         with cell.acquire(robot) as arm:
             ended = chase(cell, arm, loop, wish, duration)
     typer.echo(f"{robot}: {ended}")

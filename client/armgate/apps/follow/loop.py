@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import AppError, UsageError
+from armgate.apps.follow.beside import Beside, Side
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.robots import bounds_of, described, floor_of, model_of
-from armgate.cell.model import RobotModel
 from armgate.client import Cell, Robot, RobotDescription, Tick
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import camera_law
@@ -54,8 +54,8 @@ class FollowLoop:
     Attributes:
         robot: The robot that carries the camera, as described.
         leader: The robot whose tool is looked at, as described.
-        target: Model of the leader's robot.
-        spheres: Its bounding spheres, which repel.
+        beside: Finds where the leader, whose model it holds, is near.
+        spheres: The leader's bounding spheres, which repel.
         follower: The control law with its bounds.
         bounds: Of the camera robot's increments.
         wish: How to follow.
@@ -64,7 +64,7 @@ class FollowLoop:
 
     robot: RobotDescription
     leader: RobotDescription
-    target: RobotModel
+    beside: Beside
     spheres: Spheres
     follower: Follower
     bounds: IncrementBounds
@@ -84,20 +84,21 @@ class FollowLoop:
             raise UsageError(f"robot {robot!r} has no camera; name one in the cell's configuration")
         if robot == leader:
             raise UsageError(f"robot {robot!r} cannot follow itself; name another --leader")
-        target = model_of(cell, other)
+        carrier, target = model_of(cell, own), model_of(cell, other)
         bounds = bounds_of(own)
         follower = Follower(
-            camera_law(model_of(cell, own), own.camera),
+            camera_law(carrier, own.camera),
             bounds,
             period=own.period,
             ahead=LOOP_TICKS * own.period + ramp_lag(wish.lag, own.period),
             predict=wish.predict,
         )
-        return cls(own, other, target, Spheres.of(target), follower, bounds, wish, floor_of(cell.description))
+        beside = Beside(Side(robot, carrier), Side(leader, target))
+        return cls(own, other, beside, Spheres.of(target), follower, bounds, wish, floor_of(cell.description))
 
     def step(self, tick: Tick) -> "Answer":
         """The answer to a tick."""
-        entry = tick.entry(self.leader.name)
+        own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
         played = self._last.update(tick.tick, tick.setpoint)
         told = tick.signals.get("operator.distance")
         distance = self.wish.distance if told is None else told.value[0]
@@ -113,6 +114,8 @@ class FollowLoop:
             target_time=seen,
             distance=distance,
             obstacles=self._obstacles(leader),
+            stop_end=np.array(own.stop_end) if own.stop_end else None,
+            near=self.beside.pairs(own, entry),
         )
         near = self.bounds.share(q) > NEAR_LIMIT
         tool = None if self.wish.focus is None else self._tool(leader)
@@ -125,7 +128,7 @@ class FollowLoop:
         return self._tool(leader), measured
 
     def _tool(self, leader: Array | None) -> Array | None:
-        return None if leader is None else self.target.frame(leader, self.leader.tool).t
+        return None if leader is None else self.beside.other.model.frame(leader, self.leader.tool).t
 
     def _obstacles(self, q: Array | None) -> Obstacles:
         if q is None:

@@ -1,4 +1,4 @@
-"""``armgate lead``: takes a robot and drives it along a recorded path, or by hand."""
+"""``armgate lead``: takes a robot and drives it along a recorded path, by hand, or after another robot."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +21,12 @@ def lead(
         str | None,
         typer.Option("--input", metavar="NAME", help="Drive by hand: gamepad, keyboard.", show_default=False),
     ] = None,
+    pursue: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT/BODY", help="Go for a body of another robot, until Ctrl-C.", show_default=False
+        ),
+    ] = None,
     robot: Annotated[
         str | None,
         typer.Option(help="Robot to drive; the one that the path was recorded with if none is named."),
@@ -35,20 +41,28 @@ def lead(
     speed: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="By hand: the largest share of the robot's speeds.")
     ] = 0.25,
+    tool_speed: Annotated[
+        float, typer.Option(min=0.001, metavar="M/S", help="In a pursuit: the tool's speed.")
+    ] = 0.25,
     name: Annotated[str, typer.Option(help="This participant's name.")] = "leader",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Drive a robot along a recorded path (--path), or by hand (--input)."""
+    """Drive a robot along a recorded path (--path), by hand (--input), or after another one (--pursue)."""
     from armgate.apps.errors import UsageError  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
 
-    if (path is None) == (by is None):
-        raise UsageError("give either --path FILE or --input NAME")
-    run = _along(path, robot, duration) if path is not None else _by_hand(str(by), robot, mode, speed)
+    if sum(way is not None for way in (path, by, pursue)) != 1:
+        raise UsageError("give one of --path FILE, --input NAME and --pursue ROBOT/BODY")
+    if path is not None:
+        run = _along(path, robot, duration)
+    elif by is not None:
+        run = _by_hand(by, robot, mode, speed)
+    else:
+        run = _after(str(pursue), robot, tool_speed)
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         typer.echo(run(cell, wish))
@@ -80,3 +94,9 @@ def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: 
 
     hand = Hand(find(by), robot, mode, speed)
     return lambda cell, wish: drive_by_hand(cell, hand, wish, typer.echo)
+
+
+def _after(target: str, robot: str | None, speed: float) -> Run:
+    from armgate.apps.lead.pursuit import pursue  # noqa: PLC0415
+
+    return lambda cell, wish: pursue(cell, robot, target, speed, wish, typer.echo)

@@ -39,7 +39,7 @@ def drive_by_hand(cell: Cell, hand: Hand, interrupt: Interrupt, tell: Callable[[
         AppError: The input failed; the robot is at rest.
         ClientError: The lease was refused or lost, the robot stopped, the daemon is gone.
     """
-    described = _described(cell.description, hand.robot)
+    described = described_in(cell.description, hand.robot)
     steering = steering_of(cell, described, hand.speed)
     cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
     source = hand.make(Setting(described, hand.mode, tell))
@@ -72,7 +72,12 @@ def _tool_of(cell: Cell, robot: RobotDescription) -> Tool | None:
     return FrameTask(RobotModel.from_urdf(cell.urdf(robot.name), base), robot.tool, ROWS)
 
 
-def _described(cell: Description, robot: str | None) -> RobotDescription:
+def described_in(cell: Description, robot: str | None) -> RobotDescription:
+    """The robot of this name; None: the only one.
+
+    Raises:
+        UsageError: There is no such robot, or there are several.
+    """
     known = {described.name: described for described in cell.robots}
     if robot is None and len(known) == 1:
         return next(iter(known.values()))

@@ -11,8 +11,8 @@ from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.inputs import Input
 from armgate.apps.lead.playback import REACHED
 from armgate.apps.lead.steering import Steering
-from armgate.apps.lead.wishes import Moment, Wish
-from armgate.client import Robot, Verdict
+from armgate.apps.lead.wishes import Array, Moment, Wish
+from armgate.client import Robot, Tick, Verdict
 
 
 def jog(
@@ -42,7 +42,7 @@ def jog(
         resting = bool(np.all(np.abs(played) < REACHED))
         wish = Wish(ended="interrupted") if interrupt.asked else ended
         if not wish.ended:
-            wish = source.wish(Moment(tick.time, setpoint, np.array(tick.q)))
+            wish = source.wish(Moment(tick.time, setpoint, np.array(tick.q), _others(tick)))
         if wish.ended:
             ended = wish
         if ended.ended and resting:
@@ -51,6 +51,11 @@ def jog(
         if motion is not None or not resting:  # at rest with nothing to do the SDK keeps the lease
             told.verdict(robot.send(steering.step(motion, setpoint, played).tolist()))
     raise AssertionError("ticks end only by an exception")
+
+
+def _others(tick: Tick) -> dict[str, Array]:
+    entries = (entry for entry in tick.state.entries if entry.robot != tick.robot and entry.q)
+    return {entry.robot: np.array(entry.q) for entry in entries}
 
 
 def _how(robot: Robot, ended: Wish) -> str:

@@ -45,6 +45,7 @@ class Steering:
         upper: Upper limits (n,).
         share: The largest share of the joints' and the tool's speeds that is used, above 0, at most 1.
         tool: The tool's six rows; None where wishes are for joints only.
+        tool_speed: Largest speed of the tool, m/s.
     """
 
     bounds: Bounds
@@ -52,6 +53,7 @@ class Steering:
     upper: Array
     share: float = 1.0
     tool: Tool | None = None
+    tool_speed: float = TOOL_SPEED
 
     def step(self, motion: Motion | None, setpoint: Array, last: Array) -> Array:
         """The increment for the next tick (n,).
@@ -108,4 +110,4 @@ class Steering:
 
     @property
     def _tool_speeds(self) -> Array:
-        return self.share * np.array([TOOL_SPEED] * 3 + [TOOL_TURN] * 3)
+        return self.share * np.array([self.tool_speed] * 3 + [TOOL_TURN] * 3)

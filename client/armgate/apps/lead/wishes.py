@@ -1,6 +1,7 @@
 """What an input wants of the robot at a tick, and what it may know for that."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +68,10 @@ class Moment:
         time: Daemon time of the tick, s.
         setpoint: The commanded position (n,), rad or m.
         q: The measured one (n,), rad or m.
+        others: Measured positions of the cell's other robots by name.
     """
 
     time: float
     setpoint: Array
     q: Array
+    others: Mapping[str, Array] = field(default_factory=dict)
