@@ -179,6 +179,8 @@ SETTINGS = (
     Setting("planar", traffic=ROUGH),
     Setting("planar", lag=0.12, response="slow"),
     Setting("demo", lag=0.03, share=0.5),
+    Setting("mesh", lag=0.03, traffic=ROUGH),
+    Setting("mesh", response="slow"),
 )
 
 

@@ -5,7 +5,6 @@ says is bracketed by own figures, because it over-reports: from above by points 
 closer pair of points proves a violation), from below by planes (they prove that there is none).
 """
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import fcl
 import numpy as np
 
 from armgate.cell.cell import Cell
+from integrity.solids import Solid
 
 TINY = 2e-7
 """What rounding in the kinematics, both engines and the figures below may come to, m."""
@@ -43,73 +43,6 @@ def _pose(element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
     return rotation(_numbers(origin, "rpy", "0 0 0")), _numbers(origin, "xyz", "0 0 0")
 
 
-@dataclass(frozen=True)
-class Solid:
-    """A body: a kind with sizes, and a thick segment that holds it (exactly, for ball and capsule)."""
-
-    name: str
-    kind: str
-    size: tuple[float, ...]
-
-    @property
-    def exact(self) -> bool:
-        return self.kind in ("sphere", "capsule")
-
-    def hull(self) -> tuple[np.ndarray, float]:
-        """Half the segment, in the body's frame, and the thickness."""
-        s = self.size
-        if self.kind == "sphere":
-            return np.zeros(3), s[0]
-        if self.kind in ("capsule", "cylinder"):
-            return np.array([0.0, 0.0, s[1] / 2]), s[0]
-        k = int(np.argmax(s))
-        half = np.zeros(3)
-        half[k] = s[k] / 2
-        return half, math.hypot(*(x / 2 for i, x in enumerate(s) if i != k))
-
-    def reach(self, v: np.ndarray) -> float:
-        """max v·x over the body, for v in its frame."""
-        s = self.size
-        if self.kind == "sphere":
-            return s[0] * float(np.linalg.norm(v))
-        if self.kind == "capsule":
-            return s[1] / 2 * abs(v[2]) + s[0] * float(np.linalg.norm(v))
-        if self.kind == "cylinder":
-            return s[1] / 2 * abs(v[2]) + s[0] * math.hypot(v[0], v[1])
-        return float(np.abs(v) @ np.array(s)) / 2
-
-    def reaches(self, v: np.ndarray) -> np.ndarray:
-        """The same for many v of length one, (m, 3)."""
-        s, x = self.size, np.abs(v)
-        if self.kind == "sphere":
-            return np.full(len(v), s[0])
-        if self.kind == "capsule":
-            return s[1] / 2 * x[:, 2] + s[0]
-        if self.kind == "cylinder":
-            return s[1] / 2 * x[:, 2] + s[0] * np.hypot(x[:, 0], x[:, 1])
-        return x @ np.array(s) / 2
-
-    def holds(self, x: np.ndarray, slack: float) -> bool:
-        """Whether a point of the body's frame lies in the body."""
-        s = self.size
-        if self.kind == "box":
-            return bool(np.all(np.abs(x) <= np.array(s) / 2 + slack))
-        if self.kind == "sphere":
-            return float(np.linalg.norm(x)) <= s[0] + slack
-        if self.kind == "cylinder":
-            return math.hypot(x[0], x[1]) <= s[0] + slack and abs(x[2]) <= s[1] / 2 + slack
-        return math.hypot(x[0], x[1], x[2] - min(max(x[2], -s[1] / 2), s[1] / 2)) <= s[0] + slack
-
-    def for_fcl(self):
-        return {"sphere": fcl.Sphere, "capsule": fcl.Capsule, "cylinder": fcl.Cylinder, "box": fcl.Box}[
-            self.kind
-        ](*self.size)
-
-    def for_coal(self):
-        make = {"sphere": coal.Sphere, "capsule": coal.Capsule, "cylinder": coal.Cylinder, "box": coal.Box}
-        return make[self.kind](*self.size)
-
-
 class Arm:
     """Kinematics of one robot from its URDF text."""
 
@@ -131,7 +64,9 @@ class Arm:
                     if shape.tag == "box"
                     else [float(shape.get(k)) for k in ("radius", "length") if shape.get(k) is not None]
                 )
-                self.solids.append(Solid(c.get("name", fallback), shape.tag, tuple(map(float, size))))
+                corners = _numbers(shape, "vertices", "").reshape(-1, 3)
+                name = c.get("name", fallback)
+                self.solids.append(Solid(name, shape.tag, tuple(map(float, size)), corners))
                 self._places.append((link.get("name"), *_pose(c)))
 
     def _sorted(self) -> list[str]:
@@ -224,6 +159,14 @@ class Oracle:
         placed = []
         for name, given in cell.config.surroundings.items():
             ((kind, size),) = [(k, v) for k, v in given.shape.model_dump().items() if v is not None]
+            if kind == "mesh":  # its parts are given: that they hold the mesh is another test's question
+                parts = [b for b in cell.bodies if b.robot is None and b.name.split("/")[0] == name]
+                for b in parts:
+                    corners = np.array(b.shape.vertices)
+                    self.solids.append(Solid(b.name, "convex", (b.shape.radius,), corners))
+                    placed.append((np.array(b.placement.R), np.array(b.placement.t)))
+                    names.append(b.name)
+                continue
             self.solids.append(Solid(name, kind, tuple(size) if isinstance(size, list | tuple) else (size,)))
             placed.append((rotation(given.rpy), np.array(given.xyz)))
             names.append(name)
@@ -330,17 +273,26 @@ class Oracle:
         one = fcl.CollisionObject(self._fcl[a], fcl.Transform(R[a], t[a]))
         two = fcl.CollisionObject(self._fcl[b], fcl.Transform(R[b], t[b]))
         d = float(fcl.distance(one, two, fcl.DistanceRequest(enable_nearest_points=True), result))
-        if d > 0:
-            ends.append((np.array(result.nearest_points[0]), np.array(result.nearest_points[1])))
-        return d
+        if d <= 0:
+            return d
+        p, q = (np.array(x) for x in result.nearest_points)
+        thick = self._thickened(a, b, p, q)
+        if d > self.solids[a].round + self.solids[b].round:
+            ends.append(thick)
+        return d - self.solids[a].round - self.solids[b].round
+
+    def _thickened(self, a, b, p, q) -> tuple[np.ndarray, np.ndarray]:
+        """The points of two bodies at the ends of the way between the points of what the engine knows."""
+        n = (q - p) / max(float(np.linalg.norm(q - p)), 1e-12)
+        return p + self.solids[a].round * n, q - self.solids[b].round * n
 
     def _coal_distance(self, a, b, R, t, ends) -> tuple[float, np.ndarray]:
         result = coal.DistanceResult()
         place = [coal.Transform3s(R[k], t[k]) for k in (a, b)]
         d = coal.distance(self._coal[a], place[0], self._coal[b], place[1], self._request, result)
         p, q = result.getNearestPoint1().copy(), result.getNearestPoint2().copy()
-        ends.append((p, q))
-        return float(d), np.array(result.normal)
+        ends.append(self._thickened(a, b, p, q) if d > 0 else (p, q))
+        return float(d) - self.solids[a].round - self.solids[b].round, np.array(result.normal)
 
     def _inside(self, a, b, R, t, p, q) -> bool:
         """Both points are in their bodies: their distance is a true upper bound."""

@@ -10,11 +10,12 @@ import yaml
 
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
+from support import meshes
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def body(kind: str, *size: float, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)) -> dict[str, Any]:
+def body(kind: str, *size: float | str, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)) -> dict[str, Any]:
     return {"kind": kind, "size": size, "xyz": xyz, "rpy": rpy}
 
 
@@ -51,7 +52,8 @@ def _text(values) -> str:
 def _collision(b: dict[str, Any]) -> str:
     keys = {
         "sphere": ("radius",), "capsule": ("radius", "length"),
-        "cylinder": ("radius", "length"), "box": ("size",),
+        "cylinder": ("radius", "length"), "cone": ("radius", "length"), "box": ("size",),
+        "mesh": ("filename",),
     }[b["kind"]]  # fmt: skip
     values = (_text(b["size"]),) if b["kind"] == "box" else b["size"]
     attributes = " ".join(f'{k}="{v}"' for k, v in zip(keys, values, strict=True))
@@ -61,9 +63,13 @@ def _collision(b: dict[str, Any]) -> str:
     )
 
 
-def build(robots: Mapping[str, dict[str, Any]], **cell: Any) -> Cell:
-    """A cell of robots whose ``urdf`` is a text."""
+def build(
+    robots: Mapping[str, dict[str, Any]], files: Mapping[str, bytes] | None = None, **cell: Any
+) -> Cell:
+    """A cell of robots whose ``urdf`` is a text, with other files beside it."""
     with tempfile.TemporaryDirectory() as folder:
+        for name, data in (files or {}).items():
+            (Path(folder) / name).write_bytes(data)
         tree: dict[str, Any] = {"armgate": 1, "name": "scene", "stop_distance": 0.02, "self_distance": 0.01}
         tree |= cell | {"robots": {}}
         for name, robot in robots.items():
@@ -222,6 +228,56 @@ def crossing(window: float = 0.12, tolerance: float = 0.0, periods=(0.012, 0.004
     return build({"fast": fast, "slow": slow})
 
 
+def head_on(apart: float = 1.2, periods=(0.004, 0.012)) -> Cell:
+    """Two carts with balls of 5 cm on one line; 2 cm must be kept between them."""
+    left, right = (
+        {"urdf": cart((1, 0, 0), speed=1.0), "start": [x], "period": T, "q_tolerance": 0.0}
+        for x, T in zip((-apart / 2, apart / 2), periods, strict=True)
+    )
+    return build({"left": left, "right": right})
+
+
+def claw() -> str:
+    """An arm of three joints with a forked mesh and a cone at its end."""
+    along = (0.0, 1.5707963267948966, 0.0)
+    return urdf(
+        [
+            joint(-1, lower=-3.0, upper=3.0, bodies=(body("cylinder", 0.06, 0.16),)),
+            joint(0, xyz=(0, 0, 0.15), axis=(0, 1, 0), lower=-1.6, upper=1.6,
+                  bodies=(body("capsule", 0.05, 0.3, xyz=(0.2, 0, 0), rpy=along),)),
+            joint(1, xyz=(0.4, 0, 0), axis=(0, 1, 0), lower=-2.2, upper=2.2, speed=3.0,
+                  bodies=(body("mesh", "fork.stl", xyz=(0.1, 0, -0.03)),
+                          body("cone", 0.05, 0.12, xyz=(0.0, 0, 0.12)))),
+        ],
+        base=(body("cone", 0.12, 0.2, xyz=(0, 0, -0.1)),),
+    )  # fmt: skip
+
+
+def fork() -> tuple[np.ndarray, np.ndarray]:
+    """A U of 20 × 16 × 6 cm."""
+    return meshes.blocks(meshes.U, (-0.1, -0.06, 0.06, 0.1), (0.0, 0.1, 0.16), (0.0, 0.06))
+
+
+def frame() -> tuple[np.ndarray, np.ndarray]:
+    """A frame of 60 × 60 × 10 cm with a hole in its middle that an arm may reach into."""
+    return meshes.blocks(meshes.FRAME, (-0.3, -0.2, 0.2, 0.3), (-0.3, -0.2, 0.2, 0.3), (-0.05, 0.05))
+
+
+def mesh(**changes: Any) -> Cell:
+    """An arm with a forked mesh, a mesh with a hole in front of it, and cones: nothing round is exact."""
+    arm = {"urdf": claw(), "base": {"xyz": [0, 0, 0.5]}, "start": [0.6, -0.9, 0.8]}
+    around = {
+        "frame": {
+            "shape": {"mesh": {"file": "frame.obj"}}, "xyz": [0.75, 0, 0.7],
+            "rpy": [1.5707963267948966, 0, 1.5707963267948966],
+        },
+        "cone": {"shape": {"cone": [0.1, 0.4]}, "xyz": [0.2, -0.6, 0.5], "rpy": [0.5, 0.3, 0]},
+    }  # fmt: skip
+    files = {"fork.stl": meshes.stl(*fork()), "frame.obj": meshes.obj(*frame())}
+    return build({"A": arm}, files, surroundings=around, **changes)
+
+
 SCENES: dict[str, Callable[..., Cell]] = {
     "demo": demo, "planar": planar, "duel": duel, "wire": wire, "corner": corner, "tree": tree,
+    "mesh": mesh,
 }  # fmt: skip

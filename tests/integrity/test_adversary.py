@@ -7,10 +7,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from armgate.cell.events import Outcome
 from integrity import adversary, scenes
 from integrity.adversary import ATTACKS, SETTINGS, Arena, arena
 from integrity.oracle import Oracle
-from integrity.rig import HARSH, ROUGH, Rig, Tally
+from integrity.rig import HARSH, ROUGH, Rig, Tally, Traffic
 
 
 @pytest.mark.parametrize("number", range(len(SETTINGS)))
@@ -32,8 +33,51 @@ def test_no_single_attack_breaks_the_invariant(name):
     assert tally.violations == []
 
 
-def test_two_at_full_speed_at_each_other_on_clocks_of_their_own():
-    """The one asked first keeps its way: both move, neither comes too near, and they do come near."""
+@pytest.mark.parametrize("periods", [(0.004, 0.012), (0.012, 0.004), (0.004, 0.004)])
+def test_two_at_full_speed_at_each_other_stop_at_the_stop_distance(periods):
+    """Every position by hand, and whoever is not the first refused goes on to where it was promised to go."""
+    rig = Rig(scenes.head_on(periods=periods), stops=0.0)
+    fastest, promised, gaps = [0.0, 0.0], None, []
+    for _ in range(700):
+        rig.step(lambda rig, i: (rig.cell.robots[i].period * (1.0, -1.0)[i],))
+        gaps.append(float(rig.drives[1].q[0] - rig.drives[0].q[0]) - 0.1)
+        for i, player in enumerate(rig.players):
+            fastest[i] = max(fastest[i], abs(player.last[0]) / rig.cell.robots[i].period)
+        refused = [v is not None and v.outcome is Outcome.REFUSED for v in rig.last_verdict]
+        if promised is None and any(refused):
+            assert refused.count(True) == 1
+            first = refused.index(False)
+            promised = rig.gate.view(rig.players[first].robot).stop_end[0]
+    assert fastest == pytest.approx([1.0, 1.0])
+    assert min(gaps) >= 0.02
+    assert gaps[-1] == min(gaps) <= 0.02 + 2.5e-3
+    assert (rig.players[first].setpoint[0] - promised) * (1.0, -1.0)[first] >= -1e-12
+    rig.check()
+    assert rig.tally.violations == []
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("answered", [True, False])
+def test_where_there_is_room_for_one_the_one_asked_first_has_it(first, answered):
+    """Both would end 1.5 increments nearer; the answers of the links need not have come."""
+    step = 5e-5
+    cell = scenes.head_on(0.12 + 1.5 * step)
+    traffic = Traffic() if answered else Traffic(answer_lost=1.0)
+    rig = Rig(cell, traffic=traffic, stops=0.0)
+    one = rig.command(first, ((step, -step)[first],))
+    other = rig.command(1 - first, ((-step, step)[first],))
+    assert (one.outcome, one.dq[0]) == (Outcome.ADMITTED, (step, -step)[first])
+    assert (other.outcome, other.beta) == (Outcome.REFUSED, 0.0)
+    assert set(other.reasons[-1].pair) == {"left/L0", "right/L0"}
+    for _ in range(30):
+        rig.step()
+    assert rig.drives[first].q[0] == pytest.approx(cell.robots[first].start[0] + one.dq[0], abs=1e-12)
+    assert rig.drives[1 - first].q[0] == cell.robots[1 - first].start[0]
+    assert rig.tally.violations == []
+
+
+def test_two_arms_at_full_speed_at_each_other_on_clocks_of_their_own():
+    """Both move, neither comes too near, and they do come near."""
     cell = scenes.duel(gap=1.2)
     rig = Rig(cell, 1, lag=0.03, oracle=Oracle(cell), stops=0.05)
 
@@ -44,6 +88,7 @@ def test_two_at_full_speed_at_each_other_on_clocks_of_their_own():
     tally = rig.run(wish, 600)
     assert tally.violations == []
     assert tally.admitted + tally.limited > 50
+    assert tally.least < 0.01
 
 
 def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch):

@@ -13,7 +13,8 @@ from armgate.integrity.nearest import NearestPairs, start_clearances
 from armgate.integrity.occupancy import occupancy
 from armgate.integrity.support import support, support_table
 from integrity import scenes
-from integrity.oracle import Oracle, Solid
+from integrity.oracle import Oracle
+from integrity.solids import Solid
 
 SHAPES = [Sphere(0.1), Capsule(0.05, 0.3), Cylinder(0.1, 0.2), Box(0.1, 0.2, 0.4)]
 CELLS = {name: make() for name, make in scenes.SCENES.items() if name != "demo"}

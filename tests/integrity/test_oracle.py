@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from integrity import scenes
-from integrity.oracle import Oracle, segments_apart, step_faults
+from integrity.oracle import Oracle, rotation, segments_apart, step_faults
+from integrity.solids import Solid, hull_faces, nearest_in_hull
 
 
 @pytest.mark.parametrize("name", sorted(scenes.SCENES))
@@ -33,7 +34,7 @@ def test_segments_are_as_far_apart_as_their_nearest_points():
     assert np.all(d >= brute - 0.03)
 
 
-@pytest.mark.parametrize("name", ["duel", "corner", "wire", "tree"])
+@pytest.mark.parametrize("name", ["duel", "corner", "wire", "tree", "mesh"])
 def test_its_brackets_are_tight_and_below_holds(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(2)
     oracle = Oracle(cell)
@@ -47,6 +48,58 @@ def test_its_brackets_are_tight_and_below_holds(name):
             assert low[k, pair] <= apart.high + 1e-7
             if apart.high > 1e-3:
                 assert apart.high - apart.low < 1e-4
+
+
+BLOCK = np.array([(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.05, 0.05)])
+
+
+def test_a_convex_body_holds_what_its_corners_and_radius_say():
+    """A block by its corners, and a box of the same sizes; then rounded."""
+    rng = np.random.default_rng(3)
+    sharp, rounded = Solid("a", "convex", (0.0,), BLOCK), Solid("b", "convex", (0.02,), BLOCK)
+    box = Solid("c", "box", (0.2, 0.4, 0.1))
+    for x in rng.uniform(-0.25, 0.25, (300, 3)):
+        off = np.linalg.norm(x - np.clip(x, BLOCK.min(axis=0), BLOCK.max(axis=0)))
+        assert np.linalg.norm(x - nearest_in_hull(BLOCK, x)) == pytest.approx(off, abs=1e-6)
+        assert sharp.holds(x, 1e-7) == box.holds(x, 1e-7)
+        assert rounded.holds(x, 1e-7) == (off <= 0.02 + 1e-7)
+        assert sharp.reach(x) == pytest.approx(box.reach(x))
+
+
+def test_a_cone_holds_what_is_between_its_tip_and_its_base():
+    cone = Solid("a", "cone", (0.1, 0.4))
+    for level, z, inside in ((0.0, 0.2, 1), (0.0, 0.201, 0), (0.1, -0.2, 1), (0.101, -0.2, 0),
+                             (0.0, -0.201, 0), (0.05, 0.0, 1), (0.052, 0.0, 0), (0.049, 0.0, 1)):  # fmt: skip
+        assert cone.holds(np.array([0.0, level, z]), 1e-9) == bool(inside)
+    assert cone.reach(np.array([0.0, 0.0, 1.0])) == pytest.approx(0.2)
+    assert cone.reach(np.array([1.0, 0.0, 0.0])) == pytest.approx(0.1)
+    assert cone.reach(np.array([0.0, 0.0, -2.0])) == pytest.approx(0.4)
+
+
+def test_faces_of_a_hull_close_around_it():
+    vertices, faces = hull_faces(np.concatenate([BLOCK, np.zeros((1, 3))]))
+    assert (len(vertices), len(faces)) == (8, 12)  # the point inside is none of it
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    assert np.einsum("ki,ki->k", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(0.2 * 0.4 * 0.1)
+
+
+def test_the_parts_of_its_mesh_scene_hold_the_meshes():
+    """So that whoever keeps away from the parts keeps away from the meshes, which nobody shows an engine."""
+    cell, rng = scenes.mesh(), np.random.default_rng(4)
+    oracle = Oracle(cell)
+    bodies = {b.name: (np.array(b.placement.R), np.array(b.placement.t)) for b in cell.bodies}
+    upright = rotation((np.pi / 2, 0.0, np.pi / 2))
+    for name, (vertices, faces), Q, at in (
+        ("A/L2", scenes.fork(), np.eye(3), (0.1, 0.0, -0.03)),
+        ("frame", scenes.frame(), upright, (0.75, 0.0, 0.7)),
+    ):
+        parts = [(s, *bodies[n]) for n, s in zip(oracle.names, oracle.solids, strict=True)
+                 if n.startswith(f"{name}/")]  # fmt: skip
+        assert len(parts) > 1
+        weights = rng.dirichlet((1, 1, 1), (len(faces), 5))
+        inner = np.einsum("fkc,fci->fki", weights, vertices[faces]).reshape(-1, 3)
+        for x in np.concatenate([vertices, inner]) @ Q.T + at:
+            assert any(solid.holds(R.T @ (x - t), 1e-7) for solid, R, t in parts)
 
 
 def test_it_finds_the_one_bad_position_among_many():

@@ -1,14 +1,18 @@
 """How much of the gate's judgement the tests hold: faults put in one by one, and the share that is noticed.
 
-    python -m tools.mutants [N] [--module NAME] [--seed S] [--tests FILE…] [--list]
+    python -m tools.mutants [N] [--module NAME…] [--seed S] [--tests FILE…] [--longest S] [--about]
+                            [--only FILE] [--list]
 
-N mutants are drawn by the seed, from all modules of ``armgate.integrity`` or from one; without N all are
-tried. ``reasons.toml`` lists those that no test can kill, with the reason: they are told, and do not count.
-Survivors that are not listed are printed last but one, the share killed last. The exit status is 1 if the
-share is below the goal.
+N mutants are drawn by the seed, from all modules of ``armgate.integrity`` or from some; without N all are
+tried. ``--longest`` leaves out the tests that take longer, ``--about`` all but those about the module: what
+they would have noticed counts as survived then; ``--only`` tries the mutants whose keys a file has, such as
+those survivors. ``reasons.toml`` lists those that no test can kill, with the reason: they are told, and do
+not count. Survivors that are not listed are printed last but one, the share killed last. The exit status is
+1 if the share is below the goal.
 """
 
 import argparse
+import math
 import random
 import sys
 import time
@@ -16,7 +20,7 @@ import tomllib
 from pathlib import Path
 
 from tools.mutants.mutate import Mutant, mutants_of
-from tools.mutants.run import TESTS, Mutated, judge, preload, times
+from tools.mutants.run import TESTS, Mutated, Order, about, judge, preload, times
 
 GOAL = 0.9
 _FOLDER = Path("server/armgate/integrity")
@@ -28,28 +32,37 @@ def main() -> int:
     """Tries mutants."""
     args = _arguments()
     modules = sorted(p for p in _FOLDER.glob("*.py") if p.stem != "__init__")
-    chosen = [p for p in modules if args.module in (None, p.stem)]
-    if not chosen:
-        print(f"no module {args.module!r}; expected one of {', '.join(p.stem for p in modules)}")
+    unknown = set(args.module or ()) - {p.stem for p in modules}
+    if unknown:
+        print(
+            f"no module {', '.join(sorted(unknown))}; expected some of {', '.join(p.stem for p in modules)}"
+        )
         return 2
+    chosen = [p for p in modules if not args.module or p.stem in args.module]
     mutants = [(path, m) for path in chosen for m in mutants_of(path.stem, path.read_text("utf-8"))]
     reasons = _reasons()
     if args.list:
         print(*(m.key for _, m in mutants), sep="\n")
         return 0
     judged = [(path, m) for path, m in mutants if m.key not in reasons]
+    if args.only:
+        keys = set(args.only.read_text("utf-8").splitlines())
+        judged = [(path, m) for path, m in judged if m.key in keys]
     if args.count and args.count < len(judged):
         judged = random.Random(args.seed).sample(judged, args.count)  # noqa: S311
     print(f"{len(mutants)} mutants, {len(mutants) - len(judged)} not tried here")
-    return _tell(_tried(judged, args.tests), [m.key for _, m in mutants if m.key in reasons])
+    return _tell(_tried(judged, args), [m.key for _, m in mutants if m.key in reasons])
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tools.mutants")
     parser.add_argument("count", nargs="?", type=int, help="how many, drawn at random; all without it")
-    parser.add_argument("--module", help="only this module, as in 'limits'")
+    parser.add_argument("--module", nargs="+", help="only these modules, as in 'limits'")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tests", nargs="+", default=list(TESTS))
+    parser.add_argument("--longest", type=float, default=math.inf, help="leave out tests that take longer, s")
+    parser.add_argument("--about", action="store_true", help="only the tests that are about the module")
+    parser.add_argument("--only", type=Path, help="a file with the keys of those to try, one a line")
     parser.add_argument("--list", action="store_true", help="print the mutants' keys and try none")
     return parser.parse_args()
 
@@ -60,16 +73,18 @@ def _reasons() -> dict[str, str]:
     return {key: group["reason"] for group in groups for key in group["mutants"]}
 
 
-def _tried(judged: list[tuple[Path, Mutant]], tests: list[str]) -> list[tuple[Mutant, str]]:
+def _tried(judged: list[tuple[Path, Mutant]], args: argparse.Namespace) -> list[tuple[Mutant, str]]:
     preload()
-    known = times(tests)
-    most = _PATIENCE * sum(known.values()) + 30.0
-    print(f"{len(known)} tests take {sum(known.values()):.0f} s without a fault")
+    known = {} if args.about else times(args.tests)
+    taken = [t for t in known.values() if t <= args.longest]
+    most = _PATIENCE * sum(taken) + 30.0
+    print(f"{len(taken)} tests take {sum(taken):.0f} s without a fault")
     results = []
     for number, (path, mutant) in enumerate(judged, 1):
         began = time.monotonic()
         finder = Mutated(f"armgate.integrity.{path.stem}", path.absolute(), mutant.tree)
-        result = judge(finder, tests, known, most)
+        stages = [about(path.stem), [] if args.about else args.tests]
+        result = judge(finder, [s for s in stages if s], Order(known, args.longest), most)
         results.append((mutant, result))
         spent = time.monotonic() - began
         print(

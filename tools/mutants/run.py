@@ -1,7 +1,8 @@
 """Runs the tests against one mutant at a time, each in a fork of a process that has the libraries loaded.
 
-A child sees the mutated module in the place of the one on disk, runs the quickest tests first and ends with
-the first that fails. One that takes far longer than all tests did without a fault is ended: it hangs.
+A child sees the mutated module in the place of the one on disk, and ends with the first test that fails:
+first those that are about its module, then all, the quickest first. One that takes far longer than all tests
+did without a fault is ended: it hangs.
 """
 
 import ast
@@ -9,6 +10,7 @@ import contextlib
 import importlib.abc
 import importlib.machinery
 import json
+import math
 import os
 import signal
 import sys
@@ -21,7 +23,34 @@ from typing import Any
 import pytest
 
 TESTS = ("tests/integrity",)
-_POLL = 0.05
+ABOUT = {
+    "admission": ("gate_order",),
+    "beside": ("beside",),
+    "bounds": ("bounds",),
+    "braking": ("limits_exact", "motion_math"),
+    "certificate": ("shapes_certificates", "certificate_exact"),
+    "clearance": ("clearance_exact",),
+    "compiled": ("screen",),
+    "engine": ("shapes_certificates",),
+    "gate": ("gate_order", "gate_exact", "faults"),
+    "groups": ("groups_exact",),
+    "judge": ("judge_exact", "gate_order"),
+    "kernels": ("screen",),
+    "limits": ("limits_exact", "motion_math"),
+    "nearest": ("nearest_exact",),
+    "occupancy": ("occupancy_exact", "motion_math"),
+    "replay": ("gate_order",),
+    "reservations": ("gate_exact", "gate_order"),
+    "retreat": ("retreat",),
+    "robot": ("gate_exact", "faults", "gate_order"),
+    "screen": ("screen_exact",),
+    "support": ("shapes_certificates",),
+    "swept": ("groups_exact",),
+    "view": ("gate_order",),
+}
+"""Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
+
+_POLL = 0.02
 
 
 class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -42,13 +71,17 @@ class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 class Order:
-    """A pytest plugin: the quickest tests first, as far as they were timed; keeps what they take."""
+    """A pytest plugin: the quickest tests first, as far as they were timed; keeps what they take.
 
-    def __init__(self, known: dict[str, float]) -> None:
-        self.known, self.seen = known, dict[str, float]()
+    Tests that take longer than ``longest`` are left out.
+    """
+
+    def __init__(self, known: dict[str, float], longest: float = math.inf) -> None:
+        self.known, self.longest, self.seen = known, longest, dict[str, float]()
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Sorts."""
+        items[:] = [item for item in items if self.known.get(item.nodeid, 0.0) <= self.longest]
         items.sort(key=lambda item: self.known.get(item.nodeid, 0.0))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -94,13 +127,13 @@ def times(tests: Sequence[str]) -> dict[str, float]:
     return {str(k): float(v) for k, v in seen.items()}
 
 
-def judge(finder: Mutated, tests: Sequence[str], known: dict[str, float], most: float) -> str:
+def judge(finder: Mutated, stages: Sequence[Sequence[str]], order: Order, most: float) -> str:
     """Returns ``killed``, ``hangs`` or ``survived``.
 
     Args:
         finder: The mutant.
-        tests: What is run.
-        known: Times of the tests, for their order.
+        stages: What is run, one after the other.
+        order: Times of the tests, for their order, and how long they may be.
         most: Seconds after which it hangs.
     """
     pid = os.fork()
@@ -109,8 +142,8 @@ def judge(finder: Mutated, tests: Sequence[str], known: dict[str, float], most: 
         sys.meta_path.insert(0, finder)
         code = 1
         with contextlib.suppress(BaseException):
-            code = _pytest(tests, Order(known))
-        os._exit(1 if code else 0)
+            code = int(any(_pytest(tests, order) for tests in stages))
+        os._exit(code)
     until = time.monotonic() + most
     while time.monotonic() < until:
         done, status = os.waitpid(pid, os.WNOHANG)
@@ -128,4 +161,11 @@ def _pytest(tests: Sequence[str], order: Order) -> int:
         os.dup2(sink.fileno(), 2)
         known = "ignore:Module already imported"  # preloaded: pytest has nothing to rewrite in it
         options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "-W", known]
-        return int(pytest.main([*options, *tests], plugins=[order]))
+        code = int(pytest.main([*options, *tests], plugins=[order]))
+        return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else code
+
+
+def about(module: str) -> list[str]:
+    """The test files that are about a module of the gate, as far as there are any."""
+    files = [Path("tests/integrity") / f"test_{name}.py" for name in ABOUT.get(module, ())]
+    return [str(file) for file in files if file.exists()]
