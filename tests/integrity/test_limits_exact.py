@@ -141,3 +141,23 @@ def test_braking_by_hand():
     assert largest_stopping(0.5, math.inf) == 0.5
     assert largest_stopping(0.6, 0.1) == pytest.approx(0.3)
     assert largest_stopping(0.0, 0.1) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("q", [0.25, -0.25])
+def test_a_joint_that_shares_a_stop_gets_what_that_stop_leaves_it(sign, q):
+    """b's stop is five times as long, so a gets a sixth of its way; b keeps all that it asked for."""
+    b = StepBounds(("a", "b"), (q - 0.06, -9.0), (q + 0.06, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
+    wide = 0.22
+    reach = 1.0 + stop_share(wide / 0.02)
+    shaped = shape_wish((0.06 * sign, wide), (0.0, 0.0), (0.0, 0.0), (q, 0.0), b, 1.0)
+    assert shaped.u == (pytest.approx(0.06 * sign / reach, rel=1e-12), wide)
+    assert shaped.beta == 1.0
+    assert [r.joint for r in shaped.reasons] == ["a"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
+    b = StepBounds(("a", "b"), (-1.0, -9.0), (1.0, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
+    shaped = shape_wish((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
+    assert shaped.u == (0.0, 0.22)

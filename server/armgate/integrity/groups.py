@@ -88,13 +88,13 @@ class ChainGroup(Group):
 
 
 def groups_of(space: Space, robot: int) -> tuple[Group, ...]:
-    """Returns the groups of all pairs in which a robot takes part; with itself first, of its chain before."""
+    """Returns the groups of all pairs in which a robot takes part; of its chain first, if any."""
     by_side: dict[tuple[bool, int | None], list[tuple[int, Body, Body, float]]] = {}
     for k, pair in enumerate(space.cell.pairs):
         side = _side_of(space.cell, pair, robot)
         if side is not None:
             by_side.setdefault(side[:2], []).append((k, *side[2:]))
-    sides = sorted(by_side.items(), key=lambda side: (not side[0][0], side[0][1] != robot))
+    sides = sorted(by_side.items(), key=lambda side: not side[0][0])
     return tuple(_build(space, robot, other, members, chained) for (chained, other), members in sides)
 
 

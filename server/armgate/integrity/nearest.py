@@ -27,8 +27,8 @@ class NearestPairs:
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         pairs = clearance.cell.pairs
-        # A robot's pairs begin with those with itself.
-        self._others = [sum(pairs[p].kind == "self" for p in ids) for ids in clearance.pairs_of]
+        # Where, among a robot's pairs, those with others stand.
+        self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
 
@@ -104,8 +104,10 @@ class NearestPairs:
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
         """The places of the lowest margin of all, and of those with others; none of unknown robots."""
-        first = self._others[robot]
-        lowest = [k + int(np.argmin(margin[k:])) for k in (0, first) if k < len(margin)]
+        lowest = [int(np.argmin(margin))] if len(margin) else []
+        others = self._others[robot]
+        if len(others):
+            lowest.append(int(others[np.argmin(margin[others])]))
         return [k for k in lowest if np.isfinite(margin[k])]
 
     def _side(self, group: Group, measured: Sequence[Joints | None]) -> Swept | None:

@@ -1,0 +1,87 @@
+"""The nearest pairs that the state tells, against all pairs asked one by one."""
+
+import numpy as np
+import pytest
+
+from armgate.integrity.clearance import Clearance
+from armgate.integrity.nearest import NearestPairs, _first, start_clearances
+from integrity import scenes
+from integrity.oracle import Oracle
+
+
+@pytest.mark.parametrize("name", ["duel", "tree", "mesh"])
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_told_are_the_lowest_bounds_and_both_nearest_are_true(name, count):
+    """In small steps and in leaps; with others means: not with the robot itself, its base included."""
+    cell, rng = scenes.SCENES[name](), np.random.default_rng(count)
+    oracle = Oracle(cell)
+    nearest = NearestPairs(Clearance(cell, False))
+    q = [np.array(r.start, dtype=float) for r in cell.robots]
+    for k in range(40):
+        reach = 0.8 if k % 9 == 8 else 0.02
+        q = [np.clip(x + rng.uniform(-reach, reach, len(x)), r.lower, r.upper)
+             for x, r in zip(q, cell.robots, strict=True)]  # fmt: skip
+        R, t = oracle.place([x[None, :] for x in q])
+        for i in range(len(q)):
+            found = nearest.find(i, [tuple(map(float, x)) for x in q], count)
+            mine = [int(p) for p in nearest._clearance.pairs_of[i]]
+            true = {p: oracle.apart(p, R[0], t[0]) for p in mine}
+            if min(a.high for a in true.values()) <= 0.0:
+                continue
+            margin = {p: n.distance - n.limit for p, n in found.items()}
+            assert list(margin.values())[:count] == sorted(margin.values())[:count]
+            assert count <= len(found) <= count + 1
+            for p, n in found.items():
+                assert n.distance <= true[p].high + 1e-6
+                assert n.limit == cell.pairs[p].limit
+                assert set(n.pair) == {cell.bodies[x].name for x in (cell.pairs[p].a, cell.pairs[p].b)}
+            for group in (mine, [p for p in mine if cell.pairs[p].kind != "self"]):
+                least = min(true[p].high - cell.pairs[p].limit for p in group)
+                told = min(margin[p] for p in group if p in margin)
+                assert least - 1e-5 <= told <= least + 1e-6
+                (at,) = [p for p in group if margin.get(p) == told][:1]
+                a, b = (np.array(x) for x in found[at].points)
+                assert np.linalg.norm(a - b) == pytest.approx(found[at].distance, abs=1e-5)
+
+
+def test_a_robot_that_nobody_has_heard_of_has_no_distance():
+    cell = scenes.head_on(1.1)
+    nearest = NearestPairs(Clearance(cell, False))
+    assert nearest.find(0, [(-0.55,), None], 3) == {}
+    assert nearest.find(1, [(-0.55,), None], 3) == {}
+    (found,) = nearest.find(0, [(-0.55,), (0.55,)], 3).values()
+    assert found.distance == pytest.approx(1.0, abs=1e-6)
+    (found,) = nearest.find(1, [(-0.5,), (0.55,)], 3).values()
+    assert found.distance == pytest.approx(0.95, abs=1e-6)
+
+
+def test_who_stands_still_is_asked_for_once():
+    cell = scenes.head_on(1.1)
+    clearance = Clearance(cell, False)
+    nearest = NearestPairs(clearance)
+    q = [(-0.55,), (0.55,)]
+    nearest.find(0, q, 1)
+    asked = clearance.certifier.queries
+    assert asked == 1
+    nearest.find(0, q, 1)
+    assert clearance.certifier.queries <= asked + 1
+
+
+def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
+    margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
+    for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
+        assert _first(margin, count).tolist() == expected
+    assert _first(np.zeros(0), 3).tolist() == []
+
+
+@pytest.mark.parametrize("name", ["duel", "mesh"])
+def test_start_clearances_hold_every_nearest_pair(name):
+    cell = scenes.SCENES[name]()
+    oracle = Oracle(cell)
+    R, t = oracle.place([np.array([r.start]) for r in cell.robots])
+    told = start_clearances(cell)
+    margins = [n.distance - n.limit for n in told]
+    assert margins == sorted(margins)
+    true = {p: oracle.apart(p, R[0], t[0]).high - cell.pairs[p].limit for p in range(len(cell.pairs))}
+    assert margins[0] == pytest.approx(min(true.values()), abs=1e-5)
+    assert len(told) > 10
