@@ -138,3 +138,78 @@ def test_a_joint_outside_its_limits_may_only_come_back(side):
     for _ in range(6):
         rig.step()
     assert rig.command(0, (0.0, -1e-4 * side)).outcome is Outcome.ADMITTED
+
+
+@pytest.mark.parametrize(("silent", "waits"), [(0, True), (3, True), (4, False)])
+def test_the_first_goes_first_for_three_ticks_after_it_was_asked(silent, waits):
+    rig = near()
+    ask(rig, 0)
+    for _ in range(48):
+        rig.step()
+    rig.gate._judge._retreat._claim[0] = rig.gate._robots[0].tick - silent
+    verdict = rig.command(1, AWAY["slow"])
+    assert (verdict.outcome is Outcome.REFUSED) == waits
+
+
+@pytest.mark.parametrize(("down", "way"), [(1.5e-4, True), (2.5e-4, False)])
+def test_a_violated_pair_may_fall_by_a_fifth_of_a_millimetre_while_another_widens(down, way):
+    """Out along two walls, in to the third: its floor less 0.2 mm is the end of it."""
+    rig = corner()
+    verdict = rig.command(0, (-5e-4, -5e-4, down))
+    assert (verdict.outcome is not Outcome.REFUSED) == way
+
+
+def test_what_may_fall_may_fall_in_all_and_not_again_each_time():
+    """Many small steps in to the third wall end where one would."""
+    rig = corner()
+    for _ in range(60):
+        rig.step(lambda rig, i: (-2e-5, -2e-5, 2e-5))
+    rig.rest()
+    assert 0.0 < rig.drives[0].q[2] <= 2e-4 + 1e-9
+
+
+def test_nothing_new_may_become_violated_on_the_way_out():
+    """Away from the near wall there is another one, just at its stop distance."""
+    walls = {
+        "near": {"shape": {"box": [0.2, 2, 2]}, "xyz": [0.05 + 0.012 + 0.1, 0, 0]},
+        "far": {"shape": {"box": [0.2, 2, 2]}, "xyz": [-(0.05 + 0.0203 + 0.1), 0, 0]},
+    }
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0)), "start": [0.0] * 2}
+    rig = Rig(scenes.build({"A": robot}, surroundings=walls), stops=0.0)
+    assert rig.command(0, (-5e-4, 0.0)).outcome is Outcome.REFUSED
+    rig.step()
+    for _ in range(5):
+        rig.step()
+    assert rig.command(0, (-2e-4, 0.0)).outcome is not Outcome.REFUSED
+
+
+def test_a_retreat_begins_at_rest():
+    """A body that appears in the way of a moving robot: it brakes first."""
+    rig = corner()
+    rig.command(0, (-5e-4, -5e-4, -5e-4))
+    for _ in range(8):
+        rig.step()
+    retreat = rig.gate._judge._retreat
+    assert len(retreat._floor) == 3
+    retreat._floor.clear()
+    rig.gate._robots[0].moved = 1e-3
+    assert rig.command(0, (-5e-4, -5e-4, -5e-4)).outcome is Outcome.REFUSED
+
+
+@pytest.mark.parametrize(("out", "kept"), [(0.5e-4, 0.5e-4), (5e-4, 1e-4)])
+def test_a_joint_outside_may_fall_back_by_a_little_while_another_comes_back(out, kept):
+    """0.1 mrad in all, however much is asked for."""
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-2.1, 2.1])])
+    verdict = rig.command(0, (5e-4, out))
+    assert verdict.outcome is not Outcome.REFUSED
+    assert verdict.dq == (5e-4, pytest.approx(kept, rel=1e-6))
+
+
+def test_a_joint_that_came_back_inside_is_held_to_its_limit_again():
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-1.0, 2.0003])])
+    rig.command(0, (0.0, -5e-4))
+    for _ in range(18):
+        rig.step()
+    assert rig.players[0].setpoint[1] < 2.0
+    verdict = rig.command(0, (0.0, 5e-4))
+    assert verdict.dq[1] == pytest.approx(2.0 - rig.players[0].setpoint[1])

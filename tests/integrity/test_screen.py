@@ -138,3 +138,35 @@ def test_without_numba_the_gate_is_the_readable_one():
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd="tests"
     )
     assert done.stdout.split() == ["False", "Screen"], done.stderr
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_pairs_soon_open_are_tried_with_those_that_are_and_only_of_their_sides(compiled):
+    """Eight steps ahead; while no pair is open none is tried."""
+    cell = CELLS["duel"]
+    clearance = Clearance(cell, compiled)
+    for i, r in enumerate(cell.robots):
+        clearance.hold(i, [clearance.space.still(i, tuple(map(float, r.start)))])
+    own, need = clearance.screen.pairs[0], clearance.limits_of[0]
+    new, step = clearance.held[0][0], np.full(cell.robots[0].model.n, 1e-3)
+    loss = own.growth @ step
+    tried = []
+    slabs = clearance.screen._slabs
+
+    def watched(robot, new, left, n):
+        tried.append(left.tolist())
+        return slabs(robot, new, left, n)
+
+    clearance.screen._slabs = watched
+    open_, soon, later, elsewhere = 0, 1, 2, int(np.flatnonzero(own.side != own.side[0])[0])
+    assert own.side[later] == own.side[open_]
+    bound = need + 20.0 * loss + 1e-6
+    for k, steps in ((soon, 8.9), (later, 9.1), (elsewhere, 5.0)):
+        bound[k] = need[k] + steps * loss[k]
+    lb, left = clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    assert tried == []
+    assert len(left) == 0
+    np.testing.assert_allclose(lb, bound - loss, rtol=0.0, atol=TOLERANCE)
+    bound[open_] = need[open_]
+    clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    assert tried == [[open_, soon]]
