@@ -256,7 +256,11 @@ def main() -> int:
             if done % 50 == 0:
                 spent, broken = time.monotonic() - began, len(total.violations)
                 say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
-    spent = time.monotonic() - began
+    return tell(total, time.monotonic() - began, jobs)
+
+
+def tell(total: Tally, spent: float, jobs: int) -> int:
+    """Says what came out, the violations last; returns the exit status."""
     outcomes = f"{total.admitted} admitted, {total.limited} limited, {total.refused} refused"
     say(f"{total.commands} commands: {outcomes}; {total.commands / spent:.0f} a second in {jobs} processes")
     seen = f"{total.samples} positions executed, {total.stop_samples} of stops"

@@ -107,6 +107,17 @@ def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch)
     assert adversary.attack(place, setting, 3, 600, ("greedy", "steady")).violations != []
 
 
+@pytest.mark.parametrize("violations", [[], ["A and B 19 mm, 20 needed"]])
+def test_the_long_form_says_the_violations_last_and_fails_on_any(violations, capsys):
+    total = Tally(commands=4, admitted=2, limited=1, refused=1, least=1e-4, violations=violations)
+    assert adversary.tell(total, 2.0, 1) == len(violations)
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == (
+        f"violations: {len(violations)}  acceptance: 0.750  "
+        "smallest clearance: 0.1000 mm over the stop distance"
+    )
+
+
 class Machine(RuleBasedStateMachine):
     """Hypothesis drives two robots, their stops and their messages."""
 

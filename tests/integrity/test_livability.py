@@ -84,12 +84,19 @@ def test_two_robots_working_apart_are_never_refused(share):
         u = bounded(robot, rig.players[i].last, v * 0.06)
         return np.clip(u, -share * robot.velocity * robot.period, share * robot.velocity * robot.period)
 
-    near = np.inf
-    for _ in range(500):
+    near, fastest = np.inf, 0.0
+    between = [k for k, p in enumerate(rig.cell.pairs) if p.kind == "robots"]
+    for k in range(1500 if share < 0.2 else 500):
         rig.step(wish)
-        near = min(near, float(rig.margins([d.q[None, :] for d in rig.drives]).min()))
+        for robot, player in zip(rig.cell.robots, rig.players, strict=True):
+            fastest = max(fastest, float(np.max(np.abs(player.last) / (robot.velocity * robot.period))))
+        if k % 10 == 0:
+            R, t = rig.oracle.place([d.q[None, :] for d in rig.drives])
+            near = min(near, *(rig.oracle.apart(p, R[0], t[0]).low for p in between))
         refused += [v for v in rig.last_verdict if v is not None and v.outcome is Outcome.REFUSED]
     assert refused == []
+    assert fastest == pytest.approx(share)
+    assert near < 0.3
 
 
 def violated(cell, oracle, q):

@@ -13,10 +13,10 @@ import numpy as np
 from armgate.cell.events import Command, GateEvent, GateOutput, Joints, Plan, Point, Stopped, Verdict
 from armgate.integrity.braking import stop_increments
 from armgate.integrity.certificate import Budget
-from armgate.integrity.clearance import ordered
 from armgate.integrity.gate import Gate
 from armgate.integrity.judge import Decision
 from armgate.integrity.limits import StepBounds, shape_wish
+from armgate.integrity.question import ordered
 from armgate.integrity.robot import RobotState, end_of
 
 

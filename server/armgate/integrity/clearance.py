@@ -18,62 +18,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import Joints, Point
+from armgate.cell.events import Joints
 from armgate.integrity.bounds import KeptBounds
 from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.compiled import screen_of
 from armgate.integrity.groups import ChainGroup, Group, groups_of
+from armgate.integrity.question import Binding, Found, Question, halves, middle, ordered, segments
 from armgate.integrity.screen import MARGIN, robot_pairs
 from armgate.integrity.swept import Array, Index, Space, Swept
 
 _SURVEY_BUDGET = 64
 _DIRECTIONS = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Binding:
-    """The pair that an occupancy comes too near to, and what could be proven of it."""
-
-    pair: int
-    lb: float
-    need: float
-    points: tuple[Point, Point] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """Does the group's k-th pair keep ``need`` over the occupancy ``new`` of ``robot``?"""
-
-    group: Group
-    k: int
-    robot: int
-    new: Swept
-    need: float
-
-    @property
-    def sel(self) -> Index:
-        """The pair as a selection of its group."""
-        return np.array([self.k])
-
-    @property
-    def moving(self) -> int | None:
-        """The robot at the other side that moves at its own time."""
-        return None if isinstance(self.group, ChainGroup) else self.group.other
-
-    def loss(self, side: Swept) -> float:
-        """What the tubes alone take from the distance: no subdivision wins it back."""
-        loss = self.group.growth[self.k] @ self.new.tube
-        if self.moving is not None:
-            loss += side.motion[self.group.theirs[self.k]] @ side.tube
-        return float(loss) + MARGIN
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """The best bound that could be proven, and the witness points (mine, theirs) of the last engine query."""
-
-    lb: float
-    points: tuple[Point, Point] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,14 +201,14 @@ class Clearance:
 
     def _cells(self, ask: Question, side: Swept, budget: Budget) -> bool:
         """Halves segments until every cell of both occupancies is proven, one is not, or the budget ends."""
-        other = [side.nodes] if ask.moving is None else _segments(side.nodes)
-        stack = [(a, b) for a in _segments(ask.new.nodes) for b in other]
+        other = [side.nodes] if ask.moving is None else segments(side.nodes)
+        stack = [(a, b) for a in segments(ask.new.nodes) for b in other]
         while stack:
             a, b = stack.pop()
             if not budget.take():
                 return False
             proof = self.certifier.prove(
-                ask.group, ask.k, *self._cell(ask, side, _middle(a), _middle(b)), (0, 0)
+                ask.group, ask.k, *self._cell(ask, side, middle(a), middle(b)), (0, 0)
             )
             if proof.lb - ask.loss(side) < ask.need:
                 return False  # too near where it stands: smaller cells prove no more
@@ -276,8 +231,8 @@ class Clearance:
             0.0 if ask.moving is None else float((self.space.motion[ask.moving] @ np.ptp(b, axis=0)).max())
         )
         if way_a >= way_b:
-            return [(half, b) for half in _halves(a)]
-        return [(a, half) for half in _halves(b)]
+            return [(half, b) for half in halves(a)]
+        return [(a, half) for half in halves(b)]
 
     # --- who stands at the other side ----------------------------------------------------------------------
 
@@ -308,25 +263,3 @@ class Clearance:
     def keep_n(self, group: Group, k: int, n: Array) -> None:
         """Keeps a better direction for a group's k-th pair."""
         self._n[group.ids[k]] = n * group.sign[k]
-
-
-def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
-    """The witness points in the pair's own order."""
-    if points is None or group.sign[k] > 0:
-        return points
-    return points[1], points[0]
-
-
-def _segments(nodes: Array) -> list[Array]:
-    return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
-
-
-def _middle(segment: Array) -> Array:
-    return np.asarray(segment.mean(axis=0, keepdims=True))
-
-
-def _halves(segment: Array) -> list[Array]:
-    if len(segment) == 1:
-        return [segment]
-    middle = segment.mean(axis=0)
-    return [np.stack([segment[0], middle]), np.stack([middle, segment[1]])]

@@ -275,12 +275,8 @@ class Gate:
         return out
 
     def _met_by(self, s: RobotState) -> list[RobotState]:
-        cell, bound, limits = self._cell, self._clearance.bound, self._clearance.limits
-        met = set()
-        for pair in self._clearance.pairs_of[s.index]:
-            if bound[pair] < limits[pair]:
-                p = cell.pairs[pair]
-                met |= {cell.bodies[p.a].robot, cell.bodies[p.b].robot}
+        pairs = [self._cell.pairs[k] for k in self._clearance.below(s.index)]
+        met = {self._cell.bodies[k].robot for p in pairs for k in (p.a, p.b)}
         return [r for r in self._robots if r.index in met and r is not s]
 
     def _of(self, robot: str) -> RobotState:

@@ -12,9 +12,10 @@ import numpy as np
 from armgate.cell.events import Cause, Joints, Point, Reason
 from armgate.integrity.braking import stop_increments
 from armgate.integrity.certificate import Budget
-from armgate.integrity.clearance import Binding, Clearance
+from armgate.integrity.clearance import Clearance
 from armgate.integrity.limits import Wish, blend, shape_wish, stays_inside
 from armgate.integrity.occupancy import Occupancy
+from armgate.integrity.question import Binding
 from armgate.integrity.retreat import Demand, Retreat
 from armgate.integrity.robot import RobotState, end_of
 from armgate.integrity.swept import Array, Swept

@@ -12,8 +12,9 @@ import numpy as np
 from armgate.cell.cell import Cell
 from armgate.cell.events import Joints, Nearest
 from armgate.integrity.certificate import Proof
-from armgate.integrity.clearance import Clearance, ordered
+from armgate.integrity.clearance import Clearance
 from armgate.integrity.groups import Group
+from armgate.integrity.question import ordered
 from armgate.integrity.swept import Array, Index, Swept
 
 _FEW = 4

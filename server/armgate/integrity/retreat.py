@@ -14,7 +14,8 @@ import numpy as np
 
 from armgate.cell.events import Joints
 from armgate.integrity.certificate import Budget
-from armgate.integrity.clearance import Binding, Clearance
+from armgate.integrity.clearance import Clearance
+from armgate.integrity.question import Binding
 from armgate.integrity.robot import RobotState
 from armgate.integrity.swept import Array
 
