@@ -138,6 +138,15 @@ async def test_cases_pass_through_a_slicing_line():
     assert not [(r.case.id, r.findings) for r in results if r.failed(strict=True)]
 
 
+async def test_nothing_is_asked_of_a_connection_that_the_kit_has_half_closed():
+    faults = Faults.parse("latency=20ms")
+    async with serving("conformance.yaml") as port, Proxy("127.0.0.1", port, faults) as proxy:
+        target = Target("127.0.0.1", port, faults=faults, proxy=proxy)
+        facts = await ask(target, None, ())
+        (result,) = [r async for r in Runner(target, facts).run(selected(["LEA-16/half-close"]))]
+    assert not result.failed(strict=True), result.findings
+
+
 FAR = Faults(latency=0.08, jitter=0.04, stall=0.4, every=1.0)
 """80 ms ± 40 ms each way, and stalls of 200 to 400 ms: what loss looks like above TCP."""
 

@@ -45,17 +45,19 @@ class Mute(asyncio.Transport):
         pass
 
 
-async def test_a_server_with_tls_and_tokens(tmp_path):
+async def test_a_server_with_tls_certificates_of_clients_and_tokens(tmp_path):
     authority = Authority(tmp_path)
     secrets, kept = made(ROLES)
-    keys = Keys(server_context(*authority.issue("server", "127.0.0.1"), None), kept)
+    keys = Keys(server_context(*authority.issue("server", "127.0.0.1"), authority.file), kept)
+    certificate, key = authority.issue("kit")
     file = tmp_path / "tokens"
     file.write_text("# for the kit\n" + "".join(f"{role} {secret}\n" for role, secret in secrets.items()))
     only = ("--only", "SEC", "--only", "LEA-8", "--only", "CON-3", "--only", "FRM-2/merged")
     async with serving("conformance.yaml", keys=keys) as port:
         status, out, err = await run(
-            "conformance", f"127.0.0.1:{port}", *only, "--token-file", file, "--tls-ca", authority.file
-        )
+            "conformance", f"127.0.0.1:{port}", *only, "--token-file", file, "--tls-ca", authority.file,
+            "--tls-cert", certificate, "--tls-key", key,
+        )  # fmt: skip
     assert (status, err) == (0, ""), out
     passed = set(re.findall(r"^PASS +PASS +(\S+)", out, re.MULTILINE))
     assert {"SEC-2/none", "SEC-3/above", "SEC-5/robots", "SEC-10/plain"} <= passed

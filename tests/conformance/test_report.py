@@ -72,6 +72,13 @@ def test_the_page_stands_alone_and_escapes():
     assert text.count("<details open") == 3
 
 
+def test_the_page_sets_the_names_in_a_statement_as_code():
+    told = next(c for c in cases() if "`verdict`" in c.statement.text)
+    text = page.page([Result(told, Outcome.PASS, Outcome.PASS)], FACTS, "h:1", False, "")
+    assert "<code>verdict</code>" in text
+    assert "`" not in text
+
+
 def test_wire_logs_are_files(tmp_path):
     report.write_wires(RESULTS, tmp_path)
     assert len(list(tmp_path.iterdir())) == 3
@@ -108,6 +115,10 @@ async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
         (("127.0.0.1:1", "--only", "FOO-1"), "no case FOO-1"),
         (("127.0.0.1:1", "--faults", "rain=1"), "--faults"),
         (("--start", "no-such-program-anywhere"), "--start"),
+        (("--start", "armgate serve no-such-cell.yaml"), "no-such-cell.yaml"),
+        (("127.0.0.1:1", "--token-file", "no-such-file"), "--token-file no-such-file"),
+        (("127.0.0.1:1", "--tls-ca", "no-such-file"), "no-such-file: No such file"),
+        (("127.0.0.1:1", "--tls-ca", "x", "--tls-cert", "y"), "go together"),
     ],
 )
 async def test_called_wrongly_it_says_so_and_exits_2(arguments, text):
@@ -115,6 +126,13 @@ async def test_called_wrongly_it_says_so_and_exits_2(arguments, text):
     assert status == 2
     assert text in " ".join(err.split())
     assert "Traceback" not in err
+
+
+async def test_what_could_not_be_tried_did_not_pass():
+    async with serving("conformance.yaml") as port:
+        status, out, _ = await run("conformance", f"127.0.0.1:{port}", "--only", "LCK-2")
+    assert status == 2
+    assert "only for a server in lock-step" in out
 
 
 async def test_it_lists_its_cases():

@@ -1,11 +1,14 @@
 """What the observer's states say of robots: right motion gives no finding, each kind of wrong motion one."""
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from armgate.conformance.ledger import Ledger
 from armgate.conformance.safety import Joints, Sample, at_rest, judge
 
-JOINTS = Joints(lower=(-1.0,), upper=(1.0,), step=(0.1,), change=(0.05,))
+JOINTS = Joints(lower=(-1.0,), upper=(1.0,), step=(0.1,), change=(0.05,), brake=(0.06,))
 
 
 def samples(positions, applied=None, **more):
@@ -56,6 +59,8 @@ def test_a_robot_that_moves_as_judged_and_brakes_is_safe():
         (samples([0.0, 0.0, 0.03], stops={"else": (4,)}), None, "while stopped"),
         (samples([0.0, 0.0, 0.03], holder={"else": None}), None, "while nobody holds it"),
         (samples([0.0, 0.0, 0.09], {2: 1}), ledger((1, "admitted", 2, 0.09)), "accelerates"),
+        (samples([0.0, 0.05, 0.14, 0.16], {1: 1, 2: 2}), None, "brakes"),
+        (samples([0.0, 0.04, 0.0], {2: 1}), ledger((1, "admitted", 2, 0.0)), "turns"),
         (samples([0.0, 0.0, 0.03], {2: 1}), None, "nobody sent"),
         (samples([0.0, 0.0, 0.03], {2: 1}), ledger((1, "refused", None, 0.0)), "which was refused"),
         (samples([0.0, 0.0, 0.03], {2: 1}), ledger((1, "admitted", 3, 0.03)), "its verdict names 3"),
@@ -85,6 +90,17 @@ def test_a_state_that_was_not_seen_is_no_finding():
     seen = samples([0.0, 0.0, 0.05, 0.13, 0.2], {2: 1, 3: 2, 4: 3})
     kept = ledger(*((seq, "admitted", None, 0.0) for seq in (1, 2, 3)))
     assert found([seen[0], seen[1], seen[4]], kept) == []
+
+
+def test_a_joint_without_a_bound_may_stop_at_once():
+    free = replace(JOINTS, brake=(math.inf,))
+    seen = samples([0.0, 0.05, 0.14, 0.14])
+    assert not [f for f in judge("R", seen, free, ledger()) if "brakes" in f]
+
+
+def test_a_reset_puts_the_setpoint_where_the_robot_is():
+    seen = samples([0.0, 0.0, 0.09, 0.09], stops={1: (4,)})
+    assert not [f for f in found(seen) if "accelerates" in f]
 
 
 def near(distance):

@@ -297,6 +297,15 @@ def faster_than_described(patch):
     patch.setattr(library_module, "_joint", joint)
 
 
+def brakes_harder_than_described(patch):
+    def joint(robot, index):
+        told = right(robot, index)
+        return told.model_copy(update={"deceleration": told.deceleration / 3})
+
+    right = library_module._joint
+    patch.setattr(library_module, "_joint", joint)
+
+
 def another_hash(patch):
     patch.setattr(library_module, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest())
 
@@ -438,6 +447,7 @@ WRONG = {
     "every ignored": (every_ignored, "SUB-4/every-3", "session"),
     "nobody is holder": (nobody_is_holder, "STA-8/holder", "session"),
     "faster than described": (faster_than_described, "CMD-19/acceleration", "safety"),
+    "brakes harder than described": (brakes_harder_than_described, "CMD-37/turn", "safety"),
     "another hash than the asset's": (another_hash, "DSC-9/urdf", "session"),
     "versions not echoed": (versions_not_echoed, "VER-5/unknown", "session"),
     "every error fatal": (every_error_fatal, "ERR-3/unknown", "session"),

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    import ssl
+
     from armgate.conformance.kit import Options
 
 
@@ -45,6 +47,10 @@ def conformance(
         Path | None, typer.Option(help="Lines `ROLE TOKEN`; ROLE: operator, controller, observer, elsewhere.")
     ] = None,
     tls_ca: Annotated[Path | None, typer.Option(help="Use TLS; the certificate to trust.")] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="The kit's own certificate, for a server that asks for one.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its key.")] = None,
     faults: Annotated[
         str, typer.Option(metavar="LIST", help="Faults on the way, such as latency=80ms,jitter=40ms,slice=7.")
     ] = "",
@@ -62,7 +68,7 @@ def conformance(
     """Try whether a server keeps the specification of the protocol. It moves robots: not for real ones.
 
     Two verdicts: safety (did a robot do what it must not?) and session (did the conversation go as written?).
-    Exit status: 0 all passed, 1 some failed, 2 called wrongly or no server there.
+    Exit status: 0 all passed, 1 some failed, 2 called wrongly, no server there, or nothing could be tried.
     """
     import asyncio  # noqa: PLC0415
 
@@ -87,7 +93,7 @@ def conformance(
         robot=robot,
         participants=tuple(filter(None, (name.strip() for name in participants.split(",")))),
         tokens={} if token_file is None else _tokens(token_file),
-        tls_ca=tls_ca,
+        tls=_tls(tls_ca, tls_cert, tls_key),
         faults=Faults.parse(faults),
         seed=seed,
     )
@@ -114,10 +120,32 @@ def _address(text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
+def _tls(authority: Path | None, certificate: Path | None, key: Path | None) -> "ssl.SSLContext | None":
+    import ssl  # noqa: PLC0415
+
+    if (certificate is None) is not (key is None) or (certificate is not None and authority is None):
+        raise UsageError("--tls-cert and --tls-key go together, and with --tls-ca")
+    if authority is None:
+        return None
+    given = authority
+    try:
+        context = ssl.create_default_context(cafile=str(authority))
+        if certificate is not None and key is not None:
+            given = certificate
+            context.load_cert_chain(certificate, key)
+    except OSError as error:
+        raise UsageError(f"{given}: {error.strerror or error}; expected a file in PEM") from error
+    return context
+
+
 def _tokens(file: Path) -> dict[str, str]:
     """Tokens by role; a line with a token alone is an operator's."""
     found: dict[str, str] = {}
-    for number, text in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--token-file {file}: {error}; expected lines `ROLE TOKEN`") from error
+    for number, text in enumerate(lines, start=1):
         words = text.split()
         if not words or text.startswith("#"):
             continue

@@ -1,5 +1,6 @@
 """One run of the kit, from options to reports."""
 
+import shlex
 import ssl
 import sys
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -28,7 +29,7 @@ class Options:
     robot: str | None = None
     participants: tuple[str, ...] = ()
     tokens: dict[str, str] = field(default_factory=dict)
-    tls_ca: Path | None = None
+    tls: ssl.SSLContext | None = None
     faults: Faults = field(default_factory=Faults)
     seed: int = 1
     junit: Path | None = None
@@ -44,7 +45,7 @@ async def run(options: Options, tell: Callable[[str], object]) -> int:
         tell: Given lines for people.
 
     Returns:
-        Exit status: 0, or 1 if a case failed.
+        Exit status: 0, 1 if a case failed, 2 if nothing could be tried.
 
     Raises:
         Unreachable: There is no server.
@@ -63,6 +64,8 @@ async def run(options: Options, tell: Callable[[str], object]) -> int:
     if soft := sum(result.outcome is Outcome.NON_STRICT for result in results):
         tell(f"{soft} NON-STRICT: a SHOULD was not kept")
     tell(report.last_line(results, options.strict))
+    if all(result.outcome is Outcome.SKIPPED for result in results):
+        return 2  # nobody may take this for a server that passed
     return int(any(result.failed(options.strict) for result in results))
 
 
@@ -74,7 +77,7 @@ async def reached(options: Options) -> AsyncIterator[tuple[Target, Facts]]:
             host, port = options.address
         else:
             host, port = await stack.enter_async_context(served(options.start or ""))
-        target = Target(host, port, options.tokens, _tls(options.tls_ca), options.faults)
+        target = Target(host, port, options.tokens, options.tls, options.faults)
         if (command := options.start) is not None:
             target.anew = lambda: served(command)
         facts = await ask(target, options.robot, options.participants)
@@ -88,15 +91,11 @@ def listing(cases: Sequence[Case]) -> str:
     return "\n".join(f"{case.id:<28} {case.description}" for case in cases)
 
 
-def _tls(authority: Path | None) -> ssl.SSLContext | None:
-    return None if authority is None else ssl.create_default_context(cafile=str(authority))
-
-
 def _write(options: Options, results: Sequence[Result], facts: Facts, where: str) -> None:
     if options.junit is not None:
         report.write_junit(results, options.junit, options.strict)
     if options.html is not None:
-        text = page.page(results, facts, where, options.strict, " ".join(sys.argv[1:]))
+        text = page.page(results, facts, where, options.strict, shlex.join(sys.argv[1:]))
         options.html.write_text(text, encoding="utf-8", errors="replace")
     if options.wires is not None:
         report.write_wires(results, options.wires)

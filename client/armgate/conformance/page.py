@@ -1,5 +1,6 @@
 """One self-contained HTML page about a run: no scripts, fonts or pictures from anywhere."""
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from html import escape
@@ -86,9 +87,14 @@ def _case(result: Result) -> str:
         f'class="sec">'
         f'{result.seconds:.2f}</span></summary><div class="body"><dl><dt>expectation</dt><dd>'
         f"{escape(case.expectation)}"
-        f"</dd><dt>{escape(case.statement.id)}</dt><dd><blockquote>{escape(case.statement.text)}</blockquote></dd>"
+        f"</dd><dt>{escape(case.statement.id)}</dt><dd><blockquote>{_marked(case.statement.text)}</blockquote></dd>"
         f"{further}</dl>{found}{wire}</div></details>"
     )
+
+
+def _marked(text: str) -> str:
+    """A sentence of the specification, its `code` set as such."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def _verdict(outcome: Outcome) -> str:

@@ -3,6 +3,7 @@
 Pure: samples in, findings out. What the server says in verdicts is held against what the robots did.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,12 +27,14 @@ class Joints:
         upper: Upper limits.
         step: The largest increment in one tick.
         change: By how much an increment may be larger than the one before.
+        brake: By how much it may be smaller; infinite where a joint may stop at once.
     """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     step: tuple[float, ...]
     change: tuple[float, ...]
+    brake: tuple[float, ...]
 
     @classmethod
     def of(cls, robot: Fields) -> "Joints":
@@ -42,6 +45,7 @@ class Joints:
             tuple(joint["upper"] for joint in joints),
             tuple(joint["velocity"] * period for joint in joints),
             tuple(joint["acceleration"] * period**2 for joint in joints),
+            tuple((joint["deceleration"] or math.inf) * period**2 for joint in joints),
         )
 
 
@@ -74,7 +78,8 @@ def judge(robot: str, samples: Sequence[Sample], joints: Joints, ledger: Ledger)
     """What a robot did that it must not have done, over the states of one case."""
     yield from _limits(robot, samples, joints)
     yield from _steps(robot, samples, joints)
-    yield from _uncommanded(robot, samples, joints)
+    yield from _uncommanded(robot, samples)
+    yield from _changes(robot, samples, joints)
     yield from _applied(robot, samples, ledger)
     yield from _clearances(robot, samples)
 
@@ -107,22 +112,41 @@ def _steps(robot: str, samples: Sequence[Sample], joints: Joints) -> Iterator[st
                 )
 
 
-def _uncommanded(robot: str, samples: Sequence[Sample], joints: Joints) -> Iterator[str]:
-    """Between the commands that are applied a robot brakes; no increment grows faster than allowed."""
+def _uncommanded(robot: str, samples: Sequence[Sample]) -> Iterator[str]:
+    """Between the commands that are applied a robot brakes."""
+    for b, c, j, before, now in _increments(samples):
+        gain = now - before if before >= 0 else before - now
+        reversal = abs(now) if now * before < 0 else 0.0
+        if b.applied == c.applied and (gain > _SAME or reversal > _SAME):
+            why = ", while stopped" if b.stops else ", while nobody holds it" if b.holder is None else ""
+            yield (
+                f"{robot}: at tick {c.tick} joint {j} speeds up from {before:.6f} to {now:.6f} a tick "
+                f"without a command applied{why}"
+            )
+
+
+def _changes(robot: str, samples: Sequence[Sample], joints: Joints) -> Iterator[str]:
+    """No increment grows, shrinks or turns faster than the joint's bounds allow."""
+    for b, c, j, before, now in _increments(samples):
+        if set(b.stops) - set(c.stops):
+            continue  # a reset: the setpoint is where the robot was measured
+        gain, loss = max(abs(now) - _SAME, 0.0), max(abs(before) - _SAME, 0.0)
+        if now * before >= 0:
+            gain, loss = max(abs(now) - abs(before) - _SAME, 0.0), max(abs(before) - abs(now) - _SAME, 0.0)
+        if gain / joints.change[j] + loss / joints.brake[j] > 1 + 1e-6:
+            how = "turns" if gain and loss else "accelerates" if gain else "brakes"
+            yield (
+                f"{robot}: at tick {c.tick} joint {j} {how} from {before:.6f} to {now:.6f} a tick, "
+                "faster than its bounds allow"
+            )
+
+
+def _increments(samples: Sequence[Sample]) -> Iterator[tuple[Sample, Sample, int, float, float]]:
+    """Each joint's increment at a tick and at the next: both samples, the joint, both increments."""
     for a, b, c in zip(samples, samples[1:], samples[2:], strict=False):
-        if (a.tick + 1, b.tick + 1) != (b.tick, c.tick):
-            continue  # a state was not seen: nothing is known of what was between
-        for j, (before, now) in enumerate(zip(_moved(a, b), _moved(b, c), strict=True)):
-            gain = now - before if before >= 0 else before - now
-            reversal = abs(now) if now * before < 0 else 0.0
-            if b.applied == c.applied and (gain > _SAME or reversal > _SAME):
-                why = ", while stopped" if b.stops else ", while nobody holds it" if b.holder is None else ""
-                yield (
-                    f"{robot}: at tick {c.tick} joint {j} speeds up from {before:.6f} to {now:.6f} a tick "
-                    f"without a command applied{why}"
-                )
-            if abs(now) - abs(before) > joints.change[j] * (1 + 1e-6) + _SAME:
-                yield f"{robot}: at tick {c.tick} joint {j} accelerates from {before:.6f} to {now:.6f} a tick"
+        if (a.tick + 1, b.tick + 1) == (b.tick, c.tick):  # else nothing is known of what was between
+            for j, (before, now) in enumerate(zip(_moved(a, b), _moved(b, c), strict=True)):
+                yield b, c, j, before, now
 
 
 def _applied(robot: str, samples: Sequence[Sample], ledger: Ledger) -> Iterator[str]:

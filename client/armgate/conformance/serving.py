@@ -5,6 +5,8 @@ import re
 import shlex
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from tempfile import TemporaryFile
+from typing import IO
 
 from armgate.conformance.target import Unreachable
 
@@ -23,20 +25,35 @@ async def served(command: str) -> AsyncIterator[tuple[str, int]]:
     Raises:
         Unreachable: It does not start, or says something else.
     """
+    with TemporaryFile() as errors:  # a pipe that nobody empties would hold the server up
+        async with _process(command, errors) as process:
+            yield await _address(process, command, errors)
+
+
+async def _address(process: asyncio.subprocess.Process, command: str, errors: IO[bytes]) -> tuple[str, int]:
+    assert process.stdout is not None
+    first = b""
+    with suppress(TimeoutError):
+        first = await asyncio.wait_for(process.stdout.readline(), _START)
+    if match := _ADDRESS.search(first.decode(errors="replace")):
+        return match[1].strip("[]"), int(match[2])
+    await _end(process)
+    errors.seek(0)
+    said = (first + errors.read()).decode(errors="replace").strip().splitlines()
+    why = f"; the last that it said: {said[-1][:300]}" if said else ""
+    raise Unreachable(f"--start: {command!r} did not say on which HOST:PORT it listens{why}")
+
+
+@asynccontextmanager
+async def _process(command: str, errors: IO[bytes]) -> AsyncIterator[asyncio.subprocess.Process]:
     try:
         process = await asyncio.create_subprocess_exec(
-            *shlex.split(command), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
+            *shlex.split(command), stdout=asyncio.subprocess.PIPE, stderr=errors
         )
-    except OSError as error:
-        raise Unreachable(f"--start: {error}") from error
+    except (OSError, ValueError) as error:
+        raise Unreachable(f"--start: {command!r}: {error}") from error
     try:
-        assert process.stdout is not None
-        with suppress(TimeoutError):
-            first = (await asyncio.wait_for(process.stdout.readline(), _START)).decode(errors="replace")
-            if match := _ADDRESS.search(first):
-                yield match[1].strip("[]"), int(match[2])
-                return
-        raise Unreachable(f"--start: {command!r} did not say on which HOST:PORT it listens")
+        yield process
     finally:
         await _end(process)
 

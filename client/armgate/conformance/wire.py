@@ -51,7 +51,7 @@ class Wire(asyncio.Protocol):
         self._asked: Counter[int] = Counter()
         self._ids = count(1)
         self._over = ""
-        self._said_bye = False
+        self._said_all = False
         self._transport: asyncio.Transport
 
     # --- asyncio ------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ class Wire(asyncio.Protocol):
     @property
     def alive(self) -> bool:
         """Whether both sides may still speak."""
-        return not (self.ended or self._over or self._said_bye or self._transport.is_closing())
+        return not (self.ended or self._over or self._said_all or self._transport.is_closing())
 
     # --- saying -------------------------------------------------------------------------------------------
 
@@ -112,7 +112,7 @@ class Wire(asyncio.Protocol):
     def note(self, message: Fields) -> None:
         """Count on the answer to a message that is sent as bytes."""
         self.account.said(message)
-        self._said_bye |= message.get("type") == "bye"
+        self._said_all |= message.get("type") == "bye"
         if type(message.get("id")) is int:
             self._asked[message["id"]] += 1
 
@@ -126,6 +126,7 @@ class Wire(asyncio.Protocol):
     def half_close(self) -> None:
         """Send no more, but read on."""
         self._log.add(self.name, "·", b"", "half-closed by the kit")
+        self._said_all = True
         self._transport.write_eof()
 
     def can_half_close(self) -> bool:

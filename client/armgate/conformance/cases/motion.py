@@ -82,7 +82,7 @@ for _slug, (_what, _factor) in _GREEDY.items():
     "CMD-19/acceleration",
     "At rest, ask for the full speed at once",
     "limited by acceleration or increment; the robot accelerates within its bound",
-    also=("CMD-21", "CMD-25"),
+    also=("CMD-21", "CMD-25", "CMD-37"),
 )
 async def _(trial: Trial) -> None:
     holder = await trial.holder()
@@ -100,6 +100,24 @@ async def _(trial: Trial) -> None:
     if any(abs(w) > a * (1 + 1e-6) for w, a in zip(wish, allowed, strict=True)):
         causes = [reason["cause"] for reason in verdict.get("reasons", ())]
         check("acceleration" in causes, f"it was {verdict['outcome']} by {causes}, not by acceleration")
+
+
+@case(
+    "CMD-37/turn",
+    "Ask for full speed for eight ticks, then for eight ticks the other way",
+    "The robot accelerates, brakes and turns within the bounds of the joint",
+    also=("CMD-19",),
+)
+async def _(trial: Trial) -> None:
+    holder = await trial.holder()
+    joints, period = trial.facts.robot["joints"], trial.facts.robot["period"]
+    full = [
+        math.copysign(j["velocity"] * period, x) if x else 0.0
+        for j, x in zip(joints, holder.small(), strict=True)
+    ]
+    for way in (1.0, -1.0):
+        outcomes = [(await holder.decided([way * x for x in full]))["outcome"] for _ in range(8)]
+        check(set(outcomes) != {"refused"}, "none of it was let through, though the joint has room")
 
 
 _NUMBERS: dict[str, Any] = {
