@@ -1,5 +1,6 @@
 """Record, kill -9, recover, replay: in every state of the writer, at random moments, and a real daemon."""
 
+import errno
 import json
 import os
 import random
@@ -10,10 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from armgate.audit import recovering
 from armgate.audit.build import recorded_cell
 from armgate.audit.recovering import recovered
 from armgate.audit.replaying import replayed
-from armgate.recording import Recording, RecordingError, TruncatedError
+from armgate.recording import DamagedError, Recording, RecordingError, TruncatedError
+from armgate.recording.scan import scan
+from support import records
 from support.cells import arms_yaml
 from support.clients import Mover, Process, Raw, run
 
@@ -66,6 +70,34 @@ def test_killed_at_its_start_there_is_nothing_to_recover(killed):
     folder, _ = killed
     with pytest.raises(RecordingError, match="nothing can be recovered"):
         recovered(folder / "start")
+
+
+def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
+    records.write(tmp_path, range(300))
+    file = tmp_path / "recording-0001.mcap"
+    content = bytearray(file.read_bytes())
+    place = scan(file).chunks[0]
+    content[place.offset + place.length // 2] ^= 0xFF
+    file.write_bytes(content)
+    with pytest.raises(DamagedError, match="restore it from a copy"):
+        recovered(tmp_path)
+
+
+def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_path, monkeypatch):
+    records.write(tmp_path, range(300))
+    file = tmp_path / "recording-0001.mcap"
+    file.write_bytes(file.read_bytes()[:-20])
+    before = file.read_bytes()
+
+    def full(_old, new):
+        new.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(recovering, "rewrite", full)
+    with pytest.raises(RecordingError, match=r"No space left on device; \d+ bytes are needed"):
+        recovered(tmp_path)
+    assert file.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
 
 async def test_a_daemon_killed_while_it_moves_is_recovered_and_judged_the_same(tmp_path):

@@ -1,5 +1,7 @@
 """A run on one page."""
 
+import re
+from collections import Counter
 from html.parser import HTMLParser
 
 from support.clients import run
@@ -37,5 +39,14 @@ async def test_the_command_writes_it_beside_the_recording(one_run):
     assert (status, err) == (0, "")
     assert str(one_run / "report.html") in out
     text = (one_run / "report.html").read_text()
-    assert "the daemon is ending" in text
+    assert "reason: the daemon is ending" in text
     assert "A: joints" in text
+    assert "<td>commands</td><td>none<" in text
+    assert re.search(r"<td>least clearance</td><td>[\d.]+ mm to others and surroundings; ", text)
+    assert re.search(r"<td>stops</td><td>[1-9]", text)
+
+
+def test_commands_are_counted_by_outcome():
+    from armgate.audit.reporting import _judged
+
+    assert _judged(Counter(admitted=3, refused=1)) == "4: 3 admitted, 0 limited, 1 refused"

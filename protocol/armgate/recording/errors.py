@@ -3,7 +3,7 @@
 RecordingError
 ├── ForeignError       no recording of armgate
 ├── NewerFormatError   written by a later armgate
-├── TruncatedError     breaks off: its daemon was killed, or still writes
+├── TruncatedError     breaks off: a killed daemon, a full disk, or still written
 ├── DamagedError       what stands in it is not what was written
 └── IncompleteError    a part is missing, or its records have a gap
 """

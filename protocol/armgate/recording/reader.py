@@ -179,10 +179,10 @@ def _check_sequence(path: Path, parts: Sequence[Part]) -> None:
 def _check_ends(parts: Sequence[Part], files: Sequence[Path]) -> None:
     for part in parts:
         if not part.closed:
-            text = (
-                f"breaks off after {part.file.stat().st_size - part.lost} bytes: its daemon was killed, or "
-            )
-            raise TruncatedError(part.file, f"{text}still writes it; run: armgate recover {part.file}")
+            whole = part.file.stat().st_size - part.lost
+            why = "its daemon was killed, its disk was full, or it is still being written"
+            text = f"breaks off after {whole} bytes: {why}; run: armgate recover {part.file}"
+            raise TruncatedError(part.file, text)
     known = {part.file for part in parts}
     if empty := [file for file in files if file not in known]:
         text = f"breaks off before its header; run: armgate recover {empty[0].parent}"

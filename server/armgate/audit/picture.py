@@ -69,7 +69,7 @@ def _clearance(case: Case, intended: Intended, cell: Cell) -> Any:
         _gap(axes, case, a, b, view)
         axes.set_aspect("equal")
         axes.set_ylabel("z [m]")
-        axes.set_xlabel(f"along ({view[0][0]:+.2f}, {view[0][1]:+.2f}, 0) [m]")
+        axes.set_xlabel(_across(view))
     whole.autoscale_view()
     middle = view @ (0.5 * (a + b))
     limit = case.reason.bound or 0.05
@@ -83,6 +83,14 @@ def _clearance(case: Case, intended: Intended, cell: Cell) -> Any:
     figure.legend(kept.values(), kept.keys(), loc="outside lower center", ncols=4)
     figure.suptitle(f"{_title(case)}\n{case.reason.text}", x=0.01, ha="left", fontweight="bold")
     return figure
+
+
+def _across(view: Array) -> str:
+    """What runs to the right: an axis of the world where it is one."""
+    x, y = view[0][0], view[0][1]
+    if max(abs(x), abs(y)) > 1.0 - 1e-6:
+        return f"{'-' if x + y < 0 else ''}{'x' if abs(x) > abs(y) else 'y'} [m]"
+    return f"along ({x:+.2f}, {y:+.2f}, 0) [m]"
 
 
 def _scene(axes: Any, case: Case, intended: Intended, cell: Cell, view: Array) -> None:

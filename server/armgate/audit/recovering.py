@@ -7,7 +7,7 @@ from pathlib import Path
 
 from armgate.recording import RecordingError, TruncatedError, parts_of
 from armgate.recording.rewrite import rewrite
-from armgate.recording.scan import Scan, scan
+from armgate.recording.scan import Scan, records, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,8 @@ def recovered(path: Path) -> Sequence[Recovered]:
         path: Its folder, or one file.
 
     Raises:
-        RecordingError: There is no recording, it is damaged, or nothing of it is left.
-        OSError: A file cannot be written; the old one stays as it was.
+        RecordingError: There is no recording, it is damaged, nothing of it is left, or there is no room for a
+            whole copy; the file stays as it was then.
     """
     files = parts_of(path)
     scans = [scan(file) for file in files]
@@ -50,11 +50,19 @@ def recovered(path: Path) -> Sequence[Recovered]:
 def _recovered(found: Scan) -> Recovered:
     file = found.file
     if found.closed:
+        for place in found.chunks:
+            records(place)  # raises if one is damaged
         return Recovered(file, "whole")
     if not found.chunks:
         file.unlink()
         return Recovered(file, "removed")
     new = file.with_name(f".{file.name}.recovering")
-    messages, dropped = rewrite(file, new)
-    os.replace(new, file)
+    try:
+        messages, dropped = rewrite(file, new)
+        os.replace(new, file)
+    except OSError as error:
+        text = f"stays as it is: {error.strerror or error}; {found.good} bytes are needed beside it"
+        raise RecordingError(file, text) from error
+    finally:
+        new.unlink(missing_ok=True)
     return Recovered(file, "recovered", messages, dropped)

@@ -3,18 +3,22 @@
 import base64
 import html
 import io
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from armgate.cell.events import Outcome, Verdict
+from armgate.cell.events import Outcome, Stopped, Verdict
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
 
 _POINTS = 3000
 """A curve is drawn with about so many points."""
+
+_LINES = 200
+"""So many lines of the log stand on the page."""
 
 _COLOURS = {"admitted": "#4c9f70", "limited": "#d99a2b", "refused": "#c0392b"}
 
@@ -29,7 +33,8 @@ class Run:
     q: dict[str, list[Sequence[float]]] = field(default_factory=dict)
     clearance: dict[str, list[float]] = field(default_factory=dict)
     signals: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
-    log: list[LogLine] = field(default_factory=list)
+    log: list[tuple[float, LogLine]] = field(default_factory=list)
+    stops: int = 0
     lost: int = 0
     end: float = 0.0
 
@@ -37,6 +42,7 @@ class Run:
         """Takes one item of the recording."""
         match item:
             case Step(outputs=outputs):
+                self.stops += sum(isinstance(output, Stopped) for output in outputs)
                 self._take_verdicts(time, outputs)
             case Shown(entry=entry):
                 self._take_entry(entry)
@@ -48,7 +54,7 @@ class Run:
                         times.append(item.time)
                         values.append(signal.value[0])
             case LogLine(level=level) if level != "info":
-                self.log.append(item)
+                self.log.append((time, item))
             case Gap(records=records):
                 self.lost += records
 
@@ -85,10 +91,17 @@ def page(recording: Recording) -> str:
         run.take(time, item)
     header = recording.header
     began = datetime.fromtimestamp(header.origin_ns / 1e9, tz=UTC)
+    counts = Counter[str]()
+    for verdicts in run.verdicts.values():
+        for what, number in verdicts.items():
+            counts[what.partition(" ")[0]] += number
     facts = {
         "cell": f"{header.cell}, {header.hash[:12]}…",
         "began": f"{began:%Y-%m-%d %H:%M:%S} UTC",
         "lasted": f"{run.end:.1f} s{' of virtual time' if header.lockstep else ''}",
+        "commands": _judged(counts),
+        "least clearance": _least(run, recording.description.stop_distance),
+        "stops": str(run.stops),
         "armgate": header.software.get("armgate", "?"),
         "gate": header.judge,
         "machine": header.machine.get("processor", "?"),
@@ -99,9 +112,32 @@ def page(recording: Recording) -> str:
         parts.append(f"<h3>{html.escape(robot)}</h3>{_table((k, str(n)) for k, n in counts.most_common())}")
     parts += _plots(run, recording)
     if run.log:
-        lines = [(f"{line.level} {line.event}", str(dict(line.fields))) for line in run.log[:200]]
+        lines = [(f"{time:.3f} s: {line.event}", _fields(line)) for time, line in run.log[:_LINES]]
         parts += ["<h2>Warnings and errors in the log</h2>", _table(lines)]
+        if len(run.log) > _LINES:
+            parts.append(f"<p>and {len(run.log) - _LINES} more</p>")
     return _PAGE.format(title=html.escape(header.cell), body="\n".join(parts))
+
+
+def _judged(counts: Counter[str]) -> str:
+    parts = ", ".join(f"{counts[o.value]} {o.value}" for o in Outcome)
+    return f"{counts.total()}: {parts}" if counts else "none"
+
+
+def _least(run: Run, kept: float) -> str:
+    """The smallest clearance that any state told, beside what had to be kept."""
+    seen = [value for values in run.clearance.values() for value in values if not math.isnan(value)]
+    least = f"{1000 * min(seen):.1f} mm to others and surroundings" if seen else "not told"
+    return f"{least}; {1000 * kept:g} mm are to be kept"
+
+
+def _fields(line: LogLine) -> str:
+    """What a line of the log says beside its event."""
+    return "; ".join(f"{key}: {_listed(value)}" for key, value in line.fields.items())
+
+
+def _listed(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
 _PAGE = """<!doctype html>

@@ -76,14 +76,14 @@ class Metrics(Collector):
         entries = self._entries
         yield _verdicts(entries)
         nearest = {e.robot: min(n.distance for n in e.nearest) for e in entries if e.nearest}
-        yield _gauge("armgate_clearance_meters", "Certified clearance of the nearest pair", nearest)
+        yield _gauge("armgate_clearance_meters", "Certified clearance of the nearest pair, m", nearest)
         least = {e.robot: e.least_clearance for e in entries if e.least_clearance is not None}
-        yield _gauge("armgate_least_clearance_meters", "Smallest clearance to others so far", least)
+        yield _gauge("armgate_least_clearance_meters", "Smallest clearance to others so far, m", least)
         stopped = {e.robot: len(e.stops or ()) for e in entries}
         yield _gauge("armgate_stops", "Stops in force", stopped)
         late = CounterMetricFamily("armgate_late_commands", "Plans that came too late", labels=["robot"])
         ticks = CounterMetricFamily("armgate_ticks", "Ticks of the robot's clock", labels=["robot"])
-        link = GaugeMetricFamily("armgate_link", "1 for the state of the link", labels=["robot", "state"])
+        link = GaugeMetricFamily("armgate_link", "State of the link (1: this one)", labels=["robot", "state"])
         for entry in entries:
             late.add_metric([entry.robot], entry.late_commands or 0)
             ticks.add_metric([entry.robot], entry.tick)

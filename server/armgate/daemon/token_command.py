@@ -38,7 +38,7 @@ def token(
         text = f"--name {name!r}, --robots {robots!r}: expected names of 1 to 64 of A-Z a-z 0-9 _ . : / -"
         raise CalledWronglyError(text) from error
     append(file, made.token)
-    may = "watch and stop" if role == "observer" else f"command {robots}"
+    may = "watch and stop" if role == "observer" else f"command {'all robots' if named is None else robots}"
     typer.echo(
         f"armgate: {made.token.name} may come in as {role} and {may}; its secret is shown this once:",
         err=True,
