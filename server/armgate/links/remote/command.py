@@ -25,6 +25,10 @@ def robot_server(
         Path | None,
         typer.Option(metavar="PATH", help="Where the daemon finds it; else as the configuration says."),
     ] = None,
+    priority: Annotated[
+        int | None,
+        typer.Option(min=1, max=99, help="Goes before ordinary programs, as a real-time process (SCHED_RR)."),
+    ] = None,
 ) -> None:
     """Hold the robots of a cell for its daemon until SIGTERM or Ctrl-C."""
     from armgate.cell.cell import build_cell  # noqa: PLC0415
@@ -32,6 +36,8 @@ def robot_server(
 
     config = load_config(configs)
     cell = build_cell(config)
+    if priority is not None:
+        _hurry(priority)
     raise typer.Exit(_serve(cell, socket or robot_server_path(cell)))
 
 
@@ -71,6 +77,18 @@ def _serve(cell: "Cell", path: Path) -> int:
         finally:
             path.unlink(missing_ok=True)
             log.close()
+
+
+def _hurry(priority: int) -> None:
+    import os  # noqa: PLC0415
+
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except PermissionError as error:
+        raise StartError(
+            f"--priority {priority} is not allowed for this user: have the limit `rtprio` raised "
+            "(systemd: LimitRTPRIO), or leave the option away"
+        ) from error
 
 
 def _announce(path: Path) -> None:
