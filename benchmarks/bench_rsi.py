@@ -1,12 +1,12 @@
 """What an RSI reply costs: datagram in → reply out of the robot server, beside a bare asyncio UDP echo.
 
 Usage: bench_rsi.py [CYCLES]. Everything is a process of its own and runs as a user starts it: the robot
-server with both robots of the demo cell, the daemon with its gate, two controllers that command at every tick,
-an observer, a virtual KRC for GR. This process is FR's KRC, with the virtual one's controller: in every cycle
-of 4 ms it sends its telegram to the robot server, and half a cycle later the same bytes to the echo, so that
-both bear the same load. A reply that has not come within the cycle counts as one of 4 ms. Where that is
-allowed all run before ordinary programs, as docs/robot-server.md has it: robot server and echo at one priority,
-daemon and clients below them, the KRCs, which stand for other machines, above.
+server with both robots of the demo cell, the daemon with its gate, two controllers that command at every
+tick, an observer, a virtual KRC for GR. This process is FR's KRC, with the virtual one's controller: in every
+cycle of 4 ms it sends its telegram to the robot server, and half a cycle later the same bytes to the echo, so
+that both bear the same load. A reply that has not come within the cycle counts as one of 4 ms. Where that is
+allowed all run before ordinary programs: robot server and echo at one priority, daemon and clients below
+them, the KRCs, which stand for other machines, above.
 """
 
 import asyncio
@@ -118,11 +118,12 @@ robots:
   FR:
     period: 4 ms
     lag_window: 20 ms
-    link: {{kind: rsi, ethernet: {rsi}/axis-correction.xml, krc: 127.0.0.1, listen: "127.0.0.1:{FR}", {bear}}}
+    link: {{kind: rsi, ethernet: {rsi}/axis-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{FR}, {bear}}}
   GR:
     period: 4 ms
     lag_window: 20 ms
-    link: {{kind: rsi, ethernet: {rsi}/gantry-correction.xml, krc: 127.0.0.1, listen: "127.0.0.1:{GR}", {bear}}}
+    link:
+      {{kind: rsi, ethernet: {rsi}/gantry-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{GR}, {bear}}}
 """
 BEAR = "timeout: 1000000, late_in_a_row: 1000, silence: 4 s"
 """One noisy moment of this machine shall not end the run; what it costs shows in the figures."""
@@ -185,15 +186,28 @@ class Krc:
 
 
 class Crew(contextlib.ExitStack):
-    """Processes, killed at the end in the order of their start reversed."""
+    """Processes, killed at the end, the last one first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pids: dict[str, int] = {}
 
     def start(self, priority: int, *words: object, ready: str | None = "") -> tuple[subprocess.Popen, str]:
-        """Starts one; returns it and its first line, which has to begin with ``ready`` (None: not awaited)."""
+        """Starts one; returns it and its first line, which begins with ``ready`` (None: not awaited)."""
         child = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.PIPE, text=True)
         hurry(priority, child.pid)
+        self.pids[" ".join(map(str, words[2 if words[0] == "-m" else 1 :][:1]))] = child.pid
         self.callback(child.wait)
         self.callback(child.kill)
         return child, "" if ready is None else self.line(child, ready)
+
+    def cpu(self) -> dict[str, float]:
+        """Time on a core of each process so far, s."""
+        found = {}
+        for name, pid in self.pids.items():
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            found[name] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return found
 
     def line(self, child: subprocess.Popen, ready: str) -> str:
         line = child.stdout.readline().strip()
@@ -254,15 +268,16 @@ def measure(folder: Path) -> tuple[np.ndarray, dict, list[dict]]:
                 sys.exit("the robots do not move; see above")
         for _ in range(WARM):
             own.cycle()
-        before = controller.status()["delay"]
+        before, cpu = controller.status()["delay"], crew.cpu()
         times = np.array([own.cycle() for _ in range(CYCLES)]).T
         status = controller.status()
         status["delay"] -= before
+        busy = {name: (one - cpu[name]) / (CYCLES * CYCLE) for name, one in crew.cpu().items()}
         told = []
         for child in (eye, *movers):
             child.send_signal(signal.SIGTERM)
             told.append(json.loads(child.stdout.readline()))
-        return times, status, told
+        return times, {**status, "busy": busy}, told
 
 
 def rows(link_times, echo_times, status, told) -> list[Row]:
@@ -290,6 +305,7 @@ def rows(link_times, echo_times, status, told) -> list[Row]:
             for outcome, count in outcomes.items()
         ),
         Row("states that the observer saw", eye["states"], ""),
+        *(Row(f"{name}: share of a core", share, "") for name, share in status["busy"].items()),
     ]
 
 

@@ -131,7 +131,7 @@ LINKS = Path(__file__).parents[2] / "configs" / "links" / "rsi-virtual.yaml"
 
 def test_what_stands_in_for_real_robots_follows_from_their_links(tmp_path: Path) -> None:
     files = [LINKS.parents[1] / "demo.yaml", LINKS]
-    robots = robots_of(load_config(files), files, tmp_path / "s")
+    robots = robots_of(load_config(files), files, tmp_path / "s", tmp_path)
     assert robots is not None
     assert robots.server(files) == ["robot-server", *map(str, files), "--socket", str(tmp_path / "s")]
     assert plan(robots=robots).daemon()[-2:] == ["--robot-server", str(tmp_path / "s")]
@@ -141,7 +141,7 @@ def test_what_stands_in_for_real_robots_follows_from_their_links(tmp_path: Path)
     assert (options["--profile"], options["--robot"], options["--cycle"]) == ("krc2-rsi2", "GR", "12")
     assert (options["--axiscorr"], options["--axiscorrmon"]) == ("A=400,E=4000", "A=401,E=4001")
     assert Path(options["--config"]).name == "gantry-correction.xml"
-    assert robots_of(load_config(files[:1]), files[:1], tmp_path / "s") is None
+    assert robots_of(load_config(files[:1]), files[:1], tmp_path / "s", tmp_path) is None
 
 
 def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
@@ -149,4 +149,4 @@ def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
     real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
     with pytest.raises(UsageError, match="GR has a real KRC"):
-        robots_of(load_config(files), files, tmp_path / "s")
+        robots_of(load_config(files), files, tmp_path / "s", tmp_path)

@@ -105,16 +105,16 @@ class Raw:
 
 
 class Mover:
-    """A controller that keeps moving one robot, tick by tick, and counts its verdicts."""
+    """A controller that keeps moving one robot to and fro, tick by tick, and counts its verdicts."""
 
-    def __init__(self, raw, robot):
-        self.raw, self.robot = raw, robot
+    def __init__(self, raw, robot, dq):
+        self.raw, self.robot, self.dq = raw, robot, dq
         self.verdicts = []
         self.moving = asyncio.Event()
 
     @classmethod
-    async def start(cls, port, robot, name="mover"):
-        mover = cls(await Raw.hello(port, name), robot)
+    async def start(cls, port, robot, name="mover", dq=(0.0005, 0.0, 0.0)):
+        mover = cls(await Raw.hello(port, name), robot, dq)
         mover.fence = await mover.raw.acquire(robot)
         mover.raw.send(m.Subscribe(robots=(robot,), fields=("setpoint",)))
         mover.task = asyncio.create_task(mover._run())
@@ -126,7 +126,7 @@ class Mover:
             message = await self.raw.get((m.State, m.Verdict))
             if isinstance(message, m.State):
                 seq += 1
-                dq = (0.0005, 0.0, 0.0) if seq // 40 % 2 == 0 else (-0.0005, 0.0, 0.0)
+                dq = self.dq if seq // 40 % 2 == 0 else tuple(-u for u in self.dq)
                 self.raw.send(
                     m.Command(robot=self.robot, fence=self.fence, seq=seq, tick=message.tick, dq=dq)
                 )
@@ -192,11 +192,11 @@ class Process:
         return self.process.returncode, [json.loads(line) for line in errors.decode().splitlines()]
 
 
-async def launch(*arguments, env=None):
+async def launch(*arguments, env=None, stdin=None):
     """The command line as a process."""
     return await asyncio.create_subprocess_exec(
         sys.executable, "-m", "armgate.apps", *arguments,
-        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        stdin=stdin, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         env=(os.environ if env is None else env) | {"COLUMNS": "200"}, cwd=Path(__file__).parents[2],
     )  # fmt: skip
 

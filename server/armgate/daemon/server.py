@@ -23,7 +23,6 @@ from armgate.daemon.library import BODY_EXACT
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
-from armgate.daemon.notify import Notifier
 from armgate.daemon.peer import answer
 from armgate.daemon.record_start import begin, header_of
 from armgate.daemon.recorder import Recorder
@@ -34,6 +33,7 @@ from armgate.daemon.tokens import Tokens
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
 from armgate.links import EmulatedLink
+from armgate.links.notify import Notifier
 from armgate.links.remote.client import RemoteEvent, RemoteLink
 from armgate.protocol import (
     DIALECTS,

@@ -52,7 +52,7 @@ def demo(
     folder = make_folder(out)
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
     with TemporaryDirectory(prefix="armgate-") as private:  # a socket's name has to be a short one
-        robots = robots_of(resolved, configs, Path(private) / "robots.sock")
+        robots = robots_of(resolved, configs, Path(private) / "robots.sock", folder / "logs")
         view = not (no_view or lockstep) and _has_viewer()
         _run(replace(plan, record=folder, robots=robots, view=view), folder)
 

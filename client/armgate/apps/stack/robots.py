@@ -29,13 +29,14 @@ class Robots:
         return ["robot-server", *map(str, configs), "--socket", str(self.socket)]
 
 
-def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path) -> Robots | None:
+def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path, traces: Path) -> Robots | None:
     """What a cell needs beside the daemon, None if all its robots are emulated by it.
 
     Args:
         cell: The configuration.
         configs: The files that it was read from.
         socket: Where the robot server is to listen.
+        traces: Folder in which each virtual KRC leaves what its drives were given, as ``krc-ROBOT.csv``.
 
     Raises:
         UsageError: A robot is a real one: nobody starts moving it by a demonstration.
@@ -43,7 +44,9 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path) -> Robots
     krcs = {}
     for name, robot in cell.robots.items():
         if isinstance(robot.link, RsiLinkConfig):
-            krcs[f"krc-{name}"] = _krc(cell, name, robot, robot.link, configs)
+            child = f"krc-{name}"
+            trace = ["--trace", str(traces / f"{child}.csv")]
+            krcs[child] = _krc(cell, name, robot, robot.link, configs) + trace
     return Robots(socket, krcs) if krcs else None
 
 

@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from armgate.cell.cell import Cell
+    from armgate.links.notify import Notifier
 
 
 class StartError(Exception):
@@ -56,6 +57,7 @@ def _serve(cell: "Cell", path: Path) -> int:
     from time import monotonic  # noqa: PLC0415
 
     from armgate.links.log import Log  # noqa: PLC0415
+    from armgate.links.notify import Notifier  # noqa: PLC0415
     from armgate.links.remote.address import listen  # noqa: PLC0415
     from armgate.links.remote.make import make_berths  # noqa: PLC0415
     from armgate.links.remote.server import RobotServer  # noqa: PLC0415
@@ -71,7 +73,7 @@ def _serve(cell: "Cell", path: Path) -> int:
             # What stands now stays: no search for garbage through all of it shall delay a reply.
             gc.collect()
             gc.freeze()
-            return asyncio.run(server.run(listening, lambda: _announce(path)))
+            return asyncio.run(server.run(listening, lambda: _announce(path, Notifier())))
         except OSError as error:
             raise StartError(f"cannot listen to the robots: {error}") from error
         finally:
@@ -91,5 +93,6 @@ def _hurry(priority: int) -> None:
         ) from error
 
 
-def _announce(path: Path) -> None:
+def _announce(path: Path, manager: "Notifier") -> None:
     print(f"armgate: robot server at {path}", flush=True)  # noqa: T201
+    manager.ready(f"robots at {path}")

@@ -13,6 +13,8 @@ from armgate.links.link import LinkEvent
 from armgate.links.player import PlanPlayer, Played
 from armgate.links.rsi.agreement import Agreement
 from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.remarks import Remarks
+from armgate.links.rsi.run import Run
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
@@ -20,8 +22,6 @@ from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _NEW_RUN = 3
 """After so many cycles without a telegram another port of the KRC is believed to be its program's new one."""
-_JUMP = 1.5
-"""A joint that is measured to move so much faster than it can has jumped."""
 _SETTLED = 1.0
 """A robot that rests for so long is where it was commanded to be, s."""
 
@@ -34,31 +34,6 @@ class Answer:
     events: tuple[LinkEvent, ...] = ()
 
 
-@dataclass(slots=True)
-class _Run:
-    """One run of the KRC's program, from RSI_ON on.
-
-    Attributes:
-        source: From where its telegrams come.
-        sequence: Their numbers.
-        commanded: What was commanded in it.
-        q: Measured last.
-        time: Of the last telegram, s.
-        objection: Why it is not answered: what would be held is not known, or not believed.
-        accepted: Whether the KRC has taken a reply.
-        row: Late cycles in a row.
-    """
-
-    source: Address
-    sequence: Sequence
-    commanded: Commanded
-    q: Joints
-    time: float
-    objection: str | None = None
-    accepted: bool = False
-    row: int = 0
-
-
 _NOTHING = Answer()
 
 
@@ -69,24 +44,19 @@ class RsiLink:
         setup: Its robot and KRC.
         start: The daemon's start id.
         note: Told in plain words, once each, what is wrong with what comes in.
-
-    Attributes:
-        refused: How many datagrams were refused, by kind.
     """
 
     def __init__(self, setup: Setup, start: str, note: Callable[[str], None] = lambda text: None) -> None:
         self._setup = setup
         self._player = PlanPlayer(setup.robot, start)
-        self._note = note
-        self._noted: set[str] = set()
+        self._remarks = Remarks(setup.robot, note)
         self._state = State.WAITING
-        self._run: _Run | None = None
+        self._run: Run | None = None
         self._agreement = Agreement(setup)
         self._reader = TelegramReader(setup.axes)
         self._rebased = False
         self._rest_since = 0.0
         self._events: list[LinkEvent] = []
-        self.refused: Counter[str] = Counter()
 
     # --- the daemon's side --------------------------------------------------------------------------------
 
@@ -99,6 +69,11 @@ class RsiLink:
     def state(self) -> State:
         """What it does."""
         return self._state
+
+    @property
+    def refused(self) -> Counter[str]:
+        """How many datagrams were refused, by kind."""
+        return self._remarks.refused
 
     @property
     def remaining(self) -> int:
@@ -141,15 +116,15 @@ class RsiLink:
             now: Time of its arrival, s.
         """
         if not self._familiar(source, now):
-            self._refuse("stranger", f"a datagram from {source[0]}:{source[1]}, which is not the KRC")
+            self._remarks.refuse("stranger", f"a datagram from {source[0]}:{source[1]}, which is not the KRC")
             return _NOTHING
         try:
             telegram = self._reader.read(data)
             if not telegram.short:
                 return self._telegram(telegram, source, now)
-            self._refuse("short", "")
+            self._remarks.refuse("short")
         except TelegramError as error:
-            self._refuse(error.kind, f"not a telegram of a KRC: {error}")
+            self._remarks.refuse(error.kind, f"not a telegram of a KRC: {error}")
             if error.kind in ("element", "value"):
                 self._contradict(f"a telegram contradicts the configuration: {error}")
         return Answer(None, self._told())
@@ -184,7 +159,7 @@ class RsiLink:
         if follows.order is Order.NEXT:
             return self._next(run, telegram, q, follows, now)
         if follows.order is Order.TWICE or (follows.order is Order.OLD and self._state is not State.LOST):
-            self._refuse(follows.order.value, "")
+            self._remarks.refuse(follows.order.value)
             return Answer(None, self._told())
         if delay < before or self._state not in ARMED:
             return self._begin(telegram, q, delay, source, now)
@@ -197,7 +172,7 @@ class RsiLink:
             self._lose("the KRC's program began anew")
         reference = telegram.programmed(self._setup.axes)
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
-        run = _Run(source[:2], Sequence(telegram.ipoc, delay), commanded, q, now)
+        run = Run(self._setup, source[:2], Sequence(telegram.ipoc, delay), commanded, q, now)
         self._run, self._rebased = run, self._player.tick >= 0
         self._player.drop()
         if self._go(Event.HEARD):
@@ -209,78 +184,44 @@ class RsiLink:
 
     # --- a telegram of the run ----------------------------------------------------------------------------
 
-    def _next(self, run: _Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> Answer:
+    def _next(self, run: Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> Answer:
         paused = self._state is State.LOST and now - run.time > self._setup.silence
-        known = run.commanded.settle(follows, paused)
-        if follows.late or follows.missed or paused:
+        disturbed = bool(follows.late or follows.missed)
+        unknown = run.settle(follows, paused)
+        if disturbed or paused:
             self._held(run, max(follows.late, follows.missed))
         else:
             run.row = 0
         run.accepted |= follows.late == 0
-        if not known:
-            self._unknown(run)
-        jumped = self._jump(run, q, follows.missed + 1)
-        if jumped is not None:
-            self._contradict(jumped)
-        if follows.late or follows.missed:
-            self._check_lateness(run)
-        self._agree(run, telegram, q, follows, now)
+        objection = unknown or run.jumped(q, follows.missed + 1) or (disturbed and run.too_late())
+        if objection:
+            self._contradict(objection)
+        self._agree(run, telegram, q, not disturbed, now)
         return self._answer(run, telegram, q, now)
 
-    def _jumped(self, run: _Run, telegram: Telegram, q: Joints, delay: int, now: float) -> Answer:
+    def _jumped(self, run: Run, telegram: Telegram, q: Joints, delay: int, now: float) -> Answer:
         """The numbers go on from elsewhere. What the KRC holds is only known if the robot rested."""
-        if not run.commanded.settle(Follows(Order.JUMP, 0, 2), True):
-            self._unknown(run)
+        run.settle(Follows(Order.JUMP, missed=0, late=2), paused=True)
         run.sequence = Sequence(telegram.ipoc, delay)
         self._held(run, 0)
         return self._answer(run, telegram, q, now)
 
-    def _held(self, run: _Run, cycles: int) -> None:
+    def _held(self, run: Run, cycles: int) -> None:
         """The KRC has held the robot: it starts again from rest, and never catches up."""
         run.row += cycles
         self._player.drop()
         self._rebased = True
         self._go(Event.HELD)
 
-    def _unknown(self, run: _Run) -> None:
-        run.objection = (
-            "what the KRC holds is not known, so it is not answered any more: start its program anew"
-        )
-        self._contradict(run.objection)
-
-    def _jump(self, run: _Run, q: Joints, cycles: int) -> str | None:
-        time = _JUMP * cycles * self._setup.period
-        rows = zip(self._setup.axes, q, run.q, self._setup.speed, self._setup.tolerance, strict=True)
-        for axis, new, old, speed, tolerance in rows:
-            if abs(new - old) > speed * time + tolerance:
-                far = axis.shown * (new - old)
-                return f"the measured {axis.name} jumped by {far:.1f} {axis.unit} in {cycles} cycle(s)"
-        return None
-
-    def _check_lateness(self, run: _Run) -> None:
-        setup, delay = self._setup, run.sequence.delay
-        if run.row < setup.late_in_a_row and delay < setup.timeout:
-            return
-        if not run.accepted:
-            self._contradict(
-                "the KRC takes none of the replies: does its file have the SENTYPE and the elements of the "
-                "one that the cell names, and does it reach this address in time?"
-            )
-        elif delay >= setup.timeout:
-            self._contradict(f"Delay is {delay}, the KRC's Timeout {setup.timeout}: start its program anew")
-        else:
-            self._contradict(f"{run.row} late cycles in a row")
-
-    def _agree(self, run: _Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> None:
+    def _agree(self, run: Run, telegram: Telegram, q: Joints, clean: bool, now: float) -> None:
         """Whether all agrees while synchronising, and whether the robot is where it should be at rest."""
         if self._state is State.SYNCHRONISING:
             if run.objection is not None:
                 self._contradict(run.objection)
                 return
-            clean = follows.late == 0 and follows.missed == 0
             verdict = self._agreement.take(run.commanded, q, clean, now)
             for hint in self._agreement.hints(telegram, q):
-                self._hint(hint)
+                self._remarks.hint(hint)
             if verdict == "":
                 run.sequence.learning = False
                 self._rest_since = now
@@ -292,7 +233,7 @@ class RsiLink:
             if astray is not None:
                 self._contradict(f"{astray}: does AXISCORR cut, or has RECEIVE other tags?")
 
-    def _answer(self, run: _Run, telegram: Telegram, q: Joints, now: float) -> Answer:
+    def _answer(self, run: Run, telegram: Telegram, q: Joints, now: float) -> Answer:
         """Play what this tick is due, answer, and tell."""
         played, moves = self._play()
         values = run.commanded.step(played.increment)
@@ -352,16 +293,6 @@ class RsiLink:
         later = [event for event in self._events if not _bad(event)]
         self._events.clear()
         return (*before, *(() if tick is None else (tick,)), *later)
-
-    def _refuse(self, kind: str, text: str) -> None:
-        self.refused[kind] += 1
-        if text:
-            self._hint(text, kind)
-
-    def _hint(self, text: str, kind: str | None = None) -> None:
-        if (kind or text) not in self._noted:
-            self._noted.add(kind or text)
-            self._note(f"{self._setup.robot}: {text}")
 
 
 def _bad(event: LinkEvent) -> bool:

@@ -1,17 +1,23 @@
 """The RSI link on a UDP socket."""
 
 import asyncio
+import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from armgate.cell.events import Plan, PlanAnswer, Rebase
 from armgate.links.link import Emit
 from armgate.links.rsi.link import RsiLink
-from armgate.links.rsi.setup import Setup
+from armgate.links.rsi.setup import Address, Setup
+from armgate.links.rsi.telegram import LIMIT
 
 
-class RsiDrivenLink(asyncio.DatagramProtocol):
+class RsiDrivenLink:
     """Listens for a KRC; a ``DrivenLink``.
+
+    It reads its socket itself: asyncio's own endpoint makes room for 256 KiB at every datagram, which costs
+    more than a reply.
 
     Args:
         setup: Its robot and KRC.
@@ -31,7 +37,7 @@ class RsiDrivenLink(asyncio.DatagramProtocol):
         self._listen = setup.listen
         self._now = now
         self._emit: Emit
-        self._transport: asyncio.DatagramTransport | None = None
+        self._socket: socket.socket | None = None
         self._watch: asyncio.TimerHandle | None = None
 
     @property
@@ -51,9 +57,9 @@ class RsiDrivenLink(asyncio.DatagramProtocol):
         Raises:
             RuntimeError: It does not.
         """
-        if self._transport is None:
+        if self._socket is None:
             raise RuntimeError("the link is not open")
-        return int(self._transport.get_extra_info("sockname")[1])
+        return int(self._socket.getsockname()[1])
 
     def offer(self, plan: Plan) -> PlanAnswer:
         """Replace the held plan by compare-and-swap; ``inactive`` unless the robot can be moved."""
@@ -76,22 +82,28 @@ class RsiDrivenLink(asyncio.DatagramProtocol):
             OSError: The address cannot be listened on.
         """
         self._emit = emit
-        loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=self._listen)
+        self._socket = _bound(self._listen)
+        asyncio.get_running_loop().add_reader(self._socket, self._hear, self._socket)
 
     def close(self) -> None:
         """End: the KRC is not answered any more."""
         if self._watch is not None:
             self._watch.cancel()
-        if self._transport is not None:
-            self._transport.close()
-        self._watch = self._transport = None
+        if self._socket is not None:
+            asyncio.get_running_loop().remove_reader(self._socket)
+            self._socket.close()
+        self._watch = self._socket = None
 
-    def datagram_received(self, data: bytes, source: tuple[str, int]) -> None:
+    def _hear(self, own: socket.socket) -> None:
         """A datagram came: answer at once, then tell."""
+        try:
+            data, source = own.recvfrom(LIMIT + 1)
+        except OSError:  # nothing there, or the news that an earlier reply found nobody
+            return
         answer = self.core.datagram(data, source, self._now())
-        if answer.reply is not None and self._transport is not None:
-            self._transport.sendto(answer.reply, source)
+        if answer.reply is not None:
+            with suppress(OSError):  # the network does not take it: to the KRC it is lost
+                own.sendto(answer.reply, source)
         for event in answer.events:
             self._emit(event)
         if self._watch is None:
@@ -103,7 +115,7 @@ class RsiDrivenLink(asyncio.DatagramProtocol):
         if self._watch is not None:
             self._watch.cancel()
         self._watch = None
-        if deadline is not None and self._transport is not None:
+        if deadline is not None and self._socket is not None:
             delay = max(deadline - self._now(), 0.0)
             self._watch = asyncio.get_running_loop().call_later(delay, self._look)
 
@@ -112,3 +124,20 @@ class RsiDrivenLink(asyncio.DatagramProtocol):
         for event in self.core.poll(self._now()):
             self._emit(event)
         self._arm()
+
+
+def _bound(address: Address) -> socket.socket:
+    """A socket on an address.
+
+    Raises:
+        OSError: It cannot be listened on.
+    """
+    family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+    own = socket.socket(family, kind)
+    try:
+        own.setblocking(False)
+        own.bind(found)
+    except OSError:
+        own.close()
+        raise
+    return own

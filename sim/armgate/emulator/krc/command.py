@@ -36,6 +36,9 @@ def krc(
     jitter: Time = "0",
     stopped: Annotated[bool, typer.Option("--stopped", help="Wait for the command start.")] = False,
     log: Annotated[Path | None, typer.Option(help="File for the log; else stderr.")] = None,
+    trace: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="File for the setpoint of every cycle.")
+    ] = None,
 ) -> None:
     """Run a virtual KUKA controller that speaks RSI to a PC, until SIGTERM or Ctrl-C."""
     import asyncio  # noqa: PLC0415
@@ -56,4 +59,4 @@ def krc(
         ipoc=ipoc,
         stopped=stopped,
     )
-    asyncio.run(serve(options, log))
+    asyncio.run(serve(options, log, trace))

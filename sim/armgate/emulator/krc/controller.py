@@ -61,7 +61,7 @@ class Controller:
         self._feedback = Feedback(arm, profile.linear_sent, self._writer.needed)
         self._inbox = Inbox(ReplyParser(ethernet), profile.reply_within, notes)
         self._robot = EmulatedRobot(arm.start, profile.cycle, profile.lag)
-        self._state, self._message, self._cycles = State.STOPPED, "", 0
+        self._state, self._message, self._cycles, self._runs = State.STOPPED, "", 0, 0
         # Whether a reply is due; the run's first telegram is still to come; the last one was a short frame.
         self._asked, self._begins, self._short = False, True, False
         self._ipoc = self._first_ipoc(ipoc)
@@ -96,6 +96,7 @@ class Controller:
             self._ipoc = self._first_ipoc(None)
         if event in (Event.START, Event.RESTART):
             self._run = self._begin()
+            self._runs += 1
         # Whatever it is, the robot stands still first, and no answer to an earlier telegram counts any more.
         self._run.drives.rest(self._run.drives.setpoint)
         self._asked = False
@@ -125,6 +126,7 @@ class Controller:
             "state": self._state.value,
             "message": self._message,
             "cycles": self._cycles,
+            "runs": self._runs,
             "ipoc": self._ipoc.last,
             "delay": run.lateness.count,
             "programmed": dict(zip(names, run.programmed, strict=True)),

@@ -5,8 +5,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from random import Random
 from typing import Any, TextIO
@@ -19,13 +19,20 @@ from armgate.emulator.krc.network import Channel
 from armgate.emulator.krc.notes import Notes
 from armgate.emulator.krc.setup import Setup
 from armgate.emulator.krc.station import Station
+from armgate.emulator.krc.trace import Trace
 
 _LONGEST = 4096
 
 
-async def serve(setup: Setup, log: Path | None) -> None:
-    """Run until SIGTERM or SIGINT."""
-    with _logged(log) as stream:
+async def serve(setup: Setup, log: Path | None, trace: Path | None = None) -> None:
+    """Run until SIGTERM or SIGINT.
+
+    Args:
+        setup: The KRC.
+        log: Where its log goes; stderr if None.
+        trace: Where the setpoint of every cycle goes.
+    """
+    with _logged(log) as stream, ExitStack() as files:
         notes = Notes(Log(stream))
         chance = Random(f"{setup.seed} ipoc")  # noqa: S311  (a course of events, not a secret)
         controller = Controller(
@@ -38,6 +45,7 @@ async def serve(setup: Setup, log: Path | None) -> None:
         station = Station(
             controller, setup.profile.cycle, setup.peer,
             to_pc=channels["to-pc"], to_krc=channels["to-krc"], notes=notes,
+            trace=None if trace is None else _traced(files, trace, setup.arm.names),
         )  # fmt: skip
         if not setup.stopped:
             controller.operate(Event.START)
@@ -93,3 +101,7 @@ def _logged(path: Path | None) -> Iterator[TextIO]:
         return
     with path.open("a", encoding="utf-8") as stream:
         yield stream
+
+
+def _traced(files: ExitStack, path: Path, names: Sequence[str]) -> Callable[[Mapping[str, object]], None]:
+    return Trace(files.enter_context(path.open("w", 1, encoding="utf-8", newline="")), names).take

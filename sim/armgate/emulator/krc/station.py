@@ -1,7 +1,7 @@
 """A virtual KRC by the wall clock, on a UDP socket."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic_ns
 
 from armgate.emulator.krc.controller import Controller
@@ -28,6 +28,7 @@ class Station:
         to_pc: What happens to telegrams on their way.
         to_krc: What happens to replies on theirs.
         notes: The KRC's log.
+        trace: Told the KRC's status after each cycle in which it sends.
         now: The monotonic clock, ns.
     """
 
@@ -40,11 +41,12 @@ class Station:
         to_pc: Channel[bytes],
         to_krc: Channel[Datagram],
         notes: Notes,
+        trace: Callable[[Mapping[str, object]], None] | None = None,
         now: Callable[[], int] = monotonic_ns,
     ) -> None:
         self._controller, self._peer, self._notes, self._now = controller, peer, notes, now
         self._period = round(NS * cycle)
-        self._to_pc, self._to_krc = to_pc, to_krc
+        self._to_pc, self._to_krc, self._trace = to_pc, to_krc, trace
         self._port = Port(peer)
         self._clock, self._outlet = Timer(), Timer()
         self._deadline = self._sent = 0
@@ -87,6 +89,8 @@ class Station:
         if telegram is not None:
             self._to_pc.put(telegram, self._sent)
         self._let_out()
+        if telegram is not None and self._trace is not None:
+            self._trace(self._controller.status())
         self._arm()
 
     def _arm(self) -> None:

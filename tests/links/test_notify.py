@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from armgate.daemon.notify import Notifier
+from armgate.links.notify import Notifier
 
 
 @pytest.fixture

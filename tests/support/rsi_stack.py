@@ -1,0 +1,177 @@
+"""A KUKA robot and what is between it and a controller: virtual KRC, robot server, daemon, each a process."""
+
+import asyncio
+import contextlib
+import json
+import socket
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.protocol import LocalProtocolError
+from armgate.protocol import messages as m
+from support.clients import PATIENCE, Mover, Process, Raw, launch
+from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
+from support.rsi import cell_text
+from support.setpoints import check_setpoints
+
+DQ = (0.004, -0.002, 0.002, 0.0, 0.002, 0.0)
+"""An eighth of the speed at 12 ms: drives bear it when the KRC holds a cycle."""
+TIMEOUT = 150
+"""Late cycles that the KRC bears, 1.8 s of them: a machine at work on other tests costs some."""
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        return own.getsockname()[1]
+
+
+class KrcProcess:
+    """``armgate krc`` as a process."""
+
+    def __init__(self, process):
+        self.process = process
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def running(cls, *options):
+        """Killed at the end unless it has ended."""
+        process = await launch("krc", *map(str, options), stdin=asyncio.subprocess.PIPE)
+        try:
+            krc = cls(process)
+            assert (await krc.line()).startswith("armgate: krc"), await process.stderr.read()
+            yield krc
+        finally:
+            if process.returncode is None:
+                process.kill()
+            await process.communicate()
+
+    async def line(self):
+        async with asyncio.timeout(PATIENCE):
+            return (await self.process.stdout.readline()).decode()
+
+    async def tell(self, line):
+        """Its answer to a command."""
+        self.process.stdin.write(f"{line}\n".encode())
+        answer = json.loads(await self.line())
+        assert answer["ok"], answer
+        return answer
+
+    async def until(self, condition):
+        """The first status of which a condition holds."""
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                status = await self.tell("status")
+                if condition(status):
+                    return status
+                await asyncio.sleep(0.01)
+
+    async def rests(self, cycles=10):
+        """The status once the setpoint has not changed for so many cycles."""
+        status = await self.tell("status")
+        while True:
+            until = status["cycles"] + cycles
+            later = await self.until(lambda s, until=until: s["cycles"] >= until)
+            if later["setpoint"] == status["setpoint"]:
+                return later
+            status = later
+
+
+class RsiStack:
+    """The processes; whichever was killed is started anew by `begin`.
+
+    Args:
+        folder: Where its files lie.
+    """
+
+    def __init__(self, folder):
+        self.port = free_port()
+        self.file = cell_text(
+            folder, cycle=0.012, listen=f"127.0.0.1:{self.port}", krc="127.0.0.1", timeout=TIMEOUT,
+            late_in_a_row=40, silence="300 ms", axiscorr="{A: 400.0}",
+        )  # fmt: skip
+        self.file.write_text(self.file.read_text() + "max_age_ticks: 1000\n")
+        self.cell = build_cell(load_config([self.file]))
+        self.folder, self.socket = folder, folder / "s"
+        self.exits = contextlib.AsyncExitStack()
+        self.robots = self.krc = self.daemon = self.mover = None
+
+    async def begin(self):
+        """A controller that moves the robot, whatever was left behind before."""
+        await self.leave()
+        await self.serve_robots()
+        if self.krc is None:
+            self.krc = await self.exits.enter_async_context(
+                KrcProcess.running(
+                    "--profile", "krc4-rsi3", "--cycle", 12, "--config", self.folder / "krc.xml",
+                    "--to", f"127.0.0.1:{self.port}", "--cell", self.file, "--robot", "R", "--precision", 6,
+                    "--timeout", TIMEOUT, "--axiscorr", 400, "--axiscorrmon", 401, "--stopped",
+                    "--log", self.folder / "krc.log", "--trace", self.folder / "krc.csv",
+                )
+            )  # fmt: skip
+        if (await self.krc.tell("status"))["state"] not in ("waiting", "running"):
+            await self.krc.tell("restart")
+        await self.serve()
+        await self.lift_stops()
+        self.eye = await Raw.hello(self.daemon.port, "eye")
+        return await self.moves()
+
+    async def leave(self):
+        """No client is left."""
+        if self.mover is not None:
+            with contextlib.suppress(EOFError, ConnectionError, LocalProtocolError):
+                await self.mover.stop()
+                await self.mover.task
+        await Raw.close_all()
+
+    async def stopped(self):
+        """Why the gate has stopped the robot, once it has."""
+        return (await stopped_by_the_gate(self.eye, ("R",)))["R"]
+
+    async def serve_robots(self):
+        """There is a robot server."""
+        if self.robots is None or self.robots.process.returncode is not None:
+            running = RobotServer.running(self.file, socket=self.socket)
+            self.robots = await self.exits.enter_async_context(running)
+
+    async def serve(self):
+        """There is a daemon."""
+        if self.daemon is None or self.daemon.process.returncode is not None:
+            running = Process.serving(self.file, "--robot-server", self.socket)
+            self.daemon = await self.exits.enter_async_context(running)
+
+    async def lift_stops(self):
+        """An operator resets."""
+        await asyncio.wait_for(lift_stops(self.daemon.port), PATIENCE)
+
+    async def moves(self):
+        """A controller, after the KRC's setpoint has changed by what it commands."""
+        before = (await self.krc.tell("status"))["setpoint"]
+        eye = await Raw.hello(self.daemon.port, "before")
+        eye.send(m.Subscribe())
+        await eye.get(m.State, lambda state: state.entries[0].holder is None)
+        self.mover = await Mover.start(self.daemon.port, "R", "mover", DQ)
+        await self.mover.moves_on(20)
+        await self.krc.until(lambda status: status["setpoint"] != before)
+        return self.mover
+
+    async def nothing_moves(self):
+        """The robot rests, nobody gets it, the KRC's setpoint stays."""
+        rests = await self.krc.rests()
+        raw = await Raw.hello(self.daemon.port, "hopeful")
+        raw.send(m.Acquire(robot="R"))
+        assert (await raw.get((m.Lease, m.Error))).type == "error"
+        assert (await self.krc.rests())["setpoint"] == rests["setpoint"]
+
+    async def goes_on(self):
+        """Nothing moves until an operator resets; then a controller moves the robot as ever."""
+        await self.nothing_moves()
+        await self.lift_stops()
+        await self.moves()
+        self.within_bounds()
+
+    def within_bounds(self):
+        """Every setpoint so far was within the robot's bounds, and no drive has ever complained."""
+        moved, _ = check_setpoints(self.folder / "krc.csv", self.cell.robots[0])
+        assert moved > 20
+        assert '"faulted"' not in (self.folder / "krc.log").read_text()
