@@ -51,7 +51,8 @@ class Rig:
 
     def __init__(
         self, folder, profile="krc4-rsi3", *, gantry=False, cycle=None, timeout=100, precision=6,
-        peer_file=None, ipoc=1000, start="d1", limits=WIDE, **link,
+        peer_file=None, ipoc=1000, start="d1", limits=WIDE, monitor=None, krc_mode=None, krc_timeout=None,
+        **link,
     ):  # fmt: skip
         kind = PROFILES[profile] if cycle is None else PROFILES[profile].in_cycle(cycle)
         self.period, self.time = kind.cycle, 100.0
@@ -61,10 +62,11 @@ class Rig:
         self.notes, self.log = [], Sheet()
         self.setup = setup_of(self.cell, robot)
         self.link = RsiLink(self.setup, start, self.notes.append)
-        mode = Mode(link.get("mode", "absolute"))
+        mode = Mode(krc_mode or link.get("mode", "absolute"))
+        context = Context(mode, precision, krc_timeout or timeout, limits, monitor or limits)
         text = peer_file or (folder / "krc.xml").read_text()
         self.krc = Controller(
-            kind, Context(mode, precision, timeout, limits, limits), read_ethernet(text.encode()),
+            kind, context, read_ethernet(text.encode()),
             arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), notes=Notes(self.log), ipoc=ipoc,
         )  # fmt: skip
         self.gate = Gate(self.cell, start)

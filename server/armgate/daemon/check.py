@@ -1,4 +1,4 @@
-"""What ``armgate check`` prints: robots, joints, pairs, and how clear the start is."""
+"""What ``armgate check`` prints: robots, links, joints, pairs, and how clear the start is."""
 
 import math
 from collections import Counter
@@ -8,7 +8,9 @@ from rich.table import Table
 
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Nearest
+from armgate.cell.link_config import RsiLinkConfig
 from armgate.integrity import start_clearances
+from armgate.links.rsi import Setup, setup_of
 
 _SHOWN = 8
 
@@ -18,12 +20,18 @@ def report(cell: Cell, console: Console | None = None) -> int:
 
     Returns:
         Exit status: 0, or 1 if a robot starts outside its limits or too close to something.
+
+    Raises:
+        ConfigError: A robot's KRC cannot be what the cell says it is; the text names file, line and key.
     """
     console = console or Console()
+    links = [_rsi(setup_of(cell, one)) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
     nearest = start_clearances(cell)
     console.print(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
+    for line in links:
+        console.print(line)
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
     faults = [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
@@ -32,6 +40,12 @@ def report(cell: Cell, console: Console | None = None) -> int:
     if not faults:
         console.print("start: within all limits and distances")
     return 1 if faults else 0
+
+
+def _rsi(setup: Setup) -> str:
+    axes = ", ".join(f"{axis.name} {axis.joint}" for axis in setup.axes)
+    host, port = setup.listen
+    return f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
 
 
 def _joints(robot: Robot) -> Table:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import math
 import socket
 import sys
 
@@ -11,11 +12,14 @@ from typer.testing import CliRunner
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError
+from armgate.emulator.krc import kr16
 from armgate.emulator.krc import read_ethernet as krc_reads
 from armgate.links.rsi import setup_of
-from armgate.links.rsi.command import rsi
-from support.clients import PATIENCE
-from support.rsi import cell_text
+from armgate.links.rsi.command import _foot, rsi
+from armgate.links.rsi.signs import Signs
+from support.clients import PATIENCE, run
+from support.krcs import krc_file
+from support.rsi import SEND, SIX, cell_text
 
 
 def ran(*arguments):
@@ -113,3 +117,33 @@ async def test_check_names_what_does_not_fit(tmp_path):
     assert status == 1
     assert "WRONG: set Precision" in out
     assert "A1 turn(s) the other way" in out
+
+
+@pytest.mark.parametrize("turned", ["", "A1", "A4", "A6"])
+def test_an_axis_that_turns_the_other_way_is_found_once_all_were_jogged(tmp_path, turned):
+    cell = build_cell(load_config([cell_text(tmp_path)]))
+    setup = setup_of(cell, cell.robots[0])
+    signs = Signs(setup, _foot(cell.robots[0]))
+    for jogged in ((0.0, -90.0, 90.0, 0.0, 45.0, 0.0), (10.0, -80.0, 85.0, 15.0, 35.0, 20.0)):
+        names = [axis.name for axis in setup.axes]
+        krc = [-one if name == turned else one for name, one in zip(names, jogged, strict=True)]
+        pose = zip("XYZABC", kr16().chain.pose(krc), strict=True)
+        signs.take([math.radians(one) for one in jogged], rist(pose))
+    line, problem = signs.report()
+    assert "would fit here too" not in line
+    assert problem is None if not turned else f"if {turned} turn(s) the other way" in problem
+
+
+def rist(pose):
+    values = " ".join(f'{name}="{value:.6f}"' for name, value in pose)
+    return f"<RIst {values}/>".encode()
+
+
+@pytest.mark.parametrize(
+    ("hold", "status", "said"), [(1, 0, "by RSI with the KRC at"), (0, 2, "would command a jump back")]
+)
+async def test_armgate_check_reads_the_krcs_file_too(tmp_path, hold, status, said):
+    file = cell_text(tmp_path, file=krc_file(SEND, SIX, hold=hold))
+    ended, out, err = await run("check", file)
+    assert ended == status, err
+    assert said in out + err

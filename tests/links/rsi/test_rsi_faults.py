@@ -8,6 +8,7 @@ import re
 import pytest
 
 from armgate.cell.events import LinkState
+from armgate.emulator.krc.context import Limits
 from support.krcs import krc_file, sen
 from support.rsi import KRC, SEND, SIX, Rig
 
@@ -288,13 +289,65 @@ class TestConfigurations:
         assert "other tags" in rig.changes[-1].reason
 
     def test_axiscorr_that_cuts_in_silence(self, tmp_path):
-        from armgate.emulator.krc.context import Limits
-
         rig = Rig(tmp_path, limits=Limits(1.0)).begin()
         rig.drive(60, *SLOW)
         rig.cycles(360)
         assert rig.state == "faulted"
         assert "AXISCORR" in rig.changes[-1].reason
+
+    def test_axiscorrmon_that_stops(self, tmp_path):
+        rig = Rig(tmp_path, monitor=Limits(2.0)).begin()
+        rig.drive(60, *SLOW)
+        rig.cycles(60)
+        assert rig.krc_state == "broken_off"
+        assert rig.state == "lost"
+        rig.operate("reset")
+        rig.operate("start")
+        rearm(rig)
+
+    def test_a_krc_whose_timeout_is_shorter_than_the_cells(self, tmp_path):
+        rig = Rig(tmp_path, krc_timeout=3, late_in_a_row=50).begin()
+        rig.drive(40, *SLOW)
+        rig.cycles(4, to_krc=False)
+        rig.cycles(60)
+        assert rig.krc_state == "broken_off"
+        assert rig.state == "lost"
+        rig.operate("reset")
+        rig.operate("start")
+        rearm(rig)
+
+    def test_relative_in_the_cell_and_absolute_on_the_krc(self, tmp_path):
+        """Each increment is taken for the whole way: the robot falls back to where it began."""
+        rig = Rig(tmp_path, peer_file=krc_file(SEND, SIX), mode="relative", krc_mode="absolute").begin()
+        rig.drive(60, *SLOW)
+        rig.cycles(360)
+        assert rig.state == "faulted"
+        assert "another mode" in rig.changes[-1].reason
+        assert rig.krc_setpoint == pytest.approx(rig.cell.robots[0].start, abs=1e-6)
+
+    def test_absolute_in_the_cell_and_relative_on_the_krc(self, tmp_path):
+        """The whole way is added in every cycle: the gate sees it, and then the KRC is answered no more."""
+        rig = Rig(tmp_path, krc_mode="relative", timeout=10).begin()
+        rig.drive(60, *(0.04 * u for u in SLOW))  # any faster, and the drives give up
+        rig.cycles(400)
+        assert "off its stop path" in rig.stops[0].reason
+        assert "another mode" in rig.changes[1].reason
+        assert rig.krc_state == "broken_off"
+        assert abs(rig.krc_setpoint[0]) < 0.5
+
+    def test_an_axis_that_turns_the_other_way(self, tmp_path):
+        rig = Rig(tmp_path, axes="{A1: {joint: A1, sent: -1.0}}").begin()
+        rig.drive(60, *SLOW)
+        rig.cycles(120)
+        assert "off its stop path" in rig.stops[0].reason
+        assert abs(rig.krc_setpoint[0]) < 0.01
+
+    def test_another_krcs_address(self, tmp_path):
+        rig = Rig(tmp_path, krc="192.168.1.21")
+        rig.operate("start")
+        rig.cycles(110)
+        assert (rig.state, rig.krc_state) == ("waiting", "broken_off")
+        assert [note.startswith(f"R: a datagram from {KRC}:") for note in rig.notes] == [True]
 
     def test_a_telegram_without_what_is_needed(self, tmp_path):
         rig = Rig(tmp_path, peer_file=krc_file(("DEF_AIPos", "DEF_Delay"), SIX))

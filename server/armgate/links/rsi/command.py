@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from armgate.cell.cell import Cell, Robot
+    from armgate.cell.placement import Placement
     from armgate.links.rsi.setup import Setup
+    from armgate.links.rsi.signs import Foot
     from armgate.links.rsi.survey import Survey
 
 rsi = typer.Typer(
@@ -120,7 +124,7 @@ def _robot(configs: list[Path], name: str) -> "tuple[Cell, Robot]":
         raise CalledWronglyError(str(error)) from error
 
 
-def _foot(robot: "Robot"):  # type: ignore[no-untyped-def]
+def _foot(robot: "Robot") -> "Foot":
     """The flange in the link that holds the first turning joint: what a KRC calls ROBROOT."""
     from armgate.cell.urdf import read_urdf  # noqa: PLC0415
 
@@ -128,8 +132,7 @@ def _foot(robot: "Robot"):  # type: ignore[no-untyped-def]
     first = next(joint.name for joint in robot.model.joints if joint.kind != "prismatic")
     foot = joints[first].parent
 
-    def place(q):  # type: ignore[no-untyped-def]
-        flange = robot.model.frame(q, robot.tool)
-        return 1000.0 * (robot.model.frame(q, foot).inverse() @ flange).t
+    def place(q: "ArrayLike") -> "Placement":
+        return robot.model.frame(q, foot).inverse() @ robot.model.frame(q, robot.tool)
 
     return place

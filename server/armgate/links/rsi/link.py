@@ -24,6 +24,7 @@ _NEW_RUN = 3
 """After so many cycles without a telegram another port of the KRC is believed to be its program's new one."""
 _SETTLED = 1.0
 """A robot that rests for so long is where it was commanded to be, s."""
+_WHY = "does AXISCORR cut, has RECEIVE other tags, or was RSI_ON called with another mode than the cell's?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +194,8 @@ class RsiLink:
         else:
             run.row = 0
         run.accepted |= follows.late == 0
-        objection = unknown or run.jumped(q, follows.missed + 1) or (disturbed and run.too_late())
-        if objection:
+        objection = unknown or run.jumped(q, follows.missed + 1) or (run.too_late() if disturbed else None)
+        if objection is not None:
             self._contradict(objection)
         self._agree(run, telegram, q, not disturbed, now)
         return self._answer(run, telegram, q, now)
@@ -231,7 +232,9 @@ class RsiLink:
         elif self._state is State.READY and now - self._rest_since > _SETTLED:
             astray = self._agreement.astray(run.commanded.setpoint, q)
             if astray is not None:
-                self._contradict(f"{astray}: does AXISCORR cut, or has RECEIVE other tags?")
+                # What the KRC makes of replies is not what is meant by them: no further one can be right.
+                run.objection = f"{astray}: {_WHY}"
+                self._contradict(run.objection)
 
     def _answer(self, run: Run, telegram: Telegram, q: Joints, now: float) -> Answer:
         """Play what this tick is due, answer, and tell."""

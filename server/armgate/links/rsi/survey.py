@@ -1,24 +1,16 @@
 """What telegrams tell of a KRC that is only listened to: cycle, elements, units, axis signs."""
 
 import math
-import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
-from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from armgate.links.rsi.setup import Setup
+from armgate.links.rsi.signs import Foot, Signs
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
-
-Foot = Callable[[ArrayLike], Sequence[float]]
-"""From joint positions (rad, m) to the flange's place in the arm's foot, mm."""
 
 _MOVED = 0.5
 """Less than this many deg or mm is no jogging."""
-_NEAR = 2.0
-"""RIst and the model's flange are the same if they are no farther apart, mm."""
 _MM_BY_PI = 180.0 / math.pi
 
 
@@ -31,14 +23,14 @@ class Survey:
     """
 
     def __init__(self, setup: Setup, foot: Foot) -> None:
-        self._setup, self._foot = setup, foot
+        self._setup = setup
+        self._signs = Signs(setup, foot)
         self._reader = TelegramReader(setup.axes)
         self._times: list[float] = []
         self._ipocs: list[int] = []
         self._q: list[tuple[float, ...]] = []
         self._first: Telegram | None = None
         self._last: Telegram | None = None
-        self._cartesian: list[tuple[float, ...] | None] = []
         self.problems: list[str] = []
         """What is wrong, each once."""
         self.sources: set[str] = set()
@@ -60,7 +52,7 @@ class Survey:
         self._times.append(now)
         self._ipocs.append(telegram.ipoc)
         self._q.append(telegram.q)
-        self._cartesian.append(_rist(data))
+        self._signs.take(telegram.q, data)
         return None
 
     def report(self) -> list[str]:
@@ -71,7 +63,11 @@ class Survey:
         lines.append(f"decimals: {self._last.decimals()} (the cell says {self._setup.precision})")
         if self._last.decimals() < min(self._setup.precision, 3):
             self._say("set Precision in the KRC's Ethernet object")
-        return [*lines, *self._axes(), *self._signs()]
+        lines += self._axes()
+        line, problem = self._signs.report()
+        if problem is not None:
+            self._say(problem)
+        return [*lines, line]
 
     # --- parts of the report ------------------------------------------------------------------------------
 
@@ -112,41 +108,6 @@ class Survey:
                 self._say(f"{axis.name} is outside the limits of {axis.joint}{hint}")
         return lines
 
-    def _signs(self) -> list[str]:
-        """Whether RIst is where the model's flange is, and with which signs it would be."""
-        given = [(q, place) for q, place in zip(self._q, self._cartesian, strict=True) if place is not None]
-        samples = [given[0], given[len(given) // 2], given[-1]] if given else []
-        if not any(any(place) for _, place in samples):
-            return ["RIst: not sent or all zero; the signs of the axes cannot be compared"]
-        turning = [index for index, axis in enumerate(self._setup.axes) if not axis.linear]
-        errors = {}
-        for signs in product((1.0, -1.0), repeat=len(turning)):
-            factors = np.ones(len(self._setup.axes))
-            factors[turning] = signs
-            errors[signs] = max(math.dist(self._foot(factors * q), place) for q, place in samples)
-        own = errors[(1.0,) * len(turning)]
-        line = f"RIst: {own:.1f} mm from the model's flange (expected 0, with $BASE and $TOOL zero)"
-        if own <= _NEAR:
-            alike = sum(error <= _NEAR for error in errors.values()) - 1
-            more = (
-                f"; {alike} other choice(s) of signs would fit here too: jog all axes off zero"
-                if alike
-                else ""
-            )
-            return [line + more]
-        best = min(errors, key=lambda signs: (errors[signs] > _NEAR, signs.count(-1.0)))
-        if errors[best] <= _NEAR:
-            names = [self._setup.axes[index].name for index in turning]
-            turned = ", ".join(name for name, sign in zip(names, best, strict=True) if sign < 0.0)
-            self._say(
-                f"the model fits RIst if {turned} turn(s) the other way: make received and sent negative"
-            )
-        else:
-            self._say(
-                "RIst does not fit the model with any signs: another robot, or $BASE and $TOOL are not zero"
-            )
-        return [line]
-
     def _say(self, problem: str) -> None:
         if problem not in self.problems:
             self.problems.append(problem)
@@ -154,11 +115,3 @@ class Survey:
 
 def _elements(data: bytes) -> list[str]:
     return [child.tag for child in ET.fromstring(data)]  # noqa: S314  (it was read as a telegram before)
-
-
-def _rist(data: bytes) -> tuple[float, ...] | None:
-    found = re.search(rb"<RIst ([^>]*)>", data)
-    values = dict(re.findall(rb'([XYZ])="([-+.0-9]{1,32})"', found[1])) if found else {}
-    if len(values) != 3:
-        return None
-    return tuple(float(values[name]) for name in (b"X", b"Y", b"Z"))
