@@ -10,8 +10,8 @@ import signal
 import pytest
 import pytest_asyncio
 
-from support.clients import Mover, run
-from support.rsi_stack import DQ, RsiStack
+from support.clients import run
+from support.rsi_stack import RsiStack
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -30,9 +30,7 @@ async def test_a_controller_that_is_killed_lets_its_robot_rest_and_needs_no_rese
     mover.raw.writer.transport.abort()
     status = await stack.krc.rests()
     assert status["state"] == "running"
-    again = await Mover.start(stack.daemon.port, "R", "again", DQ)
-    await again.moves_on()
-    await again.stop()
+    await stack.moves()
     stack.within_bounds()
 
 
@@ -113,7 +111,6 @@ async def test_there_is_one_daemon_at_a_time(stack):
     assert (status, out) == (2, "")
     assert "holds the robots: end it first" in err
     await mover.moves_on(20)
-    await mover.stop()
     stack.within_bounds()
 
 

@@ -7,7 +7,6 @@ import socket
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.protocol import LocalProtocolError
 from armgate.protocol import messages as m
 from support.clients import PATIENCE, Mover, Process, Raw, launch
 from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
@@ -94,7 +93,8 @@ class RsiStack:
         self.cell = build_cell(load_config([self.file]))
         self.folder, self.socket = folder, folder / "s"
         self.exits = contextlib.AsyncExitStack()
-        self.robots = self.krc = self.daemon = self.mover = None
+        self.robots = self.krc = self.daemon = None
+        self.movers = []
 
     async def begin(self):
         """A controller that moves the robot, whatever was left behind before."""
@@ -118,10 +118,10 @@ class RsiStack:
 
     async def leave(self):
         """No client is left."""
-        if self.mover is not None:
-            with contextlib.suppress(EOFError, ConnectionError, LocalProtocolError):
-                await self.mover.stop()
-                await self.mover.task
+        for mover in self.movers:
+            mover.task.cancel()
+        await asyncio.gather(*(mover.task for mover in self.movers), return_exceptions=True)
+        self.movers.clear()
         await Raw.close_all()
 
     async def stopped(self):
@@ -150,10 +150,11 @@ class RsiStack:
         eye = await Raw.hello(self.daemon.port, "before")
         eye.send(m.Subscribe())
         await eye.get(m.State, lambda state: state.entries[0].holder is None)
-        self.mover = await Mover.start(self.daemon.port, "R", "mover", DQ)
-        await self.mover.moves_on(20)
+        mover = await Mover.start(self.daemon.port, "R", "mover", DQ)
+        self.movers.append(mover)
+        await mover.moves_on(20)
         await self.krc.until(lambda status: status["setpoint"] != before)
-        return self.mover
+        return mover
 
     async def nothing_moves(self):
         """The robot rests, nobody gets it, the KRC's setpoint stays."""
