@@ -196,7 +196,8 @@ class Crew(contextlib.ExitStack):
         """Starts one; returns it and its first line, which begins with ``ready`` (None: not awaited)."""
         child = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.PIPE, text=True)
         hurry(priority, child.pid)
-        self.pids[" ".join(map(str, words[2 if words[0] == "-m" else 1 :][:1]))] = child.pid
+        # A role of this file is called by its name and its robot, a command of armgate by its own.
+        self.pids[str(words[2]) if words[0] == "-m" else " ".join((words[1], *words[3:]))] = child.pid
         self.callback(child.wait)
         self.callback(child.kill)
         return child, "" if ready is None else self.line(child, ready)

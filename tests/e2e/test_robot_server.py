@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import subprocess
 
 import pytest
 
@@ -206,3 +207,27 @@ async def test_without_a_robot_server_or_with_another_cells_the_daemon_says_what
         status, _, err = await run("serve", cell, "--robot-server", socket, "--port", 0)
     assert status == 2
     assert "start both with the same files" in err
+
+
+def real_time_is_allowed():
+    """Whether a child of ours may be one of the real-time processes."""
+    with subprocess.Popen(["sleep", "60"]) as child:
+        try:
+            os.sched_setscheduler(child.pid, os.SCHED_RR, os.sched_param(7))
+        except PermissionError:
+            return False
+        finally:
+            child.kill()
+    return True
+
+
+async def test_it_goes_before_ordinary_programs_or_says_why_it_may_not(cell, socket):
+    if real_time_is_allowed():
+        async with RobotServer.running(cell, "--priority", 7, socket=socket) as robots:
+            pid = robots.process.pid
+            assert os.sched_getscheduler(pid) & os.SCHED_RR
+            assert os.sched_getparam(pid).sched_priority == 7
+    else:
+        status, _, err = await run("robot-server", cell, "--socket", socket, "--priority", 7)
+        assert status == 2
+        assert "have the limit `rtprio` raised" in err
