@@ -6,6 +6,7 @@ that the KRC's drives got so far is held against the robot's bounds.
 """
 
 import signal
+import socket
 
 import pytest
 import pytest_asyncio
@@ -111,6 +112,17 @@ async def test_there_is_one_daemon_at_a_time(stack):
     assert (status, out) == (2, "")
     assert "holds the robots: end it first" in err
     await mover.moves_on(20)
+    stack.within_bounds()
+
+
+async def test_junk_and_telegrams_from_elsewhere_change_nothing(stack):
+    mover = await stack.begin()
+    bomb = b'<!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><Rob><IPOC>&c;</IPOC></Rob>'
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        for data in (b"x" * 65507, b"", bomb, b"<Rob><IPOC>1</IPOC></Rob>") * 10:
+            other.sendto(data, ("127.0.0.1", stack.port))
+    await mover.moves_on(20)
+    assert (await stack.krc.tell("status"))["state"] == "running"
     stack.within_bounds()
 
 
