@@ -11,8 +11,9 @@ _TELEGRAMS = 10
 """So many in a row have to agree."""
 _PATIENCE = 3.0
 """After so long without agreement the link gives up, s."""
-_CYCLE = 0.25
-"""By this share the time between telegrams may differ from the cell's period, on average."""
+_SHORTEST, _LONGEST = 0.75, 1.75
+"""The time between telegrams, on average, in periods of the cell. A robot that ticks faster than the cell
+believes is too fast; one that ticks slower is only slow, as a KRC that shares a busy machine is."""
 _UNITS = 180.0 / math.pi
 """What RSI 2 multiplies the mm of linear axes with."""
 
@@ -89,7 +90,7 @@ class Agreement:
         if self._count < _TELEGRAMS:
             return "telegrams do not come one after the other, answered in time"
         cycle = (now - self._first) / (self._count - 1)
-        if abs(cycle - self._setup.period) > _CYCLE * self._setup.period:
+        if not _SHORTEST <= cycle / self._setup.period <= _LONGEST:
             times = f"every {1000 * cycle:.1f} ms, the cell's period is {1000 * self._setup.period:g} ms"
             return f"telegrams come {times}: expected the same"
         return self.astray(commanded.setpoint, q)
