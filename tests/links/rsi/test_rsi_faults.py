@@ -354,10 +354,11 @@ class TestConfigurations:
         assert "ASPos A1 is missing" in self.ends(rig)
         assert rig.krc_state == "broken_off"  # it was never answered
 
-    def test_the_wrong_cycle(self, tmp_path):
-        rig = Rig(tmp_path, cycle=0.012)
-        rig.period = 0.004
-        assert "every 4.0 ms" in self.ends(rig, 1200)
+    @pytest.mark.parametrize(("cell", "krc", "cycles"), [(0.012, 0.004, 1200), (0.004, 0.012, 400)])
+    def test_the_wrong_cycle(self, tmp_path, cell, krc, cycles):
+        rig = Rig(tmp_path, cycle=cell)
+        rig.period = krc
+        assert f"every {1000 * krc:.1f} ms" in self.ends(rig, cycles)
 
     def test_millimetres_times_180_by_pi(self, tmp_path):
         rig = Rig(tmp_path, "krc2-rsi2", gantry=True)
