@@ -17,7 +17,7 @@ class RsiDrivenLink:
     """Listens for a KRC; a ``DrivenLink``.
 
     It reads its socket itself: asyncio's own endpoint makes room for 256 KiB at every datagram, which costs
-    more than a reply.
+    as much as all else that a reply takes.
 
     Args:
         setup: Its robot and KRC.
