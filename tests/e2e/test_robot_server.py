@@ -6,12 +6,14 @@ import os
 import re
 import signal
 import subprocess
+from socket import AF_UNIX, SOCK_DGRAM
+from socket import socket as Socket
 
 import pytest
 
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
-from support.clients import PATIENCE, Mover, Process, Raw, run
+from support.clients import PATIENCE, Mover, Process, Raw, launch, run
 from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
 
 
@@ -231,3 +233,19 @@ async def test_it_goes_before_ordinary_programs_or_says_why_it_may_not(cell, soc
         status, _, err = await run("robot-server", cell, "--socket", socket, "--priority", 7)
         assert status == 2
         assert "have the limit `rtprio` raised" in err
+
+
+async def test_it_tells_a_service_manager_that_it_is_ready_and_alive(cell, socket, tmp_path):
+    with Socket(AF_UNIX, SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "manager"))
+        manager.setblocking(False)
+        env = os.environ | {"NOTIFY_SOCKET": str(tmp_path / "manager"), "WATCHDOG_USEC": "100000"}
+        process = await launch("robot-server", str(cell), "--socket", str(socket), env=env)
+        loop, said = asyncio.get_running_loop(), []
+        async with asyncio.timeout(PATIENCE):
+            while len(said) < 4:
+                said.append((await loop.sock_recv(manager, 1000)).decode())
+        process.terminate()
+        await process.communicate()
+    assert said == [f"READY=1\nSTATUS=robots at {socket}", *["WATCHDOG=1"] * 3]
+    assert process.returncode == 0
