@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate bench-rsi help install demo test lint spec fuzz conformance coverage adversary certificates mutants bench-control clean
+.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec fuzz conformance coverage adversary certificates mutants bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -79,6 +79,9 @@ bench-rsi: $(VENV)/.installed  ## measure a reply by RSI against a bare UDP echo
 
 bench-record: $(VENV)/.installed  ## measure what recording costs the daemon's loop and the disk
 	@$(BIN)/python benchmarks/bench_record.py $(ARGS)
+
+bench-view: $(VENV)/.tested  ## measure what a viewer with a browser costs the daemon, and what reaches the page
+	@$(BIN)/python benchmarks/bench_view.py $(ARGS)
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)

@@ -13,16 +13,19 @@ OUT = Path(__file__).parent / "out"
 
 @dataclass(frozen=True)
 class Row:
-    """One figure; ``goal`` is its upper bound, None where it is only reported."""
+    """One figure; ``goal`` is its upper bound, with ``at_least`` its lower one, None: it is only reported."""
 
     case: str
     value: float
     unit: str
     goal: float | None = None
+    at_least: bool = False
 
     @property
     def holds(self) -> bool | None:
-        return None if self.goal is None else self.value <= self.goal
+        if self.goal is None:
+            return None
+        return self.value >= self.goal if self.at_least else self.value <= self.goal
 
 
 def report(name: str, rows: Iterable[Row]) -> None:
@@ -32,7 +35,7 @@ def report(name: str, rows: Iterable[Row]) -> None:
     for column in ("case", "value", "unit", "goal", "holds"):
         table.add_column(column, justify="left" if column in ("case", "unit") else "right")
     for row in rows:
-        goal = "" if row.goal is None else f"≤ {row.goal:g}"
+        goal = "" if row.goal is None else f"{'≥' if row.at_least else '≤'} {row.goal:g}"
         holds = {True: "yes", False: "NO", None: ""}[row.holds]
         table.add_row(row.case, f"{row.value:.4g}", row.unit, goal, holds)
     Console().print(table)

@@ -11,6 +11,8 @@ from support.browsers import chromium
 
 CONFIG = Path(__file__).parents[2] / "configs" / "demo.yaml"
 ARMGATE = [sys.executable, "-m", "armgate.apps"]
+PLAIN = ("--port", "0", "--no-meshes")
+"""On any free port, and the same pictures whatever is installed."""
 
 
 @contextlib.contextmanager
@@ -41,7 +43,7 @@ def address():
 
 @pytest.fixture(scope="module")
 def viewing(address):
-    with process("view", address, "--role", "operator", "--port", "0", says="armgate: view at ") as (
+    with process("view", address, *PLAIN, "--role", "operator", says="armgate: view at ") as (
         url,
         child,
     ):

@@ -10,7 +10,7 @@ from armgate.client import connect
 from support.browsers import keep
 from support.pages import Page
 
-from .conftest import CONFIG, process
+from .conftest import CONFIG, PLAIN, process
 
 
 class Eye:
@@ -164,7 +164,7 @@ def test_of_two_pages_one_drives(page, eye):
 def test_a_daemon_that_dies_while_dragging_is_told_and_the_page_goes_on_with_the_next(browser):
     with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, daemon):
         port = found.rpartition(":")[2]
-        view = ("view", found, "--role", "controller", "--port", "0")
+        view = ("view", found, *PLAIN, "--role", "controller")
         with process(*view, says="armgate: view at ") as (url, viewer):
             with connect(found, name="eye", role="observer") as cell:
                 page = Page(browser, url)

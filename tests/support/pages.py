@@ -45,10 +45,10 @@ return [knob.x + knob.width / 2, knob.y + knob.height / 2, track.getBoundingClie
 class Page:
     """One open page."""
 
-    def __init__(self, browser, url):
+    def __init__(self, browser, url, has="STOP"):
         self.browser, self.url = browser, url
         browser.get(url)
-        self.until(lambda: "STOP" in self.text and "FR" in self.text, "the panel")
+        self.until(lambda: has in self.text and "FR" in self.text, "the panel")
 
     def until(self, condition, what):
         """Waits for something to be so, and gives it."""
@@ -65,8 +65,9 @@ class Page:
     def joints(self, robot):
         """The joint values that the panel shows for a robot, as written there."""
         lines = self.text.splitlines()
+        words = ("running", "stop", "recorded")
         start = lines.index(
-            robot, next((i for i, line in enumerate(lines) if "running" in line or "stop" in line), 0)
+            robot, next((i for i, line in enumerate(lines) if any(word in line for word in words)), 0)
         )
         found = []
         for line in lines[start + 1 :]:
@@ -75,6 +76,20 @@ class Page:
             if re.fullmatch(r"-?\d+\.\d(°|\d\d m)", line):
                 found.append(line)
         return found
+
+    @property
+    def time(self):
+        """The moment of the recording that the page says it shows, s."""
+        return float(self._moment[1])
+
+    @property
+    def length(self):
+        """Of the recording, as the page says, s."""
+        return float(self._moment[2])
+
+    @property
+    def _moment(self):
+        return self.until(lambda: re.search(r"([\d.]+) of ([\d.]+) s", self.text), "the moment that is shown")
 
     def press(self, label):
         """Presses a button."""

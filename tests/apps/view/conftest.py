@@ -27,7 +27,12 @@ def cell():
     return build_cell(load_config([DEMO]))
 
 
+def described(cell):
+    """What clients are told of a cell, and where assets come from."""
+    library = Library(cell, False)
+    return library.description, lambda name: whole(library, name)
+
+
 @pytest.fixture(scope="session")
 def scene(cell):
-    library = Library(cell, False)
-    return Scene.build(library.description, lambda name: whole(library, name))
+    return Scene.build(*described(cell), meshes=False)

@@ -1,5 +1,7 @@
 """``armgate view``: shows a cell on a web page, and lets its user stop, reset, zoom and drive."""
 
+import re
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -8,8 +10,12 @@ from armgate.apps.login import Ca, Cert, Key, TokenFile, login
 
 
 def view(
-    address: Annotated[
-        str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="HOST:PORT|RUN",
+            help="Where the daemon listens; or a recording: the run's folder, or one of its files.",
+        ),
     ] = "127.0.0.1:7411",
     *,
     role: Annotated[
@@ -21,6 +27,9 @@ def view(
     speed: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="Driving: the largest share of the robots' speeds.")
     ] = 0.25,
+    meshes: Annotated[
+        bool, typer.Option(help="Draw known arms as they really look, where armgate[meshes] is installed.")
+    ] = True,
     open_: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = False,
     name: Annotated[str, typer.Option(help="This client's name.")] = "view",
     token_file: TokenFile = None,
@@ -28,8 +37,29 @@ def view(
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Show a cell on a web page."""
-    from armgate.apps.view.serving import serve  # noqa: PLC0415
+    """Show a cell, or a recording of one, on a web page."""
+    from armgate.apps.errors import UsageError  # noqa: PLC0415
+    from armgate.apps.view.serving import play, serve  # noqa: PLC0415
+    from armgate.apps.view.viewer import Style  # noqa: PLC0415
 
+    if recorded(source):
+        if role != "observer":
+            raise UsageError(f"{source} is a recording, which nobody can steer; leave out --role {role}")
+        play(Path(source), style=Style(meshes=meshes), at=(host, port), open_browser=open_, tell=typer.echo)
+        return
     own = login(token_file, ca, cert, key)
-    serve(address, name, role, own, speed=speed, at=(host, port), open_browser=open_, tell=typer.echo)
+    serve(
+        source,
+        name,
+        role,
+        own,
+        style=Style(speed, meshes),
+        at=(host, port),
+        open_browser=open_,
+        tell=typer.echo,
+    )
+
+
+def recorded(source: str) -> bool:
+    """Whether a recording is meant, by its path, and not an address."""
+    return Path(source).exists() or re.search(r":\d+$", source) is None

@@ -1,12 +1,12 @@
 """What the follower's camera sees, drawn in a thread of its own and shown in a corner of the page."""
 
 import threading
-from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from armgate.apps.errors import AppError
+from armgate.apps.view.beat import Beat
 from armgate.apps.view.optics import Optics
 from armgate.apps.view.overlays import q_of
 from armgate.apps.view.render import Picture, Renderer
@@ -54,15 +54,14 @@ class Inset:
         except (AppError, ModuleNotFoundError) as error:
             self._say(str(error))
             return
-        poses, seen = Poses(self._scene), None
+        poses, seen, beat = Poses(self._scene), None, Beat(RATE)
         try:
             while not self._ended.is_set():
-                begin = monotonic()
                 state = self._source.newest()
                 if state is not None and state is not seen:
                     seen = state
                     self._draw(renderer, poses)
-                self._ended.wait(max(0.0, begin + 1.0 / RATE - monotonic()))
+                self._ended.wait(beat.left())
         finally:
             renderer.close()
 

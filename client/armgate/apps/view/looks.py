@@ -5,6 +5,7 @@ RGB = tuple[int, int, int]
 ARM: RGB = (238, 98, 16)
 STRUCTURE: RGB = (78, 88, 104)
 DARK: RGB = (40, 42, 48)
+BLACK: RGB = (58, 60, 66)
 HAND: RGB = (70, 74, 84)
 TOOL: RGB = (20, 205, 130)
 FLOOR: RGB = (168, 173, 180)

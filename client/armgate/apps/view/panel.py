@@ -7,6 +7,7 @@ from armgate.apps.view import looks
 from armgate.apps.view.driving import Driving
 from armgate.apps.view.live import Live, in_words
 from armgate.apps.view.overlays import Overlays
+from armgate.apps.view.source import Source
 from armgate.apps.view.texts import banner, note, robot_html
 from armgate.client import Description, RobotDescription, State
 
@@ -64,9 +65,9 @@ class Panel:
                     lambda event, name=name: overlays.shown.update({name: bool(event.target.value)})
                 )
 
-    def update(self, state: State, problem: str | None) -> None:
-        """Shows a state."""
-        self._say(self._banner, self._headline(state, problem))
+    def update(self, state: State, source: Source) -> None:
+        """Shows a state of a source."""
+        self._say(self._banner, self._headline(state, source))
         entries = {entry.robot: entry for entry in state.entries}
         for robot in self._description.robots:
             self._say(self._robots[robot.name], robot_html(robot, entries[robot.name]))
@@ -75,14 +76,14 @@ class Panel:
         """Says why nothing comes any more."""
         self._say(self._banner, banner(problem, looks.STATES["stop"]))
 
-    def _headline(self, state: State, problem: str | None) -> str:
-        if problem is not None:
-            return banner(problem, looks.STATES["stop"])
+    def _headline(self, state: State, source: Source) -> str:
+        if source.problem is not None:
+            return banner(source.problem, looks.STATES["stop"])
         stops = sorted({stop for entry in state.entries for stop in entry.stops or ()})
         if stops:
             told = f"stop {', '.join(map(str, stops))} in force: an operator resets it"
-            return banner(told, looks.STATES["stop"])
-        return banner(f"running, {state.time:.0f} s", QUIET) + note(state.warnings)
+            return banner(f"{source.told(state)}: {told}", looks.STATES["stop"])
+        return banner(source.told(state), QUIET) + note(state.warnings)
 
     def _say(self, handle: Any, html: str) -> None:
         if self._told.get(id(handle)) != html:

@@ -24,6 +24,7 @@ class Plots:
         from viser import uplot  # noqa: PLC0415  (only where a page is)
 
         self._times: deque[float] = deque(maxlen=POINTS)
+        self._drawn: float | None = None
         self._values = [deque[float](maxlen=POINTS) for _ in _PLOTS]
         nothing = np.zeros(1)
         self._plots = [
@@ -43,17 +44,24 @@ class Plots:
     def take(self, state: State) -> None:
         """Adds a state's values."""
         found = [state.signals.get(name) for name, *_ in _PLOTS]
-        if any(signal is None for signal in found) or (self._times and state.time <= self._times[-1]):
+        if self._times and not 0.0 <= state.time - self._times[-1] < SPAN:
+            self._forget()  # somebody went to another place of a recording
+        if any(signal is None for signal in found) or (self._times and state.time == self._times[-1]):
             return
         self._times.append(state.time)
         for values, signal, (_, _, factor, _) in zip(self._values, found, _PLOTS, strict=True):
             assert signal is not None
             values.append(factor * signal.value[0])
 
+    def _forget(self) -> None:
+        for values in (self._times, *self._values):
+            values.clear()
+
     def draw(self) -> None:
         """Shows what was added."""
-        if len(self._times) < 2:
+        if len(self._times) < 2 or self._times[-1] == self._drawn:
             return
+        self._drawn = self._times[-1]
         times = np.array(self._times)
         shown = times > times[-1] - SPAN
         for plot, values in zip(self._plots, self._values, strict=True):

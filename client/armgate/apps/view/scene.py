@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armgate.apps.view import looks
-from armgate.apps.view.realistic import real_meshes
+from armgate.apps.view.realistic import bodies_of, real_meshes
 from armgate.apps.view.shapes import Mesh, convex, cylinder, joined, mesh_of
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
@@ -71,12 +71,12 @@ class Scene:
     surroundings: tuple[Piece, ...]
 
     @classmethod
-    def build(cls, description: Description, asset: Asset) -> "Scene":
-        """From a description and its assets."""
+    def build(cls, description: Description, asset: Asset, *, meshes: bool = True) -> "Scene":
+        """From a description and its assets, with the real meshes of known arms if they are installed."""
         bodies = defaultdict(list)
         for body in description.bodies:
             bodies[body.robot].append(body)
-        robots = tuple(_robot(robot, bodies[robot.name], asset) for robot in description.robots)
+        robots = tuple(_robot(robot, bodies[robot.name], asset, meshes) for robot in description.robots)
         standing = [(looks.surrounding(body.name), _mesh(body, asset)) for body in bodies[None]]
         return cls(description, robots, _pieces(standing))
 
@@ -99,14 +99,15 @@ class Poses:
         return {link: model.frame(q, link) for link in self._links[robot]}
 
 
-def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset) -> SceneRobot:
+def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset, real_ones: bool) -> SceneRobot:
     urdf = asset(robot.urdf.hash).decode()
     base = Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
     model = RobotModel.from_urdf(urdf, base)
     meshes: dict[str, list[tuple[looks.RGB, Mesh]]] = defaultdict(list)
-    real = real_meshes(urdf)
+    real = real_meshes(urdf) if real_ones else {}
+    replaced = {body for body in bodies_of(urdf) if body[0] in real}
     for body in bodies:
-        if body.link is not None and body.link not in real:
+        if body.link is not None and (body.link, body.name.rpartition("/")[2]) not in replaced:
             meshes[body.link].append((_robot_colour(model, body), _mesh(body, asset)))
     for link, found in real.items():
         meshes[link] += [(colour or _link_colour(model, link), mesh) for colour, mesh in found]

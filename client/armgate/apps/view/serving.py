@@ -1,4 +1,4 @@
-"""Serves the page: connects, shows, and connects again when the daemon comes back."""
+"""Serves the page: of a daemon, to which it connects again when that comes back, or of a recording."""
 
 import errno
 import io
@@ -8,12 +8,14 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
 from typing import Any
 
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.login import Login
 from armgate.apps.view.live import Live
-from armgate.apps.view.viewer import Viewer
+from armgate.apps.view.player import Player
+from armgate.apps.view.viewer import Style, Viewer
 from armgate.client import ClientError, Role
 
 AGAIN = 1.0
@@ -26,7 +28,7 @@ def serve(
     role: Role,
     login: Login,
     *,
-    speed: float,
+    style: Style,
     at: tuple[str, int],
     open_browser: bool,
     tell: Callable[[str], object],
@@ -40,14 +42,12 @@ def serve(
     with interruption() as ended:
         live: Live | None = Live(address, name, role, login)
         with page_server(*at) as server:
-            url = f"http://{server.get_host()}:{server.get_port()}"
-            tell(f"armgate: view at {url}")
-            if open_browser:
-                open_page(url)
+            first = True
             while live is not None:
-                with live, Viewer(server, live, speed) as viewer:
-                    if viewer.inset is not None and viewer.inset.problem is not None:
-                        tell(f"armgate: {viewer.inset.problem}")
+                with live, Viewer(server, live, style) as viewer:
+                    if first:
+                        _say_where(server, viewer, open_browser, tell)
+                    first = False
                     viewer.run(ended)
                 if not ended.is_set():
                     tell(f"armgate: {live.problem}")
@@ -56,6 +56,32 @@ def serve(
                     server.scene.reset()
                     server.gui.reset()
                     tell("armgate: connected again")
+
+
+def play(
+    path: Path, *, style: Style, at: tuple[str, int], open_browser: bool, tell: Callable[[str], object]
+) -> None:
+    """Shows a recording until somebody ends this process.
+
+    Raises:
+        RecordingError: It cannot be read.
+        AppError: The page cannot be served.
+    """
+    player = Player(path)
+    with interruption() as ended, page_server(*at) as server, Viewer(server, player, style) as viewer:
+        _say_where(server, viewer, open_browser, tell)
+        viewer.run(ended)
+        if player.problem is not None:
+            raise AppError(player.problem)
+
+
+def _say_where(server: Any, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]) -> None:
+    url = f"http://{server.get_host()}:{server.get_port()}"
+    tell(f"armgate: view at {url}")
+    if open_browser:
+        open_page(url)
+    if viewer.inset is not None and viewer.inset.problem is not None:
+        tell(f"armgate: {viewer.inset.problem}")
 
 
 def _again(address: str, name: str, role: Role, login: Login, ended: threading.Event) -> Live | None:

@@ -26,3 +26,7 @@ class Source(Protocol):
     def problem(self) -> str | None:
         """Why no more states come, in words; None while they do."""
         ...
+
+    def told(self, state: State) -> str:
+        """Where this state comes from and of what time it is, in words."""
+        ...

@@ -5,10 +5,12 @@ a robot moves it.
 """
 
 import threading
-from time import monotonic
+from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from armgate.apps.view import looks
+from armgate.apps.view.beat import Beat
 from armgate.apps.view.drawing import LinkNodes, draw_surroundings
 from armgate.apps.view.driving import Driving
 from armgate.apps.view.inset import Inset
@@ -16,16 +18,31 @@ from armgate.apps.view.live import Live
 from armgate.apps.view.optics import Optics
 from armgate.apps.view.overlays import Overlays
 from armgate.apps.view.panel import Panel
+from armgate.apps.view.player import Player
 from armgate.apps.view.plots import Plots
 from armgate.apps.view.scene import Poses, Scene
 from armgate.apps.view.source import Source
+from armgate.apps.view.transport import Transport
 from armgate.apps.view.vantage import vantage
 from armgate.client import State
 
 RATE = 30.0
 """Pictures of the scene, per s."""
 PANEL_EVERY, PLOT_EVERY = 3, 10
-"""Pictures between two updates of the panel, of the plots."""
+"""Turns between two updates of the panel, of the plots."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """What can be chosen.
+
+    Attributes:
+        speed: The largest share of the robots' speeds with which pages drive.
+        meshes: Whether known arms are drawn with their real meshes, where those are installed.
+    """
+
+    speed: float = 0.25
+    meshes: bool = True
 
 
 class Viewer:
@@ -34,18 +51,16 @@ class Viewer:
     Args:
         server: viser's.
         source: What is shown.
-        speed: The largest share of the robots' speeds with which pages drive.
+        style: How it is shown and driven.
 
     Attributes:
         inset: The camera's picture; None where no robot has a camera.
-        frames: How many pictures of the scene were sent.
     """
 
-    def __init__(self, server: Any, source: Source, speed: float = 0.25) -> None:
+    def __init__(self, server: Any, source: Source, style: Style) -> None:
         self._server, self._source = server, source
-        self.frames = 0
         optics = Optics()
-        self._scene = Scene.build(source.description, source.asset)
+        self._scene = Scene.build(source.description, source.asset, meshes=style.meshes)
         self._poses = Poses(self._scene)
         self._configure()
         with server.atomic():
@@ -61,8 +76,9 @@ class Viewer:
         if isinstance(source, Live):
             self._panel.add_controls(source)
             if source.drives:
-                self._driving = Driving(server, source, speed)
+                self._driving = Driving(server, source, style.speed)
                 self._panel.add_driving(self._driving)
+        self._transport = Transport(server.gui, source) if isinstance(source, Player) else None
         self._panel.add_overlays(self._overlays)
         robot = self._scene.camera_robot
         self.inset = None if robot is None else Inset(server.gui, self._scene, source, robot, optics)
@@ -79,19 +95,22 @@ class Viewer:
     def run(self, ended: threading.Event) -> None:
         """Draws until asked to end, or until the source has a problem."""
         shown: State | None = None
-        while not ended.is_set():
-            begin = monotonic()
+        beat = Beat(RATE)
+        for turn in count():
+            if ended.is_set():
+                return
             state = self._source.newest()
             if state is not None and state is not shown:
                 shown = state
-                self.show(state)
+                self._draw(state)
+            if shown is not None:
+                self._tell(shown, turn)
             if (problem := self._source.problem) is not None:
                 self._panel.fail(problem)
                 return
-            ended.wait(max(0.0, begin + 1.0 / RATE - monotonic()))
+            ended.wait(beat.left())
 
-    def show(self, state: State) -> None:
-        """Draws one state."""
+    def _draw(self, state: State) -> None:
         with self._server.atomic():
             for entry in state.entries:
                 if entry.q is not None:
@@ -100,11 +119,15 @@ class Viewer:
             if self._driving is not None:
                 self._driving.update(state, self._poses)
         self._plots.take(state)
-        if self.frames % PANEL_EVERY == 0:
-            self._panel.update(state, self._source.problem)
-        if self.frames % PLOT_EVERY == 0:
+
+    def _tell(self, state: State, turn: int) -> None:
+        """Less often; also while no state comes: one that was left out would never be told."""
+        if turn % PANEL_EVERY == 0:
+            self._panel.update(state, self._source)
+            if self._transport is not None:
+                self._transport.show()
+        if turn % PLOT_EVERY == 0:
             self._plots.draw()
-        self.frames += 1
 
     def _configure(self) -> None:
         gui = self._server.gui

@@ -1,0 +1,191 @@
+"""What a viewer costs the daemon: lateness of its ticks with one page connected, and with the same page not.
+
+Usage: bench_view.py [PATHS]. Daemon, leader and follower run as in the demo, the viewer beside them, and a
+Chromium without a screen shows its page. In blocks the page is connected to the viewer, and in the blocks
+between it is open and not connected. What comes is counted in the page itself. The leader plays its path
+PATHS times.
+"""
+
+import asyncio
+import contextlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import monotonic, monotonic_ns, sleep
+
+import numpy as np
+from report import Row, report
+
+from armgate.apps.stack.child import end_with, hurry
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.daemon.log import Log
+from armgate.daemon.server import Daemon
+from armgate.emulator.clock import Lateness
+from armgate.integrity import Gate
+
+ROOT = Path(__file__).parent.parent
+PATHS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2
+BLOCKS = 6
+"""Of a path, half of them connected."""
+SETTLE, BLOCK = 3.0, 4.5
+"""How long after each change nothing counts, and then how long it does, s."""
+LOADING = 6.0
+"""How long a page that was just opened is left alone, s."""
+
+# Counts what reaches the page, and lets its connection be cut: viser's socket is in a worker.
+_COUNTER = """
+window.came = {updates: 0, pictures: 0};
+window.cut = false;
+window.Worker = class extends window.Worker {
+  constructor(...how) {
+    super(...how);
+    window.wire = this;
+    this.addEventListener('message', ({data}) => {
+      if (data.type !== 'message_batch') return;
+      const has = kind => data.messages.some(kind);
+      if (has(m => m.type === 'SetPositionMessage' && m.name.startsWith('/robots/'))) came.updates += 1;
+      if (has(m => m.type === 'GuiUpdateMessage' && '_data' in (m.updates || {}))) came.pictures += 1;
+    });
+  }
+  postMessage(message, ...more) {
+    if (window.cut && message.type === 'retry') return;
+    if (message.type === 'set_server') window.server ??= message.server;
+    super.postMessage(message, ...more);
+  }
+};
+"""
+_CUT = "window.cut = true; wire.postMessage({type: 'set_server', server: 'ws://127.0.0.1:1'});"
+_JOIN = "window.cut = false; wire.postMessage({type: 'set_server', server: window.server});"
+
+
+async def serve(parent: str, out: str) -> None:
+    """The daemon of the demo, with a clock at its ticks; a real-time process where that is allowed."""
+    end_with(int(parent))
+    hurry()
+    ticks = []
+
+    class Noted(Lateness):
+        def note(self, late_ns: int, gap_ns: int) -> None:
+            ticks.append((monotonic_ns(), late_ns))
+            super().note(late_ns, gap_ns)
+
+    overlay = Path(out).with_suffix(".yaml")
+    overlay.write_text("armgate: 1\nserver: {port: 0}\n", encoding="utf-8")
+    cell = build_cell(load_config([ROOT / "configs" / "demo.yaml", overlay]))
+    daemon = Daemon(cell, Gate, Log(io.StringIO()))
+    daemon._pace._clock.lateness = Noted()
+    await daemon.run(lambda host, port: print(f"127.0.0.1:{port}", flush=True))
+    await asyncio.to_thread(Path(out).write_text, json.dumps(ticks), encoding="utf-8")
+
+
+@contextlib.contextmanager
+def child(*command: str):
+    """A process, and the last word of its first line."""
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        line = process.stdout.readline().split()
+        if not line:
+            sys.exit(f"{' '.join(command)} did not start: see above")
+        yield line[-1]
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def armgate(pace: str, *arguments: str) -> list[str]:
+    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), pace, *arguments]
+
+
+@contextlib.contextmanager
+def browser():
+    sys.path.insert(0, str(ROOT / "tests"))
+    from support.browsers import chromium  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as profile, chromium(Path(profile)) as made:
+        made.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _COUNTER})
+        yield made
+
+
+def measure(page) -> list[tuple[bool, int, int, float, dict]]:
+    """Blocks: connected or not, begin and end on the daemon's clock, length, what came."""
+    blocks = []
+    for number in range(BLOCKS):
+        on = number % 2 == 1
+        page.execute_script(_JOIN if on else _CUT)
+        sleep(SETTLE)
+        before, begin, start = page.execute_script("return came"), monotonic_ns(), monotonic()
+        sleep(BLOCK)
+        end, length = monotonic_ns(), monotonic() - start
+        after = page.execute_script("return came")
+        blocks.append((on, begin, end, length, {key: after[key] - before[key] for key in after}))
+    return blocks
+
+
+def run(out: Path) -> list[tuple[bool, int, int, float, dict]]:
+    blocks = []
+    with (
+        child(sys.executable, __file__, "serve", str(os.getpid()), str(out)) as address,
+        child(*armgate("lockstep", "view", address, "--port", "0", "--no-meshes")) as url,
+        browser() as page,
+    ):
+        page.get(url)
+        sleep(LOADING)
+        follow = subprocess.Popen(
+            armgate("clock", "follow", address, "--robot", "FR", "--leader", "GR"),
+            stdout=subprocess.DEVNULL,
+            cwd=ROOT,
+        )
+        for _ in range(PATHS):
+            path = ("lead", address, "--path", "configs/paths/inspection.csv")
+            lead = subprocess.Popen(armgate("clock", *path), stdout=subprocess.DEVNULL, cwd=ROOT)
+            sleep(2.0)
+            blocks += measure(page)
+            lead.send_signal(signal.SIGINT)
+            lead.wait(30)
+        follow.send_signal(signal.SIGINT)
+        follow.wait(30)
+    return blocks
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "ticks.json"
+        blocks = run(out)
+        ticks = json.loads(out.read_text(encoding="utf-8"))
+    late = {True: [], False: []}
+    for on, begin, end, _, _ in blocks:
+        late[on] += [late_ns / 1e6 for at, late_ns in ticks if begin <= at < end]
+    seconds = sum(length for on, _, _, length, _ in blocks if on)
+    came = {key: sum(block[4][key] for block in blocks if block[0]) for key in ("updates", "pictures")}
+    p99 = {on: float(np.percentile(late[on], 99)) for on in late}
+    rows = [
+        Row("one browser changes p99 lateness by", abs(p99[True] - p99[False]), "ms", 0.5),
+        Row("updates that the page receives", came["updates"] / seconds, "1/s", 30.0 - 1.0, at_least=True),
+        Row(
+            "camera pictures that the page receives",
+            came["pictures"] / seconds,
+            "1/s",
+            10.0,
+            at_least=True,
+        ),
+    ]
+    for on, what in ((False, "not connected"), (True, "connected")):
+        rows += [
+            Row(f"lateness, page {what}: median", float(np.median(late[on])), "ms"),
+            Row(f"lateness, page {what}: p99", p99[on], "ms"),
+            Row(f"ticks, page {what}", len(late[on]), "1"),
+        ]
+    report("view", rows)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1 and sys.argv[1] == "serve":
+        asyncio.run(serve(*sys.argv[2:]))
+    else:
+        main()

@@ -1,0 +1,133 @@
+"""A recording as a source: where it is, what it shows there, and what is no recording."""
+
+import pytest
+
+from armgate.apps.view.command import recorded
+from armgate.apps.view.player import Player
+from armgate.recording import DamagedError, ForeignError, NewerFormatError, TruncatedError
+from armgate.recording.scan import scan
+from support import records
+
+PERIOD = 0.012
+
+
+class Clock:
+    def __init__(self):
+        self.time = 100.0
+
+    def __call__(self):
+        return self.time
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def player(tmp_path, clock):
+    records.write(tmp_path)
+    return Player(tmp_path, clock)
+
+
+def shown(player):
+    """The tick that is shown."""
+    return player.newest().entries[0].tick
+
+
+def test_it_shows_what_was_in_force_at_a_moment(player):
+    assert player.length == pytest.approx(99 * PERIOD)
+    assert shown(player) == 0
+    for tick in (50, 7, 98):
+        player.seek((tick + 0.5) * PERIOD)
+        state = player.newest()
+        assert state.entries[0].q == (0.001 * tick,)
+        assert state.signals["s"].value == (float(tick),)
+        assert player.newest() is state  # nothing is read again while it stands
+    player.seek(1e9)
+    assert player.time == player.length
+    assert shown(player) == 99
+    player.seek(-1.0)
+    assert player.time == 0.0
+    assert player.problem is None
+
+
+def test_it_moves_on_while_it_is_played_and_stands_at_its_end(player, clock):
+    player.seek(10 * PERIOD)
+    clock.time += 5.0
+    assert player.time == pytest.approx(10 * PERIOD)
+    player.play(True)
+    assert player.playing
+    clock.time += 20 * PERIOD + 1e-6
+    assert shown(player) == 30
+    player.set_speed(0.5)
+    clock.time += 20 * PERIOD
+    assert shown(player) == 40
+    player.play(False)
+    clock.time += 5.0
+    assert shown(player) == 40
+    player.play(True)
+    clock.time += 1e3
+    assert shown(player) == 99
+    assert not player.playing
+    player.play(True)  # from its end: anew
+    assert player.time == 0.0
+    assert player.playing
+
+
+def test_it_says_of_what_time_it_is(player):
+    player.seek(0.5)
+    assert "0.5 of 1.2 s" in player.told(player.newest())
+    assert "recorded 2023-11-1" in player.told(player.newest())
+
+
+def test_what_is_no_recording_is_refused_with_a_reason(tmp_path):
+    with pytest.raises(ForeignError, match="no such file or folder"):
+        Player(tmp_path / "nothing")
+    with pytest.raises(ForeignError, match="holds no recording"):
+        Player(tmp_path)
+    (tmp_path / "notes.mcap").write_text("milk, bread")
+    with pytest.raises(ForeignError):
+        Player(tmp_path / "notes.mcap")
+    for name, error, how in (
+        ("broken", TruncatedError, {"close": False}),
+        ("later", NewerFormatError, {"format": 99}),
+        ("empty", DamagedError, {"ticks": ()}),
+    ):
+        (tmp_path / name).mkdir()
+        records.write(tmp_path / name, **how)
+        with pytest.raises(error):
+            Player(tmp_path / name)
+
+
+def test_an_asset_that_is_missing_is_named(player):
+    with pytest.raises(DamagedError, match="does not hold 111111111111…, which its description names"):
+        player.asset("1" * 64)
+
+
+def test_damage_on_the_way_is_a_problem_and_no_end(tmp_path, clock):
+    file = records.write(tmp_path)
+    player = Player(tmp_path, clock)
+    assert shown(player) == 0
+    data, chunk = bytearray(file.read_bytes()), scan(file).chunks[6]
+    data[chunk.offset + chunk.length // 2] ^= 0xFF
+    file.write_bytes(data)
+    for tick in range(99):
+        player.seek(tick * PERIOD)
+        player.newest()
+    assert "recording-0001.mcap" in player.problem
+
+
+@pytest.mark.parametrize(
+    ("source", "answer"),
+    [
+        ("127.0.0.1:7411", False),
+        ("[::1]:7411", False),
+        ("cell.example:7411", False),
+        ("runs/today", True),
+        ("recording-0001.mcap", True),
+        (".", True),
+    ],
+)
+def test_a_source_is_an_address_or_a_recording(source, answer):
+    assert recorded(source) is answer

@@ -1,0 +1,99 @@
+"""A recorded run on the page: a time slider, play and pause, and what is refused."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from support.browsers import keep
+from support.pages import Page
+
+from .conftest import ARMGATE, PLAIN, process
+
+SECONDS = 4
+
+
+def run(*arguments):
+    return subprocess.run([*ARMGATE, *map(str, arguments)], check=False, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    ended = run("demo", "--lockstep", "--duration", SECONDS, "--out", folder)
+    assert ended.returncode == 0, ended.stderr
+    return folder
+
+
+@pytest.fixture
+def page(browser, recording):
+    with process("view", recording, *PLAIN, says="armgate: view at ") as (url, viewer):
+        yield Page(browser, url, "Play")
+        viewer.terminate()
+        assert viewer.wait(30) == 0
+
+
+def drag_time(page, share):
+    """Drags the time slider's knob to this share of its track."""
+    x, y, width = page.slider("Time [s]")
+    left = x - page.time / page.length * width
+    page.point(x, y, press=True)
+    page.point(left + share * width, y)
+    page.until(lambda: abs(page.time / page.length - share) < 0.05, "that moment")
+    page.let_go()
+
+
+def test_the_time_slider_leads_through_the_run(page):
+    assert page.time == 0.0
+    assert page.length > SECONDS
+    start, first = page.joints("GR"), page.screenshot().astype(int)
+    assert len(start) == 9
+    drag_time(page, 0.7)
+    page.until(lambda: page.joints("GR") != start, "the robot elsewhere")
+    later = page.joints("GR")
+    x, y, width, height = (int(value) for value in page.scene())
+    page.until(lambda: changed(page, first, (x, y, width, height)) > 200, "robots that moved in the picture")
+    assert "leader" in page.text
+    keep(page.browser, "viewer-recording.png")
+    drag_time(page, 0.3)
+    page.until(lambda: page.joints("GR") not in (start, later), "a third place")
+    drag_time(page, 0.0)
+    page.until(lambda: page.joints("GR") == start, "the beginning again")
+
+
+def changed(page, first, window):
+    x, y, width, height = window
+    seen = page.screenshot().astype(int)
+    return (np.abs(seen - first).max(axis=2)[y : y + height, x : x + width] > 30).sum()
+
+
+def test_it_is_played_to_its_end_and_paused(page):
+    page.press("Play")
+    page.until(lambda: page.time > 0.2, "time that passes")
+    page.press("Pause")
+    page.until(lambda: "Play" in page.text, "that it stands")
+    before = page.joints("FR")
+    drag_time(page, 0.9)
+    page.press("Play")
+    page.until(lambda: page.time == page.length, "its end")
+    page.until(lambda: "Play" in page.text, "that it stands there")
+    assert page.joints("FR") != before
+    assert "STOP" not in page.text  # there is nothing to be stopped
+
+
+def test_what_is_no_whole_recording_is_refused(recording, tmp_path):
+    broken = tmp_path / "recording-0001.mcap"
+    shutil.copy(recording / broken.name, broken)
+    with broken.open("r+b") as file:
+        file.truncate(broken.stat().st_size * 2 // 3)
+    (tmp_path / "notes.mcap").write_text("milk, bread")
+    for arguments, status, told in (
+        ((broken,), 1, "run: armgate recover"),
+        ((tmp_path / "notes.mcap",), 2, "notes.mcap"),
+        ((tmp_path / "nothing",), 2, "no such file or folder"),
+        ((recording, "--role", "operator"), 2, "a recording, which nobody can steer"),
+    ):
+        ended = run("view", *arguments, *PLAIN)
+        assert (ended.returncode, told in ended.stderr) == (status, True), ended.stderr
+        assert "Traceback" not in ended.stderr
