@@ -9,9 +9,11 @@ from armgate.apps.errors import AppError
 from armgate.apps.view.beat import Beat
 from armgate.apps.view.optics import Optics
 from armgate.apps.view.overlays import q_of
-from armgate.apps.view.render import Picture, Renderer
+from armgate.apps.view.painter import Painter
+from armgate.apps.view.render import Picture
 from armgate.apps.view.scene import Poses, Scene, SceneRobot
 from armgate.apps.view.source import Source
+from armgate.client import State
 
 RATE = 15.0
 """Pictures that are tried for, per s."""
@@ -50,31 +52,34 @@ class Inset:
 
     def _run(self) -> None:
         try:
-            renderer = Renderer(self._scene, self._optics)
-        except (AppError, ModuleNotFoundError) as error:
+            painter = Painter(self._scene, self._optics)
+        except AppError as error:
             self._say(str(error))
             return
-        poses, seen, beat = Poses(self._scene), None, Beat(RATE)
         try:
-            while not self._ended.is_set():
-                state = self._source.newest()
-                if state is not None and state is not seen:
-                    seen = state
-                    self._draw(renderer, poses)
-                self._ended.wait(beat.left())
+            self._draw_all(painter)
+        except AppError as error:
+            self._say(str(error))
         finally:
-            renderer.close()
+            painter.close()
 
-    def _draw(self, renderer: Renderer, poses: Poses) -> None:
-        state = self._source.newest()
-        assert state is not None
+    def _draw_all(self, painter: Painter) -> None:
+        poses, seen, beat = Poses(self._scene), None, Beat(RATE)
+        while not self._ended.is_set():
+            state = self._source.newest()
+            if state is not None and state is not seen:
+                seen = state
+                self._draw(painter, poses, state)
+            self._ended.wait(beat.left())
+
+    def _draw(self, painter: Painter, poses: Poses, state: State) -> None:
         camera = self._robot.described.camera
         places = {robot.name: q_of(state, robot.name) for robot in self._scene.robots}
         if camera is None or any(q is None for q in places.values()):
             return
         links = {name: poses.links(name, q) for name, q in places.items()}
         lens = poses.models[self._robot.name].frame(places[self._robot.name], camera)
-        self.picture = renderer.picture(lens, links)
+        self.picture = painter.picture(lens, links)
         self.drawn += 1
         self._image.image = self.picture
 

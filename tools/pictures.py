@@ -1,0 +1,244 @@
+"""Makes the README's pictures: a screenshot of the viewer, and the four experiments in motion.
+
+    python -m tools.pictures docs
+
+The experiments are run through the whole stack in lock-step, one run each, and drawn from their recordings by
+the renderer of the viewer's camera picture. The screenshot is of a real page, in Chromium without a screen,
+while the demo's leader and follower are at work.
+"""
+
+import io
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import sleep
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from armgate.apps.data import default_file
+from armgate.apps.experiment.scene import build_scene
+from armgate.apps.experiment.setup import load_experiment
+from armgate.apps.experiment.stack import play
+from armgate.apps.experiment.trials import Trial, trials
+from armgate.apps.stack.nursery import Nursery
+from armgate.apps.view.optics import Optics
+from armgate.apps.view.overlays import q_of
+from armgate.apps.view.render import Renderer
+from armgate.apps.view.scene import Poses, Scene
+from armgate.cell.placement import Placement
+from armgate.client import State
+from armgate.recording import Recording, StateSeries
+
+Array = NDArray[np.float64]
+
+WIDTH, HEIGHT, FINE = 640, 360, 2
+"""Of the animation, pixels; it is drawn so many times finer."""
+RATE = 10
+"""Its pictures per s."""
+EYE, AT = (0.9, -3.5, 2.2), (1.35, 0.0, 1.15)
+"""Where it is seen from, and what is looked at, m."""
+WINDOW = (1400, 900)
+"""Of the screenshot, pixels."""
+
+
+class Clip(NamedTuple):
+    """A stretch of one run, from begin to end [s], and how many times faster it is shown."""
+
+    experiment: str
+    case: str
+    seed: int
+    begin: float
+    end: float
+    faster: float
+    says: str
+
+
+CLIPS = (
+    Clip("approach", "approach", 0, 0.0, 3.5, 1.0, "Approach: the camera turns to the leader's tool"),
+    Clip("tracking", "fast-predicted", 0, 0.5, 6.0, 1.0, "Tracking: the leader moves at 0.5 m/s"),
+    Clip("zoom", "zoom", 0, 2.0, 18.0, 3.2, "Zoom: an operator changes the wanted distance"),
+    Clip(
+        "collision",
+        "dash-0.25",
+        4,
+        1.0,
+        11.0,
+        2.0,
+        "Collision: the leader dashes at the follower",
+    ),
+)
+
+
+def main(folder: Path) -> None:
+    """Writes ``viewer.png`` and ``experiments.webp`` into a folder."""
+    animation(folder / "experiments.webp")
+    screenshot(folder / "viewer.png")
+
+
+# --- the animation ----------------------------------------------------------------------------------------
+
+
+def animation(file: Path) -> None:
+    """The four experiments, one after the other."""
+    frames: list[Image.Image] = []
+    nursery = Nursery()
+    nursery.warm()
+    with TemporaryDirectory() as runs:
+        for clip in CLIPS:
+            run = Path(runs) / clip.experiment
+            play(
+                _trial(clip),
+                build_scene((default_file("demo.yaml"),)),
+                run,
+                nursery,
+                realtime=False,
+                show=_quiet,
+            )
+            frames += list(_frames(clip, run))
+            sys.stdout.write(f"{clip.experiment}: {len(frames)} pictures\n")
+    frames[0].save(
+        file, save_all=True, append_images=frames[1:], duration=1000 // RATE, loop=0, quality=62, method=6
+    )
+    sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+def _trial(clip: Clip) -> Trial:
+    setup = load_experiment(default_file(f"experiments/{clip.experiment}.yaml"))
+    found = trials(setup, build_scene((default_file("demo.yaml"),)))
+    case = [trial for trial in found if clip.case in trial.case]
+    return case[min(clip.seed, len(case) - 1)]
+
+
+def _quiet(_watch: object) -> None:
+    """Shows nothing."""
+
+
+def _frames(clip: Clip, run: Path) -> Iterator[Image.Image]:
+    recording = Recording.open(run)
+    series = StateSeries(recording)
+    scene = Scene.build(series.description, recording.header.asset, meshes=False)
+    poses = Poses(scene)
+    robot = scene.camera_robot
+    assert robot is not None
+    assert robot.described.camera is not None
+    outside = Renderer(scene, Optics(FINE * WIDTH, FINE * HEIGHT, float(np.radians(52.0))))
+    inside = Renderer(scene, Optics(FINE * 192, FINE * 144))
+    try:
+        for time in np.arange(clip.begin, min(clip.end, series.end - series.start), clip.faster / RATE):
+            state = series.at(series.start + time)
+            if state is None or any(entry.q is None for entry in state.entries):
+                continue
+            q = {each.name: q_of(state, each.name) for each in scene.robots}
+            links = {name: poses.links(name, place) for name, place in q.items()}
+            lens = poses.models[robot.name].frame(q[robot.name], robot.described.camera)
+            yield _composed(
+                outside.picture(_looking(EYE, AT), links), inside.picture(lens, links), clip, state, time
+            )
+    finally:
+        outside.close()
+        inside.close()
+
+
+def _looking(eye: tuple[float, float, float], at: tuple[float, float, float]) -> Placement:
+    """A camera there: z ahead, x up."""
+    z = np.subtract(at, eye)
+    z /= np.linalg.norm(z)
+    right = np.cross(z, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return Placement(np.stack([np.cross(right, z), right, z], axis=1), np.array(eye))
+
+
+def _composed(outside: Any, inside: Any, clip: Clip, state: State, time: float) -> Image.Image:
+    picture = _small(outside)
+    inset = _small(inside)
+    draw = ImageDraw.Draw(picture, "RGBA")
+    left, top = WIDTH - inset.width - 12, HEIGHT - inset.height - 12
+    draw.rectangle((left - 2, top - 2, WIDTH - 11, HEIGHT - 11), fill=(255, 255, 255, 255))
+    picture.paste(inset, (left, top))
+    draw.text((left + 6, top + 4), "what the camera sees", font=_font(11), fill=(30, 34, 40))
+    draw.rectangle((0, 0, WIDTH, 44), fill=(255, 255, 255, 170))
+    draw.text((12, 5), clip.says, font=_font(15), fill=(20, 24, 30))
+    faster = "" if clip.faster == 1.0 else f", {clip.faster:g} times faster"
+    draw.text((12, 25), f"{time:4.1f} s{faster}   {_figures(state)}", font=_font(12), fill=(70, 76, 84))
+    return picture
+
+
+def _small(picture: Any) -> Image.Image:
+    height, width = picture.shape[:2]
+    image: Image.Image = Image.fromarray(picture)
+    return image.resize((width // FINE, height // FINE), Image.Resampling.LANCZOS)
+
+
+def _figures(state: State) -> str:
+    told = []
+    if (angle := state.signals.get("follow.angle_error")) is not None:
+        told.append(f"angle error {np.degrees(angle.value[0]):.2f}°")
+    if (distance := state.signals.get("follow.distance_error")) is not None:
+        told.append(f"distance error {1000 * distance.value[0]:+.0f} mm")
+    near = [near.distance for entry in state.entries for near in entry.nearest or () if _strangers(near.pair)]
+    if near:
+        told.append(f"clearance ≥ {1000 * min(near):.0f} mm")
+    return "   ".join(told)
+
+
+def _strangers(pair: tuple[str, str]) -> bool:
+    a, b = (name.partition("/")[0] for name in pair)
+    return a != b
+
+
+def _font(size: int) -> Any:
+    load: Any = ImageFont.load_default
+    return load(size)
+
+
+# --- the screenshot ---------------------------------------------------------------------------------------
+
+
+def screenshot(file: Path) -> None:
+    """The page of an operator who drives nothing, while leader and follower work."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    chromium = import_module("support.browsers").chromium
+    demo, path = default_file("demo.yaml"), default_file("paths/inspection.csv")
+    with ExitStack() as stack:
+        address = stack.enter_context(_armgate("serve", demo, "--port", "0"))
+        url = stack.enter_context(
+            _armgate("view", address, "--port", "0", "--role", "operator", "--no-meshes")
+        )
+        profile = stack.enter_context(TemporaryDirectory())
+        browser = stack.enter_context(chromium(Path(profile)))
+        browser.set_window_size(*WINDOW)
+        browser.get(url)
+        sleep(5.0)
+        stack.enter_context(_armgate("follow", address, "--robot", "FR", "--leader", "GR", wait=False))
+        stack.enter_context(_armgate("lead", address, "--path", path, wait=False))
+        # The note that there is no GPU is of no use to readers.
+        browser.execute_script("document.querySelector('.mantine-Notification-closeButton')?.click()")
+        sleep(14.0)
+        shot = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+    shot.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
+    sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+@contextmanager
+def _armgate(*arguments: object, wait: bool = True) -> Iterator[str]:
+    """A child, and the last word of what it says first."""
+    command = [sys.executable, "-m", "armgate.apps", *map(str, arguments)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)  # noqa: S603
+    assert child.stdout is not None
+    try:
+        yield child.stdout.readline().split()[-1] if wait else ""
+    finally:
+        child.terminate()
+        child.wait(30)
+        child.stdout.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
