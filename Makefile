@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec fuzz conformance coverage adversary certificates mutants bench-control clean
+.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants bench-control clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -44,6 +44,9 @@ lint: $(VENV)/.linted  ## check style, types and who imports whom
 
 spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)
+
+pictures: $(VENV)/.tested  ## draw the README's pictures: the viewer's page and the four experiments
+	@$(BIN)/python -m tools.pictures docs
 
 fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
 	@$(BIN)/python -m tools.fuzz $(RUNS)

@@ -187,14 +187,14 @@ def main() -> None:
     rows = [
         Row("one browser changes p99 lateness by", abs(p99[True] - p99[False]), "ms", 0.5),
         Row(
-            "updates that the page receives while a robot moves",
+            "updates that reach the page while robots move",
             came["updates"] / moving,
             "1/s",
             30.0 - 1.0,
             at_least=True,
         ),
         Row(
-            "camera pictures that the page receives",
+            "camera pictures that reach the page",
             came["pictures"] / seconds,
             "1/s",
             10.0,

@@ -14,6 +14,7 @@ from typing import Any
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.login import Login
 from armgate.apps.view.live import Live
+from armgate.apps.view.origin import own_page_only
 from armgate.apps.view.player import Player
 from armgate.apps.view.viewer import Style, Viewer
 from armgate.client import ClientError, Role
@@ -110,7 +111,7 @@ def page_server(host: str, port: int) -> Iterator[Any]:
             port = probe.getsockname()[1]
         except OSError as error:
             raise _no_port(host, port, error) from error
-    with redirect_stdout(io.StringIO()):  # it would print a box of its own
+    with redirect_stdout(io.StringIO()), own_page_only():  # it would print a box of its own
         server = viser.ViserServer(host=host, port=port, verbose=False)
     try:
         yield server
