@@ -30,12 +30,10 @@ ABOUT = {
     "braking": ("limits_exact", "motion_math"),
     "certificate": ("shapes_certificates", "verdicts"),
     "clearance": ("groups_exact", "gate_exact", "verdicts", "retreat", "gate_order"),
-    "compiled": ("screen",),
     "engine": ("shapes_certificates",),
     "gate": ("gate_order", "gate_exact", "faults"),
     "groups": ("groups_exact", "screen"),
     "judge": ("judge_exact", "gate_order", "retreat", "verdicts"),
-    "kernels": ("screen",),
     "limits": ("limits_exact", "motion_math"),
     "nearest": ("nearest_exact", "gate_exact"),
     "occupancy": ("occupancy_exact", "motion_math"),
@@ -49,6 +47,9 @@ ABOUT = {
     "view": ("gate_order",),
 }
 """Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
+
+_WITHOUT = [f"-pno:{name}" for name in ("cacheprovider", "unraisableexception", "threadexception")]
+"""What costs a third of a second in each process and judges nothing."""
 
 _POLL = 0.02
 
@@ -99,6 +100,11 @@ def preload() -> None:
     import armgate.cell.cell  # noqa: PLC0415
     import armgate.cell.mesh.parts  # noqa: F401, PLC0415
 
+    sys.path[:0] = [str(Path("tests").absolute()), str(Path.cwd())]
+    from integrity import oracle, scenes  # noqa: F401, PLC0415
+
+    scenes.mesh()  # its parts are kept
+    os.environ |= {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "ARMGATE_NUMPY": "1"}
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # who fails need not fail beautifully
     hypothesis.settings.register_profile(
         "mutants", derandomize=True, database=None, deadline=None, phases=phases
@@ -162,8 +168,8 @@ def _pytest(tests: Sequence[str], order: Order) -> int:
     with open(os.devnull, "w", encoding="utf-8") as sink:
         os.dup2(sink.fileno(), 1)
         os.dup2(sink.fileno(), 2)
-        known = "ignore:Module already imported"  # preloaded: pytest has nothing to rewrite in it
-        options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "-W", known]
+        options = ["-x", "-q", "--no-header", "--tb=no", "--assert=plain", "-c", os.devnull, "--rootdir=."]
+        options += ["--import-mode=importlib", "-p", "_hypothesis_pytestplugin", *_WITHOUT]
         code = int(pytest.main([*options, *tests], plugins=[order]))
         return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else code
 
