@@ -17,6 +17,7 @@ import sys
 import time
 import types
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -101,10 +102,9 @@ def preload() -> None:
     import armgate.cell.mesh.parts  # noqa: F401, PLC0415
 
     sys.path[:0] = [str(Path("tests").absolute()), str(Path.cwd())]
-    from integrity import oracle, scenes  # noqa: F401, PLC0415
-
-    scenes.mesh()  # its parts are kept
-    os.environ |= {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "ARMGATE_NUMPY": "1"}
+    import_module("integrity.oracle")
+    import_module("integrity.scenes").mesh()  # its parts are kept
+    os.environ.update(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", ARMGATE_NUMPY="1")
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # who fails need not fail beautifully
     hypothesis.settings.register_profile(
         "mutants", derandomize=True, database=None, deadline=None, phases=phases
