@@ -15,7 +15,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 from pathlib import Path
 from time import monotonic, monotonic_ns, sleep
 
@@ -25,7 +24,7 @@ from report import Row, report
 from armgate.apps.stack.child import end_with, hurry
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.client import ClientError, connect
+from armgate.client import connect
 from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
 from armgate.emulator.clock import Lateness
@@ -42,7 +41,7 @@ LOADING = 6.0
 
 # Counts what reaches the page, and lets its connection be cut: viser's socket is in a worker.
 _COUNTER = """
-window.came = {updates: 0, pictures: 0};
+window.came = {updates: [], pictures: 0};
 window.cut = false;
 window.Worker = class extends window.Worker {
   constructor(...how) {
@@ -51,7 +50,8 @@ window.Worker = class extends window.Worker {
     this.addEventListener('message', ({data}) => {
       if (data.type !== 'message_batch') return;
       const has = kind => data.messages.some(kind);
-      if (has(m => m.type === 'SetPositionMessage' && m.name === '/robots/FR/tool0')) came.updates += 1;
+      const moved = m => m.type === 'SetPositionMessage' && m.name === '/robots/FR/tool0';
+      if (has(moved)) came.updates.push(Date.now());
       if (has(m => m.type === 'GuiUpdateMessage' && '_data' in (m.updates || {}))) came.pictures += 1;
     });
   }
@@ -125,22 +125,31 @@ def measure(page) -> list[tuple[bool, int, int, float, dict]]:
         sleep(BLOCK)
         end, length = monotonic_ns(), monotonic() - start
         after = page.execute_script("return came")
-        blocks.append((on, begin, end, length, {key: after[key] - before[key] for key in after}))
+        came = {
+            "updates": after["updates"][len(before["updates"]) :],
+            "pictures": after["pictures"] - before["pictures"],
+        }
+        blocks.append((on, begin, end, length, came))
     return blocks
 
 
-def watch(address: str, moved: list[tuple[int, bool]]) -> None:
-    """Notes again and again whether FR moves, whose tool's updates are counted: at rest there are none."""
-    before = None
-    with contextlib.suppress(ClientError), connect(address, name="bench", role="observer") as cell:
+def wait_for_work(address: str) -> None:
+    """Until the follower is on the leader's tool: programs that start hold up the robots' own."""
+    with connect(address, name="bench", role="observer") as cell:
         cell.subscribe(every=4, robots=["FR"], fields=["q"])
         for state in cell.states():
-            q = np.array(next(entry.q for entry in state.entries if entry.robot == "FR"))
-            moved.append((monotonic_ns(), before is not None and bool(np.abs(q - before).max() > 1e-5)))
-            before = q
+            error, progress = (state.signals.get(name) for name in ("follow.angle_error", "lead.progress"))
+            if error and progress and progress.value[0] > 0.02 and error.value[0] < 0.02:
+                return
 
 
-def run(out: Path, moved: list[tuple[int, bool]]) -> list[tuple[bool, int, int, float, dict]]:
+def a_second(times: list[float]) -> float:
+    """Updates in a second, the median of the seconds in which FR moves: at rest there are none."""
+    counts = np.bincount(((np.array(times) - times[0]) / 1e3).astype(int))[:-1]
+    return float(np.median(counts[counts > 0]))
+
+
+def run(out: Path) -> list[tuple[bool, int, int, float, dict]]:
     blocks = []
     with (
         child(sys.executable, __file__, "serve", str(os.getpid()), str(out)) as address,
@@ -149,7 +158,6 @@ def run(out: Path, moved: list[tuple[int, bool]]) -> list[tuple[bool, int, int, 
     ):
         page.get(url)
         sleep(LOADING)
-        threading.Thread(target=watch, args=(address, moved), daemon=True).start()
         follow = subprocess.Popen(
             armgate("clock", "follow", address, "--robot", "FR", "--leader", "GR"),
             stdout=subprocess.DEVNULL,
@@ -158,7 +166,7 @@ def run(out: Path, moved: list[tuple[int, bool]]) -> list[tuple[bool, int, int, 
         for _ in range(PATHS):
             path = ("lead", address, "--path", "configs/paths/inspection.csv")
             lead = subprocess.Popen(armgate("clock", *path), stdout=subprocess.DEVNULL, cwd=ROOT)
-            sleep(2.0)
+            wait_for_work(address)
             blocks += measure(page)
             lead.send_signal(signal.SIGINT)
             lead.wait(30)
@@ -170,36 +178,19 @@ def run(out: Path, moved: list[tuple[int, bool]]) -> list[tuple[bool, int, int, 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "ticks.json"
-        moved: list[tuple[int, bool]] = []
-        blocks = run(out, moved)
+        blocks = run(out)
         ticks = json.loads(out.read_text(encoding="utf-8"))
     late = {True: [], False: []}
     for on, begin, end, _, _ in blocks:
         late[on] += [late_ns / 1e6 for at, late_ns in ticks if begin <= at < end]
     seconds = sum(length for on, _, _, length, _ in blocks if on)
-    moving = sum(
-        length * float(np.mean([yes for at, yes in moved if begin <= at < end]))
-        for on, begin, end, length, _ in blocks
-        if on
-    )
-    came = {key: sum(block[4][key] for block in blocks if block[0]) for key in ("updates", "pictures")}
+    pictures = sum(came["pictures"] for on, _, _, _, came in blocks if on) / seconds
+    updates = float(np.median([a_second(came["updates"]) for on, _, _, _, came in blocks if on]))
     p99 = {on: float(np.percentile(late[on], 99)) for on in late}
     rows = [
         Row("one browser changes p99 lateness by", abs(p99[True] - p99[False]), "ms", 0.5),
-        Row(
-            "updates that reach the page while FR moves",
-            came["updates"] / moving,
-            "1/s",
-            30.0 - 1.0,
-            at_least=True,
-        ),
-        Row(
-            "camera pictures that reach the page",
-            came["pictures"] / seconds,
-            "1/s",
-            10.0,
-            at_least=True,
-        ),
+        Row("updates that reach the page while FR moves", updates, "1/s", 29.0, at_least=True),
+        Row("camera pictures that reach the page", pictures, "1/s", 10.0, at_least=True),
     ]
     for on, what in ((False, "not connected"), (True, "connected")):
         rows += [
@@ -207,7 +198,6 @@ def main() -> None:
             Row(f"lateness, page {what}: p99", p99[on], "ms"),
             Row(f"ticks, page {what}", len(late[on]), "1"),
         ]
-    rows.append(Row("FR moves while the page is connected", moving / seconds, "share"))
     report("view", rows)
 
 
