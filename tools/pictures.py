@@ -30,7 +30,7 @@ from armgate.apps.experiment.trials import Trial, trials
 from armgate.apps.stack.nursery import Nursery
 from armgate.apps.view.optics import Optics
 from armgate.apps.view.overlays import q_of
-from armgate.apps.view.render import Renderer
+from armgate.apps.view.painter import Painter
 from armgate.apps.view.scene import Poses, Scene
 from armgate.cell.placement import Placement
 from armgate.client import State
@@ -104,7 +104,7 @@ def animation(file: Path) -> None:
             frames += list(_frames(clip, run))
             sys.stdout.write(f"{clip.experiment}: {len(frames)} pictures\n")
     frames[0].save(
-        file, save_all=True, append_images=frames[1:], duration=1000 // RATE, loop=0, quality=62, method=6
+        file, save_all=True, append_images=frames[1:], duration=1000 // RATE, loop=0, quality=45, method=4
     )
     sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
 
@@ -128,8 +128,9 @@ def _frames(clip: Clip, run: Path) -> Iterator[Image.Image]:
     robot = scene.camera_robot
     assert robot is not None
     assert robot.described.camera is not None
-    outside = Renderer(scene, Optics(FINE * WIDTH, FINE * HEIGHT, float(np.radians(52.0))))
-    inside = Renderer(scene, Optics(FINE * 192, FINE * 144))
+    # Two renderers of one process would draw into each other's pictures.
+    outside = Painter(scene, Optics(FINE * WIDTH, FINE * HEIGHT, float(np.radians(52.0))))
+    inside = Painter(scene, Optics(FINE * 192, FINE * 144))
     try:
         for time in np.arange(clip.begin, min(clip.end, series.end - series.start), clip.faster / RATE):
             state = series.at(series.start + time)
@@ -184,7 +185,7 @@ def _figures(state: State) -> str:
         told.append(f"distance error {1000 * distance.value[0]:+.0f} mm")
     near = [near.distance for entry in state.entries for near in entry.nearest or () if _strangers(near.pair)]
     if near:
-        told.append(f"clearance ≥ {1000 * min(near):.0f} mm")
+        told.append(f"clearance at least {1000 * min(near):.0f} mm")
     return "   ".join(told)
 
 
