@@ -1,13 +1,16 @@
 """Experiments without the stack: files, paths, starts, figures, claims, pages."""
 
+import json
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from armgate.apps.data import default_file
-from armgate.apps.errors import UsageError
+from armgate.apps.errors import AppError, UsageError
+from armgate.apps.experiment import campaign
 from armgate.apps.experiment.claims import aggregate, claims
 from armgate.apps.experiment.figures import evaluate, recently
 from armgate.apps.experiment.paths import dash, joystick, straight
@@ -16,6 +19,7 @@ from armgate.apps.experiment.scene import Scene, build_scene, clear
 from armgate.apps.experiment.setup import load_experiment
 from armgate.apps.experiment.stack import plan
 from armgate.apps.experiment.trials import Trial, trials
+from armgate.apps.stack.folder import write_series
 from armgate.apps.stack.observation import COLUMNS, Observation
 from armgate.cell.errors import ConfigError
 
@@ -245,3 +249,50 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "&lt;dash&gt;" in text
     assert "does not hold" in text
     assert "http" not in text
+
+
+# --- a campaign that does not come to its end ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("end", "ended"),
+    [
+        (None, "1 of 3 runs, then: interrupted"),
+        (KeyboardInterrupt(), "1 of 3 runs, then: interrupted"),
+        (
+            AppError("the daemon was killed by SIGKILL; its log ends with\n  | oh"),
+            "1 of 3 runs, then: the daemon",
+        ),
+    ],
+    ids=["asked", "asked between runs", "died"],
+)
+def test_what_was_run_is_evaluated_however_it_ends(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: BaseException | None, ended: str
+) -> None:
+    def play(trial: Trial, _scene: Scene, folder: Path, *_: Any, **__: Any) -> dict[str, Any] | None:
+        if trial.seed > first:
+            if end is not None:
+                raise end
+            return None
+        folder.mkdir(parents=True)
+        write_series(folder, observed().rows)
+        zoomed = {"zoom_angle_deg": 0.1, "quiet_distance_m": 0.001, "quiet_share": 0.9}
+        return entry("zoom", seed=trial.seed, **zoomed)
+
+    monkeypatch.setattr(campaign, "play", play)
+    monkeypatch.setattr(campaign, "Nursery", MagicMock())
+    setups = {
+        name: load_experiment(default_file(f"experiments/{name}.yaml")) for name in ("zoom", "tracking")
+    }
+    first = setups["zoom"].first_seed
+    course = campaign.Campaign(scene, tmp_path, campaign.Options(seeds=3))
+    assert course.run(setups) == ended
+    together = json.loads((tmp_path / "metrics.json").read_text())
+    assert (together["complete"], together["holds"]) == (False, None)
+    assert together["ended"] == ended
+    assert {row["experiment"] for row in together["claims"]} == {"zoom"}
+    found = json.loads((tmp_path / "zoom" / "metrics.json").read_text())
+    assert [one["seed"] for one in found["entries"]] == [first]
+    assert found["aggregate"]["zoom"]["runs"] == 1
+    assert f"Not all was run:</b> {ended}" in (tmp_path / "zoom" / "report.html").read_text()
+    assert not (tmp_path / "tracking").exists()

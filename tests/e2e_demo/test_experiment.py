@@ -93,6 +93,25 @@ def test_a_wrong_file_is_told_before_anything_runs(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_ctrl_c_leaves_what_was_run(tmp_path: Path) -> None:
+    file = tmp_path / "tracking.yaml"
+    file.write_text(TRACKING)
+    command = [*ARMGATE, "experiment", "tracking", "--file", str(file), "--seeds", "1", "--out", "run"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as process:
+        assert process.stdout is not None
+        assert any("1/2" in line for line in process.stdout)
+        process.send_signal(signal.SIGINT)
+        told, why = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert why.startswith("armgate: run holds what was run: 1 of 2 runs, then: interrupted"), why
+    assert "claim" in told
+    found = json.loads((tmp_path / "run" / "tracking" / "metrics.json").read_text())
+    assert [entry["case"] for entry in found["entries"]] == ["slow"]
+    assert "Not all was run" in (tmp_path / "run" / "tracking" / "report.html").read_text()
+
+
 @pytest.fixture
 def daemon() -> Iterator[str]:
     serve = [*ARMGATE, "serve", str(DEMO), "--lockstep", "leader,follower", "--port", "0"]

@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from armgate.apps.errors import AppError
 from armgate.apps.experiment.claims import Claim, aggregate, claims
 from armgate.apps.experiment.plots import Array, draw
 from armgate.apps.experiment.progress import Progress, progress
@@ -17,7 +18,7 @@ from armgate.apps.experiment.report import page
 from armgate.apps.experiment.scene import Scene
 from armgate.apps.experiment.setup import Experiment
 from armgate.apps.experiment.stack import play
-from armgate.apps.experiment.trials import trials
+from armgate.apps.experiment.trials import Trial, trials
 from armgate.apps.stack.folder import write_metrics
 from armgate.apps.stack.nursery import Nursery
 
@@ -35,8 +36,36 @@ class Options:
 
 
 @dataclass
+class Course:
+    """How far one experiment came.
+
+    Attributes:
+        planned: How many runs there were to be.
+        entries: What they gave.
+        failed: What ended them before they were all done; None: nothing, or somebody asked to end.
+    """
+
+    planned: int
+    entries: list[dict[str, Any]] = field(default_factory=list)
+    failed: AppError | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether all was run."""
+        return len(self.entries) == self.planned
+
+    @property
+    def ended(self) -> str:
+        """Why not all was run, "" where it was."""
+        if self.complete:
+            return ""
+        why = "interrupted" if self.failed is None else str(self.failed)
+        return f"{len(self.entries)} of {self.planned} runs, then: {why}"
+
+
+@dataclass
 class Campaign:
-    """Some experiments in one folder.
+    """Some experiments in one folder. However it ends, what was run until then is evaluated and written.
 
     Attributes:
         scene: The cell.
@@ -50,55 +79,65 @@ class Campaign:
     options: Options
     found: dict[str, list[Claim]] = field(default_factory=dict)
 
-    def run(self, setups: Mapping[str, Experiment]) -> bool:
-        """Runs them; False if somebody asked to end before all was run.
-
-        Raises:
-            AppError: A process died or never became ready.
-        """
+    def run(self, setups: Mapping[str, Experiment]) -> str:
+        """Runs them; returns why it ended before all was run, "" where it did not."""
         nursery = Nursery()
         nursery.warm()
-        complete = True
+        course = Course(0)
         with progress() as bar:
             for name, setup in setups.items():
-                complete = complete and self._experiment(name, setup, nursery, bar)
+                course = self._experiment(name, setup, nursery, bar)
+                if not course.complete:
+                    break
+        self._sum_up(course.ended)
+        return course.ended
+
+    def _sum_up(self, ended: str) -> None:
         rows = [{"experiment": name, **claim.row()} for name, rows in self.found.items() for claim in rows]
-        holds = all(row["holds"] is not False for row in rows)
-        write_metrics(self.folder, {"complete": complete, "holds": holds, "claims": rows})
-        return complete
+        broken = any(row["holds"] is False for row in rows)
+        holds = False if broken else None if ended else True
+        write_metrics(self.folder, {"complete": not ended, "ended": ended, "holds": holds, "claims": rows})
 
-    def _experiment(self, name: str, setup: Experiment, nursery: Nursery, bar: Progress) -> bool:
-        folder = self.folder / name
+    def _experiment(self, name: str, setup: Experiment, nursery: Nursery, bar: Progress) -> Course:
         todo = trials(setup, self.scene, self.options.seeds)
-        entries: list[dict[str, Any]] = []
+        course = Course(len(todo))
         bar.begin(name, len(todo))
-        for trial in todo:
-            entry = play(
-                trial, self.scene, folder / trial.name, nursery,
-                realtime=self.options.realtime, show=bar.show,
-            )  # fmt: skip
-            if entry is None:
-                break
-            entries.append(entry)
-            bar.done(trial.name, entry)
-        self.found[name] = claims(name, entries)
-        self._write(name, setup, entries)
-        return len(entries) == len(todo)
+        try:
+            self._play(name, todo, course, nursery, bar)
+        except AppError as error:
+            course.failed = error
+        except KeyboardInterrupt:  # between two runs; within a run it is an event
+            pass
+        self.found[name] = claims(name, course.entries)
+        self._write(name, setup, course)
+        return course
 
-    def _write(self, name: str, setup: Experiment, entries: Sequence[dict[str, Any]]) -> None:
+    def _play(
+        self, name: str, todo: Sequence[Trial], course: Course, nursery: Nursery, bar: Progress
+    ) -> None:
+        for trial in todo:
+            folder = self.folder / name / trial.name
+            entry = play(trial, self.scene, folder, nursery, realtime=self.options.realtime, show=bar.show)
+            if entry is None:
+                return
+            course.entries.append(entry)
+            bar.done(trial.name, entry)
+
+    def _write(self, name: str, setup: Experiment, course: Course) -> None:
         folder = self.folder / name
         folder.mkdir(exist_ok=True)
-        sums, found = aggregate(entries), self.found[name]
+        sums, found = aggregate(course.entries), self.found[name]
         write_metrics(
             folder,
             {
-                "experiment": name, "realtime": self.options.realtime,
-                "setup": setup.model_dump(mode="json"), "entries": list(entries),
+                "experiment": name, "realtime": self.options.realtime, "ended": course.ended,
+                "setup": setup.model_dump(mode="json"), "entries": course.entries,
                 "aggregate": sums, "claims": [claim.row() for claim in found],
             },
         )  # fmt: skip
-        pictures = list(_pictures(folder, entries))
-        (folder / "report.html").write_text(page(name, found, sums, pictures), encoding="utf-8")
+        pictures = list(_pictures(folder, course.entries))
+        text = page(name, found, sums, pictures, ended=course.ended)
+        (folder / "report.html").write_text(text, encoding="utf-8")
 
     def tables(self) -> list[Table]:
         """The claims, for a terminal."""

@@ -62,8 +62,8 @@ def experiment(
     campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
     ended = campaign.run(setups)
     _tell(campaign)
-    if not ended:
-        raise AppError(f"interrupted; {campaign.folder} holds what was run until then")
+    if ended:
+        raise AppError(f"{campaign.folder} holds what was run: {ended}")
 
 
 def _tell(campaign: "Campaign") -> None:

@@ -26,6 +26,7 @@ td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd; 
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
 .yes { color: #1d7a3e; font-weight: 600 } .no { color: #b3261e; font-weight: 600 } .none { color: #777 }
 img { max-width: 100% } .paper { background: #f3f5f7; padding: .6rem 1rem; border-left: 3px solid #1f4e79 }
+.ended { background: #fbeceb; padding: .6rem 1rem; border-left: 3px solid #b3261e }
 """
 _HOLDS = {
     True: '<td class="yes">holds</td>',
@@ -39,6 +40,8 @@ def page(
     claims: Sequence[Claim],
     aggregate: Mapping[str, Any],
     pictures: Sequence[tuple[str, Path]],
+    *,
+    ended: str = "",
 ) -> str:
     """The page.
 
@@ -47,12 +50,14 @@ def page(
         claims: Its rows.
         aggregate: By case, as in ``metrics.json``.
         pictures: Captions and PNG files, which are put into the page.
+        ended: Why not all was run, "" where it was.
     """
     title = f"armgate: {experiment}"
     parts = [
         "<!doctype html>", '<html lang="en"><meta charset="utf-8">', f"<title>{html.escape(title)}</title>",
         f"<style>{_CSS}</style>", f"<h1>{html.escape(title)}</h1>",
         f'<p class="paper"><b>The paper:</b> {html.escape(PAPER[experiment])}</p>',
+        *([f'<p class="ended"><b>Not all was run:</b> {html.escape(ended)}</p>'] if ended else []),
         "<h2>Claims</h2>", _claims(claims), "<h2>Cases</h2>", _cases(aggregate), "<h2>Pictures</h2>",
         *(_picture(caption, file) for caption, file in pictures), f"<p>Paper: {html.escape(SOURCE)}.</p>",
         "</html>",
