@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants bench-control clean
+.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants bench-control bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -88,6 +88,9 @@ bench-view: $(VENV)/.tested  ## measure what a viewer with a browser costs the d
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
+
+bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
+	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
 
 clean:  ## remove .venv, caches and build products (runs/ stays)
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* coverage.xml

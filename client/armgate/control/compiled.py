@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from types import ModuleType
@@ -157,7 +157,7 @@ class CompiledLaw(CameraLaw):
             _own(start),
             _own(start if origin is None else origin),
             _own(reach),
-            astuple(scheme),
+            scheme.numbers,
             _packed(goal),
         )
         return Integration(q, steps, _ENDED[ended])

@@ -64,6 +64,11 @@ class Scheme:
     tolerance: float = 0.05
     turn: float = 1.0
 
+    @property
+    def numbers(self) -> tuple[float, int, float, float, float, float]:
+        """All of them in this order, for the compiled form."""
+        return self.step, self.budget, self.split, self.resolution, self.tolerance, self.turn
+
 
 def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:
     """One step of the classical Runge-Kutta method from q over h, k1 being f(q)."""
