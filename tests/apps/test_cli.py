@@ -122,6 +122,8 @@ def test_version() -> None:
         (("lead", "nowhere", "--path", "PATH"), "address 'nowhere': no port"),
         (("lead", "127.0.0.1:9", "--path", "none.csv"), "none.csv: cannot be read"),
         (("lead", "127.0.0.1:9", "--path", "PATH", "--duration", "-1"), "--duration"),
+        (("lead", "127.0.0.1:9"), "give one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
+        (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "give one of --path"),
         (("follow", "127.0.0.1:9"), "--robot"),
         (("follow", "nowhere", "--robot", "FR", "--leader", "GR"), "address 'nowhere': no port"),
         (("demo", "none.yaml"), "none.yaml"),

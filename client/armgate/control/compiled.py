@@ -55,7 +55,7 @@ def prepare() -> None:
     arm[0]["axis"], arm[0]["parent"], arm[3]["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
     goal, q, obstacles = np.zeros(1, kernels.GOAL), np.zeros(1), np.zeros(1, kernels.OBSTACLE)
     goal["p"] = 1.0
-    scene = (arm, goal, q, obstacles, np.ones((2, 1)))
+    scene = (arm, goal, np.ones((3, 1)), obstacles)
     kernels.evaluate(q, scene)
     kernels.advance(q, 0.1, scene)
     kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1, 1.0), scene)
@@ -86,7 +86,8 @@ class PackedGoal(Goal):
     """A goal as the kernels take it.
 
     Attributes:
-        packed: the robot, the goal and the obstacles, one argument of the kernels.
+        packed: one argument of the kernels: the robot; the goal; a row of the position around which the
+            obstacles are seen, and the two of `ways`; the obstacles.
     """
 
     packed: tuple[object, ...] = ()
@@ -103,7 +104,6 @@ class CompiledLaw(CameraLaw):
         self._kernels = _kernels()
         self._evaluate = self._kernels.evaluate
         self._packed = self._pack_joints(), self._pack_spheres(), self._pack_pairs(), self._pack_camera()
-        self._free = np.ones((2, model.n))
         self._no_obstacles = np.zeros(0, self._kernels.OBSTACLE)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
@@ -129,15 +129,19 @@ class CompiledLaw(CameraLaw):
         target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
         record = np.empty(1, self._kernels.GOAL)
         if scene is None:
-            around, obstacles = np.zeros(self.model.n), self._no_obstacles
+            obstacles = self._no_obstacles
             floor, gaps = -np.inf, (np.inf, np.inf)
         elif isinstance(scene, PackedScene):
-            around, obstacles, floor = scene.around, scene.obstacles, scene.floor
-            gaps = scene.gap, scene.own_gap
+            obstacles, floor, gaps = scene.obstacles, scene.floor, (scene.gap, scene.own_gap)
         else:
             raise TypeError(NOT_OURS)
         record[0] = (target, moving, distance, emergency, floor, *gaps)
-        packed = (self._packed, record, around, obstacles, self._free if ways is None else _own(ways))
+        rows = np.ones((3, self.model.n))
+        if scene is not None:
+            rows[0] = scene.around
+        if ways is not None:
+            rows[1:] = ways
+        packed = (self._packed, record, rows, obstacles)
         return PackedGoal(target, distance, scene, emergency, moving, ways, packed)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:

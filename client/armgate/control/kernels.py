@@ -242,12 +242,12 @@ def _pushed(F, joints, J, joint, force, at):
 @kernel
 def _repulsion(F, q, scene, placed):
     """`CameraLaw._repulsion`."""
-    (joints, spheres, _, cameras), goals, around, _, _ = scene
+    (joints, spheres, _, cameras), goals, rows, _ = scene
     R, t, J = placed
     camera, goal = cameras[0], goals[0]
     way = 0.0
     for i in range(len(joints)):
-        way += abs(q[i] - around[i]) * joints[i].lever
+        way += abs(q[i] - rows[0, i]) * joints[i].lever
     others, own = way >= goal.gap - camera.reach, way >= goal.own_gap - camera.own_reach
     if not (others or own):
         return
@@ -261,7 +261,7 @@ def _repulsion(F, q, scene, placed):
 @kernel
 def _from_others(F, scene, J, centres):
     """`Repulsion.wrenches`."""
-    (joints, spheres, _, cameras), goals, _, obstacles, _ = scene
+    (joints, spheres, _, cameras), goals, _, obstacles = scene
     camera, goal = cameras[0], goals[0]
     eta, reach = camera.repulsion, camera.reach
     for k in range(len(spheres)):
@@ -301,7 +301,7 @@ def _from_itself(F, scene, J, centres):
 @kernel
 def _terms(q, scene, M, F_rep):
     """`CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
-    (joints, _, _, cameras), goals, _, _, _ = scene
+    (joints, _, _, cameras), goals, _, _ = scene
     camera, goal = cameras[0], goals[0]
     n = len(joints)
     R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
@@ -331,11 +331,11 @@ def _terms(q, scene, M, F_rep):
 
 
 @kernel
-def _weights(q, scene):
-    """`CameraLaw._directed`, (2, n)."""
-    (joints, _, _, cameras), _, _, _, ways = scene
-    directed = ways.copy()
+def _weights(q, scene, directed):
+    """`CameraLaw._directed`, into `directed` (2, n)."""
+    (joints, _, _, cameras), _, rows, _ = scene
     for i in range(len(joints)):
+        directed[0, i], directed[1, i] = rows[1, i], rows[2, i]
         x = q[i] * joints[i].slope - joints[i].offset
         m = max(1.0 - x * x, 0.0)
         m *= m
@@ -348,7 +348,6 @@ def _weights(q, scene):
             directed[0, i] *= w
         if x > 0.0 or cameras[0].always:
             directed[1, i] *= w
-    return directed
 
 
 @kernel
@@ -376,10 +375,10 @@ def _gradient(M, F_rep, rate, w, steepness, qd):
 
 
 @kernel
-def _limited(M, F_rep, rate, directed, steepness, qd):
-    """`gradient.limited_gradient`."""
+def _limited(M, F_rep, rate, weights, steepness, qd):
+    """`gradient.limited_gradient`; `weights` (3, n) holds those down and up, and room for the ones taken."""
     n = len(qd)
-    w = np.empty(n)
+    directed, w = weights[:2], weights[2]
     for i in range(n):
         w[i] = max(directed[0, i], directed[1, i])
     while True:
@@ -398,19 +397,20 @@ def _limited(M, F_rep, rate, directed, steepness, qd):
 @kernel
 def field(q, scene):
     """f(q, p, d_r) of (16), (n,)."""
-    arm, goals, _, _, _ = scene
+    arm, goals, _, _ = scene
     camera = arm[3][0]
     n = len(q)
-    M, F_rep, qd = np.empty((4, n)), np.empty(n), np.empty(n)
+    room, qd = np.empty((8, n)), np.empty(n)
+    M, F_rep, weights = room[:4], room[4], room[5:]
     psi1, psi2, drift1, drift2, _ = _terms(q, scene, M, F_rep)
-    directed = _weights(q, scene)
+    _weights(q, scene, weights)
     if goals[0].emergency:
         for i in range(n):
-            qd[i] = directed[1 if F_rep[i] > 0.0 else 0, i] * F_rep[i]
+            qd[i] = weights[1 if F_rep[i] > 0.0 else 0, i] * F_rep[i]
         return qd
     steepness = 0.5 * (1.0 + psi1 * psi1 + psi2 * psi2)
     rate = (-camera.task * psi1 - drift1, -camera.task * psi2 - drift2)
-    _limited(M, F_rep, rate, directed, steepness, qd)
+    _limited(M, F_rep, rate, weights, steepness, qd)
     return qd
 
 
@@ -480,9 +480,9 @@ def task(q, scene):
 def induced(q, scene):
     """`CameraLaw.induced` for the goal's own velocity, (n,)."""
     n = len(q)
-    M, F_rep, w = np.empty((4, n)), np.empty(n), np.empty(n)
+    M, F_rep, w, directed = np.empty((4, n)), np.empty(n), np.empty(n), np.empty((2, n))
     psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
-    directed = _weights(q, scene)
+    _weights(q, scene, directed)
     for i in range(n):
         w[i] = min(directed[0, i], directed[1, i])
     slope = 2.0 / (1.0 + psi1 * psi1 + psi2 * psi2)

@@ -9,13 +9,18 @@ Entry = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Claim:
-    """One row: what is claimed, its goal in words, the figure, and whether it holds (None: not tried)."""
+    """One row: what is claimed, its goal in words, the figure, and whether it holds (None: not tried).
+
+    Attributes:
+        paper: What the paper reports of this, in words; "": nothing.
+    """
 
     claim: str
     goal: str
     value: float | None
     unit: str
     holds: bool | None
+    paper: str = ""
 
     def row(self) -> dict[str, Any]:
         """As it stands in ``metrics.json``."""
@@ -28,12 +33,14 @@ def claims(experiment: str, entries: Sequence[Entry]) -> list[Claim]:
     return [*rows, *_always(entries)]
 
 
-def at_most(claim: str, values: Iterable[float | None], bound: float, unit: str) -> Claim:
+def at_most(claim: str, values: Iterable[float | None], bound: float, unit: str, paper: str = "") -> Claim:
     """No value beyond a bound; a run without a value counts as beyond."""
     found = list(values)
     known = [value for value in found if value is not None]
     holds = bool(found) and len(known) == len(found) and max(known) <= bound
-    return Claim(claim, f"≤ {bound:g} {unit}", max(known, default=None), unit, holds if found else None)
+    return Claim(
+        claim, f"≤ {bound:g} {unit}", max(known, default=None), unit, holds if found else None, paper
+    )
 
 
 def _of(entries: Sequence[Entry], case: str) -> list[Entry]:
@@ -64,18 +71,20 @@ def _always(entries: Sequence[Entry]) -> list[Claim]:
 
 
 _BANDS = (
-    ("slow", "0.25 m/s, no lag, without prediction", 1.0, 0.02),
-    ("slow-lag30", "0.25 m/s, 30 ms lag, without prediction", 1.0, 0.02),
-    ("fast-predicted", "0.5 m/s, no lag, with prediction", 0.2, 0.005),
-    ("fastest-predicted", "1.0 m/s, no lag, with prediction", 0.5, 0.01),
+    ("slow", "0.25 m/s, no lag, without prediction", 1.0, 0.02, ("± 1°", "± 2 cm")),
+    ("slow-lag30", "0.25 m/s, 30 ms lag, without prediction", 1.0, 0.02, ("± 1°", "± 2 cm")),
+    ("fast-predicted", "0.5 m/s, no lag, with prediction", 0.2, 0.005, ("", "")),
+    ("fastest-predicted", "1.0 m/s, no lag, with prediction", 0.5, 0.01, ("", "")),
 )
 _PAIRS = (("slow", "0.25"), ("fast", "0.5"), ("fastest", "1.0"))
 
 
 def _tracking(entries: Sequence[Entry]) -> Iterable[Claim]:
-    for case, text, angle, distance in _BANDS:
-        yield at_most(f"{text}: angle", _errors(entries, case, "angle_error_deg", "max"), angle, "°")
-        yield at_most(f"{text}: distance", _errors(entries, case, "distance_error_m", "max"), distance, "m")
+    for case, text, angle, distance, paper in _BANDS:
+        angles = _errors(entries, case, "angle_error_deg", "max")
+        yield at_most(f"{text}: angle", angles, angle, "°", paper[0])
+        distances = _errors(entries, case, "distance_error_m", "max")
+        yield at_most(f"{text}: distance", distances, distance, "m", paper[1])
     for case, speed in _PAIRS:
         ratios = _ratios(entries, case, f"{case}-predicted")
         yield at_most(f"{speed} m/s: RMS angle with prediction to that without", ratios, 1 / 3, "")
@@ -94,7 +103,8 @@ def _ratios(entries: Sequence[Entry], without: str, with_: str) -> list[float | 
 
 def _approach(entries: Sequence[Entry]) -> Iterable[Claim]:
     far, limit = _of(entries, "approach"), _of(entries, "limit")
-    yield at_most("approach from 30° to 150°: the angle rises by", (e["rise_deg"] for e in far), 0.05, "°")
+    rises = (e["rise_deg"] for e in far)
+    yield at_most("approach from 30° to 150°: the angle rises by", rises, 0.05, "°", "falls monotonically")
     yield at_most("approach: settled (0.1°, 2 mm) after", (e["settled_s"] for e in far), 3.0, "s")
     yield at_most("from 0.999 of a joint limit: reached after", (e["settled_s"] for e in limit), 10.0, "s")
     motion = (e["end_motion_rad"] for e in limit)
@@ -102,13 +112,13 @@ def _approach(entries: Sequence[Entry]) -> Iterable[Claim]:
 
 
 def _zoom(entries: Sequence[Entry]) -> Iterable[Claim]:
-    yield at_most("angle while zooming", (e["zoom_angle_deg"] for e in entries), 0.5, "°")
+    yield at_most("angle while zooming", (e["zoom_angle_deg"] for e in entries), 0.5, "°", "unaffected")
     yield at_most(
         "distance error where repulsion has been inactive for 2 s",
-        (e["quiet_distance_m"] for e in entries), 0.02, "m",
+        (e["quiet_distance_m"] for e in entries), 0.02, "m", "not reached while repulsion acts",
     )  # fmt: skip
     share = sum(e["quiet_share"] for e in entries) / len(entries)
-    yield Claim("share of the time that this is", "≥ 0.5", share, "", share >= 0.5)
+    yield Claim("share of the time in which that is so", "≥ 0.5", share, "", share >= 0.5)
 
 
 def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
@@ -119,7 +129,8 @@ def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
             refused = _share(own, "follower_refused")
             yield at_most(f"{text}: share of runs in which the follower is refused", [refused], 0.1, "")
             free = [e["free_angle_deg"] for e in own]
-            yield at_most(f"{text}: angle except while (13) or the gate acts and 2 s after", free, 1.0, "°")
+            words = f"{text}: angle except while (13) or the gate acts and 2 s after"
+            yield at_most(words, free, 1.0, "°", "kept while (13) is inactive")
         else:
             yield _reported(
                 own, f"{text}: share of runs in which the follower is refused", "follower_refused"

@@ -67,11 +67,12 @@ def page(
 
 def _claims(claims: Sequence[Claim]) -> str:
     rows = [
-        f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.goal)}</td>'
+        f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.paper) or "–"}</td>'
+        f'<td>{html.escape(c.goal)}</td>'
         f'<td class="n">{_number(c.value)} {html.escape(c.unit)}</td>{_HOLDS[c.holds]}</tr>'
         for c in claims
     ]  # fmt: skip
-    return _table(("claim", "goal", "worst of all runs", ""), rows)
+    return _table(("claim", "paper", "goal", "worst of all runs", ""), rows)
 
 
 def _cases(aggregate: Mapping[str, Any]) -> str:
@@ -118,4 +119,4 @@ def _picture(caption: str, file: Path) -> str:
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:
-    return "–" if value is None else f"{scale * value:.3g}"
+    return "–" if value is None else f"{scale * value:.4g}"

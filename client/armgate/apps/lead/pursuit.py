@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from armgate.apps.errors import AppError, UsageError
+from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.hand import described_in, steering_of
 from armgate.apps.lead.jog import jog
@@ -90,8 +90,6 @@ def pursue(
     """
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)
-    if steering.tool is None:
-        raise AppError('a pursuit needs the models of robots: pip install "armgate[cell]"')
     name, _, body = target.partition("/")
     prey = Prey.of(name, body, model_of(cell, described(cell.description, name)))
     source = Pursuit(prey, model_of(cell, own), own.tool)
