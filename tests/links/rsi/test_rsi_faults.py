@@ -232,6 +232,56 @@ class TestTheKrc:
         rearm(moving)
 
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
+    @pytest.mark.parametrize("silent", [5, 200])
+    @pytest.mark.parametrize("jog", [0.0, -2.0, None], ids=["stays", "jogged", "led-back"])
+    @pytest.mark.parametrize("first", ["estop", "stop"])
+    def test_begins_anew_from_the_same_port_and_nothing_stale_is_commanded(
+        self, tmp_path, profile, silent, jog, first
+    ):
+        rig = Rig(tmp_path, profile).begin()
+        rig.drive(60, SLOW[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+        at_rest(rig)
+        source = rig.source
+        rig.operate(first)
+        rig.cycles(silent)
+        if first == "estop":
+            rig.operate("reset")
+        assert rig.krc.jog("A1", -rig.krc.status()["setpoint"]["A1"] if jog is None else jog) is None
+        rig.operate("start")
+        rig.source = source
+        begun = rig.krc_setpoint
+        rig.cycles(50)
+        assert rig.krc_state == "running"
+        assert rig.krc_setpoint == begun
+        nothing_moves(rig)
+        rearm(rig)
+
+    @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
+    def test_restarts_at_rest_on_the_same_port(self, tmp_path, profile):
+        rig = Rig(tmp_path, profile).begin()
+        rig.drive(60, *SLOW)
+        at_rest(rig)
+        source, held = rig.source, rig.krc_setpoint
+        rig.operate("restart")
+        rig.source = source
+        rig.cycles(30)
+        assert (rig.krc_state, rig.state) == ("running", "lost")
+        assert rig.krc_setpoint == pytest.approx(held, abs=1e-6)  # where it stands
+        rearm(rig)
+
+    def test_is_somewhere_else_after_a_pause_so_it_has_to_start_anew(self, moving):
+        at_rest(moving)
+        moving.operate("pause")
+        moving.cycles(200)
+        moving.operate("resume")
+        moving.cycles(110, edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>1.0", data))
+        assert moving.krc_state == "broken_off"  # it was not answered
+        assert not moving.reset() or moving.state != "ready"
+        moving.operate("reset")
+        moving.operate("start")
+        rearm(moving)
+
+    @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     def test_pauses_while_moving_so_it_has_to_start_anew(self, tmp_path, profile):
         rig = Rig(tmp_path, profile).begin()
         rig.drive(40, *SLOW)

@@ -67,7 +67,7 @@ class Agreement:
                 return f"{axis.name} is at {at:.2f} {axis.unit}, and should be at {should:.2f}"
         return None
 
-    def hints(self, telegram: Telegram, q: Joints) -> list[str]:
+    def hints(self, telegram: Telegram) -> list[str]:
         """Known mistakes that show in a telegram."""
         found = []
         decimals = telegram.decimals()
@@ -77,7 +77,7 @@ class Agreement:
                 "set Precision in the KRC's Ethernet object"
             )
         for axis, value, low, high in zip(
-            self._setup.axes, q, self._setup.lower, self._setup.upper, strict=True
+            self._setup.axes, telegram.q, self._setup.lower, self._setup.upper, strict=True
         ):
             if axis.linear and not low <= value <= high and low <= value / _UNITS <= high:
                 found.append(

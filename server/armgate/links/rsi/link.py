@@ -8,20 +8,18 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armgate.cell.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
+from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.link import LinkEvent
 from armgate.links.player import PlanPlayer, Played
 from armgate.links.rsi.agreement import Agreement
 from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.remarks import Remarks
-from armgate.links.rsi.run import Run
+from armgate.links.rsi.run import NEW_RUN, Run
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
-_NEW_RUN = 3
-"""After so many cycles without a telegram another port of the KRC is believed to be its program's new one."""
 _SETTLED = 1.0
 """A robot that rests for so long is where it was commanded to be, s."""
 _WHY = "does AXISCORR cut, has RECEIVE other tags, or was RSI_ON called with another mode than the cell's?"
@@ -149,44 +147,47 @@ class RsiLink:
         if source[0] != self._setup.krc:
             return False
         run = self._run
-        return run is None or source[:2] == run.source or now - run.time > _NEW_RUN * self._setup.period
+        return run is None or source[:2] == run.source or now - run.time > NEW_RUN * self._setup.period
 
     def _telegram(self, telegram: Telegram, source: Address, now: float) -> Answer:
-        q, delay, run = telegram.q, telegram.delay, self._run
+        run = self._run
         if run is None or source[:2] != run.source:
-            return self._begin(telegram, q, delay, source, now)
-        before = run.sequence.delay
-        follows = run.sequence.place(telegram.ipoc, delay)
-        if follows.order is Order.NEXT:
-            return self._next(run, telegram, q, follows, now)
-        if follows.order is Order.TWICE or (follows.order is Order.OLD and self._state is not State.LOST):
+            return self._begin(telegram, source, now)
+        ipoc, delay = run.sequence.ipoc, run.sequence.delay
+        paused = self._state not in ARMED and now - run.time > self._setup.silence
+        follows = run.sequence.place(telegram.ipoc, telegram.delay)
+        if follows.order is Order.TWICE or (follows.order is Order.OLD and not paused):
             self._remarks.refuse(follows.order.value)
             return Answer(None, self._told())
-        if delay < before or self._state not in ARMED:
-            return self._begin(telegram, q, delay, source, now)
-        self._contradict(f"the IPOC jumped from {run.sequence.ipoc} to {telegram.ipoc}")
-        return self._jumped(run, telegram, q, delay, now)
+        continues = telegram.delay >= delay and run.continues(telegram, follows, paused, now)
+        if continues is False:
+            return self._begin(telegram, source, now)
+        if continues is None:
+            self._contradict(run.doubt())
+        if follows.order is Order.NEXT:
+            return self._next(run, telegram, follows, paused, now)
+        self._contradict(f"the IPOC jumped from {ipoc} to {telegram.ipoc}")
+        return self._jumped(run, telegram, now)
 
-    def _begin(self, telegram: Telegram, q: Joints, delay: int, source: Address, now: float) -> Answer:
+    def _begin(self, telegram: Telegram, source: Address, now: float) -> Answer:
         """RSI_ON: the corrections count from the programmed position, where the robot has to be."""
         if self._run is not None and self._state in ARMED:
             self._lose("the KRC's program began anew")
-        reference = telegram.programmed(self._setup.axes)
+        sequence, reference = Sequence(telegram.ipoc, telegram.delay), telegram.programmed
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
-        run = Run(self._setup, source[:2], Sequence(telegram.ipoc, delay), commanded, q, now)
+        run = Run(self._setup, source[:2], sequence, commanded, telegram.q, reference, now)
         self._run, self._rebased = run, self._player.tick >= 0
         self._player.drop()
         if self._go(Event.HEARD):
             self._agreement.begin()
-        run.objection = self._agreement.misplaced(reference, q)
+        run.objection = self._agreement.misplaced(reference, telegram.q)
         if run.objection is not None:
             self._contradict(run.objection)
-        return self._answer(run, telegram, q, now)
+        return self._answer(run, telegram, now)
 
     # --- a telegram of the run ----------------------------------------------------------------------------
 
-    def _next(self, run: Run, telegram: Telegram, q: Joints, follows: Follows, now: float) -> Answer:
-        paused = self._state is State.LOST and now - run.time > self._setup.silence
+    def _next(self, run: Run, telegram: Telegram, follows: Follows, paused: bool, now: float) -> Answer:
         disturbed = bool(follows.late or follows.missed)
         unknown = run.settle(follows, paused)
         if disturbed or paused:
@@ -194,18 +195,20 @@ class RsiLink:
         else:
             run.row = 0
         run.accepted |= follows.late == 0
-        objection = unknown or run.jumped(q, follows.missed + 1) or (run.too_late() if disturbed else None)
+        objection = (
+            unknown or run.jumped(telegram.q, follows.missed + 1) or (run.too_late() if disturbed else None)
+        )
         if objection is not None:
             self._contradict(objection)
-        self._agree(run, telegram, q, not disturbed, now)
-        return self._answer(run, telegram, q, now)
+        self._agree(run, telegram, not disturbed, now)
+        return self._answer(run, telegram, now)
 
-    def _jumped(self, run: Run, telegram: Telegram, q: Joints, delay: int, now: float) -> Answer:
+    def _jumped(self, run: Run, telegram: Telegram, now: float) -> Answer:
         """The numbers go on from elsewhere. What the KRC holds is only known if the robot rested."""
         run.settle(Follows(Order.JUMP, missed=0, late=2), paused=True)
-        run.sequence = Sequence(telegram.ipoc, delay)
+        run.sequence = Sequence(telegram.ipoc, telegram.delay)
         self._held(run, 0)
-        return self._answer(run, telegram, q, now)
+        return self._answer(run, telegram, now)
 
     def _held(self, run: Run, cycles: int) -> None:
         """The KRC has held the robot: it starts again from rest, and never catches up."""
@@ -214,14 +217,14 @@ class RsiLink:
         self._rebased = True
         self._go(Event.HELD)
 
-    def _agree(self, run: Run, telegram: Telegram, q: Joints, clean: bool, now: float) -> None:
+    def _agree(self, run: Run, telegram: Telegram, clean: bool, now: float) -> None:
         """Whether all agrees while synchronising, and whether the robot is where it should be at rest."""
         if self._state is State.SYNCHRONISING:
             if run.objection is not None:
                 self._contradict(run.objection)
                 return
-            verdict = self._agreement.take(run.commanded, q, clean, now)
-            for hint in self._agreement.hints(telegram, q):
+            verdict = self._agreement.take(run.commanded, telegram.q, clean, now)
+            for hint in self._agreement.hints(telegram):
                 self._remarks.hint(hint)
             if verdict == "":
                 run.sequence.learning = False
@@ -230,13 +233,13 @@ class RsiLink:
             elif verdict is not None:
                 self._contradict(verdict)
         elif self._state is State.READY and now - self._rest_since > _SETTLED:
-            astray = self._agreement.astray(run.commanded.setpoint, q)
+            astray = self._agreement.astray(run.commanded.setpoint, telegram.q)
             if astray is not None:
                 # What the KRC makes of replies is not what is meant by them: no further one can be right.
                 run.objection = f"{astray}: {_WHY}"
                 self._contradict(run.objection)
 
-    def _answer(self, run: Run, telegram: Telegram, q: Joints, now: float) -> Answer:
+    def _answer(self, run: Run, telegram: Telegram, now: float) -> Answer:
         """Play what this tick is due, answer, and tell."""
         played, moves = self._play()
         values = run.commanded.step(played.increment)
@@ -246,14 +249,15 @@ class RsiLink:
             robot=self._setup.robot,
             tick=self._player.tick,
             time=now,
-            q=q,
+            q=telegram.q,
             setpoint=run.commanded.setpoint,
-            increment=(0.0,) * len(q) if played.increment is None else played.increment,
+            increment=(0.0,) * len(telegram.q) if played.increment is None else played.increment,
             plan=played.key,
             index=played.index,
             rebased=self._rebased,
         )
-        run.q, run.time, self._rebased = q, now, False
+        run.q, run.programmed, run.time = telegram.q, telegram.programmed, now
+        self._rebased = False
         if moves:
             self._rest_since = now
         return Answer(reply, self._told(tick))

@@ -11,7 +11,7 @@ _OLD = 64
 """So many telegrams ago a datagram may have been sent that now comes late, out of order."""
 _LARGEST_STEP = 1000
 _FAR = 10_000
-"""So many telegrams may be missing where numbers wrap."""
+"""So many telegrams may be missing."""
 
 
 class Order(StrEnum):
@@ -61,7 +61,7 @@ class Sequence:
         if -_OLD * (self.step or 1) <= ahead < 0:
             return Follows(Order.OLD)
         self._learn(ahead)
-        if ahead < 0 or not self.step or ahead % self.step or delay < self.delay:
+        if not 0 < ahead <= _FAR * self.step or ahead % self.step or delay < self.delay:
             return Follows(Order.JUMP)
         follows = Follows(Order.NEXT, ahead // self.step - 1, delay - self.delay)
         self.ipoc, self.delay = ipoc, delay

@@ -45,7 +45,6 @@ class Survey:
             telegram = self._reader.read(data)
             if telegram.short:
                 return None
-            telegram.programmed(self._setup.axes)
         except TelegramError as error:
             return self._say(f"a telegram does not fit: {error}")
         self._first, self._last = self._first or telegram, telegram

@@ -20,6 +20,7 @@ _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
 _DELAY = re.compile(r"[0-9]{1,10}")
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _FREE = re.compile(rb'="([-+.0-9]{1,32})"')
+_MEASURED, _PROGRAMMED = ("AIPos", "EIPos"), ("ASPos", "ESPos")
 _IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
 
 
@@ -45,6 +46,7 @@ class Telegram:
         short: Whether it is RSI 2's first frame, nothing but the IPOC; then there is no more in it.
         delay: How many cycles were late so far.
         q: Measured position, rad or m, in the order of the model.
+        programmed: The position that the KRC's program holds, likewise.
     """
 
     data: bytes
@@ -52,14 +54,7 @@ class Telegram:
     short: bool
     delay: int
     q: Joints
-
-    def programmed(self, axes: Sequence[Axis]) -> Joints:
-        """The position that the KRC's program holds, as ``q``.
-
-        Raises:
-            TelegramError: A value is missing or no number.
-        """
-        return _positions(_groups(_root(self.data)), ("ASPos", "ESPos"), axes)
+    programmed: Joints
 
     def decimals(self) -> int:
         """The most decimals that a value of a position has."""
@@ -84,22 +79,29 @@ class TelegramReader:
         self._scales = tuple(axis.read for axis in axes)
         self._form: re.Pattern[bytes] | None = None
         self._wanted: tuple[int, ...] = ()
+        self._held: list[bytes] = []
+        self._programmed: Joints = ()
 
     def read(self, data: bytes) -> Telegram:
         """The telegram in a datagram.
 
         Raises:
-            TelegramError: There is none, or it lacks the measured position or the Delay.
+            TelegramError: There is none, or it lacks a position or the Delay.
         """
         found = None if self._form is None else self._form.fullmatch(data)
         if found is None:
             return self._parse(data)
         delay, ipoc, *texts = found.group(*self._wanted)
+        measured, held = texts[: len(self._axes)], texts[len(self._axes) :]
         try:
-            q = tuple([scale * float(text) for scale, text in zip(self._scales, texts, strict=True)])
-            return Telegram(data, int(ipoc), False, int(delay), q)
+            if held != self._held:  # it hardly ever changes
+                self._held, self._programmed = held, self._scaled(held)
+            return Telegram(data, int(ipoc), False, int(delay), self._scaled(measured), self._programmed)
         except ValueError:
             return self._parse(data)
+
+    def _scaled(self, texts: Sequence[bytes]) -> Joints:
+        return tuple([scale * float(text) for scale, text in zip(self._scales, texts, strict=True)])
 
     def _parse(self, data: bytes) -> Telegram:
         root = _root(data)
@@ -110,14 +112,14 @@ class TelegramReader:
             raise TelegramError("ipoc", f"IPOC {text[:40]!r}; expected digits")
         ipoc = int(digits[1])
         if not groups:
-            return Telegram(data, ipoc, True, 0, ())
-        q = _positions(groups, ("AIPos", "EIPos"), self._axes)
+            return Telegram(data, ipoc, True, 0, (), ())
+        q, programmed = (_positions(groups, tags, self._axes) for tags in (_MEASURED, _PROGRAMMED))
         delay = groups.get("Delay", {}).get("D", "")
         if not _DELAY.fullmatch(delay):
             said = "is missing" if not delay else f"is {delay[:40]!r}"
             raise TelegramError("element", f"Delay D {said}: SEND must have DEF_Delay")
         self._learn(data, root)
-        return Telegram(data, ipoc, False, int(delay), q)
+        return Telegram(data, ipoc, False, int(delay), q, programmed)
 
     def _learn(self, data: bytes, root: ET.Element) -> None:
         """The pattern of this telegram, if its text and its XML have the same numbers in the same order."""
@@ -128,7 +130,10 @@ class TelegramReader:
         if _FREE.findall(data) != [value for _, value in numbers] or len(_IPOC.findall(data)) != 1:
             return
         places = {name: place for place, (name, _) in enumerate(numbers, start=1)}
-        wanted = [("Delay", "D"), *((_tag(axis, "AIPos", "EIPos"), axis.name) for axis in self._axes)]
+        positions = (
+            (_tag(axis, *tags), axis.name) for tags in (_MEASURED, _PROGRAMMED) for axis in self._axes
+        )
+        wanted = [("Delay", "D"), *positions]
         if data.index(b"<IPOC>") < data.rindex(b'="') or not places.keys() >= set(wanted):
             return
         delay, *axes = (places[name] for name in wanted)
