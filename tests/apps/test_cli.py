@@ -105,7 +105,7 @@ def test_help_lists_every_command_and_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for command in ("serve", "demo", "lead", "follow", "check"):
+    for command in ("serve", "demo", "lead", "follow", "check", "rsi"):
         assert f" {command} " in done.stdout
     assert "heavy: []" in done.stdout
 

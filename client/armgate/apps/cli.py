@@ -47,11 +47,13 @@ class CommandGroup(TyperGroup):
 
 def as_command(name: str, function: Callable[..., Any] | typer.Typer) -> Any:
     """A typer command of a plain annotated function, whose docstring is its help; or a group of such."""
-    if isinstance(function, typer.Typer):
-        return typer.main.get_command(function)
-    app = typer.Typer(add_completion=False)
-    app.command(name)(function)
-    return typer.main.get_command(app)
+    app = function
+    if not isinstance(app, typer.Typer):
+        app = typer.Typer(add_completion=False)
+        app.command(name)(function)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command
 
 
 def _show_version(wanted: bool) -> None:

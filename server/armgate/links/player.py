@@ -91,12 +91,6 @@ class PlanPlayer:
         """Drop the plan and what waits: the robot was held, and rests."""
         self.rebase(self._resets)
 
-    def adopt(self, start: str) -> None:
-        """Another daemon: drop everything and take plans of this start id from now on; the ticks go on."""
-        self._start = start
-        self._answers.clear()
-        self.rebase(0)
-
     def _objection(self, key: PlanKey) -> str:
         if key.start != self._start or key.resets != self._resets:
             return "mismatch"

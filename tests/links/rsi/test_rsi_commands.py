@@ -31,12 +31,16 @@ def ran(*arguments):
 def test_what_config_writes_is_what_link_and_krc_take(tmp_path, generation, gantry, mode):
     file = cell_text(tmp_path, gantry=gantry, mode=mode)
     (tmp_path / "krc.xml").unlink()
-    options = ("--robot", "R", "--pc", "192.168.1.10:49200", "--generation", generation, "--out", tmp_path)
+    options = (
+        "--robot", "R", "--pc", "192.168.1.10:49200", "--generation", generation, "--sentype", "a<b",
+        "--out", tmp_path,
+    )  # fmt: skip
     result = ran("config", file, *options)
     assert result.exit_code == 0, result.output
     cell = build_cell(load_config([file]))
     assert setup_of(cell, cell.robots[0]).listen == ("192.168.1.10", 49200)
     other = krc_reads((tmp_path / "krc.xml").read_bytes())
+    assert other.sentype == "a<b"
     assert [e.name for e in other.received][-1] == ("EK.E3" if gantry else "AK.A6")
     program = (tmp_path / "armgate_rsi.src").read_text()
     assert ("ST_SKIPSENS" if generation == "rsi2" else "RSI_MOVECORR") in program
@@ -47,12 +51,24 @@ def test_what_config_writes_is_what_link_and_krc_take(tmp_path, generation, gant
 
 def test_config_called_wrongly(tmp_path):
     file = cell_text(tmp_path)
-    for options, said in ((("--robot", "X"), "there is no robot"), (("--robot", "R"), "expected --pc")):
+    for options, said in (
+        (("--robot", "X"), "there is no robot"),
+        (("--robot", "R"), "expected --pc"),
+        (("--robot", "R", "--pc", "10.0.0.1:99999"), "expected a number from 1 to 65535"),
+        (("--robot", "R", "--pc", "10.0.0.1:5", "--sentype", " "), "SENTYPE> is missing or empty"),
+    ):
         error = ran("config", file, *options, "--out", tmp_path).exception
         assert said in str(error)
         assert error.exit_code == 2
     with pytest.raises(ConfigError):
         raise ran("config", tmp_path / "none.yaml", "--robot", "R").exception
+
+
+def test_check_at_an_address_of_another_machine(tmp_path):
+    """The reply address in the cell has to be one of this machine: 192.0.2.0/24 is nobody's."""
+    error = ran("check", cell_text(tmp_path, listen="192.0.2.1:49152"), "--robot", "R").exception
+    assert error.filename == "UDP 192.0.2.1:49152"
+    assert "expected an address of this machine" in error.strerror
 
 
 @contextlib.asynccontextmanager

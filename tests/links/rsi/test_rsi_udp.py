@@ -120,5 +120,5 @@ async def test_an_address_in_use_is_told_when_it_opens(tmp_path):
         own.bind(("127.0.0.1", 0))
         listen = f'"127.0.0.1:{own.getsockname()[1]}"'
         cell = build_cell(load_config([cell_text(tmp_path, listen=listen)]))
-        with pytest.raises(OSError, match="in use"):
+        with pytest.raises(OSError, match=r"in use; expected .*127\.0\.0\.1"):
             await RsiDrivenLink(setup_of(cell, cell.robots[0]), "d1").open(lambda event: None)

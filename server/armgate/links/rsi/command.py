@@ -1,6 +1,5 @@
 """``armgate rsi``: what a KRC needs, and what one says."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -51,6 +50,7 @@ def config(
     """Write the RSI Ethernet file and a KRL program that match a robot of a cell."""
     from armgate.cell.link_config import RsiLinkConfig  # noqa: PLC0415
     from armgate.links.rsi import krl  # noqa: PLC0415
+    from armgate.links.rsi.ethernet import EthernetError, read_ethernet  # noqa: PLC0415
     from armgate.links.rsi.setup import joint_axes  # noqa: PLC0415
 
     _, found = _robot(configs, robot)
@@ -60,14 +60,16 @@ def config(
     host, _, port = (pc or link.listen or "").rpartition(":")
     if not (host and port.isascii() and port.isdigit()):
         raise CalledWronglyError("the PC's address is not known; expected --pc ADDRESS:PORT, or link.listen")
-    axes, relative = joint_axes(found, link), link.mode == "relative"
-    name = Path(link.ethernet).name
+    axes = joint_axes(found, link)
+    text = krl.ethernet_xml(axes, host, int(port), sentype, link.mode == "relative", generation)
+    try:
+        read_ethernet(text.encode())
+    except EthernetError as error:
+        raise CalledWronglyError(f"no KRC could read that: {error}") from error
     files = {
-        out / name: krl.ethernet_xml(axes, host, int(port), sentype, relative, generation),
-        out / "armgate_rsi.src": krl.program(
-            axes, name, relative, found.period, link.timeout, generation
-        ),
-    }  # fmt: skip
+        out / Path(link.ethernet).name: text,
+        out / "armgate_rsi.src": krl.program(axes, link, found.period, generation),
+    }
     for path in files:
         if path.exists() and not force:
             raise CalledWronglyError(f"{path} is there already; expected --force, or another --out")
@@ -96,8 +98,8 @@ def check(
     cell, found = _robot(configs, robot)
     setup = setup_of(cell, found)
     survey = Survey(setup, _foot(found))
-    sys.stderr.write(f"armgate: listens on {setup.listen[0]}:{setup.listen[1]}, and never answers\n")
-    asyncio.run(listen(setup.listen, survey.take, seconds, wait))
+    told = f"armgate: listens on {setup.listen[0]}:{setup.listen[1]}, and never answers"
+    asyncio.run(listen(setup.listen, survey.take, seconds, wait, lambda: typer.echo(told, err=True)))
     _tell(setup, survey)
 
 

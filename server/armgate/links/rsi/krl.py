@@ -4,7 +4,10 @@ The program's names are those of public drivers and examples; nothing was tried 
 """
 
 from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import escape
 
+from armgate.cell.link_config import RsiLinkConfig
 from armgate.links.rsi.axes import A_AXES, E_AXES, Axis
 
 GENERATIONS = ("rsi2", "rsi3")
@@ -37,31 +40,33 @@ def ethernet_xml(
     protocol = ["    <PROTOCOL>UDP</PROTOCOL>"] if generation == "rsi2" else []
     lines = [
         "<ROOT>", "  <CONFIG>",
-        f"    <IP_NUMBER>{host}</IP_NUMBER>", f"    <PORT>{port}</PORT>", *protocol,
-        f"    <SENTYPE>{sentype}</SENTYPE>", "    <ONLYSEND>FALSE</ONLYSEND>",
+        f"    <IP_NUMBER>{escape(host)}</IP_NUMBER>", f"    <PORT>{port}</PORT>", *protocol,
+        f"    <SENTYPE>{escape(sentype)}</SENTYPE>", "    <ONLYSEND>FALSE</ONLYSEND>",
         "  </CONFIG>", "  <SEND>", "    <ELEMENTS>", *send, "    </ELEMENTS>", "  </SEND>",
         "  <RECEIVE>", "    <ELEMENTS>", *receive, "    </ELEMENTS>", "  </RECEIVE>", "</ROOT>",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def program(
-    axes: Sequence[Axis], file: str, relative: bool, cycle: float, timeout: int, generation: str
-) -> str:
+def program(axes: Sequence[Axis], own: RsiLinkConfig, cycle: float, generation: str) -> str:
     """The KRL program, as ``ethernet_xml`` numbers the values.
 
     Args:
         axes: The robot's axes.
-        file: Name of the Ethernet file.
-        relative: Whether corrections are added up.
+        own: What the cell says of the link.
         cycle: s.
-        timeout: How many late cycles are borne.
         generation: One of ``GENERATIONS``.
     """
-    mode = "#RELATIVE" if relative else "#ABSOLUTE"
-    if generation == "rsi2":
-        return "\n".join(_rsi2(axes, file, mode, timeout)) + "\n"
-    return "\n".join(_rsi3(axes, file, mode, cycle, timeout)) + "\n"
+    lines = _rsi2(axes, own) if generation == "rsi2" else _rsi3(axes, own, cycle)
+    return "\n".join(lines) + "\n"
+
+
+def _mode(own: RsiLinkConfig) -> str:
+    return "#RELATIVE" if own.mode == "relative" else "#ABSOLUTE"
+
+
+def _file(own: RsiLinkConfig) -> str:
+    return Path(own.ethernet).name
 
 
 def _corrected(axes: Sequence[Axis]) -> list[str]:
@@ -73,7 +78,7 @@ def _group(name: str) -> str:
     return "AK" if name[0] == "A" else "EK"
 
 
-def _rsi3(axes: Sequence[Axis], file: str, mode: str, cycle: float, timeout: int) -> list[str]:
+def _rsi3(axes: Sequence[Axis], own: RsiLinkConfig, cycle: float) -> list[str]:
     names = _corrected(axes)
     links = [f";   ETHERNET Out{index} -> {_target(name)}" for index, name in enumerate(names, start=1)]
     external = [";   AXISCORREXT: the same for the external axes"] if any(n[0] == "E" for n in names) else []
@@ -81,7 +86,7 @@ def _rsi3(axes: Sequence[Axis], file: str, mode: str, cycle: float, timeout: int
     return [
         "DEF armgate_rsi( )",
         "; Hands the axes over to armgate. Make the context armgate.rsi in RSI Visual with:",
-        f";   ETHERNET: ConfigFile {file}, Timeout {timeout}, Precision 6",
+        f";   ETHERNET: ConfigFile {_file(own)}, Timeout {own.timeout}, Precision {own.precision}",
         *links,
         ";   AXISCORR: LowerLimA1, UpperLimA1, ...: as wide as the joints may go; it cuts silently",
         *external,
@@ -93,7 +98,7 @@ def _rsi3(axes: Sequence[Axis], file: str, mode: str, cycle: float, timeout: int
         "IF ret <> RSIOK THEN",
         "  HALT",
         "ENDIF",
-        f"ret = RSI_ON({mode}, {clock})",
+        f"ret = RSI_ON({_mode(own)}, {clock})",
         "IF ret <> RSIOK THEN",
         "  HALT",
         "ENDIF",
@@ -107,7 +112,7 @@ def _target(name: str) -> str:
     return f"AXISCORR Corr{name}" if name[0] == "A" else f"AXISCORREXT Corr{name}"
 
 
-def _rsi2(axes: Sequence[Axis], file: str, mode: str, timeout: int) -> list[str]:
+def _rsi2(axes: Sequence[Axis], own: RsiLinkConfig) -> list[str]:
     # ST_AXISCORR has twelve inputs: A1 to A6, E1 to E6.
     inputs = {name: number for number, name in enumerate((*A_AXES, *E_AXES), start=1)}
     links = [
@@ -116,19 +121,20 @@ def _rsi2(axes: Sequence[Axis], file: str, mode: str, timeout: int) -> list[str]
     ]
     return [
         "DEF armgate_rsi( )",
-        f"; Hands the axes over to armgate, which reckons with {timeout} late cycles: set the same on the",
-        "; Ethernet object. Set the limits of ST_AXISCORR as wide as the joints may go: it cuts silently.",
+        f"; Hands the axes over to armgate, which reckons with {own.timeout} late cycles: set the same on",
+        "; the Ethernet object. Set the limits of ST_AXISCORR as wide as the joints may go: it cuts",
+        "; silently.",
         "DECL RSIERR err",
         "DECL INT hEthernet, hAxis",
         "BAS(#INITMOV, 0)",
         "PTP $AXIS_ACT ; the robot stays where it is",
-        f'err = ST_ETHERNET(hEthernet, 0, "{file}")',
+        f'err = ST_ETHERNET(hEthernet, 0, "{_file(own)}")',
         "IF err <> #RSIOK THEN",
         "  HALT",
         "ENDIF",
         "err = ST_AXISCORR(hAxis, 0)",
         *links,
-        f"err = ST_ON({mode})",
+        f"err = ST_ON({_mode(own)})",
         "IF err <> #RSIOK THEN",
         "  HALT",
         "ENDIF",

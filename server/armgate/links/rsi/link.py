@@ -96,14 +96,6 @@ class RsiLink:
         if self._go(Event.REARMED):
             self._agreement.begin()
 
-    def adopt(self, start: str, reason: str = "") -> tuple[LinkEvent, ...]:
-        """Obey another daemon from now on, with a reason only after an operator has re-armed the link."""
-        self._player.adopt(start)
-        self._rebased = True
-        if reason and self._state in ARMED:
-            self._lose(reason)
-        return self._told()
-
     # --- the KRC's side -----------------------------------------------------------------------------------
 
     def datagram(self, data: bytes, source: Address, now: float) -> Answer:

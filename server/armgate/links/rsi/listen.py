@@ -4,6 +4,9 @@ import asyncio
 import time
 from collections.abc import Callable
 
+from armgate.links.rsi.setup import Address
+from armgate.links.rsi.udp import bound
+
 Take = Callable[[bytes, str, float], None]
 """Told of a datagram: its bytes, from which address, when (s)."""
 
@@ -18,7 +21,9 @@ class _Ear(asyncio.DatagramProtocol):
         self.heard.set()
 
 
-async def listen(address: tuple[str, int], take: Take, seconds: float, wait: float) -> None:
+async def listen(
+    address: Address, take: Take, seconds: float, wait: float, ready: Callable[[], None] = lambda: None
+) -> None:
     """Hands on all datagrams that come within ``seconds`` after the first, which may take ``wait`` s.
 
     Raises:
@@ -26,7 +31,8 @@ async def listen(address: tuple[str, int], take: Take, seconds: float, wait: flo
     """
     ear = _Ear(take)
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: ear, local_addr=address)
+    transport, _ = await loop.create_datagram_endpoint(lambda: ear, sock=bound(address))
+    ready()
     try:
         try:
             await asyncio.wait_for(ear.heard.wait(), wait)

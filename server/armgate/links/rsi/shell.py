@@ -9,8 +9,9 @@ from contextlib import suppress
 from armgate.cell.events import Plan, PlanAnswer, Rebase
 from armgate.links.link import Emit
 from armgate.links.rsi.link import RsiLink
-from armgate.links.rsi.setup import Address, Setup
+from armgate.links.rsi.setup import Setup
 from armgate.links.rsi.telegram import LIMIT
+from armgate.links.rsi.udp import bound
 
 
 class RsiDrivenLink:
@@ -70,11 +71,6 @@ class RsiDrivenLink:
         self.core.rebase(rebase)
         self._arm()
 
-    def adopt(self, start: str, reason: str = "") -> None:
-        """Obey another daemon (see `RsiLink.adopt`)."""
-        for event in self.core.adopt(start, reason):
-            self._emit(event)
-
     async def open(self, emit: Emit) -> None:
         """Start to listen; every tick is emitted after the KRC has been answered.
 
@@ -82,7 +78,7 @@ class RsiDrivenLink:
             OSError: The address cannot be listened on.
         """
         self._emit = emit
-        self._socket = _bound(self._listen)
+        self._socket = bound(self._listen)
         asyncio.get_running_loop().add_reader(self._socket, self._hear, self._socket)
 
     def close(self) -> None:
@@ -124,20 +120,3 @@ class RsiDrivenLink:
         for event in self.core.poll(self._now()):
             self._emit(event)
         self._arm()
-
-
-def _bound(address: Address) -> socket.socket:
-    """A socket on an address.
-
-    Raises:
-        OSError: It cannot be listened on.
-    """
-    family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-    own = socket.socket(family, kind)
-    try:
-        own.setblocking(False)
-        own.bind(found)
-    except OSError:
-        own.close()
-        raise
-    return own
