@@ -106,6 +106,8 @@ class RsiStack:
                     "--profile", "krc4-rsi3", "--cycle", 12, "--config", self.folder / "krc.xml",
                     "--to", f"127.0.0.1:{self.port}", "--cell", self.file, "--robot", "R", "--precision", 6,
                     "--timeout", TIMEOUT, "--axiscorr", 400, "--axiscorrmon", 401, "--stopped",
+                    # A new run is harder to tell from the old one on the same port.
+                    "--port", free_port(),
                     "--log", self.folder / "krc.log", "--trace", self.folder / "krc.csv",
                 )
             )  # fmt: skip

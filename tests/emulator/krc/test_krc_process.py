@@ -10,6 +10,7 @@ import pytest
 
 from support.clients import PATIENCE, run
 from support.krcs import FILES, ipoc_of, krc_file, sen, values_of
+from support.rsi_stack import free_port
 
 STEP = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -110,6 +111,19 @@ async def test_the_file_that_comes_along_is_spoken(tmp_path):
         await krc.driver.further(3)
         status, _ = await krc.end(signal.SIGINT)
     assert status == 0
+
+
+async def test_a_port_that_is_kept_through_a_restart(tmp_path):
+    port = free_port()
+    async with Krc.running(tmp_path, "--port", str(port)) as krc:
+        await krc.driver.further(3)
+        await krc.tell("restart")
+        await krc.driver.further(3)
+        assert {source[1] for source in krc.driver.sources} == {port}
+        status, _, err = await run(
+            "krc", "--profile", "krc4-rsi3", "--config", str(tmp_path / "krc.xml"), "--port", str(port)
+        )
+    assert (status, err) == (2, f"armgate: cannot send from port {port}: Address already in use\n")
 
 
 async def test_stopped_until_started_and_a_new_port_after_a_restart(tmp_path):

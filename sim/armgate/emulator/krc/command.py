@@ -16,6 +16,9 @@ def krc(
     to: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The PC; else as the file says.")
     ] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Of this KRC, for all its runs; 0: another one for each.")
+    ] = 0,
     robot: Annotated[str, typer.Option(help="kr16, a URDF file, or a robot of --cell.")] = "kr16",
     cell: Annotated[list[Path] | None, typer.Option(help="Cell files in which --robot stands.")] = None,
     start: Annotated[
@@ -57,6 +60,7 @@ def krc(
         network=setup.network_of(loss=loss, duplicate=duplicate, reorder=reorder, delay=delay, jitter=jitter),
         seed=seed,
         ipoc=ipoc,
+        port=port,
         stopped=stopped,
     )
     asyncio.run(serve(options, log, trace))

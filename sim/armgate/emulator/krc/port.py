@@ -1,4 +1,4 @@
-"""The KRC's UDP socket: an ephemeral port, and when each datagram really arrived."""
+"""The KRC's UDP socket: its port, and when each datagram really arrived."""
 
 import socket
 import struct
@@ -64,14 +64,22 @@ class Port:
 
     Args:
         peer: Where the PC is.
+        number: Which port; 0: any that is free.
+
+    Raises:
+        KrcError: The port is not free.
     """
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, number: int = 0) -> None:
         self._peer = peer
         self._socket = socket.socket(peer.family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        self._socket.bind(("", 0))
+        try:
+            self._socket.bind(("", number))
+        except OSError as error:
+            self._socket.close()
+            raise KrcError(f"cannot send from port {number}: {error.strerror}") from error
 
     @property
     def number(self) -> int:

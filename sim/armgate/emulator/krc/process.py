@@ -45,7 +45,7 @@ async def serve(setup: Setup, log: Path | None, trace: Path | None = None) -> No
         station = Station(
             controller, setup.profile.cycle, setup.peer,
             to_pc=channels["to-pc"], to_krc=channels["to-krc"], notes=notes,
-            trace=None if trace is None else _traced(files, trace, setup.arm.names),
+            trace=None if trace is None else _traced(files, trace, setup.arm.names), port=setup.port,
         )  # fmt: skip
         if not setup.stopped:
             controller.operate(Event.START)

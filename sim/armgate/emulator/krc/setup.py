@@ -32,6 +32,7 @@ class Setup:
         network: What happens to datagrams, by direction.
         seed: Of all that happens by chance.
         ipoc: The first one; None: any.
+        port: From which each run sends; 0: from another one each.
         stopped: Whether it waits for ``start``.
     """
 
@@ -43,6 +44,7 @@ class Setup:
     network: dict[str, Disturbance]
     seed: int
     ipoc: int | None
+    port: int
     stopped: bool
 
 

@@ -29,6 +29,7 @@ class Station:
         to_krc: What happens to replies on theirs.
         notes: The KRC's log.
         trace: Told the KRC's status after each cycle in which it sends.
+        port: From which each run sends; 0: from another one each.
         now: The monotonic clock, ns.
     """
 
@@ -42,12 +43,13 @@ class Station:
         to_krc: Channel[Datagram],
         notes: Notes,
         trace: Callable[[Mapping[str, object]], None] | None = None,
+        port: int = 0,
         now: Callable[[], int] = monotonic_ns,
     ) -> None:
         self._controller, self._peer, self._notes, self._now = controller, peer, notes, now
         self._period = round(NS * cycle)
         self._to_pc, self._to_krc, self._trace = to_pc, to_krc, trace
-        self._port = Port(peer)
+        self._number, self._port = port, Port(peer, port)
         self._clock, self._outlet = Timer(), Timer()
         self._deadline = self._sent = 0
         self.slips = 0
@@ -69,9 +71,9 @@ class Station:
         self._clock.arm(self._deadline)
 
     def reopen(self) -> None:
-        """Another ephemeral port, as each RSI_ON takes one."""
+        """Another socket, as each RSI_ON takes one."""
         self._port.close()
-        self._port = Port(self._peer)
+        self._port = Port(self._peer, self._number)
 
     def close(self) -> None:
         """End: nothing is sent any more."""
