@@ -71,6 +71,13 @@ def test_check_at_an_address_of_another_machine(tmp_path):
     assert "expected an address of this machine" in error.strerror
 
 
+async def test_a_robot_server_at_an_address_of_another_machine(tmp_path):
+    file = cell_text(tmp_path, listen="192.0.2.1:49152")
+    status, out, err = await run("robot-server", file, "--socket", tmp_path / "s")
+    assert (status, out) == (2, "")
+    assert err.startswith("armgate: cannot listen to the robots: UDP 192.0.2.1:49152: ")
+
+
 @contextlib.asynccontextmanager
 async def process(*arguments):
     pipe = asyncio.subprocess.PIPE

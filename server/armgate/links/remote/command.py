@@ -75,7 +75,8 @@ def _serve(cell: "Cell", path: Path) -> int:
             gc.freeze()
             return asyncio.run(server.run(listening, lambda: _announce(path, Notifier())))
         except OSError as error:
-            raise StartError(f"cannot listen to the robots: {error}") from error
+            text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            raise StartError(f"cannot listen to the robots: {text}") from error
         finally:
             path.unlink(missing_ok=True)
             log.close()
