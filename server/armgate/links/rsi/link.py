@@ -154,12 +154,13 @@ class RsiLink:
         continues = telegram.delay >= delay and run.continues(telegram, follows, paused, now)
         if continues is False:
             return self._begin(telegram, source, now)
-        if continues is None:
-            self._contradict(run.doubt())
-        if follows.order is Order.NEXT:
-            return self._next(run, telegram, follows, paused, now)
-        self._contradict(f"the IPOC jumped from {ipoc} to {telegram.ipoc}")
-        return self._jumped(run, telegram, now)
+        doubt = run.doubt() if continues is None else None
+        if follows.order is not Order.NEXT:
+            self._contradict(f"the IPOC jumped from {ipoc} to {telegram.ipoc}")
+            return self._jumped(run, telegram, now)
+        if doubt is not None:
+            self._contradict(doubt)
+        return self._next(run, telegram, follows, paused, now)
 
     def _begin(self, telegram: Telegram, source: Address, now: float) -> Answer:
         """RSI_ON: the corrections count from the programmed position, where the robot has to be."""
