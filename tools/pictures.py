@@ -33,7 +33,7 @@ from armgate.apps.view.overlays import q_of
 from armgate.apps.view.painter import Painter
 from armgate.apps.view.scene import Poses, Scene
 from armgate.cell.placement import Placement
-from armgate.client import State
+from armgate.client import State, connect
 from armgate.recording import Recording, StateSeries
 
 Array = NDArray[np.float64]
@@ -46,6 +46,8 @@ EYE, AT = (0.9, -3.5, 2.2), (1.35, 0.0, 1.15)
 """Where it is seen from, and what is looked at, m."""
 WINDOW = (1400, 900)
 """Of the screenshot, pixels."""
+WORK = 9.0
+"""How long the follower is at work before the page is shot, s."""
 
 
 class Clip(NamedTuple):
@@ -221,10 +223,22 @@ def screenshot(file: Path) -> None:
         stack.enter_context(_armgate("lead", address, "--path", path, wait=False))
         # The note that there is no GPU is of no use to readers.
         browser.execute_script("document.querySelector('.mantine-Notification-closeButton')?.click()")
-        sleep(14.0)
+        _at_work(address)
         shot = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
     shot.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
     sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+def _at_work(address: str) -> None:
+    """Waits until the follower has followed for some seconds."""
+    with connect(address, name="pictures", role="observer") as cell:
+        cell.subscribe(every=10)
+        since = None
+        for state in cell.states():
+            if "follow.angle_error" in state.signals:
+                since = since or state.time
+                if state.time > since + WORK:
+                    return
 
 
 @contextmanager

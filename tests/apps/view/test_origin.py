@@ -23,6 +23,20 @@ def test_a_page_of_another_site_is_foreign(origin, answer):
     assert foreign(headers) is answer
 
 
+def test_no_page_gets_a_tunnel_to_the_internet(monkeypatch):
+    from viser import _messages, _viser
+
+    asked = []
+    monkeypatch.setattr(_viser, "ViserTunnel", lambda *how, **more: asked.append(how))
+    with page_server("127.0.0.1", 0) as server:
+        handlers = server._websock_server._incoming_handlers[_messages.ShareUrlRequest]
+        assert handlers
+        for handler in handlers:
+            handler(0, _messages.ShareUrlRequest())
+        server._thread_executor.shutdown(wait=True)
+    assert asked == []
+
+
 def test_the_server_refuses_it():
     from viser import __version__
 
