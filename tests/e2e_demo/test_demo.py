@@ -160,12 +160,15 @@ def krc_logs(run: Path, robots: tuple[str, ...] = ("FR", "GR")) -> list[list[dic
     return [[json.loads(line) for line in lines if line.startswith("{")] for lines in logs]
 
 
-def within_bounds(run: Path, links: str, robots: tuple[str, ...]) -> None:
-    """What each KRC's drives were given was within the cell's bounds in every cycle, held ones aside."""
+def within_bounds(run: Path, links: str, robots: tuple[str, ...], least: int) -> None:
+    """What each KRC's drives were given was within the cell's bounds in every cycle, held ones aside.
+
+    In at least so many cycles the robot moved.
+    """
     cell = build_cell(load_config([CONFIGS / "demo.yaml", Path(links)]))
     for robot in robots:
         moved, _ = check_setpoints(run / "logs" / f"krc-{robot}.csv", cell.robot(robot))
-        assert moved > 50
+        assert moved >= least
 
 
 @pytest.mark.parametrize(
@@ -184,7 +187,7 @@ def test_through_virtual_krcs_by_configuration_alone(
         assert [line["event"] for line in lines if line["level"] == "error"] == []
         assert lines[-1]["state"] == "running"
         assert lines[-1]["setpoint"] != lines[-1]["programmed"]
-    within_bounds(tmp_path / "run", links, robots)
+    within_bounds(tmp_path / "run", links, robots, least=50)
     log = (tmp_path / "run" / "logs" / "robots.log").read_text()
     assert '"event": "ended", "resting": true' in log
 
@@ -199,7 +202,7 @@ def test_killed_in_motion_krcs_are_answered_or_break_off_by_themselves_and_no_dr
         _, err = child.communicate(timeout=120)
     assert child.returncode == 1
     assert "was killed by SIGKILL" in err
-    within_bounds(tmp_path / "run", links, ("FR", "GR"))
+    within_bounds(tmp_path / "run", links, ("FR", "GR"), least=0)  # killed soon, one may not have moved yet
     for lines in krc_logs(tmp_path / "run"):
         assert lines[-1]["state"] == ends
         assert ("KSS29002" in lines[-1]["message"]) == (ends == "broken_off")
