@@ -266,7 +266,7 @@ async def test_a_wrong_token_moves_nothing_and_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ((), "--path FILE or --input NAME"),
+        ((), "give one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
         (("--input", "wheel"), "no input 'wheel'; there are gamepad, keyboard"),
         (("--input", "keyboard"), "needs a terminal"),
         (("--input", "keyboard", "--robot", "Z"), "no robot 'Z'; it has A, B"),
