@@ -52,7 +52,7 @@ def viewing(address):
         assert child.wait(30) == 0
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     with chromium(tmp_path_factory.mktemp("chromium")) as made:
         yield made
