@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: bench-gate bench-rsi bench-view help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants bench-control bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"

@@ -35,6 +35,21 @@ def robot(name: str, joints: list[tuple[str, str, str, float]], camera: str | No
     }  # fmt: skip
 
 
+class Clock:
+    """A clock that passes where a test says so."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
 @pytest.fixture
 def description() -> Description:
     return Description.model_validate_json(

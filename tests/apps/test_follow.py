@@ -135,7 +135,7 @@ def beside(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[Ne
         Entry(robot="FR", tick=0, time=0.0, nearest=(Nearest.model_validate(near),)),
         Entry(robot="GR", tick=0, time=0.0, q=tuple(gr.start.tolist()), stop_end=tuple(stop.tolist())),
     )
-    return Beside(Side("FR", fr.model), Side("GR", gr.model)).pairs(*entries)
+    return Beside(Side.of("FR", fr.model), Side.of("GR", gr.model)).pairs(*entries)
 
 
 def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell) -> None:

@@ -14,19 +14,6 @@ from armgate.apps.lead.wishes import JointRate, Moment, ToolTwist, Wish
 MOMENT = Moment(0.0, np.zeros(3), np.zeros(3))
 
 
-class Clock:
-    def __init__(self):
-        self.time = 5.0
-
-    def __call__(self):
-        return self.time
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
 @pytest.fixture
 def told():
     return []

@@ -3,7 +3,6 @@
 import asyncio
 import re
 import shlex
-import socket
 import sys
 from functools import partial
 
@@ -23,6 +22,7 @@ from armgate.daemon.tls import server_context
 from conformance.conftest import CONFIGS, another, serving
 from support.certificates import Authority
 from support.clients import run
+from support.ports import free_ports
 from support.robot_servers import RobotServer
 from support.version2 import BOTH
 
@@ -94,17 +94,10 @@ robots:
 """
 
 
-def free_port():
-    """A port for datagrams that nobody listens on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
-        own.bind(("127.0.0.1", 0))
-        return own.getsockname()[1]
-
-
 async def test_a_robot_whose_link_is_not_ready(tmp_path):
     """No KRC is there: the robot can be held, and every command of it is refused."""
     files = [CONFIGS / "conformance.yaml", tmp_path / "far.yaml"]
-    own = free_port()
+    (own,) = free_ports(1)
     files[1].write_text(FAR_ARM.format(robots=CONFIGS / "robots", rsi=CONFIGS / "rsi", port=own))
     async with RobotServer.running(*files, socket=tmp_path / "robots") as robots:
         start = [

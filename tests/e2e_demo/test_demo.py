@@ -6,7 +6,6 @@ import json
 import os
 import select
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
+from support.ports import free_ports
 from support.setpoints import check_setpoints
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -131,16 +131,6 @@ def test_by_the_clock(tmp_path: Path) -> None:
     metrics = metrics_of(tmp_path / "run")
     check(metrics)
     assert metrics["duration_s"] >= 5.0
-
-
-def free_ports(count: int) -> list[int]:
-    socks = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for sock in socks:
-        sock.bind(("127.0.0.1", 0))
-    ports = [sock.getsockname()[1] for sock in socks]
-    for sock in socks:
-        sock.close()
-    return ports
 
 
 def virtual_links(folder: Path, name: str = "rsi-virtual") -> str:

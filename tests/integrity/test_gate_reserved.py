@@ -3,7 +3,7 @@
 import pytest
 
 from armgate.cell.events import PlanAnswer, Rebase, Reset, ResetAnswer, Stop, Tick
-from integrity.test_gate_exact import STEP, T, pair
+from integrity.hands import STEP, T, pair
 
 
 def in_step(hands, count):

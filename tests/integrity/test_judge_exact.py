@@ -6,8 +6,8 @@ import pytest
 from armgate.cell.events import Cause, Outcome
 from armgate.integrity import judge as judging
 from integrity import scenes
+from integrity.hands import STEP, Hands
 from integrity.rig import Rig
-from integrity.test_gate_exact import STEP, Hands
 
 
 def lane_hands(x, response="stop", **cell):

@@ -31,6 +31,13 @@ def rearm(rig):
     assert rig.krc_setpoint[0] - before[0] > 15 * SLOW[0]
 
 
+def start_anew(rig):
+    """The KRC's operator acknowledges and starts its program; then an operator resets, as `rearm`."""
+    rig.operate("reset")
+    rig.operate("start")
+    rearm(rig)
+
+
 def nothing_moves(rig, cycles=100):
     """Whatever is commanded: the KRC's setpoint stays."""
     before = rig.krc_setpoint

@@ -3,12 +3,12 @@
 import asyncio
 import contextlib
 import json
-import socket
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.protocol import messages as m
 from support.clients import PATIENCE, Mover, Process, Raw, launch
+from support.ports import free_ports
 from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
 from support.rsi import cell_text
 from support.setpoints import check_setpoints
@@ -17,12 +17,6 @@ DQ = (0.004, -0.002, 0.002, 0.0, 0.002, 0.0)
 """An eighth of the speed at 12 ms: drives bear it when the KRC holds a cycle."""
 TIMEOUT = 150
 """Late cycles that the KRC bears, 1.8 s of them: a machine at work on other tests costs some."""
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
-        own.bind(("127.0.0.1", 0))
-        return own.getsockname()[1]
 
 
 class KrcProcess:
@@ -65,6 +59,17 @@ class KrcProcess:
                     return status
                 await asyncio.sleep(0.01)
 
+    async def breaks_off(self):
+        """The status once its program has ended by itself."""
+        status = await self.until(lambda s: s["state"] not in ("waiting", "running"))
+        assert status["state"] == "broken_off"
+        return status
+
+    async def starts_anew(self):
+        """Its operator acknowledges, and starts the program from its beginning."""
+        await self.tell("reset")
+        await self.tell("start")
+
     async def rests(self, cycles=10):
         """The status once the setpoint has not changed for so many cycles."""
         status = await self.tell("status")
@@ -84,7 +89,7 @@ class RsiStack:
     """
 
     def __init__(self, folder):
-        self.port = free_port()
+        self.port, self.krc_port = free_ports(2)
         self.file = cell_text(
             folder, cycle=0.012, listen=f"127.0.0.1:{self.port}", krc="127.0.0.1", timeout=TIMEOUT,
             late_in_a_row=40, silence="300 ms", axiscorr="{A: 400.0}",
@@ -107,7 +112,7 @@ class RsiStack:
                     "--to", f"127.0.0.1:{self.port}", "--cell", self.file, "--robot", "R", "--precision", 6,
                     "--timeout", TIMEOUT, "--axiscorr", 400, "--axiscorrmon", 401, "--stopped",
                     # A new run is harder to tell from the old one on the same port.
-                    "--port", free_port(),
+                    "--port", self.krc_port,
                     "--log", self.folder / "krc.log", "--trace", self.folder / "krc.csv",
                 )
             )  # fmt: skip

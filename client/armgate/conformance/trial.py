@@ -98,12 +98,16 @@ class Trial:
         async with self.target.anew() as (host, port):
             yield replace(self.target, host=host, port=port, proxy=None)
 
-    async def visit(self, target: Target, name: str, role: str = "controller", **hello: object) -> Wire:
-        """A connection to another server, welcomed."""
+    async def call(self, target: Target, name: str) -> Wire:
+        """A connection to another server that has not said hello."""
         wire = Wire(name, self.log, Ledger(), self.target.patience)
         await target.connect(lambda: wire)
         self.wires.append(wire)
-        return await target.welcomed(wire, name, role, **hello)
+        return wire
+
+    async def visit(self, target: Target, name: str, role: str = "controller") -> Wire:
+        """A connection to another server, welcomed."""
+        return await target.welcomed(await self.call(target, name), name, role)
 
     # --- what a case needs --------------------------------------------------------------------------------
 

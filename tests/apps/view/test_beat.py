@@ -3,15 +3,7 @@ import pytest
 from armgate.apps.view.beat import Beat
 
 
-class Clock:
-    time = 5.0
-
-    def __call__(self):
-        return self.time
-
-
-def test_turns_that_begin_late_are_caught_up_and_those_that_are_missed_left_out():
-    clock = Clock()
+def test_turns_that_begin_late_are_caught_up_and_those_that_are_missed_left_out(clock):
     beat = Beat(10.0, clock)
     assert beat.left() == pytest.approx(0.1)
     clock.time += 0.13  # woken late

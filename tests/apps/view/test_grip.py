@@ -11,21 +11,8 @@ MOTION = JointRate(np.ones(3))
 
 
 @pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
 def grip(clock):
     return Grip(clock)
-
-
-class Clock:
-    def __init__(self):
-        self.time = 5.0
-
-    def __call__(self):
-        return self.time
 
 
 def wish(grip, setpoint=HOME):

@@ -11,19 +11,6 @@ from support import records
 PERIOD = 0.012
 
 
-class Clock:
-    def __init__(self):
-        self.time = 100.0
-
-    def __call__(self):
-        return self.time
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
 @pytest.fixture
 def player(tmp_path, clock):
     records.write(tmp_path)

@@ -9,7 +9,7 @@ import pytest
 
 from armgate.cell.events import LinkState
 from support.rsi import Rig
-from support.rsi_ends import SLOW, at_rest, gap, nothing_moves, rearm
+from support.rsi_ends import SLOW, at_rest, gap, nothing_moves, rearm, start_anew
 
 
 @pytest.fixture
@@ -153,9 +153,7 @@ class TestTheNumbers:
         moving.cycles(200)
         assert moving.state == "faulted"
         assert moving.krc_state == "broken_off"
-        moving.operate("reset")
-        moving.operate("start")
-        rearm(moving)
+        start_anew(moving)
 
 
 class TestTheKrc:
@@ -236,9 +234,7 @@ class TestTheKrc:
         moving.cycles(110, edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>1.0", data))
         assert moving.krc_state == "broken_off"  # it was not answered
         assert not moving.reset() or moving.state != "ready"
-        moving.operate("reset")
-        moving.operate("start")
-        rearm(moving)
+        start_anew(moving)
 
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     def test_pauses_while_moving_so_it_has_to_start_anew(self, tmp_path, profile):
@@ -250,9 +246,7 @@ class TestTheKrc:
         rig.cycles(200)
         assert rig.krc_state == "broken_off"
         assert rig.state == "lost"
-        rig.operate("reset")
-        rig.operate("start")
-        rearm(rig)
+        start_anew(rig)
 
     def test_is_measured_to_jump(self, moving):
         def edit(data):

@@ -7,7 +7,7 @@ import pytest
 from armgate.emulator.krc.context import Limits
 from support.krcs import krc_file, sen
 from support.rsi import KRC, SEND, SIX, Rig
-from support.rsi_ends import SLOW, at_rest, rearm
+from support.rsi_ends import SLOW, at_rest, rearm, start_anew
 
 
 @pytest.fixture
@@ -55,9 +55,7 @@ class TestConfigurations:
         rig.cycles(60)
         assert rig.krc_state == "broken_off"
         assert rig.state == "lost"
-        rig.operate("reset")
-        rig.operate("start")
-        rearm(rig)
+        start_anew(rig)
 
     def test_a_krc_whose_timeout_is_shorter_than_the_cells(self, tmp_path):
         rig = Rig(tmp_path, krc_timeout=3, late_in_a_row=50).begin()
@@ -66,9 +64,7 @@ class TestConfigurations:
         rig.cycles(60)
         assert rig.krc_state == "broken_off"
         assert rig.state == "lost"
-        rig.operate("reset")
-        rig.operate("start")
-        rearm(rig)
+        start_anew(rig)
 
     def test_relative_in_the_cell_and_absolute_on_the_krc(self, tmp_path):
         """Each increment is taken for the whole way: the robot falls back to where it began."""

@@ -16,8 +16,9 @@ from armgate.cell.config import load_config
 from armgate.cell.events import LinkChange, Plan, PlanKey, Tick
 from armgate.links.rsi import RsiDrivenLink, setup_of
 from support.clients import PATIENCE
+from support.ports import free_ports
 from support.rsi import cell_text
-from support.rsi_stack import KrcProcess, free_port
+from support.rsi_stack import KrcProcess
 from support.setpoints import check_setpoints
 
 STEP = (4e-4, -2e-4, 2e-4, 0.0, 0.0, 0.0)
@@ -78,7 +79,7 @@ class Station:
 
 @contextlib.asynccontextmanager
 async def station(folder, *options, mode):
-    port = free_port()
+    port = free_ports(1)[0]
     file = cell_text(
         folder, cycle=0.012, listen=f"127.0.0.1:{port}", krc="127.0.0.1", timeout=10**6,
         late_in_a_row=10**6, silence="1 s", mode=mode,

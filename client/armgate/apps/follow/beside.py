@@ -1,5 +1,6 @@
 """Where the leader is near: the pairs of bodies that the gate tells of, as the control law takes them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,18 +18,17 @@ class Side:
     """One of the two robots.
 
     Attributes:
-        robot: Its name.
         model: Its model.
+        bodies: Its bodies' indices by their names in the cell (``FR/link_2``).
     """
 
-    robot: str
     model: RobotModel
+    bodies: Mapping[str, int]
 
-    def body(self, name: str) -> int | None:
-        """Index of a body of this robot by its name in the cell (``FR/link_2``), else None."""
-        robot, _, body = name.partition("/")
-        names = [one.name for one in self.model.bodies]
-        return names.index(body) if robot == self.robot and body in names else None
+    @classmethod
+    def of(cls, robot: str, model: RobotModel) -> "Side":
+        """The robot of this name and model."""
+        return cls(model, {f"{robot}/{body.name}": index for index, body in enumerate(model.bodies)})
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class Beside:
         if near.points is None:
             return None
         (first, second), points = near.pair, np.array(near.points)
-        if self.own.body(first) is None:
+        if first not in self.own.bodies:
             first, second, points = second, first, points[::-1]
-        mine, theirs = self.own.body(first), self.other.body(second)
+        mine, theirs = self.own.bodies.get(first), self.other.bodies.get(second)
         if mine is None or theirs is None or self.own.model.bodies[mine].joint < 0:
             return None
         comes = approach(self.other.model, theirs, q, end, points[1], points[0])

@@ -93,7 +93,7 @@ class FollowLoop:
             ahead=LOOP_TICKS * own.period + ramp_lag(wish.lag, own.period),
             predict=wish.predict,
         )
-        beside = Beside(Side(robot, carrier), Side(leader, target))
+        beside = Beside(Side.of(robot, carrier), Side.of(leader, target))
         return cls(own, other, beside, Spheres.of(target), follower, bounds, wish, floor_of(cell.description))
 
     def step(self, tick: Tick) -> "Answer":

@@ -8,7 +8,7 @@ import numpy as np
 from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.drive import bounds_of
-from armgate.apps.lead.inputs import Maker, Mode, Setting
+from armgate.apps.lead.inputs import Input, Maker, Mode, Setting
 from armgate.apps.lead.jog import jog
 from armgate.apps.lead.steering import Steering, Tool
 from armgate.client import Cell, Description, RobotDescription
@@ -41,13 +41,25 @@ def drive_by_hand(cell: Cell, hand: Hand, interrupt: Interrupt, tell: Callable[[
     """
     described = described_in(cell.description, hand.robot)
     steering = steering_of(cell, described, hand.speed)
-    cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
     source = hand.make(Setting(described, hand.mode, tell))
     try:
-        with cell.acquire(described.name) as arm:
-            return f"{described.name}: {jog(arm, source, steering, interrupt, tell)}"
+        return drive_by(source, cell, described.name, steering, interrupt, tell)
     finally:
         source.close()
+
+
+def drive_by(
+    source: Input,
+    cell: Cell,
+    robot: str,
+    steering: Steering,
+    interrupt: Interrupt,
+    tell: Callable[[str], object],
+) -> str:
+    """Takes a robot and drives it by what an input wants; raises as `drive_by_hand`."""
+    cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
+    with cell.acquire(robot) as arm:
+        return f"{robot}: {jog(arm, source, steering, interrupt, tell)}"
 
 
 def steering_of(cell: Cell, robot: RobotDescription, speed: float) -> Steering:

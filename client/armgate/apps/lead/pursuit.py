@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
-from armgate.apps.lead.hand import described_in, steering_of
-from armgate.apps.lead.jog import jog
+from armgate.apps.lead.hand import described_in, drive_by, steering_of
 from armgate.apps.lead.wishes import Array, Moment, ToolTarget, Wish
 from armgate.apps.robots import described, model_of
 from armgate.cell.model import RobotModel
@@ -93,6 +92,4 @@ def pursue(
     name, _, body = target.partition("/")
     prey = Prey.of(name, body, model_of(cell, described(cell.description, name)))
     source = Pursuit(prey, model_of(cell, own), own.tool)
-    cell.subscribe(every=1, robots=[own.name], fields=["q", "setpoint"])
-    with cell.acquire(own.name) as arm:
-        return f"{own.name}: {jog(arm, source, steering, interrupt, tell)}"
+    return drive_by(source, cell, own.name, steering, interrupt, tell)

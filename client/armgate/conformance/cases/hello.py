@@ -253,13 +253,11 @@ async def _(trial: Trial) -> None:
     also=("EVO-5",),
 )
 async def _(trial: Trial) -> None:
-    wire = await trial.operator()
+    holder = await trial.holder("operator")
+    wire = holder.wire
     await wire.answered("describe", "description")
     await wire.answered("subscribe", "subscribed")
-    lease = await wire.answered("acquire", "lease", robot=trial.robot)
-    command = {"robot": trial.robot, "fence": lease["fence"], "tick": trial.observer.tick(trial.robot)}
-    wire.say({"type": "command", **command, "seq": next(wire.ledger.seqs), "dq": [0.0] * trial.n})
-    await wire.expect("verdict")
+    await holder.decided([0.0] * holder.n)
     await wire.answered("signal", "signaled", name="kit/unnamed", value=[1.0])
     stop = await wire.answered("stop", "stopped", robot=trial.robot)
     await trial.rested()

@@ -101,8 +101,7 @@ async def _(trial: Trial) -> None:
 
 async def _refused(trial: Trial, target: Target, token: str, name: str) -> None:
     """Bring a token that a server must not take."""
-    wire = Wire(name, trial.log, Ledger(), trial.target.patience)
-    await target.connect(lambda: wire)
+    wire = await trial.call(target, name)
     wire.say({**target.hello(trial.name(name), "observer"), "token": token})
     await wire.fails("unauthorized")
 
