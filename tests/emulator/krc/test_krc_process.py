@@ -10,7 +10,7 @@ import pytest
 
 from support.clients import PATIENCE, run
 from support.krcs import FILES, ipoc_of, krc_file, sen, values_of
-from support.rsi_stack import free_port
+from support.ports import free_ports
 
 STEP = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -114,7 +114,7 @@ async def test_the_file_that_comes_along_is_spoken(tmp_path):
 
 
 async def test_a_port_that_is_kept_through_a_restart(tmp_path):
-    port = free_port()
+    (port,) = free_ports(1)
     async with Krc.running(tmp_path, "--port", str(port)) as krc:
         await krc.driver.further(3)
         await krc.tell("restart")
