@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from armgate.apps.stack.observation import Observation
+
 ARMGATE = [sys.executable, "-m", "armgate.apps"]
 DEMO = Path(__file__).parents[2] / "configs" / "demo.yaml"
 TOUR = DEMO.parent / "paths" / "inspection.csv"
@@ -136,6 +138,44 @@ def test_a_leader_that_vanishes_brings_the_follower_to_rest(daemon: str) -> None
         _, told = follower.communicate(timeout=60)
     assert follower.returncode == 1
     assert re.search(r"FR is at rest: the leader left at \d+ % of its path", told), told
+
+
+def test_a_leader_in_pursuit_comes_as_near_as_the_gate_lets_it(daemon: str) -> None:
+    lead = [*ARMGATE, "lead", daemon, "--robot", "GR", "--pursue", "FR/link_3", "--tool-speed", "1.0"]
+    follow = [*ARMGATE, "follow", daemon, "--robot", "FR", "--leader", "GR", "--focus", "2", "0", "1"]
+    with (
+        subprocess.Popen(lead, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as leader,
+        subprocess.Popen(
+            [*follow, "--duration", "3"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as follower,
+    ):
+        seen = _watch(daemon, 2.9)
+        assert follower.communicate(timeout=60) == ("FR: time is over, at rest\n", "")
+        leader.send_signal(signal.SIGINT)
+        told, why = leader.communicate(timeout=60)
+    assert (follower.returncode, leader.returncode, why) == (0, 0, "")
+    assert told.endswith("GR: interrupted, at rest\n"), told
+    apart, pair = seen.nearest or (1.0, ("", ""))
+    assert 0.05 <= apart < 0.3
+    assert {name.partition("/")[0] for name in pair} == {"FR", "GR"}
+    assert seen.least_clearance is not None
+    assert seen.least_clearance >= 0.05
+    assert seen.scalar("follow.repulsion") == 1.0
+    assert abs(seen.scalar("follow.distance_error") or 0.0) > 0.05  # it gave way …
+    assert (seen.scalar("follow.angle_error") or 0.0) < 0.02  # … and looked on
+
+
+def _watch(address: str, seconds: float) -> Observation:
+    from armgate.client import connect
+
+    seen = Observation("FR")
+    with connect(address, name="watch", role="observer") as cell:
+        cell.subscribe(every=1, robots=["FR"])
+        for state in cell.states():
+            seen.take(state)
+            if seen.elapsed >= seconds:
+                return seen
+    raise AssertionError("the daemon ended")
 
 
 def _wait_for_progress(address: str) -> None:

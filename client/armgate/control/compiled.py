@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +22,7 @@ from armgate.control.vectors import vector
 from armgate.control.weights import Vector
 
 Records = NDArray[np.void]
+Packed = NDArray[np.uint8]
 
 NOT_OURS = "expected a scene or goal made by this law"
 
@@ -50,22 +53,33 @@ def prepare() -> None:
     if not available():
         return
     kernels = _kernels()
-    arm = tuple(np.zeros(1, dtype) for dtype in (kernels.JOINT, kernels.SPHERE, kernels.PAIR, kernels.CAMERA))
-    arm[0]["R"][:] = arm[3]["R"][:] = np.eye(3)
-    arm[0]["axis"], arm[0]["parent"], arm[3]["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
-    goal, q, obstacles = np.zeros(1, kernels.GOAL), np.zeros(1), np.zeros(1, kernels.OBSTACLE)
-    goal["p"] = 1.0
-    scene = (arm, goal, np.ones((3, 1)), obstacles)
-    kernels.evaluate(q, scene)
-    kernels.advance(q, 0.1, scene)
-    kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1, 1.0), scene)
-    kernels.task(q, scene)
-    kernels.induced(q, scene)
-    kernels.gaps(q, arm, 0.0, obstacles)
+    joints, spheres, pairs, cameras, goals, obstacles = (
+        np.zeros(1, dtype)
+        for dtype in (
+            kernels.JOINT, kernels.SPHERE, kernels.PAIR, kernels.CAMERA, kernels.GOAL, kernels.OBSTACLE
+        )
+    )  # fmt: skip
+    joints["R"][:] = cameras["R"][:] = np.eye(3)
+    joints["axis"], joints["parent"], cameras["fade"] = (0.0, 0.0, 1.0), -1, (0.1, 0.2)
+    goals["p"] = 1.0
+    q, packed = np.zeros(1), _pack((cameras, goals, joints, np.ones((3, 1)), spheres, pairs, obstacles))
+    kernels.evaluate(q, packed)
+    kernels.advance(q, 0.1, packed)
+    kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1, 1.0), packed)
+    kernels.task(q, packed)
+    kernels.induced(q, packed)
+    kernels.gaps(q, packed)
 
 
 def _kernels() -> ModuleType:
     return import_module("armgate.control.kernels")  # late: numba takes its time to import
+
+
+def _pack(parts: Sequence[NDArray[Any]]) -> Packed:
+    """Records of all kinds, in their order, one after the other behind a head that says where each begins."""
+    head = np.empty(1, _kernels().HEAD)
+    head[0] = tuple(np.cumsum([head.nbytes, *(part.nbytes for part in parts)]))
+    return np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in (head, *parts)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,24 +87,21 @@ class PackedScene(Scene):
     """A scene as the kernels take it.
 
     Attributes:
-        obstacles: their records.
-        floor: its height, m; −inf for none.
+        packed: the robot and the obstacles, with room for a goal.
     """
 
-    obstacles: Records
-    floor: float
+    packed: Packed
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PackedGoal(Goal):
     """A goal as the kernels take it.
 
     Attributes:
-        packed: one argument of the kernels: the robot; the goal; a row of the position around which the
-            obstacles are seen, and the two of `ways`; the obstacles.
+        packed: the scene's with the goal in it, one argument of the kernels.
     """
 
-    packed: tuple[object, ...] = ()
+    packed: Packed
 
 
 class CompiledLaw(CameraLaw):
@@ -103,17 +114,23 @@ class CompiledLaw(CameraLaw):
         prepare()
         self._kernels = _kernels()
         self._evaluate = self._kernels.evaluate
-        self._packed = self._pack_joints(), self._pack_spheres(), self._pack_pairs(), self._pack_camera()
-        self._no_obstacles = np.zeros(0, self._kernels.OBSTACLE)
+        self._own_parts = (
+            self._pack_camera(), np.zeros(1, self._kernels.GOAL), self._pack_joints(), np.ones((3, model.n)),
+            self._pack_spheres(), self._pack_pairs(),
+        )  # fmt: skip
+        none = np.zeros(0, self._kernels.OBSTACLE)
+        self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(none))
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
         """As `CameraLaw.scene`."""
         records = np.empty(len(obstacles.radii), self._kernels.OBSTACLE)
         records["centre"], records["radius"] = obstacles.centres, obstacles.radii
-        floor = -np.inf if obstacles.floor is None else obstacles.floor
-        around = _own(q)
-        gap, own_gap = self._kernels.gaps(around, self._packed, floor, records)
-        return PackedScene(around, gap, own_gap, records, floor)
+        packed, around = self._packed_with(records), _own(q)
+        goal, rows = self._goal_in(packed)
+        goal["floor"] = -np.inf if obstacles.floor is None else obstacles.floor
+        gap, own_gap = self._kernels.gaps(around, packed)
+        goal["gap"], goal["own_gap"], rows[0] = gap, own_gap, around
+        return PackedScene(around, gap, own_gap, packed)
 
     def goal(
         self,
@@ -127,22 +144,16 @@ class CompiledLaw(CameraLaw):
     ) -> PackedGoal:
         """As `CameraLaw.goal`."""
         target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
-        record = np.empty(1, self._kernels.GOAL)
-        if scene is None:
-            obstacles = self._no_obstacles
-            floor, gaps = -np.inf, (np.inf, np.inf)
-        elif isinstance(scene, PackedScene):
-            obstacles, floor, gaps = scene.obstacles, scene.floor, (scene.gap, scene.own_gap)
-        else:
+        around = self._alone if scene is None else scene
+        if not isinstance(around, PackedScene):
             raise TypeError(NOT_OURS)
-        record[0] = (target, moving, distance, emergency, floor, *gaps)
-        rows = np.ones((3, self.model.n))
-        if scene is not None:
-            rows[0] = scene.around
+        packed = around.packed.copy()
+        record, rows = self._goal_in(packed)
+        record["p"], record["velocity"], record["distance"] = target, moving, distance
+        record["emergency"] = emergency
         if ways is not None:
             rows[1:] = ways
-        packed = (self._packed, record, rows, obstacles)
-        return PackedGoal(target, distance, scene, emergency, moving, ways, packed)
+        return PackedGoal(target, distance, scene, emergency, moving, ways, packed=packed)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
         """As `CameraLaw.__call__`."""
@@ -182,6 +193,15 @@ class CompiledLaw(CameraLaw):
         moving = self.goal(goal.p, goal.distance, goal.scene, velocity=velocity, ways=goal.ways)
         qd: Vector = self._kernels.induced(_own(q), moving.packed)
         return qd
+
+    def _packed_with(self, obstacles: Records) -> Packed:
+        return _pack((*self._own_parts, obstacles))
+
+    def _goal_in(self, packed: Packed) -> tuple[Records, Vector]:
+        """The goal's record and its rows (3, n), to be written into."""
+        head = packed[: self._kernels.HEAD.itemsize].view(self._kernels.HEAD)[0]
+        goal, rows = packed[head["goals"] : head["joints"]], packed[head["rows"] : head["spheres"]]
+        return goal.view(self._kernels.GOAL), rows.view(np.float64).reshape(3, -1)
 
     def _pack_joints(self) -> Records:
         model, weights = self.model, self._weights
@@ -240,7 +260,7 @@ def _own(values: Vector) -> Vector:
     return np.array(values, dtype=np.float64)
 
 
-def _packed(goal: Goal) -> tuple[object, ...]:
+def _packed(goal: Goal) -> Packed:
     if not isinstance(goal, PackedGoal):
         raise TypeError(NOT_OURS)
     return goal.packed

@@ -20,7 +20,11 @@ from armgate.control.stereographic import ANTIPODE_GUARD, LENS_GUARD
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# One record a joint, sphere or obstacle, whatever their number: one compilation serves all robots.
+# One record a joint, sphere or obstacle, whatever their number: one compilation serves all robots. All of
+# them are handed over as one array of bytes, for numba looks at every array of a call: with seven of them
+# that took longer than f. The head says where each kind begins; they stand in this order.
+KINDS = ("cameras", "goals", "joints", "rows", "spheres", "pairs", "obstacles", "end")
+HEAD = np.dtype([(kind, "i8") for kind in KINDS])
 JOINT = np.dtype(
     [
         ("R", "f8", (3, 3)),
@@ -70,6 +74,7 @@ GOAL = np.dtype(
         ("own_gap", "f8"),
     ]
 )
+_HEAD = HEAD.itemsize
 
 
 def kernel(function: F) -> F:
@@ -82,6 +87,20 @@ def kernel(function: F) -> F:
         return cast("F", numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:
         return cast("F", numba.njit(error_model="numpy")(function))
+
+
+@kernel
+def _scene(packed):
+    """The robot; the goal; rows: the position around which all is seen, and `ways`; the obstacles."""
+    head = packed[:_HEAD].view(HEAD)[0]
+    cameras = packed[head.cameras : head.goals].view(CAMERA)
+    goals = packed[head.goals : head.joints].view(GOAL)
+    joints = packed[head.joints : head.rows].view(JOINT)
+    rows = packed[head.rows : head.spheres].view(np.float64).reshape((3, len(joints)))
+    spheres = packed[head.spheres : head.pairs].view(SPHERE)
+    pairs = packed[head.pairs : head.obstacles].view(PAIR)
+    obstacles = packed[head.obstacles : head.end].view(OBSTACLE)
+    return (joints, spheres, pairs, cameras), goals, rows, obstacles
 
 
 @kernel
@@ -395,7 +414,7 @@ def _limited(M, F_rep, rate, weights, steepness, qd):
 
 
 @kernel
-def field(q, scene):
+def _field(q, scene):
     """f(q, p, d_r) of (16), (n,)."""
     arm, goals, _, _ = scene
     camera = arm[3][0]
@@ -415,17 +434,17 @@ def field(q, scene):
 
 
 @kernel
-def evaluate(q, scene):
+def evaluate(q, packed):
     """`CameraLaw.__call__`, in place: q becomes f(q). To hand an array out takes half as long as f."""
-    q[:] = field(q, scene)
+    q[:] = _field(q, _scene(packed))
 
 
 @kernel
-def rk4(q, h, k1, scene):
+def _rk4(q, h, k1, scene):
     """`integrate.rk4_turn`."""
-    k2 = field(q + 0.5 * h * k1, scene)
-    k3 = field(q + 0.5 * h * k2, scene)
-    k4 = field(q + h * k3, scene)
+    k2 = _field(q + 0.5 * h * k1, scene)
+    k3 = _field(q + 0.5 * h * k2, scene)
+    k4 = _field(q + h * k3, scene)
     changed, turned = 0.0, 0.0
     for i in range(len(q)):
         changed, turned = max(changed, abs(k2[i] - k1[i])), max(turned, abs(k3[i] - k2[i]))
@@ -434,18 +453,20 @@ def rk4(q, h, k1, scene):
 
 
 @kernel
-def advance(q, h, scene):
+def advance(q, h, packed):
     """`CameraLaw.step`, in place: q becomes where the step leads."""
-    q[:] = rk4(q, h, field(q, scene), scene)[0]
+    scene = _scene(packed)
+    q[:] = _rk4(q, h, _field(q, scene), scene)[0]
 
 
 @kernel
-def integrate(start, origin, reach, scheme, scene):
+def integrate(start, origin, reach, scheme, packed):
     """`integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
+    scene = _scene(packed)
     step, budget, split, resolution, tolerance, most = scheme
     q, longest = start.copy(), step
     for steps in range(budget):
-        k1 = field(q, scene)
+        k1 = _field(q, scene)
         made, fastest, slowest, left = 0.0, 0.0, 0.0, False
         for i in range(len(q)):
             way = abs(q[i] - origin[i])
@@ -457,7 +478,7 @@ def integrate(start, origin, reach, scheme, scene):
         if left:
             return q, steps, 1
         h = min(longest, 1.0 / slowest) if slowest > 0.0 else longest
-        ahead, turn = rk4(q, h, k1, scene)
+        ahead, turn = _rk4(q, h, k1, scene)
         if turn > most:
             longest = 0.5 * h / turn
             continue
@@ -469,17 +490,17 @@ def integrate(start, origin, reach, scheme, scene):
 
 
 @kernel
-def task(q, scene):
+def task(q, packed):
     """`CameraLaw.task`: Ψ_1, Ψ_2 and M, whose first two rows are ∂Ψ/∂q."""
     M, F_rep = np.empty((4, len(q))), np.empty(len(q))
-    psi1, psi2, _, _, _ = _terms(q, scene, M, F_rep)
+    psi1, psi2, _, _, _ = _terms(q, _scene(packed), M, F_rep)
     return psi1, psi2, M
 
 
 @kernel
-def induced(q, scene):
+def induced(q, packed):
     """`CameraLaw.induced` for the goal's own velocity, (n,)."""
-    n = len(q)
+    scene, n = _scene(packed), len(q)
     M, F_rep, w, directed = np.empty((4, n)), np.empty(n), np.empty(n), np.empty((2, n))
     psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
     _weights(q, scene, directed)
@@ -506,9 +527,10 @@ def induced(q, scene):
 
 
 @kernel
-def gaps(q, arm, floor, obstacles):
+def gaps(q, packed):
     """`Repulsion.least_gap` and `OwnPairs.least_gap` at q."""
-    joints, spheres, pairs, _ = arm
+    (joints, spheres, pairs, _), goals, _, obstacles = _scene(packed)
+    floor = goals[0].floor
     n = len(joints)
     R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
     _place(joints, q, R, t, J)
