@@ -116,6 +116,9 @@ def test_version() -> None:
     assert done.stdout.startswith("armgate ")
 
 
+PAIR = ("--robot", "FR", "--leader", "GR")
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -125,7 +128,10 @@ def test_version() -> None:
         (("lead", "127.0.0.1:9"), "give one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
         (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "give one of --path"),
         (("follow", "127.0.0.1:9"), "--robot"),
-        (("follow", "nowhere", "--robot", "FR", "--leader", "GR"), "address 'nowhere': no port"),
+        (("follow", "nowhere", *PAIR), "address 'nowhere': no port"),
+        (("follow", "127.0.0.1:9", *PAIR, "--focus", "nan", "0", "1"), "--focus: expected three finite"),
+        (("follow", "127.0.0.1:9", *PAIR, "--distance", "inf"), "--distance"),
+        (("follow", "127.0.0.1:9", *PAIR, "--lag", "inf"), "--lag"),
         (("demo", "none.yaml"), "none.yaml"),
         (("demo", "--path", "none.csv"), "none.csv: cannot be read"),
         (("demo", "--links", "none.yaml"), "none.yaml"),

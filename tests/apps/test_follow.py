@@ -74,9 +74,9 @@ class Connection:
 class Held:
     """FR without lag; GR stands still at its start, but moves once, from tick 20 to 40."""
 
-    def __init__(self, built: BuiltCell, progress: Any) -> None:
+    def __init__(self, built: BuiltCell, progress: Any, zoom: Any = None) -> None:
         self.q, self.leader = built.robot("FR").start.copy(), built.robot("GR").start.copy()
-        self.progress = progress
+        self.progress, self.zoom = progress, zoom or (lambda tick: None)
         self.sent: list[np.ndarray] = []
 
     def ticks(self) -> Any:
@@ -86,9 +86,13 @@ class Held:
         raise AssertionError("never ended")
 
     def state(self, tick: int) -> State:
-        value = self.progress(tick)
         common = {"tick": tick, "time": T * tick}
-        signals = {} if value is None else {"lead.progress": {"owner": "l", "value": (value,), "time": 0.0}}
+        told = {"lead.progress": self.progress(tick), "operator.distance": self.zoom(tick)}
+        signals = {
+            name: {"owner": "l", "value": (value,), "time": 0.0}
+            for name, value in told.items()
+            if value is not None
+        }
         q, leader = tuple(self.q.tolist()), tuple(self.leader.tolist())
         entries = ({"robot": "FR", "q": q, "setpoint": q, **common}, {"robot": "GR", "q": leader, **common})
         return State.model_validate({"robot": "FR", "entries": entries, "signals": signals, **common})
@@ -99,9 +103,13 @@ class Held:
 
 
 def chased(
-    built: BuiltCell, progress: Any, wish: Interrupt | None = None, duration: float | None = None
+    built: BuiltCell,
+    progress: Any,
+    wish: Interrupt | None = None,
+    duration: float | None = None,
+    zoom: Any = None,
 ) -> Any:
-    cell, robot = Connection(built), Held(built, progress)
+    cell, robot = Connection(built), Held(built, progress, zoom)
     loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
     try:
         ended = chase(cell, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
@@ -183,6 +191,13 @@ def test_it_shares_what_it_measures(built: BuiltCell) -> None:
     np.testing.assert_allclose(newest["follow.focus"], tool, atol=1e-12)
     distance = float(np.linalg.norm(tool - camera.t)) - 1.0
     assert newest["follow.distance_error"][0] == pytest.approx(distance, abs=1e-6)
+
+
+@pytest.mark.parametrize("nonsense", [0.0, -1.0, 0.049, 1e300])
+def test_a_distance_that_nobody_can_want_leaves_the_last_one(built: BuiltCell, nonsense: float) -> None:
+    zooms = [None, 1.1, nonsense, 1.2, None]
+    _, cell, _ = chased(built, lambda tick: None, duration=0.6, zoom=lambda tick: zooms[min(tick // 10, 4)])
+    assert [value[0] for name, value in cell.shared if name == "follow.distance"] == [1.0, 1.1, 1.2, 1.0]
 
 
 def test_time_and_interrupt_end_it(built: BuiltCell) -> None:

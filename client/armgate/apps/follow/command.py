@@ -1,5 +1,6 @@
 """``armgate follow``: takes the robot with the camera and keeps it on another robot's tool."""
 
+from math import isfinite
 from typing import Annotated
 
 import typer
@@ -22,11 +23,13 @@ def follow(
     distance: Annotated[
         float,
         typer.Option(
-            min=0.05, help="Wanted view distance, m, until the signal operator.distance says another."
+            min=0.05,
+            max=100.0,
+            help="Wanted view distance, m, until the signal operator.distance says another.",
         ),
     ] = 1.0,
     lag: Annotated[
-        float, typer.Option(min=0.0, help="Known lag of the camera's robot behind its setpoint, s.")
+        float, typer.Option(min=0.0, max=10.0, help="Known lag of the camera's robot behind its setpoint, s.")
     ] = 0.03,
     predict: Annotated[
         bool, typer.Option(help="Look at where the tool will be, or at where it was measured.")
@@ -44,11 +47,14 @@ def follow(
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
+    from armgate.apps.errors import UsageError  # noqa: PLC0415
     from armgate.apps.follow.loop import FollowLoop, Wish, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
     from armgate.control.compiled import prepare  # noqa: PLC0415
 
+    if focus is not None and not all(map(isfinite, focus)):
+        raise UsageError(f"--focus: expected three finite coordinates, got {' '.join(map(str, focus))}")
     prepare()
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:

@@ -24,7 +24,8 @@ LOOP_TICKS = 2
 """Ticks from a measured position to the measured effect of the increment that answers it."""
 AT_REST = 1e-9
 """An increment below this is rest, rad or m."""
-
+DISTANCES = (0.05, 100.0)
+"""View distances that make sense, m."""
 
 NEAR_LIMIT = 0.95
 """A joint that is farther than this share of its half range from its middle is near a limit."""
@@ -71,6 +72,7 @@ class FollowLoop:
     wish: Wish
     floor: float | None
     _last: LastIncrement = field(default_factory=LastIncrement)
+    _zoomed: float | None = None
 
     @classmethod
     def build(cls, cell: Cell, robot: str, leader: str, wish: Wish) -> "FollowLoop":
@@ -100,8 +102,7 @@ class FollowLoop:
         """The answer to a tick."""
         own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
         played = self._last.update(tick.tick, tick.setpoint)
-        told = tick.signals.get("operator.distance")
-        distance = self.wish.distance if told is None else told.value[0]
+        distance = self._distance(tick)
         leader = None if entry.q is None else np.array(entry.q)
         focus, seen = self._focus(leader, tick.time, entry.time)
         q = np.array(tick.q)
@@ -120,6 +121,15 @@ class FollowLoop:
         near = self.bounds.share(q) > NEAR_LIMIT
         tool = None if self.wish.focus is None else self._tool(leader)
         return Answer(self.follower.step(now), played, distance, focus, near, tool)
+
+    def _distance(self, tick: Tick) -> float:
+        """The wanted view distance: while there is an operator, the last of theirs that makes sense."""
+        told = tick.signals.get("operator.distance")
+        if told is None:
+            self._zoomed = None
+        elif DISTANCES[0] <= told.value[0] <= DISTANCES[1]:
+            self._zoomed = told.value[0]
+        return self.wish.distance if self._zoomed is None else self._zoomed
 
     def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
         """Where to look, and since when that is known."""
