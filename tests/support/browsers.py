@@ -10,7 +10,7 @@ ARTEFACTS = Path(__file__).parents[2] / "test-artefacts"
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--window-size=1200,760",
+    "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--window-size=1000,640",
 )  # fmt: skip
 
 

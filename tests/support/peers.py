@@ -19,6 +19,13 @@ class Peer:
         self.robots = self.subscription = None
         self.heard = []
         self.ended = False
+        self.holds = 0
+
+    def hold(self):
+        self.holds += 1
+
+    def let_go(self):
+        self.holds -= 1
 
     def say(self, message):
         self.heard.append(message)

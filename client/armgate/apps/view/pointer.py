@@ -3,6 +3,10 @@
 viser tells of a slider what value it has, not that it was let go. While the pointer is down on the page, the
 script presses ``hold`` ten times a second, and ``release`` once when it goes up, is cancelled, or the window
 loses it. So a page that hangs or is closed says nothing any more; one that hung first hears what happened.
+
+Of all that happens in its panel within 50 ms viser sends what came last, and a slow browser comes to the next
+press of ``hold`` before it sends. So another button that is pressed, STOP first of all, ends the hold, and
+for a moment nothing that moves under the pointer is heard: nothing may come after it.
 """
 
 from collections.abc import Callable
@@ -10,6 +14,8 @@ from typing import Any
 
 EVERY = 100
 """Time between two presses of ``hold``, ms."""
+DEAF = 500
+"""How long no movement of the pointer is heard after another button was pressed, ms."""
 
 _SCRIPT = """
 (() => {
@@ -39,12 +45,23 @@ _SCRIPT = """
     timer = setInterval(beat, EVERY);
     held();
   };
+  let deaf = 0;
+  const pressed = event => {
+    const button = event.target.closest('button');
+    if (!button || ['HOLD', 'RELEASE'].includes(button.id)) return;
+    clearInterval(timer);
+    timer = 0;
+    deaf = performance.now() + DEAF;
+  };
+  const moved = event => performance.now() > deaf || event.stopImmediatePropagation();
   const on = (target, kind, act, capture) =>
     target.addEventListener(kind, act, {capture, signal: gone.signal});
   gone.signal.addEventListener('abort', () => clearInterval(timer));
   on(window, 'pointerdown', down, true);
   on(window, 'pointerup', up, true);
   on(window, 'pointercancel', up, true);
+  on(window, 'click', pressed, true);
+  for (const kind of ['pointermove', 'mousemove', 'touchmove']) on(window, kind, moved, true);
   on(window, 'blur', up, false);
   on(document, 'visibilitychange', up, false);
 })()
@@ -73,7 +90,7 @@ def add_pointer(gui: Any, held: Callable[[], None], released: Callable[[], None]
 
     hold.on_click(pressed)
     release.on_click(let_go)
-    names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY)}
+    names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY), "DEAF": str(DEAF)}
     gui.add_html(_filled(_HIDDEN + _RUN.replace("SCRIPT", " ".join(_SCRIPT.split())), names))
 
 
