@@ -19,6 +19,7 @@ class Transport(asyncio.Transport):
     def __init__(self):
         super().__init__()
         self.written = b""
+        self.writes = 0
         self.eof = self.aborted = False
         self.socket = socket.socket()
 
@@ -31,6 +32,7 @@ class Transport(asyncio.Transport):
     def write(self, data):
         assert not self.eof
         self.written += data
+        self.writes += 1
 
     def can_write_eof(self):
         return True
@@ -82,6 +84,7 @@ class Desk:
         if message.type == self.fail_on:
             raise RuntimeError("broken")
         self.told.append(message)
+        session.say(m.Pong(time=message.time, received=0.0, sent=0.0))
 
     def gone(self, session, reason):
         self.told.append(f"gone: {reason}")
@@ -239,6 +242,34 @@ async def test_what_waits_is_written_before_the_end_is(line):
     line.session.end(m.Bye(reason="over"))
     assert not line.transport.eof
     line.session.resume_writing()
+    assert line.received()[0].reason == "over"
+    assert line.transport.eof
+
+
+async def test_answers_to_what_came_as_one_go_as_one(line):
+    line.hello()
+    before = line.transport.writes
+    line.send(m.Ping(time=1.0), m.Ping(time=2.0), m.Ping(time=3.0))
+    assert [pong.time for pong in line.received()] == [1.0, 2.0, 3.0]
+    assert line.transport.writes == before + 1
+
+
+async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
+    line.hello()
+    line.session.hold()
+    line.session.hold()
+    line.session.say(m.Pong(time=1.0, received=0.0, sent=0.0))
+    line.session.let_go()
+    line.session.show(state("A", 1))
+    assert line.received() == []
+    line.session.let_go()
+    assert [x.type for x in line.received()] == ["pong", "state"]
+
+
+async def test_what_is_held_is_written_before_the_end_is(line):
+    line.hello()
+    line.session.hold()
+    line.session.end(m.Bye(reason="over"))
     assert line.received()[0].reason == "over"
     assert line.transport.eof
 

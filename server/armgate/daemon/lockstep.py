@@ -202,6 +202,16 @@ class Lockstep:
 
     def _step(self) -> None:
         """End the step: judge what waits, let the robots tick, then hear what was said ahead."""
+        peers = tuple(self._sessions.values())
+        for peer in peers:  # a verdict and the next state go as one
+            peer.hold()
+        try:
+            self._end_step()
+        finally:
+            for peer in peers:
+                peer.let_go()
+
+    def _end_step(self) -> None:
         waiting, self._waiting = sorted(self._waiting, key=self._order), []
         for peer, command in waiting:
             self._core.judge(peer, command)

@@ -45,6 +45,12 @@ class Peer(Protocol):
     def show(self, *states: Encoded) -> None:
         """Send states, each in place of an older one of the same robot that still waits."""
 
+    def hold(self) -> None:
+        """Keep what is sent from now on until as many `let_go` have followed: it goes as one then."""
+
+    def let_go(self) -> None:
+        """The opposite of `hold`."""
+
     def end(self, message: Message) -> None:
         """Send a last message and close."""
 

@@ -104,6 +104,8 @@ class Session(asyncio.Protocol):
         self._bucket: Bucket | None = None
         self._reading: asyncio.Handle | None = None
         self._closing = self._told_gone = False
+        self._holds = 0
+        self._held: list[bytes] = []
 
     @property
     def version(self) -> int | None:
@@ -194,6 +196,16 @@ class Session(asyncio.Protocol):
                 {state.state.robot: self._connection.send(state.state, state.frame) for state in states}
             )
 
+    def hold(self) -> None:
+        """Keep what is sent from now on until as many `let_go` have followed: it goes as one then."""
+        self._holds += 1
+
+    def let_go(self) -> None:
+        """The opposite of `hold`."""
+        self._holds -= 1
+        if not self._holds:
+            self._write_held()
+
     def end(self, message: m.Message) -> None:
         """Send a last message and close."""
         self.say(message)
@@ -227,21 +239,26 @@ class Session(asyncio.Protocol):
         if self._bucket is not None and (wait := self._bucket.wait(loop.time())):
             self._read_later(loop.call_later(wait, self._read_on))
             return
+        self.hold()
+        cost, more = self._hear_some()
+        self.let_go()
+        if self._bucket is not None:
+            self._bucket.spend(cost)
+        if more:
+            self._read_later(loop.call_soon(self._read_on))
+        else:
+            self._transport.resume_reading()
+
+    def _hear_some(self) -> tuple[int, bool]:
+        """Hear a turn's worth of messages; what they cost, and whether there may be more."""
         cost = 0
         while cost < _AT_ONCE:
             item = None if self._closing else self._connection.pop()
             if item is None:
-                self._spend(cost)
-                self._transport.resume_reading()
-                return
+                return cost, False
             cost += _COSTS.get(type(item), 1)
             self._guarded(self._hear, item)
-        self._spend(cost)
-        self._read_later(loop.call_soon(self._read_on))
-
-    def _spend(self, count: int) -> None:
-        if self._bucket is not None:
-            self._bucket.spend(count)
+        return cost, True
 
     def _read_later(self, handle: asyncio.Handle) -> None:
         # Not reading from the socket meanwhile makes the client wait, not us keep what it sends.
@@ -268,8 +285,15 @@ class Session(asyncio.Protocol):
             self.say(refusal.error)
 
     def _write(self, frame: bytes) -> None:
-        if not self._transport.is_closing():  # else it is lost, and asyncio is about to say so
+        if self._holds:
+            self._held.append(frame)
+        elif not self._transport.is_closing():  # else it is lost, and asyncio is about to say so
             self._transport.write(frame)
+
+    def _write_held(self) -> None:
+        held, self._held = self._held, []
+        if held and not self._transport.is_closing():
+            self._transport.write(b"".join(held))
 
     def _close(self) -> None:
         """Close once everything is written and the client had time to read it."""
@@ -284,6 +308,7 @@ class Session(asyncio.Protocol):
     def _write_eof(self) -> None:
         # Closing with unread bytes of the client would make the kernel take back what was written last: say
         # that there is no more, and read on until the client closes. TLS does the same by its own means.
+        self._write_held()
         if self._outbox.empty and not self._transport.is_closing():
             try:
                 if self._transport.can_write_eof():
