@@ -7,13 +7,15 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 
 from armgate.apps.data import default_file
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.experiment import campaign
-from armgate.apps.experiment.claims import aggregate, claims
+from armgate.apps.experiment.claims import Claim, aggregate, claims
 from armgate.apps.experiment.figures import evaluate, recently
 from armgate.apps.experiment.paths import dash, joystick, straight
+from armgate.apps.experiment.plots import _enlarge
 from armgate.apps.experiment.report import page
 from armgate.apps.experiment.scene import Scene, build_scene, clear
 from armgate.apps.experiment.setup import load_experiment
@@ -249,6 +251,33 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "&lt;dash&gt;" in text
     assert "does not hold" in text
     assert "http" not in text
+    assert '<td>≥ 50 mm</td><td class="n">200 mm</td>' in text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "told"),
+    [
+        (0.016073, "m", "16.1 mm"),
+        (0.83584, "°", "0.836°"),
+        (1 / 3, "", "0.333"),
+        (1.476, "s", "1.48 s"),
+        (1234.0, "commands", "1234"),
+        (None, "m", "–"),
+    ],
+)
+def test_figures_are_told_in_three_digits(value: float | None, unit: str, told: str) -> None:
+    assert Claim("it", "", value, unit, None).told == told
+
+
+def test_a_beginning_does_not_hide_what_comes(tmp_path: Path) -> None:
+    time = np.arange(0.0, 8.0, T)
+    run = {name: np.zeros(len(time)) for name in COLUMNS} | {"time_s": time}
+    angle = np.radians(np.where(time < 0.5, 7.0, 0.03 * np.sin(time)))
+    figure, axes = plt.subplots()
+    _enlarge(axes, run | {"angle_error_rad": angle})
+    assert axes.get_ylim()[1] == pytest.approx(0.07)
+    assert [text.get_text() for text in axes.texts] == ["at first up to 7.0°"]
+    plt.close(figure)
 
 
 # --- a campaign that does not come to its end ---------------------------------------------------------------

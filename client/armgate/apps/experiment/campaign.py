@@ -166,9 +166,8 @@ def read_series(folder: Path) -> dict[str, Array]:
 
 def _table(name: str, rows: Sequence[Claim]) -> Table:
     table = Table(title=name, title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0))
-    for head in ("claim", "goal", "worst", ""):
+    for head in ("claim", "goal", "ours", ""):
         table.add_column(head, header_style="dim")
     for claim in rows:
-        value = "–" if claim.value is None else f"{claim.value:.3g} {claim.unit}"
-        table.add_row(claim.claim, claim.goal, value, Text(*_WORDS[claim.holds]))
+        table.add_row(claim.claim, claim.goal, claim.told, Text(*_WORDS[claim.holds]))
     return table

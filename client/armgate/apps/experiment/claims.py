@@ -26,6 +26,24 @@ class Claim:
         """As it stands in ``metrics.json``."""
         return dict(vars(self))
 
+    @property
+    def told(self) -> str:
+        """The figure for people, "–" where there is none."""
+        return "–" if self.value is None else worded(self.value, self.unit)
+
+
+def worded(value: float, unit: str = "") -> str:
+    """A figure with its unit for people: three digits, lengths in mm; what is counted as it is."""
+    match unit:
+        case "m":
+            return f"{1000.0 * value:.3g} mm"
+        case "°":
+            return f"{value:.3g}°"
+        case "commands" | "states":
+            return f"{value:.0f}"
+        case _:
+            return f"{value:.3g} {unit}".strip()
+
 
 def claims(experiment: str, entries: Sequence[Entry]) -> list[Claim]:
     """The claims of an experiment over its runs; ``entries`` are theirs in ``metrics.json``."""
@@ -38,9 +56,8 @@ def at_most(claim: str, values: Iterable[float | None], bound: float, unit: str,
     found = list(values)
     known = [value for value in found if value is not None]
     holds = bool(found) and len(known) == len(found) and max(known) <= bound
-    return Claim(
-        claim, f"≤ {bound:g} {unit}", max(known, default=None), unit, holds if found else None, paper
-    )
+    goal = f"≤ {worded(bound, unit)}" if bound > 0.0 else "none"
+    return Claim(claim, goal, max(known, default=None), unit, holds if found else None, paper)
 
 
 def _of(entries: Sequence[Entry], case: str) -> list[Entry]:
@@ -58,7 +75,7 @@ def _always(entries: Sequence[Entry]) -> list[Claim]:
     least = [entry["min_clearance_m"] for entry in entries]
     worst = min((value for value in least if value is not None), default=None)
     near = Claim(
-        "certified clearance to others and surroundings", f"≥ {stop:g} m", worst, "m",
+        "certified clearance to others and surroundings", f"≥ {worded(stop, 'm')}", worst, "m",
         None not in least and worst is not None and worst >= stop,
     )  # fmt: skip
     late = [float(entry["late_commands"]) for entry in entries]

@@ -16,6 +16,8 @@ _STYLE = {
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left",
     "axes.titleweight": "bold", "legend.frameon": False,
 }  # fmt: skip
+BEGINNING, LEAST_ANGLE, HIDES = 2.0, 0.05, 2.0
+"""Until when an approach may hide what comes, s; the least angle that is enlarged, degrees; by how much."""
 MARKERS = (
     ("near_limit", 0.5, "joint near its limit", "#8e6bbf"),
     ("repulsion", 0.5, "repulsion", "#d9a520"),
@@ -51,6 +53,7 @@ def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
             _distance(axes[1], run, alone)
         axes[0].set_ylim(bottom=0.0)
         if alone:
+            _enlarge(axes[0], runs[0])
             _place(axes[2], runs[0])
             _markers(axes[3], runs[0])
         axes[-1].set_xlabel("time [s]")
@@ -62,6 +65,17 @@ def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
 def _angle(axes: Any, run: Series) -> None:
     axes.plot(run["time_s"], np.degrees(run["angle_error_rad"]), color=_INK, alpha=0.85)
     axes.set_ylabel("angle error [°]")
+
+
+def _enlarge(axes: Any, run: Series) -> None:
+    """The angle as it is after the beginning, where that would hide it, and in words what it was."""
+    angle = np.degrees(run["angle_error_rad"])
+    later = angle[(run["time_s"] >= BEGINNING) & np.isfinite(angle)]
+    top = 1.4 * max(float(later.max(initial=0.0)), LEAST_ANGLE)
+    if len(later) and np.nanmax(angle) > HIDES * top:
+        axes.set_ylim(top=top)
+        text = f"at first up to {np.nanmax(angle):.1f}°"
+        axes.text(0.02, 0.85, text, transform=axes.transAxes, fontsize=8, color="#555")
 
 
 def _distance(axes: Any, run: Series, alone: bool) -> None:

@@ -69,10 +69,11 @@ def _claims(claims: Sequence[Claim]) -> str:
     rows = [
         f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.paper) or "–"}</td>'
         f'<td>{html.escape(c.goal)}</td>'
-        f'<td class="n">{_number(c.value)} {html.escape(c.unit)}</td>{_HOLDS[c.holds]}</tr>'
+        f'<td class="n">{html.escape(c.told)}</td>{_HOLDS[c.holds]}</tr>'
         for c in claims
     ]  # fmt: skip
-    return _table(("claim", "paper", "goal", "worst of all runs", ""), rows)
+    note = "<p>Ours is the worst of all runs; a share is that of all runs together.</p>"
+    return _table(("claim", "paper", "goal", "ours", ""), rows) + note
 
 
 def _cases(aggregate: Mapping[str, Any]) -> str:
@@ -119,4 +120,4 @@ def _picture(caption: str, file: Path) -> str:
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:
-    return "–" if value is None else f"{scale * value:.4g}"
+    return "–" if value is None else f"{scale * value:.3g}"
