@@ -119,19 +119,6 @@ def test_a_slow_disk_delays_nobody_and_what_is_lost_is_marked(tmp_path):
     assert items[-2] == Gap(200, 200)
 
 
-def test_in_lockstep_the_run_waits_for_the_disk(tmp_path):
-    Blocked.gate.clear()
-    recorder = Recorder(tmp_path, limit=10, create=Blocked.create)
-    recorder.begin(records.header(), lambda: 0.5, waits=True)
-    feeder = threading.Thread(target=feed, args=(recorder, range(200)))
-    feeder.start()
-    Blocked.gate.set()
-    feeder.join(20)
-    recorder.close()
-    assert recorder.lost == 0
-    assert [step.event.tick for _, step in Recording.open(tmp_path).steps()] == list(range(200))
-
-
 def full_after(limit):
     """A disk that has room for so many bytes, written by pieces."""
     left = [limit]

@@ -81,11 +81,14 @@ def mortal(death):
     return Mortal.create
 
 
+LIMIT = 1 << 30  # all that is fed has room: it is fed faster than any robot ticks
+
+
 def record(cell, folder, case, say):
     death = Death(case, say)
-    recorder = Recorder(folder, rotate=150_000, flush=0.0, create=mortal(death))
+    recorder = Recorder(folder, rotate=150_000, flush=0.0, limit=LIMIT, create=mortal(death))
     time = 0.0
-    recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time, waits=True)
+    recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time)
     links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
     runner = GateRunner(Gate(cell, START, compiled=False), {link.robot: link for link in links}, recorder.tap)
     for link in links:

@@ -7,10 +7,11 @@ from datetime import datetime
 from pathlib import Path
 
 from armgate.cell.cell import Cell
-from armgate.cell.config import CellConfig
+from armgate.cell.config import CellConfig, LockstepClockConfig
 from armgate.cell.portable import pack
 from armgate.daemon.library import Library
 from armgate.daemon.recorder import Recorder
+from armgate.daemon.turn_recorder import TurnRecorder
 from armgate.integrity.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.recording.reader import PATTERN
@@ -43,17 +44,18 @@ def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
         folder = config.file(("recording", "folder"), own.folder) / now
     if next(folder.glob(PATTERN), None) is not None:
         raise RecorderError(f"{folder}: holds a recording already; expected a folder without one")
-    return Recorder(folder, required=own.required, rotate=own.rotate, limit=own.queue)
+    kind = TurnRecorder if isinstance(config.clock, LockstepClockConfig) else Recorder
+    return kind(folder, required=own.required, rotate=own.rotate, limit=own.queue)
 
 
-def begin(recorder: Recorder, header: Header, now: Callable[[], float], *, waits: bool) -> None:
+def begin(recorder: Recorder, header: Header, now: Callable[[], float]) -> None:
     """Makes the first file and begins to write.
 
     Raises:
         RecorderError: It cannot be made.
     """
     try:
-        recorder.begin(header, now, waits=waits)
+        recorder.begin(header, now)
     except OSError as error:
         text = f"{recorder.folder}: nothing can be recorded there: {error.strerror or error}"
         raise RecorderError(text) from error

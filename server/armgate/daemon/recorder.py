@@ -23,12 +23,9 @@ FLUSH = 0.12
 _POLL = 0.02
 """How often the thread looks for records, s: waking it for each would cost the event loop most of all."""
 
-_PATIENCE = 10.0
-"""How long a lock-step run waits for the disk, s."""
-
 
 @dataclass(frozen=True, slots=True)
-class _State:
+class StateAt:
     """What an instant showed; taken apart by the writer."""
 
     ticks: Sequence[Tick]
@@ -36,11 +33,12 @@ class _State:
     moment: Moment
 
     def items(self) -> list[Item]:
+        """The records that it makes."""
         own = {entry.robot: entry for entry in self.entries}
         return [*(Shown(own[tick.robot]) for tick in self.ticks), self.moment]
 
 
-_Queued = tuple[float, Item | _State] | None
+_Queued = tuple[float, Item | StateAt] | None
 
 
 class Recorder:
@@ -80,26 +78,29 @@ class Recorder:
         self._lost = self._lost_steps = 0
         self._pending = Gap(0, 0)
         self._failure: str | None = None
-        self._waits = False
         self._now: Callable[[], float] = lambda: 0.0
         self._header: Header
         self._part: RecordFile
+        self._begun = False
         self._thread: threading.Thread | None = None
 
-    def begin(self, header: Header, now: Callable[[], float], *, waits: bool = False) -> None:
+    def begin(self, header: Header, now: Callable[[], float]) -> None:
         """Make the first file and begin to write.
 
         Args:
             header: What the recording is of.
             now: Daemon time, s.
-            waits: Whether there is time to wait for a slow disk: in lock-step.
 
         Raises:
             OSError: The folder or file cannot be made.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._header, self._now, self._waits = header, now, waits
+        self._header, self._now = header, now
         self._part = self._open(header)
+        self._begun = True
+        self._start()
+
+    def _start(self) -> None:
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
@@ -140,11 +141,11 @@ class Recorder:
         if ticks:
             at = ticks[0].time
             moment = Moment(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
-            self._put(at, _State(ticks, entries, moment))
+            self._put(at, StateAt(ticks, entries, moment))
 
     def log(self, record: Mapping[str, Any]) -> None:
         """Take a line of the log."""
-        if self._thread is not None:
+        if self._begun:
             fields = {key: value for key, value in record.items() if key not in ("time", "level", "event")}
             line = LogLine(record["time"], record["level"], record["event"], fields)
             self._put(self._now(), line)
@@ -156,8 +157,8 @@ class Recorder:
             self._thread.join(timeout)
             self._thread = None
 
-    def _put(self, at: float, item: Item | _State) -> None:
-        if len(self._queue) >= self._limit and not (self._waits and self._made_room()):
+    def _put(self, at: float, item: Item | StateAt) -> None:
+        if len(self._queue) >= self._limit:
             self._lose(item)
             return
         if self._pending.records:
@@ -170,23 +171,10 @@ class Recorder:
         step = isinstance(item, Step)
         self._pending = Gap(self._pending.records + 1, self._pending.steps + step)
 
-    def _made_room(self) -> bool:
-        until = time.monotonic() + _PATIENCE
-        while len(self._queue) >= self._limit and self._failure is None:
-            if time.monotonic() > until:
-                return False
-            time.sleep(0.001)
-        return True
-
     # --- in the thread ------------------------------------------------------------------------------------
 
     def _write(self) -> None:
-        try:
-            self._write_on()
-        except OSError as error:
-            self._fail(error.strerror or str(error))
-        except Exception as error:
-            self._fail(repr(error))
+        self._guarded(self._write_on)
         while self._failure is not None and self._next() is not None:
             self._lost += 1
 
@@ -202,19 +190,33 @@ class Recorder:
                 self._put_into_file(*queued)
                 self._pause(0)  # whoever waits for the interpreter goes first: the event loop
             if self._clock() >= due:
-                self._part.flush()
-                if self._part.size >= self._rotate:
-                    self._turn()
+                self._flush_part()
                 due = self._clock() + self._flush
-
-    def _put_into_file(self, at: float, item: Item | _State) -> None:
-        for one in item.items() if isinstance(item, _State) else (item,):
-            self._part.put(one, at)
 
     def _next(self) -> _Queued:
         while not self._queue:
             self._pause(_POLL)
         return self._queue.popleft()
+
+    # --- the file -----------------------------------------------------------------------------------------
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Does it; if that fails, the recording has ended."""
+        try:
+            work()
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+        except Exception as error:
+            self._fail(repr(error))
+
+    def _put_into_file(self, at: float, item: Item | StateAt) -> None:
+        for one in item.items() if isinstance(item, StateAt) else (item,):
+            self._part.put(one, at)
+
+    def _flush_part(self) -> None:
+        self._part.flush()
+        if self._part.size >= self._rotate:
+            self._turn()
 
     def _turn(self) -> None:
         self._part.close()

@@ -302,7 +302,7 @@ class Daemon:
     def _begin_recording(self) -> None:
         if self._recorder is not None:
             header = header_of(self._cell, self.start, self._pace.lockstep, self._pace.now())
-            begin(self._recorder, header, self._pace.now, waits=self._pace.lockstep)
+            begin(self._recorder, header, self._pace.now)
             self._log.also = self._recorder.log
             self._core.on_state = self._recorder.show
         if self._metrics is not None:
