@@ -22,6 +22,9 @@ from armgate.protocol import messages as m
 _AHEAD = 256
 """How many messages of a participant may wait for the next step."""
 
+_END_NO_STEP = (m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset)
+"""They change nothing of who holds what, nor who is done: no step ends by them."""
+
 
 class Lockstep:
     """Makes the robots tick when the participants have answered.
@@ -126,7 +129,8 @@ class Lockstep:
             self._keep(peer, message)
         else:
             self._count(peer, message)
-        self._go_on()
+        if not isinstance(message, _END_NO_STEP):
+            self._go_on()
 
     def leave(self, peer: Peer) -> None:
         """A session is gone; one that was done with the step leaves after it."""

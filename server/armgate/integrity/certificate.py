@@ -11,7 +11,7 @@ from armgate.cell.cell import Cell
 from armgate.cell.events import Point
 from armgate.integrity.engine import CoalEngine, Engine, FclEngine
 from armgate.integrity.groups import ChainGroup, Group
-from armgate.integrity.support import Rows, support
+from armgate.integrity.support import Rows, support_of_one
 from armgate.integrity.swept import Array, Swept
 
 GAP = 1e-4
@@ -84,8 +84,9 @@ class _Posed(NamedTuple):
 
 def _slab(a: _Posed, b: _Posed, n: Array) -> float:
     """The slab n·(t_b − t_a) − h_a(n) − h_b(−n), each body in its own frame."""
-    return float(n @ (b.t - a.t) - support(a.row, n @ a.R) - support(b.row, -n @ b.R))
+    return float(n @ (b.t - a.t)) - support_of_one(a.row, n @ a.R) - support_of_one(b.row, -n @ b.R)
 
 
 def _point(x: Array) -> Point:
-    return float(x[0]), float(x[1]), float(x[2])
+    a, b, c = x.tolist()
+    return a, b, c

@@ -9,6 +9,7 @@ apart still have a direction where the bodies around them touch.
 """
 
 from dataclasses import dataclass
+from math import isfinite, sqrt
 from typing import Any, Protocol
 
 import coal
@@ -81,10 +82,10 @@ class FclEngine:
 
 def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
     v = q - p if distance > _TOUCHING else np.array(fallback, dtype=np.float64)
-    length = float(np.sqrt(v @ v))
-    if not np.isfinite(length) or length < _TOUCHING:
+    length = sqrt(float(v @ v))
+    if not isfinite(length) or length < _TOUCHING:
         return np.array([0.0, 0.0, 1.0])
-    return np.asarray(v / length, dtype=np.float64)
+    return np.asarray(v / length)
 
 
 def _radius(shape: Shape) -> float:

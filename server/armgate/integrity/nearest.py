@@ -6,6 +6,7 @@ pairs cost anything.
 """
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 
@@ -32,6 +33,7 @@ class NearestPairs:
         self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
+        self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
 
     def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
         """Returns the ``count`` nearest pairs by index, by margin; the nearest (and nearest other) tight.
@@ -42,7 +44,7 @@ class NearestPairs:
             count: How many.
         """
         for i, q in enumerate(measured):
-            self._follow(i, q, measured)
+            self._follow(i, q)
         ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
         margin = self._margin.take(ids)
         proofs: dict[int, Proof] = {}
@@ -51,71 +53,66 @@ class NearestPairs:
             if not stale:
                 break
             if asked % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
-                self._measure(robot, measured, _first(margin, _MANY), margin)
+                self._measure(robot, _first(margin, _MANY), margin)
                 continue
             k = stale[0]
-            proofs[k] = self._refresh(robot, int(ids[k]), measured)
+            proofs[k] = self._refresh(robot, int(ids[k]))
             margin[k] = proofs[k].lb - limits[k]
         self._margin[ids] = margin
         told = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
         return {
-            int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if np.isfinite(margin[k])
+            int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if isfinite(margin[k])
         }
 
-    def _follow(self, robot: int, q: Joints | None, measured: Sequence[Joints | None]) -> None:
+    def _follow(self, robot: int, q: Joints | None) -> None:
         """Lowers the bounds of a robot's pairs by what it moved; finds them where it is seen first."""
         last, self._last[robot] = self._last[robot], q
         if q is None or q == last:
             return
+        self._still[robot] = self._clearance.space.still(robot, q)
         ids = self._clearance.pairs_of[robot]
         if last is not None:
             self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
             return
         margin = self._margin[ids]
-        self._measure(robot, measured, np.arange(len(ids)), margin)
+        self._measure(robot, np.arange(len(ids)), margin)
         self._margin[ids] = margin
 
-    def _measure(self, robot: int, measured: Sequence[Joints | None], places: Index, margin: Array) -> None:
+    def _measure(self, robot: int, places: Index, margin: Array) -> None:
         """Raises to what the kept directions prove, at the measured positions, some of a robot's margins."""
-        q, first = measured[robot], 0
+        mine, first = self._still[robot], 0
         for group in self._clearance.groups[robot]:
             here, first = (
                 places[(places >= first) & (places < first + len(group.ids))],
                 first + len(group.ids),
             )
-            side = self._side(group, measured)
-            if q is None or side is None or not len(here):
+            side = self._side(group)
+            if mine is None or side is None or not len(here):
                 continue
             sel: Index = here + len(group.ids) - first
-            mine = self._clearance.space.still(robot, q)
             lb, _, _ = group.slab(mine, side, sel, self._clearance.kept_n(group, sel))
             kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
             margin[here] = np.maximum(kept, lb - group.limit[sel])
 
-    def _refresh(self, robot: int, pair: int, measured: Sequence[Joints | None]) -> Proof:
+    def _refresh(self, robot: int, pair: int) -> Proof:
         group, k = self._clearance.find(robot, pair)
-        mine, side = measured[robot], self._side(group, measured)
+        mine, side = self._still[robot], self._side(group)
         assert mine is not None  # its margin is known, so both positions are
         assert side is not None
-        proof = self._clearance.certifier.prove(
-            group, k, self._clearance.space.still(robot, mine), side, (0, 0)
-        )
+        proof = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
         self._clearance.keep_n(group, k, proof.n)
         return proof
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
         """The places of the lowest margin of all, and of those with others; none of unknown robots."""
-        lowest = [int(np.argmin(margin))] if len(margin) else []
+        lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
         if len(others):
-            lowest.append(int(others[np.argmin(margin[others])]))
-        return [k for k in lowest if np.isfinite(margin[k])]
+            lowest.append(int(others[margin.take(others).argmin()]))
+        return [k for k in lowest if isfinite(margin[k])]
 
-    def _side(self, group: Group, measured: Sequence[Joints | None]) -> Swept | None:
-        if group.other is None:
-            return self._clearance.space.static
-        q = measured[group.other]
-        return None if q is None else self._clearance.space.still(group.other, q)
+    def _side(self, group: Group) -> Swept | None:
+        return self._clearance.space.static if group.other is None else self._still[group.other]
 
     def _told(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
         c = self._clearance

@@ -17,6 +17,7 @@ disk). Cells without such bodies are told by their rows alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +105,16 @@ def support(rows: Rows, v: Array) -> Array:
     flat = rows[..., 0] * x + rows[..., 1] * y + rows[..., 2] * z
     result: Array = flat + rows[..., 3] * np.sqrt(x * x + y * y) + rows[..., 4]
     return result
+
+
+def support_of_one(row: Rows, v: Array) -> float:
+    """Returns h(v) of one body in the direction v, (3,): the same numbers, without arrays of one."""
+    if isinstance(row, Cornered):
+        return float(_with_corners(row, v))
+    hx, hy, hz, disk, radius = row.tolist()
+    x, y, z = v.tolist()
+    flat: float = hx * abs(x) + hy * abs(y) + hz * abs(z)
+    return flat + disk * sqrt(x * x + y * y) + radius
 
 
 def _with_corners(given: Cornered, v: Array) -> Array:
