@@ -265,6 +265,8 @@ class Cell(CellHandle):
                 self._session.receive_eof()
                 return
             self._session.receive(data)
+            if self._stream.emptied:
+                return
 
     def _write(self, data: bytes) -> None:
         left = memoryview(data)

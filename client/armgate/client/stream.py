@@ -5,7 +5,8 @@ import socket
 import ssl
 from typing import Any
 
-_CHUNK = 256 * 1024
+_CHUNK = 64 * 1024
+"""Room for what comes at once: more than this is memory that the system makes anew each time."""
 
 
 class Stream:
@@ -13,12 +14,16 @@ class Stream:
 
     Args:
         sock: The socket; this takes it over.
+
+    Attributes:
+        emptied: Whether nothing more had come when something was received last.
     """
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setblocking(False)
         self._socket = sock
+        self.emptied = False
         self._tls = sock if isinstance(sock, ssl.SSLSocket) else None
 
     @classmethod
@@ -49,9 +54,11 @@ class Stream:
             OSError: The connection broke.
         """
         try:
-            return self._socket.recv(_CHUNK)
+            data = self._socket.recv(_CHUNK)
         except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
             return None
+        self.emptied = self._tls is None and 0 < len(data) < _CHUNK
+        return data
 
     def send(self, data: memoryview) -> int:
         """Sends what fits; how much that was.

@@ -29,6 +29,9 @@ _LINGER = 1.0
 _BUFFER = 256 * 1024
 """Bytes that the transport may hold before frames wait in the outbox."""
 
+_ROOM = 16 * 1024
+"""Bytes that are read at once: asyncio's own 256 KiB are memory that the system makes anew each time."""
+
 _AT_ONCE = 8
 """Messages of one client that are read at one turn of the event loop: then it is the others' turn."""
 
@@ -61,7 +64,7 @@ class Desk(Protocol):
         """Something of ours failed."""
 
 
-class Session(asyncio.Protocol):
+class Session(asyncio.BufferedProtocol):
     """A connection and, once it has said hello, the peer behind it.
 
     Args:
@@ -97,6 +100,7 @@ class Session(asyncio.Protocol):
         self.address = ""
         self._desk = desk
         self._connection = Connection(Side.SERVER, dialects)
+        self._room = memoryview(bytearray(_ROOM))
         self._outbox = Outbox(self._write, send_buffer)
         self._transport: asyncio.Transport
         self._timer: asyncio.TimerHandle | None = None
@@ -136,8 +140,16 @@ class Session(asyncio.Protocol):
         self.address = f"{host}:{port}"
         self._guarded(self._desk.opened, self)
 
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Where bytes may be put that came in."""
+        return self._room
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """So many bytes came in."""
+        self.data_received(bytes(self._room[:nbytes]))
+
     def data_received(self, data: bytes) -> None:
-        """Bytes came in."""
+        """These bytes came in."""
         if not self._closing:
             self._connection.push(data)
             if self._reading is None:
