@@ -78,6 +78,21 @@ async def test_no_time_passes_before_all_have_spoken(stage):
     assert b.last(m.Verdict).outcome == "admitted"
 
 
+async def test_who_is_done_is_woken_by_the_next_state_alone(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.run.handle(a, m.Signal(name="x", value=(1.0,)))
+    assert a.holds == 0
+    stage.command(a, "A")
+    assert (a.holds, b.holds) == (1, 0)
+    stage.command(b, "B")
+    assert (a.holds, b.holds) == (0, 0)
+    stage.command(a, "A")
+    stage.run.handle(a, m.Signal(name="y", value=(1.0,)))  # ahead: it counts in the next step
+    stage.run.handle(a, m.Pass(step=stage.step + 1))
+    stage.command(b, "B")
+    assert (stage.step, a.holds, b.holds) == (2, 1, 0)
+
+
 async def test_commands_are_judged_in_the_order_of_the_robots(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(b, "B")

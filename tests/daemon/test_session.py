@@ -84,7 +84,8 @@ class Desk:
         if message.type == self.fail_on:
             raise RuntimeError("broken")
         self.told.append(message)
-        session.say(m.Pong(time=message.time, received=0.0, sent=0.0))
+        if isinstance(message, m.Signal):
+            session.say(m.Signaled(name=message.name))
 
     def gone(self, session, reason):
         self.told.append(f"gone: {reason}")
@@ -249,8 +250,8 @@ async def test_what_waits_is_written_before_the_end_is(line):
 async def test_answers_to_what_came_as_one_go_as_one(line):
     line.hello()
     before = line.transport.writes
-    line.send(m.Ping(time=1.0), m.Ping(time=2.0), m.Ping(time=3.0))
-    assert [pong.time for pong in line.received()] == [1.0, 2.0, 3.0]
+    line.send(*(m.Signal(name=name, value=(1.0,)) for name in "abc"))
+    assert [answer.name for answer in line.received()] == ["a", "b", "c"]
     assert line.transport.writes == before + 1
 
 
@@ -258,12 +259,20 @@ async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
     line.hello()
     line.session.hold()
     line.session.hold()
-    line.session.say(m.Pong(time=1.0, received=0.0, sent=0.0))
+    line.session.say(m.Signaled(name="a"))
     line.session.let_go()
     line.session.show(state("A", 1))
     assert line.received() == []
     line.session.let_go()
-    assert [x.type for x in line.received()] == ["pong", "state"]
+    assert [x.type for x in line.received()] == ["signaled", "state"]
+
+
+async def test_what_may_not_wait_goes_at_once_with_what_waits_before_it(line):
+    line.hello()
+    line.session.hold()
+    line.session.say(m.Signaled(name="a"))
+    line.session.say(m.Stopped(stop=1, robots=("A",), reason="", by="x"))
+    assert [x.type for x in line.received()] == ["signaled", "stopped"]
 
 
 async def test_what_is_held_is_written_before_the_end_is(line):

@@ -52,7 +52,7 @@ class Listener:
 
     def __init__(
         self,
-        make: Callable[[Guest], asyncio.Protocol],
+        make: Callable[[Guest], asyncio.BaseProtocol],
         *,
         rate: float,
         in_all: int,

@@ -58,6 +58,7 @@ class Lockstep:
         self._core: Core
         self._time = 0.0
         self._sessions: dict[str, Peer] = {}
+        self._hushed: dict[str, Peer] = {}
         self._waiting: list[tuple[Peer, m.Command]] = []
         self._ahead: dict[str, deque[m.Message | None]] = {name: deque() for name in participants}
         self._watch: asyncio.TimerHandle | None = None
@@ -131,6 +132,7 @@ class Lockstep:
             self._count(peer, message)
         if not isinstance(message, _END_NO_STEP):
             self._go_on()
+            self._hush(peer)
 
     def leave(self, peer: Peer) -> None:
         """A session is gone; one that was done with the step leaves after it."""
@@ -187,10 +189,17 @@ class Lockstep:
         except ProtocolError as error:
             peer.say(error.message())
 
+    def _hush(self, peer: Peer) -> None:
+        """Who is done waits for the next state: what may wait goes along with that, and wakes it but once."""
+        if peer.name not in self._hushed and self._barrier.done(peer.name):
+            self._hushed[peer.name] = peer
+            peer.hold()
+
     def _part(self, peer: Peer) -> None:
         self._barrier.leave(peer.name)
         self._core.leave(peer)
         self._sessions.pop(peer.name, None)
+        self._hushed.pop(peer.name, None)
         self._ahead[peer.name].clear()
 
     # --- steps --------------------------------------------------------------------------------------------
@@ -206,14 +215,20 @@ class Lockstep:
 
     def _step(self) -> None:
         """End the step: judge what waits, let the robots tick, then hear what was said ahead."""
-        peers = tuple(self._sessions.values())
-        for peer in peers:  # a verdict and the next state go as one
+        # A verdict and the next state go as one, and first to those who are waited for.
+        taking_part = tuple(self._sessions.values())
+        onlookers = [peer for peer in self._core.peers.values() if not self._takes_part(peer)]
+        hushed, self._hushed = self._hushed, {}
+        for peer in (*taking_part, *onlookers):
             peer.hold()
         try:
             self._end_step()
         finally:
-            for peer in peers:
+            for peer in (*hushed.values(), *taking_part, *onlookers):
                 peer.let_go()
+        for peer in taking_part:
+            if self._takes_part(peer):
+                self._hush(peer)
 
     def _end_step(self) -> None:
         waiting, self._waiting = sorted(self._waiting, key=self._order), []

@@ -46,7 +46,7 @@ class Peer(Protocol):
         """Send states, each in place of an older one of the same robot that still waits."""
 
     def hold(self) -> None:
-        """Keep what is sent from now on until as many `let_go` have followed: it goes as one then."""
+        """Let states, and what of answers may wait, wait until as many `let_go` followed: they go as one."""
 
     def let_go(self) -> None:
         """The opposite of `hold`."""

@@ -35,6 +35,9 @@ _ROOM = 16 * 1024
 _AT_ONCE = 8
 """Messages of one client that are read at one turn of the event loop: then it is the others' turn."""
 
+_PATIENT = (m.Signaled, m.Verdict)
+"""Answers that may wait for what comes with them; nothing else said is held up."""
+
 _COSTS: dict[type[object], int] = {m.Describe: 20, m.Asset: 20}
 """Messages whose answers are large count as so many."""
 
@@ -192,6 +195,8 @@ class Session(asyncio.BufferedProtocol):
             return
         try:
             self._outbox.put(self._connection.send(message))
+            if self._holds and not isinstance(message, _PATIENT):
+                self._write_held()
         except LocalProtocolError:
             # It said bye, broke the protocol, or never said hello: it is owed nothing any more. Anything else
             # is a defect of ours.
@@ -209,7 +214,7 @@ class Session(asyncio.BufferedProtocol):
             )
 
     def hold(self) -> None:
-        """Keep what is sent from now on until as many `let_go` have followed: it goes as one then."""
+        """Let states, and what of answers may wait, wait until as many `let_go` followed: they go as one."""
         self._holds += 1
 
     def let_go(self) -> None:

@@ -113,8 +113,8 @@ def support_of_one(row: Rows, v: Array) -> float:
         return float(_with_corners(row, v))
     hx, hy, hz, disk, radius = row.tolist()
     x, y, z = v.tolist()
-    flat: float = hx * abs(x) + hy * abs(y) + hz * abs(z)
-    return flat + disk * sqrt(x * x + y * y) + radius
+    reached: float = hx * abs(x) + hy * abs(y) + hz * abs(z) + disk * sqrt(x * x + y * y) + radius
+    return reached
 
 
 def _with_corners(given: Cornered, v: Array) -> Array:
