@@ -31,8 +31,16 @@ install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the ce
 demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
+# Without clocks and processes of their own: these tests may share the machine. All others have it for themselves.
+PURE := $(addprefix tests/,cell control integrity protocol recording)
+
 test: $(VENV)/.tested  ## run the tests
+ifeq ($(strip $(ARGS)),)
+	@$(BIN)/python -m pytest -n 2 --dist worksteal $(PURE)
+	@$(BIN)/python -m pytest $(addprefix --ignore=,$(PURE))
+else
 	@$(BIN)/python -m pytest $(ARGS)
+endif
 
 lint: $(VENV)/.linted  ## check style, types and who imports whom
 	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \
