@@ -11,8 +11,8 @@ STEP = 5e-5
 class Hands:
     """A gate, its robots' links played by hand: nothing lags, nothing is lost unless the test says so."""
 
-    def __init__(self, cell, start=None):
-        self.gate, self.cell = Gate(cell, "s"), cell
+    def __init__(self, cell, start=None, gate=None):
+        self.gate, self.cell = gate or Gate(cell, "s"), cell
         self.names = [r.name for r in cell.robots]
         self.q = [tuple(map(float, r.start)) for r in cell.robots] if start is None else list(start)
         self.tick, self.held = [-1] * len(self.q), [None] * len(self.q)

@@ -228,13 +228,13 @@ def crossing(window: float = 0.12, tolerance: float = 0.0, periods=(0.012, 0.004
     return build({"fast": fast, "slow": slow})
 
 
-def head_on(apart: float = 1.2, periods=(0.004, 0.012)) -> Cell:
+def head_on(apart: float = 1.2, periods=(0.004, 0.012), tolerance: float = 0.0, **changes: Any) -> Cell:
     """Two carts with balls of 5 cm on one line; 2 cm must be kept between them."""
     left, right = (
-        {"urdf": cart((1, 0, 0), speed=1.0), "start": [x], "period": T, "q_tolerance": 0.0}
+        {"urdf": cart((1, 0, 0), speed=1.0), "start": [x], "period": T, "q_tolerance": tolerance}
         for x, T in zip((-apart / 2, apart / 2), periods, strict=True)
     )
-    return build({"left": left, "right": right})
+    return build({"left": left, "right": right}, **changes)
 
 
 def claw() -> str:

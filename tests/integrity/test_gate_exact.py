@@ -111,7 +111,8 @@ def test_of_three_each_keeps_away_from_both_others():
 
 def test_applied_is_what_was_played_and_not_what_was_judged():
     hands = pair()
-    hands.ask((STEP,))
+    verdict = hands.ask((STEP,))
+    assert verdict.setpoint == (hands.q[0][0] + STEP,)
     assert hands.view().applied_seq is None
     hands.play()
     assert hands.view().applied_seq == 1
@@ -152,9 +153,11 @@ def test_a_plan_of_nobody_is_a_fault():
     assert "has not given it" in stopped.reason
 
 
-@pytest.mark.parametrize(("off", "fault"), [(0.5e-9, False), (2e-9, True), (-2e-9, True)])
+@pytest.mark.parametrize(
+    ("off", "fault"), [(0.5e-9, False), (1e-9, False), (1.001e-9, True), (2e-9, True), (-2e-9, True)]
+)
 def test_a_setpoint_that_does_not_add_up_is_a_fault(off, fault):
-    hands = pair()
+    hands = Hands(scenes.head_on(1.0, (T, T)), [(0.0,), (0.6,)])
     out = hands.gate.step(Tick("left", 1, T, hands.q[0], (hands.q[0][0] + off,), (0.0,)))
     assert (out != []) == fault
 
@@ -273,3 +276,67 @@ def test_a_delayed_robot_keeps_its_window_of_setpoints():
     assert seen == [True, True, True, False, False] or seen == [True, True, False, False, False]
     state = hands.gate._robots[0]
     assert max(until for until, _ in state.history) == pytest.approx(state.time)
+
+
+def test_before_its_first_tick_a_robot_has_no_place_and_after_it_its_nearest_pairs():
+    gate = Gate(scenes.lane(), "s")
+    view = gate.view("A")
+    assert (view.tick, view.time, view.q, view.setpoint, view.stop_end) == (0, 0.0, (), (), ())
+    assert (view.nearest, view.least_clearance) == ((), None)
+    gate.step(Tick("A", 0, 0.0, (-1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)))
+    (near,) = gate.view("A").nearest
+    assert near.distance == pytest.approx(1.45, abs=1e-6)
+    assert gate.view("A").least_clearance == near.distance
+
+
+def test_the_state_tells_the_three_nearest_pairs():
+    around = {f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [0.5 + 0.1 * k, 0, 0]} for k in range(5)}
+    robot = {"urdf": scenes.cart((1, 0, 0)), "start": [-0.5]}
+    hands = Hands(scenes.build({"A": robot}, surroundings=around))
+    assert [n.pair[1] for n in hands.view().nearest] == ["ball_0", "ball_1", "ball_2"]
+
+
+def test_the_least_clearance_is_one_to_others_and_was_asked_of_the_engine():
+    """Its own arms are nearer to each other than anything else; bounds that nobody asked for are loose."""
+    hands = Hands(scenes.tree(), [(1.5, -0.3, 0.0, 0.3, 0.0)])
+    view = hands.view()
+    own = [n for n in view.nearest if {x.split("/")[0] for x in n.pair} == {"A"}]
+    others = [n for n in view.nearest if n not in own]
+    assert min(n.distance for n in own) < min(n.distance for n in others)
+    assert view.least_clearance == min(n.distance for n in others if n.points is not None)
+
+
+@pytest.mark.parametrize("way", ["first", "rebased", "reset"])
+def test_a_plan_after_none_replaces_none(way):
+    hands = pair()
+    if way != "first":
+        hands.ask((STEP,))
+        hands.play()
+    if way == "rebased":
+        hands.tick[0] += 1
+        now = hands.tick[0] * T
+        hands.gate.step(Tick("left", hands.tick[0], now, hands.q[0], hands.q[0], (0.0,), rebased=True))
+    if way == "reset":
+        hands.rest(0, count=2)
+        hands.ask((STEP,))
+        hands.play()
+        (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
+        assert hands.gate.step(Reset(stop.id, "x"))[0].accepted
+    hands.ask((STEP,))
+    assert hands.held[0].key.last_played == -1
+    assert hands.held[0].key.resets == (way == "reset")
+
+
+@pytest.mark.parametrize(("over", "outcome"), [(1e-13, Outcome.ADMITTED), (1e-11, Outcome.LIMITED)])
+def test_a_wish_that_is_over_a_bound_by_rounding_is_admitted(over, outcome):
+    most = 4.0 * T * T
+    verdict = pair(1.0).ask((most + over,))
+    assert (verdict.outcome, bool(verdict.reasons)) == (outcome, outcome is not Outcome.ADMITTED)
+    assert verdict.dq == (pytest.approx(most, abs=1e-15),)
+
+
+def test_a_robot_does_not_rest_while_any_joint_has_way_left():
+    hands = Hands(scenes.lane())
+    hands.ask((1e-4, 0.0))
+    (stop,) = hands.gate.step(Stop(("A",), "x", "y"))
+    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]

@@ -96,7 +96,7 @@ def test_every_cause_before_the_gate_is_named_and_leaves_the_slot_free(cause):
     bare, verdict = spoiled(cause)
     assert verdict.outcome is Outcome.REFUSED
     assert [r.cause for r in verdict.reasons] == [cause]
-    assert verdict.target is None
+    assert (verdict.target, verdict.beta) == (None, 0.0)
     assert verdict.reasons[0].text
     if cause not in (Cause.LEASE, Cause.STOPPED, Cause.LINK, Cause.OCCUPIED):
         tick = SPOILED[cause][0].get("age", 0)

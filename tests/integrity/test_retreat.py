@@ -213,3 +213,71 @@ def test_a_joint_that_came_back_inside_is_held_to_its_limit_again():
     assert rig.players[0].setpoint[1] < 2.0
     verdict = rig.command(0, (0.0, 5e-4))
     assert verdict.dq[1] == pytest.approx(2.0 - rig.players[0].setpoint[1])
+
+
+# --- whose turn it is, to the tick and to the micrometre ----------------------------------------------------
+
+
+@pytest.mark.parametrize("why", ["no lease", "stopped", "no way out"])
+def test_who_went_first_gives_way_at_once(why):
+    """Not only once its patience has run out."""
+    rig = near()
+    rig.step()
+    for _ in range(5):
+        rig.step()
+    claim, now = rig.gate._judge._retreat._claim, rig.gate._robots[0].tick
+    claim[0] = now
+    assert rig.command(1, AWAY["slow"]).outcome is Outcome.REFUSED
+    for _ in range(6):
+        rig.step()
+    claim[0] = now + 1
+    if why == "no lease":
+        rig.feed(LeaseChange("fast", None))
+    if why == "stopped":
+        rig.stop("fast")
+    if why == "no way out":
+        assert rig.command(0, (0.0, 0.0005)).outcome is Outcome.REFUSED
+    assert rig.command(1, AWAY["slow"]).outcome is not Outcome.REFUSED
+
+
+def test_who_may_not_go_yet_for_it_still_moves_does_not_go_first():
+    rig = near()
+    rig.step()
+    for _ in range(5):
+        rig.step()
+    rig.gate._robots[0].moved = 1e-3
+    assert rig.command(0, AWAY["fast"]).outcome is Outcome.REFUSED
+    rig.gate._robots[0].moved = 0.0
+    assert rig.command(1, AWAY["slow"]).outcome is not Outcome.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("u", "way"),
+    [((-1.5e-7, 0.0), True), ((-0.5e-7, 0.0), False), ((0.0, 1e-4), False), ((0.5e-7, 0.0), False)],
+)
+def test_a_way_out_widens_by_a_tenth_of_a_micrometre(u, way):
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
+    assert (rig.command(0, u).outcome is not Outcome.REFUSED) == way
+
+
+def test_a_robot_that_came_clear_and_is_found_too_near_again_begins_anew():
+    """What it had reached before counts no more: it could never keep that where it is now."""
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
+    rig.expect_faults = True
+
+    def back(rig, i):
+        return (-1e-3, 0.0)
+
+    for _ in range(240):
+        rig.step(back)
+    rig.rest()
+    assert rig.drives[0].q[0] < 0.4
+    rig.command(0, (-1e-4, 0.0))
+    for _ in range(12):
+        rig.step()
+    rig.drives[0].q = np.array([0.43, 0.0])
+    player = rig.players[0]
+    (stopped,) = rig.feed(player.play(rig.now, [0.43, 0.0]))
+    rig.feed(player.play(rig.now, [0.43, 0.0]))
+    assert rig.reset(stopped.id)[0].accepted
+    assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED

@@ -26,26 +26,27 @@ import pytest
 TESTS = ("tests/integrity",)
 ABOUT = {
     "admission": ("gate_order", "gate_exact"),
-    "beside": ("beside", "gate_exact"),
+    "beside": ("beside",),
     "bounds": ("bounds", "gate_exact"),
     "braking": ("limits_exact", "motion_math"),
-    "certificate": ("shapes_certificates", "verdicts"),
-    "clearance": ("groups_exact", "gate_exact", "verdicts", "retreat", "gate_order"),
-    "engine": ("shapes_certificates",),
+    "certificate": ("certificate_exact", "shapes_certificates", "verdicts"),
+    "clearance": ("clearance_exact", "groups_exact", "gate_exact", "verdicts", "retreat", "gate_order"),
+    "engine": ("certificate_exact", "shapes_certificates"),
     "gate": ("gate_order", "gate_exact", "gate_reserved", "faults"),
     "groups": ("groups_exact", "screen"),
     "judge": ("judge_exact", "gate_order", "retreat", "verdicts"),
     "limits": ("limits_exact", "motion_math"),
     "nearest": ("nearest_exact", "gate_exact"),
     "occupancy": ("occupancy_exact", "motion_math"),
+    "question": ("clearance_exact", "groups_exact", "verdicts"),
     "replay": ("gate_order",),
     "reservations": ("gate_reserved", "gate_exact", "gate_order"),
     "retreat": ("retreat", "gate_exact"),
-    "robot": ("gate_exact", "faults", "gate_order"),
+    "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside"),
     "screen": ("screen", "gate_exact"),
     "support": ("groups_exact", "shapes_certificates"),
     "swept": ("groups_exact", "screen"),
-    "view": ("gate_order",),
+    "view": ("gate_exact", "gate_order"),
 }
 """Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
 

@@ -78,15 +78,21 @@ class GateBeside(Gate):
 
     def step_beside(self, event: GateEvent, recorded: Sequence[GateOutput]) -> list[GateOutput]:
         """Takes an event, returns what these rules answer, and goes on as was answered then."""
-        slot = self._of(event.robot).slot if isinstance(event, Command) else -1
-        outputs = self.step(event)
         if isinstance(event, Command):
-            self._follow_command(self._of(event.robot), slot, recorded)
+            s = self._of(event.robot)
+            slot, waiting = s.slot, s.pending
+            outputs = self.step(event)
+            self._follow_command(s, slot, waiting, recorded)
+        else:
+            outputs = self.step(event)
         self._follow_stops(outputs, recorded)
         return outputs
 
-    def _follow_command(self, s: RobotState, slot: int, recorded: Sequence[GateOutput]) -> None:
-        plan = next((output for output in recorded if isinstance(output, Plan)), None)
+    def _follow_command(
+        self, s: RobotState, slot: int, waiting: Plan | None, recorded: Sequence[GateOutput]
+    ) -> None:
+        """Takes the plan that was sent then; without one, whatever waited for its answer still waits."""
+        plan = next((output for output in recorded if isinstance(output, Plan)), waiting)
         verdict = next((output for output in recorded if isinstance(output, Verdict)), None)
         s.slot = slot if verdict is None or verdict.target is None else verdict.target
         if s.pending != plan:
@@ -99,8 +105,8 @@ class GateBeside(Gate):
         """The recorded plan with what can be said of it at once; the rest is proven where it matters."""
         occupied = s.occupancy_to(end_of(s.setpoint, plan.increments))
         swept = self._clearance.space.sweep(s.index, occupied)
-        anything = np.full_like(self._clearance.limits_of[s.index], -np.inf)
-        judged = self._clearance.judge(s.index, swept, None, anything, Budget(0))
+        most = np.full_like(self._clearance.limits_of[s.index], np.inf)
+        judged = self._clearance.judge(s.index, swept, None, most, Budget(0))
         self._clearance.watch()
         return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
 
