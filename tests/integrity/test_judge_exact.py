@@ -1,10 +1,15 @@
 """How a wish is reduced where something is in the way: one budget, few trials, and every number told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from armgate.cell.events import Cause, Outcome
+from armgate.cell.events import Cause, Outcome, Plan, PlanKey
 from armgate.integrity import judge as judging
+from armgate.integrity.clearance import Judgement
+from armgate.integrity.limits import Wish
+from armgate.integrity.question import Binding
 from integrity import scenes
 from integrity.hands import STEP, Hands
 from integrity.rig import Rig
@@ -106,3 +111,76 @@ def test_one_proven_step_is_enough_for_the_next():
     before = queries(hands)
     hands.ask((4 * 0.012**2 * 0.9, 0.0))
     assert queries(hands) == before
+
+
+# --- less of a wish: where the margin would be used up ------------------------------------------------------
+
+POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def bound_by(hands, margin):
+    """Bindings of the first pair, of which so much more than must be kept is proven as it is held."""
+    clearance = hands.gate._clearance
+    clearance.bound[0] = clearance.limits[0] + margin
+    return lambda lb: Binding(0, clearance.limits[0] + lb, clearance.limits[0], POINTS)
+
+
+@pytest.mark.parametrize(
+    ("held", "tried", "beta", "found"),
+    [
+        (0.5, -0.5, 1.0, 0.98 * 0.5),
+        (0.5, -0.5, 0.5, 0.98 * 0.25),
+        (0.25, -0.75, 1.0, 0.98 * 0.25),
+        (0.5, -np.inf, 0.5, 0.25),  # nothing was proven: half of it
+        (0.0, -0.5, 0.5, 0.25),  # nothing is left that could be used up
+        (-0.5, -1.0, 0.5, 0.25),
+    ],
+)
+def test_less_is_tried_where_the_margin_would_be_used_up(held, tried, beta, found):
+    hands = lane_hands(-1.0, "slow")
+    binding = bound_by(hands, held)(tried)
+    assert hands.gate._judge._secant(beta, binding) == pytest.approx(found, rel=1e-12)
+
+
+@pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
+def test_what_is_never_proven_is_tried_three_times(response, trials):
+    hands = lane_hands(-1.0, response)
+    binding, asked = bound_by(hands, 0.5)(-0.5), []
+
+    def judge(robot, new, step, need, budget):
+        asked.append(new.nodes[-1][0])
+        return Judgement(need, binding)
+
+    hands.gate._clearance.judge = judge
+    assert hands.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
+    ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
+    assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-9)
+
+
+@pytest.mark.parametrize(("upper", "outcome"), [(1.2, 0.75), (1.15, 0.0)])
+def test_less_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypatch):
+    """Both ends of a blend stay inside, and what is between them need not: it stops later than the one, and
+    is faster than the other."""
+    hands = lane_hands(0.0, "slow")
+    judge, s = hands.gate._judge, hands.gate._robots[0]
+    s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))
+    s.held = Plan("A", PlanKey("s", 0, 1, -1), 1, ((1.0, 0.0),))
+    wish, binding = Wish((0.5, 3.5), 1.0, ()), bound_by(hands, 0.5)(-0.5)
+    answers = [Judgement(np.zeros(1), binding), Judgement(np.zeros(1), None)]
+    monkeypatch.setattr(hands.gate._clearance, "judge", lambda *_: answers.pop(0))
+    monkeypatch.setattr(judge, "_secant", lambda beta, binding: 0.75)
+    decision = judge._clear(wish, s, judge._retreat.demand(s, [s]))
+    assert decision.beta == outcome
+    assert len(answers) == (outcome == 0.0)
+
+
+def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
+    """If that is the only one: what is kept says nothing of how a new way extends several."""
+    hands = lane_hands(-1.0)
+    hands.ask((1e-4, 0.0))
+    hands.play()
+    s, judge = hands.gate._robots[0], hands.gate._judge
+    new = hands.gate._clearance.space.sweep(0, s.occupancy_to((-0.75, 0.25)))
+    assert judge._step(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
+    s.residue = (s.main,)
+    assert judge._step(s, new) is None

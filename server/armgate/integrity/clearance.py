@@ -168,7 +168,7 @@ class Clearance:
 
     def _slab(self, group: Group, robot: int, new: Swept, sel: Index, n: Array) -> Array:
         lb = [group.slab(new, side, sel, n)[0] for side in self._others(group, robot, new)]
-        return np.asarray(np.min(lb, axis=0) - MARGIN) if lb else np.full(len(sel), -np.inf)
+        return np.asarray(np.min(lb, axis=0) - MARGIN)
 
     def _pursue(self, ask: Question, budget: Budget) -> Found:
         """Stages 3 and 4 for one pair: a new direction for the whole, then cells; the best bound found."""
