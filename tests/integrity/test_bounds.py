@@ -51,3 +51,11 @@ def test_who_shares_what_with_whom():
             assert [ids[robot][k] for k in here] == [ids[other][k] for k in there]
             seen[robot, other] = {ids[robot][k] for k in here}
     assert seen == {(0, 1): {1, 3}, (1, 0): {1, 3}, (1, 2): {5}, (2, 1): {5}}
+
+
+def test_who_shares_nothing_writes_its_own_alone():
+    bounds = KeptBounds([np.array(ids, dtype=np.intp) for ids in ([0, 1], [2, 3], [])])
+    bounds.put(0, np.array([0.5, 1.5]))
+    bounds.put(1, np.array([2.5, 3.5]))
+    bounds.put(2, np.zeros(0))
+    assert [bounds.of(k).tolist() for k in range(3)] == [[0.5, 1.5], [2.5, 3.5], []]

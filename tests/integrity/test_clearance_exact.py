@@ -94,7 +94,8 @@ def test_a_survey_asks_about_near_pairs_only():
 
 
 def test_directions_between_centres_are_of_length_one_and_up_where_they_are_none():
-    clearance = ball({"here": sphere(0.0), "there": sphere(0.3, 0.4), "near": sphere(1e-3)})
+    around = {"here": sphere(0.5, -0.5), "there": sphere(0.8, -0.1), "near": sphere(0.501, -0.5)}
+    clearance = ball(around, (0.5, -0.5, 0.0))
     (group,) = clearance.groups[0]
     n = clearance._between(group, 0)
     assert n == pytest.approx(np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0], [1.0, 0.0, 0.0]]), abs=1e-12)
@@ -203,6 +204,17 @@ def test_what_is_truly_too_near_costs_one_question():
     assert q == pytest.approx([0.27, 0.36, 0.0], abs=1e-4)
 
 
+def test_what_the_tube_takes_is_too_near_too():
+    clearance = ball({"b": sphere(0.5)})
+    new = clearance.space.sweep_nodes(0, np.zeros((1, 3)), np.array([0.01, 0.0, 0.0]))
+    for need, free in ((0.3899, True), (0.3901, False), (0.405, False)):
+        clearance._n[0] = [0.0, 0.0, 1.0]
+        budget = Budget(PLENTY)
+        found = clearance.judge(0, new, None, np.array([need]), budget)
+        assert (found.binding is None) == free
+        assert budget.left == PLENTY - 1
+
+
 BEND = ((-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
 """A way around a corner; inside of it, no plane separates the whole way from a ball at (−0.15, 0.15)."""
 
@@ -281,24 +293,30 @@ def test_a_turning_bar_is_proven_in_halves(gap, free):
         assert asked > 4
 
 
-def bars(apart):
-    """Two bars that face each other, each turning about its end, ``apart`` between their tips' circles."""
-    along = (0.0, np.pi / 2, 0.0)
-    arm = scenes.urdf(
-        [scenes.joint(-1, bodies=(scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=along),))]
+def bars(apart, hub=None):
+    """Two bars that face each other, each turning about its end, ``apart`` between their tips' circles.
+
+    One of them may have a hub: a body that turning hardly moves.
+    """
+    bar = scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=(0.0, np.pi / 2, 0.0))
+    plain, hubbed = (
+        scenes.urdf([scenes.joint(-1, bodies=bodies)])
+        for bodies in ((bar,), (bar, scenes.body("sphere", 0.03)))
     )
     robots = {
-        "A": {"urdf": arm, "start": [0.0]},
-        "B": {"urdf": arm, "start": [0.0], "base": {"xyz": [1.64 + apart, 0, 0], "rpy": [0, 0, np.pi]}},
-    }
+        "A": {"urdf": hubbed if hub == 0 else plain, "start": [0.0]},
+        "B": {"urdf": hubbed if hub == 1 else plain, "start": [0.0],
+              "base": {"xyz": [1.64 + apart, 0, 0], "rpy": [0, 0, np.pi]}},
+    }  # fmt: skip
     return Clearance(scenes.build(robots), False)
 
 
 @pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
+@pytest.mark.parametrize("hub", [None, 0, 1])
 @pytest.mark.parametrize(("ways", "budget"), [((1.2, 0.02), 60), ((0.02, 1.2), 60), ((1.0, 1.0), 250)])
-def test_of_two_turning_bars_the_one_that_goes_farther_is_halved(gap, free, ways, budget):
+def test_of_two_turning_bars_the_one_that_goes_farther_is_halved(gap, free, ways, budget, hub):
     """With the other one halved no budget would do."""
-    clearance = bars(gap)
+    clearance = bars(gap, hub)
     one, other = ways
     hold(clearance, 0, (0.0,))
     hold(clearance, 1, (-other / 2,), (other / 2,))

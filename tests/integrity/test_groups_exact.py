@@ -84,6 +84,7 @@ def test_a_slab_is_what_the_text_says(name, nodes):
             for k, pair in enumerate(group.ids):
                 a, b = (cell.bodies[x] for x in (cell.pairs[pair].a, cell.pairs[pair].b))
                 assert group.limit[k] == cell.pairs[pair].limit
+                assert abs(group.sign[k]) == 1.0
                 if group.sign[k] < 0:
                     a, b = b, a
                 assert a.robot == robot
@@ -168,3 +169,72 @@ def test_bounds_keep_a_margin_for_rounding():
     clearance.survey(0)
     assert clearance.bound[0] == pytest.approx(1.0 - MARGIN, abs=1e-12)
     assert clearance.bound[0] <= 1.0 - 0.9 * MARGIN
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_the_nodes_told_are_those_where_a_plane_separates_least(name):
+    cell, rng = scenes.SCENES[name](), np.random.default_rng(7)
+    clearance = Clearance(cell, False)
+    space = clearance.space
+
+    def nodes_of(robot):
+        return np.array(some_occupancy(cell.robots[robot], rng, 3).nodes)
+
+    for robot, groups in enumerate(clearance.groups):
+        for group in groups:
+            other, chained = group.other, isinstance(group, ChainGroup)
+            none = np.zeros(cell.robots[robot].model.n)
+            nodes, every = nodes_of(robot), np.arange(len(group.ids))
+            mine, one_by_one = (
+                space.sweep_nodes(robot, nodes, none),
+                [space.sweep_nodes(robot, nodes[i : i + 1], none) for i in range(3)],
+            )
+            side = space.static
+            if other is not None:
+                side = mine if other == robot else space.sweep_nodes(other, nodes_of(other), none)
+            n = rng.normal(size=(len(every), 3))
+            n /= np.linalg.norm(n, axis=1, keepdims=True)
+            _, near, far = group.slab(mine, side, every, n)
+            rooms = [group.slab(m, m if chained else side, every, n)[0] for m in one_by_one]
+            assert np.min(rooms, axis=0) == pytest.approx(np.choose(near, rooms), abs=1e-12)
+            if other is not None and not chained:
+                ways = one_by_one
+                if other != robot:
+                    ways = [space.sweep_nodes(other, side.nodes[i : i + 1], none) for i in range(3)]
+                rooms = [group.slab(mine, w, every, n)[0] for w in ways]
+                assert np.min(rooms, axis=0) == pytest.approx(np.choose(far, rooms), abs=1e-12)
+
+
+def test_only_bodies_of_which_one_carries_the_other_are_of_one_chain():
+    """On a trunk with two arms: those of one arm, or of an arm and the trunk, and not those of both arms."""
+    cell = scenes.tree()
+    clearance = Clearance(cell, False)
+    found = {}
+    for group in clearance.groups[0]:
+        for pair in group.ids:
+            a, b = (
+                (name.split("/")[1] for name in clearance.names(int(pair)) if "/" in name)
+                if (cell.pairs[pair].kind == "self")
+                else (None, None)
+            )
+            if a is not None:
+                found[frozenset((a, b))] = isinstance(group, ChainGroup)
+    carried = {frozenset(p) for p in (("L0", "L2"), ("L0", "L4"))}
+    apart = {frozenset(p) for p in (("L1", "L3"), ("L1", "L4"), ("L2", "L3"), ("L2", "L4"))}
+    assert found == dict.fromkeys(carried, True) | dict.fromkeys(apart, False)
+
+
+@pytest.mark.parametrize(("start", "reach"), [(0.2, 1.0), (0.8, 1.0), (1.5, 1.5), (-1.75, 1.75)])
+def test_motion_is_bounded_over_the_limits_and_the_start(start, reach):
+    """A ball on a slide behind a turning joint: turning moves it as far as the slide can be out."""
+    joints = [
+        scenes.joint(-1),
+        scenes.joint(
+            0, "prismatic", axis=(1, 0, 0), lower=-1.0, upper=0.5, bodies=(scenes.body("sphere", 0.1),)
+        ),
+    ]
+    robot = {"urdf": scenes.urdf(joints), "start": [0.0, start]}
+    space = Clearance(scenes.build({"A": robot}), False).space
+    (motion,) = space.motion[0]
+    assert reach + 0.1 - 1e-9 <= motion[0] <= reach + 0.1 + 1e-6
+    assert motion[1] == pytest.approx(1.0)

@@ -72,6 +72,42 @@ def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
     for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
         assert _first(margin, count).tolist() == expected
     assert _first(np.zeros(0), 3).tolist() == []
+    rng = np.random.default_rng(3)
+    for size in range(1, 20):
+        margin = rng.permutation(size).astype(float)
+        for count in range(1, size + 2):
+            assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
+
+
+def test_what_stands_still_is_told_though_a_robot_is_unknown():
+    cell = scenes.head_on(1.1, surroundings={"b": {"shape": {"sphere": 0.1}, "xyz": [-0.55, 0.5, 0]}})
+    (found,) = NearestPairs(Clearance(cell, False)).find(0, [(-0.55,), None], 3).values()
+    assert found.pair[1] == "b"
+    assert found.distance == pytest.approx(0.35, abs=1e-6)
+
+
+def test_a_leap_among_many_bodies_costs_a_few_questions():
+    """All bounds are used up at once: one slab for all tells which few are worth a question."""
+    rng = np.random.default_rng(5)
+    around = {
+        f"b{k}": {"shape": {"box": [0.02, 0.03, 0.04]}, "xyz": [float(x) for x in rng.uniform(-2, 2, 3)]}
+        for k in range(60)
+    }
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), (0, 0, 1)), "start": [0.0] * 3}
+    cell = scenes.build({"A": robot}, surroundings=around)
+    clearance, oracle = Clearance(cell, False), Oracle(cell)
+    clearance.hold(0, [clearance.space.still(0, (0.0,) * 3)])
+    clearance.survey(0)
+    nearest, most = NearestPairs(clearance), 0
+    for _ in range(20):
+        q = tuple(map(float, rng.uniform(-0.25, 0.25, 3)))
+        before = clearance.certifier.queries
+        found = next(iter(nearest.find(0, [q], 1).values()))
+        most = max(most, clearance.certifier.queries - before)
+        R, t = oracle.place([np.array([q])])
+        true = min(oracle.apart(p, R[0], t[0]).high for p in range(len(cell.pairs)))
+        assert found.distance == pytest.approx(true, abs=1e-5)
+    assert most <= 8
 
 
 @pytest.mark.parametrize("name", ["duel", "mesh"])
@@ -85,3 +121,5 @@ def test_start_clearances_hold_every_nearest_pair(name):
     true = {p: oracle.apart(p, R[0], t[0]).high - cell.pairs[p].limit for p in range(len(cell.pairs))}
     assert margins[0] == pytest.approx(min(true.values()), abs=1e-5)
     assert len(told) > 10
+    at = {frozenset(cell.bodies[x].name for x in (p.a, p.b)): k for k, p in enumerate(cell.pairs)}
+    assert all(true[at[frozenset(n.pair)]] - m < 0.2 for n, m in zip(told, margins, strict=True))

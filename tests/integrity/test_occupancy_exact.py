@@ -106,8 +106,28 @@ def test_all_joints_must_be_within_at_one_place_of_the_way():
 def test_rounding_alone_is_no_fault():
     exact = Occupancy(((0.0,), (1.0,)), (0.0,))
     assert settle_measured((1.0 + 0.5 * ROUNDING,), [exact], 0.0) is not None
-    assert settle_measured((1.0 + 3 * ROUNDING,), [exact], 0.0) is None
+    assert settle_measured((1.0 + 1.5 * ROUNDING,), [exact], 0.0) is None
     still = Occupancy(((0.3,),), (0.0,))
     assert settle_measured((0.3,), [still], 0.0) == (0.3,)
     assert settle_measured((0.3 + 3 * ROUNDING,), [still], 0.0) is None
     assert settle_measured((math.nextafter(0.3, 1.0),), [still], 0.0) is not None
+
+
+def test_a_tube_does_not_depend_on_where_the_way_is():
+    shift = (3.0, -2.0)
+    a, b, c = (tuple(x + d for x, d in zip(p, shift, strict=True)) for p in (A, B, (1.0, 3.0)))
+    assert occupancy(a, b, c, [], 0.0).tube == pytest.approx((0.75, 0.75))
+
+
+def test_a_measurement_exactly_at_the_edge_is_inside():
+    edge = 0.25 - ROUNDING
+    for q in (1.25, -0.25):
+        assert settle_measured((q,), [Occupancy(((0.0,), (1.0,)), (edge,))], 0.0) == (q,)
+    for q in (0.25, -0.25):
+        assert settle_measured((q,), [Occupancy(((0.0,),), (edge,))], 0.0) == (q,)
+
+
+def test_a_way_shorter_than_the_rounding_counts_with_its_length():
+    short = Occupancy(((0.0,), (0.5 * ROUNDING,)), (0.0,))
+    assert settle_measured((1.4 * ROUNDING,), [short], 0.0) is not None
+    assert settle_measured((1.6 * ROUNDING,), [short], 0.0) is None

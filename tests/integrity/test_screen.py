@@ -10,7 +10,7 @@ import pytest
 from armgate.integrity.clearance import Clearance
 from armgate.integrity.compiled import CompiledScreen
 from armgate.integrity.occupancy import Occupancy, occupancy
-from armgate.integrity.screen import MARGIN, Screen
+from armgate.integrity.screen import MARGIN, Screen, robot_pairs
 from integrity import scenes
 
 numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None else None
@@ -170,3 +170,48 @@ def test_pairs_soon_open_are_tried_with_those_that_are_and_only_of_their_sides(c
     bound[open_] = need[open_]
     clearance.screen.run(0, new, step, need, (bound, clearance._n))
     assert tried == [[open_, soon]]
+
+
+def test_a_robot_without_pairs_has_nothing_to_judge():
+    none = robot_pairs([], 3)
+    assert [len(x) for x in (none.ids, none.mine, none.theirs, none.sign, none.side)] == [0] * 5
+    assert none.growth.shape == (0, 3)
+    assert (none.chain, none.chained) == (None, 0)
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_what_is_just_enough_leaves_nothing_open(compiled):
+    """By the kept bound, and by the slab."""
+    cell = CELLS["duel"]
+    clearance = Clearance(cell, compiled)
+    starts = [tuple(map(float, r.start)) for r in cell.robots]
+    for i, q in enumerate(starts):
+        clearance.hold(i, [clearance.space.still(i, q)])
+    new, n = clearance.space.still(0, starts[0]), clearance._n
+    count = len(clearance.pairs_of[0])
+    lb, left = clearance.screen.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))
+    assert len(left) == count
+    again, left = clearance.screen.run(0, new, None, lb, (np.zeros(count), n))
+    assert np.array_equal(again, lb)
+    assert len(left) == 0
+    need = np.linspace(0.1, 0.2, count)
+    kept, left = clearance.screen.run(0, new, np.zeros(cell.robots[0].model.n), need, (need, n))
+    assert np.array_equal(kept, need)
+    assert len(left) == 0
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_what_was_judged_and_not_held_counts_for_nobody_else(compiled):
+    """The left one is judged for a way to the right: the right one is held against where it stands still."""
+    clearance = Clearance(scenes.head_on(1.1), compiled)
+    for i, x in enumerate((-0.55, 0.55)):
+        clearance.hold(i, [clearance.space.still(i, (x,))])
+    clearance.survey(0)
+    need, step, kept = np.array([0.9]), None, (np.array([1.0]), clearance._n)
+    for _ in range(2):
+        new = clearance.space.sweep(0, Occupancy(((-0.55,), (0.0,)), (0.0,)))
+        assert clearance.screen.run(0, new, step, need, kept)[0] == pytest.approx([0.45], abs=1e-8)
+        still = clearance.space.still(1, (0.55,))
+        assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([1.0], abs=1e-8)
+    clearance.hold(0, [clearance.space.still(0, (-0.25,))])
+    assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([0.7], abs=1e-8)

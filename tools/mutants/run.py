@@ -43,7 +43,7 @@ ABOUT = {
     "reservations": ("gate_reserved", "gate_exact", "gate_order"),
     "retreat": ("retreat", "gate_exact"),
     "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside"),
-    "screen": ("screen", "gate_exact"),
+    "screen": ("screen", "clearance_exact", "gate_exact"),
     "support": ("groups_exact", "shapes_certificates"),
     "swept": ("groups_exact", "screen"),
     "view": ("gate_exact", "gate_order"),

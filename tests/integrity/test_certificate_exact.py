@@ -1,0 +1,139 @@
+"""Certificates and engines by hand: balls whose distances anybody can write down, anywhere in space."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from armgate.cell.shapes import Box, Convex, Sphere
+from armgate.integrity import certificate
+from armgate.integrity.certificate import GAP, Budget, Certifier
+from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
+from armgate.integrity.groups import Group
+from armgate.integrity.support import support_table
+from armgate.integrity.swept import Swept
+
+ENGINES = [CoalEngine, FclEngine]
+X = (1.0, 0.0, 0.0)
+
+
+class Says:
+    """An engine with one answer; counts how often it is asked."""
+
+    def __init__(self, distance, normal=X, points=((0, 0, 0), (0, 0, 0))):
+        self.said = Suggestion(
+            distance, np.array(normal, dtype=float), tuple(np.array(p, float) for p in points)
+        )
+        self.asked = 0
+
+    def suggest(self, *_):
+        self.asked += 1
+        return self.said
+
+
+def balls(monkeypatch, first, second, *radii):
+    """A certifier with these engines and a group of one pair, the first ball with the second."""
+    monkeypatch.setattr(certificate, "CoalEngine", lambda shapes: first)
+    monkeypatch.setattr(certificate, "FclEngine", lambda shapes: second)
+    shapes = [Sphere(r) for r in radii]
+    certifier = Certifier(SimpleNamespace(bodies=[SimpleNamespace(shape=s) for s in shapes]))
+    rows, one, other = support_table(shapes), np.array([0]), np.array([1])
+    group = Group(
+        other=None, ids=one, mine=one, theirs=other, sign=np.ones(1), limit=np.zeros(1), shape_mine=one,
+        shape_theirs=other, rows_mine=rows[one], rows_theirs=rows[other], growth=np.zeros((1, 0)),
+    )  # fmt: skip
+    return certifier, group
+
+
+def standing(*nodes):
+    """Bodies that stand at these places, node by node."""
+    t = np.array(nodes, dtype=float)
+    none = np.zeros((t.shape[1], 0))
+    R = np.broadcast_to(np.eye(3), (*t.shape[:2], 3, 3))
+    return Swept(np.zeros((len(t), 0)), np.zeros(0), lambda: (R, t), none, none[:, :, None])
+
+
+def test_a_budget_gives_what_it_has():
+    budget = Budget(2)
+    assert [budget.take() for _ in range(4)] == [True, True, False, False]
+    assert not Budget(0).take()
+
+
+def test_a_proof_is_of_the_nodes_asked_for(monkeypatch):
+    certifier, group = balls(monkeypatch, Says(0.0), Says(0.0), 0.5, 0.25)
+    mine = standing([(1, 2, 3), (0, 0, 0)], [(2, 2, 3), (0, 0, 0)], [(3, 2, 3), (0, 0, 0)])
+    theirs = standing([(0, 0, 0), (9, 2, 3)], [(0, 0, 0), (8, 2, 3)], [(0, 0, 0), (6, 2, 3)])
+    for i, j, centres in ((0, 0, 8.0), (0, 2, 5.0), (2, 0, 6.0), (1, 2, 4.0)):
+        assert certifier.prove(group, 0, mine, theirs, (i, j)).lb == centres - 0.75
+
+
+@pytest.mark.parametrize(("off", "second"), [(0.5, 0), (1.0, 0), (1.5, 1), (-0.5, 0), (-1.5, 1)])
+def test_a_second_engine_is_asked_where_the_first_is_off_by_more_than_a_tenth_of_a_millimetre(
+    off, second, monkeypatch
+):
+    """The balls touch, so that the proof is zero to the last bit."""
+    engines = Says(off * GAP), Says(0.0)
+    certifier, group = balls(monkeypatch, *engines, 0.5, 0.5)
+    assert (certifier.queries, certifier.gaps) == (0, 0)
+    sides = standing([(3, 1, 0), (0, 0, 0)]), standing([(0, 0, 0), (4, 1, 0)])
+    for count in (1, 2):
+        assert certifier.prove(group, 0, *sides, (0, 0)).lb == 0.0
+        assert (certifier.queries, certifier.gaps) == (count, count * second)
+    assert (engines[0].asked, engines[1].asked) == (2, 2 * second)
+
+
+@pytest.mark.parametrize(
+    ("normals", "lb", "point"),
+    [((X, X), 1.0, 1.0), (((0, 1, 0), X), 1.0, 2.0), ((X, (0, 1, 0)), 1.0, 1.0)],
+)
+def test_the_better_proof_counts_and_of_equal_ones_the_first(normals, lb, point, monkeypatch):
+    engines = [Says(5.0, n, [(k, 0, 0)] * 2) for k, n in enumerate(normals, 1)]
+    certifier, group = balls(monkeypatch, *engines, 0.5, 0.5)
+    proof = certifier.prove(group, 0, standing([(3, 1, 0)] * 2), standing([(5, 1, 0)] * 2), (0, 0))
+    assert proof.lb == lb
+    assert tuple(proof.n) == X
+    assert proof.points == ((point, 0.0, 0.0), (point, 0.0, 0.0))
+
+
+# --- engines ------------------------------------------------------------------------------------------------
+
+
+def at(*t):
+    return np.eye(3), np.array(t, dtype=float)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("n", [X, (0.0, -1.0, 0.0), (0.6, 0.0, -0.8)])
+def test_an_engine_tells_the_direction_and_the_points_of_two_balls(engine, n):
+    n, a = np.array(n), np.array([3.0, 1.0, 2.0])
+    found = engine((Sphere(0.5), Sphere(0.25))).suggest(0, at(*a), 1, at(*(a + 2.0 * n)))
+    assert found.distance == pytest.approx(1.25, abs=1e-6)
+    assert found.normal == pytest.approx(n, abs=1e-5)
+    assert found.points[0] == pytest.approx(a + 0.5 * n, abs=1e-5)
+    assert found.points[1] == pytest.approx(a + 1.75 * n, abs=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_bodies_that_overlap_have_a_direction_of_length_one(engine):
+    found = engine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(2.5, 0, 0))
+    assert found.normal == pytest.approx([-1, 0, 0], abs=1e-6)
+    same = engine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(3, 0, 0))
+    assert np.linalg.norm(same.normal) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_who_knows_no_direction_says_up():
+    found = FclEngine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(3, 0, 0))
+    assert tuple(found.normal) == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("one", "other"), [(0.1, 0.0), (0.0, 0.1), (0.1, 0.2), (1.0, 1.0)])
+def test_what_a_hull_has_around_it_is_taken_off_on_its_side(engine, one, other):
+    cube = tuple((x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5))
+    asked = engine((Convex(cube, one), Convex(cube, other), Box(1.0, 1.0, 1.0)))
+    for b in (1, 2):
+        r = other if b == 1 else 0.0
+        found = asked.suggest(0, at(1, 0, 0), b, at(5, 0, 0))
+        assert found.distance == pytest.approx(3.0 - one - r, abs=1e-6)
+        assert found.normal == pytest.approx(X, abs=1e-6)
+        assert [p[0] for p in found.points] == pytest.approx([1.5 + one, 4.5 - r], abs=1e-6)
