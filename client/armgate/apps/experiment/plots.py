@@ -75,7 +75,7 @@ def _enlarge(axes: Any, run: Series) -> None:
     if len(later) and np.nanmax(angle) > HIDES * top:
         axes.set_ylim(top=top)
         text = f"at first up to {np.nanmax(angle):.1f}°"
-        axes.text(0.02, 0.85, text, transform=axes.transAxes, fontsize=8, color="#555")
+        axes.text(0.12, 0.85, text, transform=axes.transAxes, fontsize=8, color="#555")
 
 
 def _distance(axes: Any, run: Series, alone: bool) -> None:
