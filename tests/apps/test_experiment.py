@@ -251,13 +251,14 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "&lt;dash&gt;" in text
     assert "does not hold" in text
     assert "http" not in text
-    assert '<td>≥ 50 mm</td><td class="n">200 mm</td>' in text
+    assert '<td class="g">≥ 50 mm</td><td class="n">200 mm</td>' in text
 
 
 @pytest.mark.parametrize(
     ("value", "unit", "told"),
     [
         (0.016073, "m", "16.1 mm"),
+        (1.7082, "m", "1708 mm"),
         (0.83584, "°", "0.836°"),
         (1 / 3, "", "0.333"),
         (1.476, "s", "1.48 s"),

@@ -32,17 +32,22 @@ class Claim:
         return "–" if self.value is None else worded(self.value, self.unit)
 
 
+def digits(value: float) -> str:
+    """Three digits, and all of what stands before the point."""
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
+
+
 def worded(value: float, unit: str = "") -> str:
     """A figure with its unit for people: three digits, lengths in mm; what is counted as it is."""
     match unit:
         case "m":
-            return f"{1000.0 * value:.3g} mm"
+            return f"{digits(1000.0 * value)} mm"
         case "°":
-            return f"{value:.3g}°"
+            return f"{digits(value)}°"
         case "commands" | "states":
             return f"{value:.0f}"
         case _:
-            return f"{value:.3g} {unit}".strip()
+            return f"{digits(value)} {unit}".strip()
 
 
 def claims(experiment: str, entries: Sequence[Entry]) -> list[Claim]:

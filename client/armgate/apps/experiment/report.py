@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from armgate.apps.experiment.claims import Claim
+from armgate.apps.experiment.claims import Claim, digits
 
 PAPER = {
     "approach": "Three approaches; the angle falls monotonically, the distance need not (figure 8).",
@@ -24,6 +24,7 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; marg
 h1, h2 { line-height: 1.2 } table { border-collapse: collapse; margin: 1rem 0; width: 100% }
 td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top }
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
+td.g { white-space: nowrap }
 .yes { color: #1d7a3e; font-weight: 600 } .no { color: #b3261e; font-weight: 600 } .none { color: #777 }
 img { max-width: 100% } .paper { background: #f3f5f7; padding: .6rem 1rem; border-left: 3px solid #1f4e79 }
 .ended { background: #fbeceb; padding: .6rem 1rem; border-left: 3px solid #b3261e }
@@ -68,7 +69,7 @@ def page(
 def _claims(claims: Sequence[Claim]) -> str:
     rows = [
         f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.paper) or "–"}</td>'
-        f'<td>{html.escape(c.goal)}</td>'
+        f'<td class="g">{html.escape(c.goal)}</td>'
         f'<td class="n">{html.escape(c.told)}</td>{_HOLDS[c.holds]}</tr>'
         for c in claims
     ]  # fmt: skip
@@ -87,9 +88,8 @@ def _cases(aggregate: Mapping[str, Any]) -> str:
             _robots(sums["refused"]),
             f"{_number(sums['realtime_factor'])} ×",
         )  # fmt: skip
-        rows.append(
-            f"<tr><td>{html.escape(case)}</td>" + "".join(f'<td class="n">{c}</td>' for c in cells) + "</tr>"
-        )
+        numbers = "".join(f'<td class="n">{cell}</td>' for cell in cells)
+        rows.append(f'<tr><td class="g">{html.escape(case)}</td>{numbers}</tr>')
     heads = (
         "case",
         "runs",
@@ -120,4 +120,4 @@ def _picture(caption: str, file: Path) -> str:
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:
-    return "–" if value is None else f"{scale * value:.3g}"
+    return "–" if value is None else digits(scale * value)
