@@ -7,7 +7,7 @@ import pytest
 
 from armgate.cell.shapes import Box, Convex, Sphere
 from armgate.integrity import certificate
-from armgate.integrity.certificate import GAP, Budget, Certifier
+from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
 from armgate.integrity.groups import Group
 from armgate.integrity.support import support_table
@@ -72,7 +72,7 @@ def test_a_second_engine_is_asked_where_the_first_is_off_by_more_than_a_tenth_of
     off, second, monkeypatch
 ):
     """The balls touch, so that the proof is zero to the last bit."""
-    engines = Says(off * GAP), Says(0.0)
+    engines = Says(off * 1e-4), Says(0.0)
     certifier, group = balls(monkeypatch, *engines, 0.5, 0.5)
     assert (certifier.queries, certifier.gaps) == (0, 0)
     sides = standing([(3, 1, 0), (0, 0, 0)]), standing([(0, 0, 0), (4, 1, 0)])
@@ -80,6 +80,13 @@ def test_a_second_engine_is_asked_where_the_first_is_off_by_more_than_a_tenth_of
         assert certifier.prove(group, 0, *sides, (0, 0)).lb == 0.0
         assert (certifier.queries, certifier.gaps) == (count, count * second)
     assert (engines[0].asked, engines[1].asked) == (2, 2 * second)
+
+
+def test_an_engine_that_is_right_is_believed_at_any_distance(monkeypatch):
+    first, second = Says(1.0), Says(0.0)
+    certifier, group = balls(monkeypatch, first, second, 0.5, 0.5)
+    proof = certifier.prove(group, 0, standing([(3, 1, 0)] * 2), standing([(5, 1, 0)] * 2), (0, 0))
+    assert (proof.lb, certifier.gaps, second.asked) == (1.0, 0, 0)
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,12 @@ def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
             assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
 
 
+def test_directions_that_are_found_are_kept_for_all():
+    clearance = Clearance(scenes.lane(), False)
+    NearestPairs(clearance).find(0, [(0.0, 1.5)], 1)
+    assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-4)
+
+
 def test_what_stands_still_is_told_though_a_robot_is_unknown():
     cell = scenes.head_on(1.1, surroundings={"b": {"shape": {"sphere": 0.1}, "xyz": [-0.55, 0.5, 0]}})
     (found,) = NearestPairs(Clearance(cell, False)).find(0, [(-0.55,), None], 3).values()
