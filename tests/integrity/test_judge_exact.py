@@ -148,6 +148,8 @@ def test_what_is_never_proven_is_tried_three_times(response, trials):
     binding, asked = bound_by(hands, 0.5)(-0.5), []
 
     def judge(robot, new, step, need, budget):
+        assert budget.left == 32 - len(asked)  # one for all trials, as the documentation has it
+        assert budget.take()
         asked.append(new.nodes[-1][0])
         return Judgement(need, binding)
 

@@ -1,10 +1,13 @@
 """The tool that puts faults into the gate: what it changes, and that it knows a fault from none."""
 
 import ast
+import tomllib
 from pathlib import Path
 
 from armgate.integrity import braking
 from tools.mutants.mutate import mutants_of
+
+ROOT = Path(__file__).parents[2]
 
 SOURCE = '''
 """1 < 2"""
@@ -44,3 +47,16 @@ def test_each_mutant_is_one_change_with_a_key_of_its_own():
 def test_mutants_of_the_gate_are_modules_still():
     for mutant in mutants_of("braking", Path(braking.__file__).read_text()):
         compile(mutant.tree, "braking", "exec")
+
+
+def test_every_mutant_that_is_listed_as_none_is_there():
+    """A line of the gate that changed takes its reason with it."""
+    given = tomllib.loads((ROOT / "tools" / "mutants" / "reasons.toml").read_text())["equivalent"]
+    listed = [key for group in given for key in group["mutants"]]
+    assert len(set(listed)) == len(listed)
+    there = set()
+    for module in {key.split(":")[0] for key in listed}:
+        source = (Path(braking.__file__).parent / f"{module}.py").read_text()
+        there |= {mutant.key for mutant in mutants_of(module, source)}
+    assert set(listed) - there == set()
+    assert all(group["reason"] for group in given)

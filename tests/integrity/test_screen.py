@@ -187,6 +187,7 @@ def test_what_is_just_enough_leaves_nothing_open(compiled):
     starts = [tuple(map(float, r.start)) for r in cell.robots]
     for i, q in enumerate(starts):
         clearance.hold(i, [clearance.space.still(i, q)])
+    clearance.survey(0)
     new, n = clearance.space.still(0, starts[0]), clearance._n
     count = len(clearance.pairs_of[0])
     lb, left = clearance.screen.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))

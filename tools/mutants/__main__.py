@@ -17,6 +17,8 @@ import random
 import sys
 import time
 import tomllib
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 from tools.mutants.mutate import Mutant, mutants_of
@@ -103,11 +105,23 @@ def _tell(results: list[tuple[Mutant, str]], excused: list[str]) -> int:
     killed = len(results) - len(survivors)
     share = killed / max(len(results), 1)
     print(f"\n{len(excused)} mutants change nothing that matters: tools/mutants/reasons.toml says why")
+    print(*_table([m.key for m, _ in results], excused, [m.key for m in survivors]), sep="\n")
     print(f"{len(survivors)} survived:")
     for mutant in survivors:
         print(f"  line {mutant.line}  {mutant.key}")
     print(f"killed: {killed} of {len(results)}, {share:.1%}")
     return 0 if share >= GOAL else 1
+
+
+def _table(tried: list[str], excused: list[str], survivors: list[str]) -> Iterator[str]:
+    """The result by module, as it stands in docs/mutants.md."""
+    columns = [Counter(key.split(":")[0] for key in keys) for keys in (tried, excused, survivors)]
+    yield "| module | mutants | change nothing | killed | survived |"
+    yield "|---|---:|---:|---:|---:|"
+    modules = sorted(columns[0] | columns[1])
+    for module in [*modules, "all"]:
+        tries, idle, lived = (c.total() if module == "all" else c[module] for c in columns)
+        yield f"| {module} | {tries + idle} | {idle} | {tries - lived} | {lived} |"
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ Texts, annotations and docstrings are left alone: they decide about nothing.
 import ast
 import copy
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 _COMPARE: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -36,11 +37,16 @@ _NAMES = _SWAPPED | {b: a for a, b in _SWAPPED.items()}
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault: its key, the line it is in, and the whole module with it."""
+    """One fault: its key, the line it is in, and how the whole module with it is made."""
 
     key: str
     line: int
-    tree: ast.Module
+    make: Callable[[], ast.Module]
+
+    @property
+    def tree(self) -> ast.Module:
+        """The whole module with the fault."""
+        return self.make()
 
 
 def mutants_of(name: str, source: str) -> list[Mutant]:
@@ -59,7 +65,7 @@ def mutants_of(name: str, source: str) -> list[Mutant]:
             key = f"{name}:{where}: {_text(original)} -> {_text(changed)}"
             seen[key] += 1
             number = f" #{seen[key]}" if seen[key] > 1 else ""
-            found.append(Mutant(key + number, original.lineno, _with(tree, path, changed)))
+            found.append(Mutant(key + number, original.lineno, partial(_with, tree, path, changed)))
     return found
 
 
