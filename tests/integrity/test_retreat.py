@@ -281,3 +281,20 @@ def test_a_robot_that_came_clear_and_is_found_too_near_again_begins_anew():
     rig.feed(player.play(rig.now, [0.43, 0.0]))
     assert rig.reset(stopped.id)[0].accepted
     assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
+
+
+def test_what_is_proven_piece_by_piece_to_be_just_enough_is_no_violation():
+    """Pieces prove what must be kept, to the bit, and not more: nothing may fall below that."""
+    around = {"b": {"shape": {"sphere": 0.05}, "xyz": [-0.125, 0.125, 0.0]}}
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0)), "start": [-0.5, 0.0]}
+    rig = Rig(scenes.build({"A": robot}, surroundings=around), stops=0.0)
+    clearance, state = rig.gate._clearance, rig.gate._robots[0]
+    bend = np.array([(-0.5, 0.0), (0.0, 0.0), (0.0, 0.5)])  # around the ball, 25 mm from it
+    clearance.hold(0, [clearance.space.sweep_nodes(0, bend, np.zeros(2))])
+    clearance.bound[0] = 0.019
+    clearance.watch()
+    assert clearance.below(0) == [0]
+    demand = rig.gate._judge._retreat.demand(state, [state])
+    assert clearance.bound[0] == clearance.limits[0] == 0.02
+    assert (demand.violated, demand.forbidden) == ((), None)
+    assert demand.need.tolist() == [0.02]
