@@ -180,8 +180,7 @@ def test_a_robot_without_pairs_has_nothing_to_judge():
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_what_is_just_enough_leaves_nothing_open(compiled):
-    """By the kept bound, and by the slab."""
+def test_a_slab_that_is_just_enough_leaves_nothing_open(compiled):
     cell = CELLS["duel"]
     clearance = Clearance(cell, compiled)
     starts = [tuple(map(float, r.start)) for r in cell.robots]
@@ -195,10 +194,20 @@ def test_what_is_just_enough_leaves_nothing_open(compiled):
     again, left = clearance.screen.run(0, new, None, lb, (np.zeros(count), n))
     assert np.array_equal(again, lb)
     assert len(left) == 0
-    need = np.linspace(0.1, 0.2, count)
-    kept, left = clearance.screen.run(0, new, np.zeros(cell.robots[0].model.n), need, (need, n))
-    assert np.array_equal(kept, need)
-    assert len(left) == 0
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_a_kept_bound_that_is_just_enough_is_not_looked_at_again(compiled):
+    """Two balls, 2 m apart: 1.25 m were proven, a step takes a quarter, and 1 m must be kept."""
+    clearance = Clearance(scenes.head_on(2.1), compiled)
+    for i, x in enumerate((-1.05, 1.05)):
+        clearance.hold(i, [clearance.space.still(i, (x,))])
+    clearance.survey(0)
+    new, step, kept = clearance.held[0][0], np.array([0.25]), (np.array([1.25]), clearance._n)
+    lb, left = clearance.screen.run(0, new, step, np.array([1.0]), kept)
+    assert (lb.tolist(), left.tolist()) == ([1.0], [])
+    lb, left = clearance.screen.run(0, new, step, np.array([1.001]), kept)
+    assert (lb[0], left.tolist()) == (pytest.approx(2.0, abs=1e-8), [])
 
 
 @pytest.mark.parametrize("compiled", FORMS)
