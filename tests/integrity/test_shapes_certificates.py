@@ -7,7 +7,7 @@ from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
 from armgate.integrity import certificate
 from armgate.integrity.certificate import GAP
 from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
-from armgate.integrity.support import Cornered, support, support_table
+from armgate.integrity.support import Cornered, support, support_of_one, support_table
 from integrity.certificates import (
     KINDS,
     ROUNDING,
@@ -56,6 +56,19 @@ def test_support_is_the_farthest_point(kind):
     v /= np.linalg.norm(v, axis=-1, keepdims=True)
     expected = [[d @ farthest(shape, d) for shape, d in zip(shapes, row, strict=True)] for row in v]
     assert support(table, v) == pytest.approx(np.array(expected), abs=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_body_alone_has_the_same_support(kind):
+    """The certificates ask for one body at a time; a cell of primitives alone tells it by its row."""
+    rng = np.random.default_rng(KINDS.index(kind))
+    shapes = [random_shape(kind, rng) for _ in range(20)]
+    table, v = support_table(shapes), rng.normal(size=(20, 3))
+    v[:3] = np.eye(3)
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    expected = [d @ farthest(shape, d) for shape, d in zip(shapes, v, strict=True)]
+    assert [support_of_one(table[k], v[k]) for k in range(20)] == pytest.approx(expected, abs=1e-14)
+    assert [support_of_one(table[k], v[k]) for k in range(20)] == support(table, v).tolist()
 
 
 def test_mixed_tables_answer_for_selections_and_single_bodies():
