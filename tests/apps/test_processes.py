@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from armgate.apps.interrupt import Interrupt
 from armgate.apps.stack import child
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 
@@ -98,3 +99,22 @@ def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     child.hurry()
+
+
+@pytest.mark.parametrize(("asked", "status"), [(False, 0), (True, child.INTERRUPTED)])
+def test_a_child_reports_that_a_signal_ended_it(
+    monkeypatch: pytest.MonkeyPatch, asked: bool, status: int
+) -> None:
+    monkeypatch.setattr(child, "main", lambda _: sys.exit(0))
+    monkeypatch.setattr(Interrupt, "ever", asked)
+    with pytest.raises(SystemExit) as end:
+        child.live(["lead"])
+    assert end.value.code == status
+
+
+def test_a_failed_child_keeps_its_status_after_a_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(child, "main", lambda _: sys.exit(1))
+    monkeypatch.setattr(Interrupt, "ever", True)
+    with pytest.raises(SystemExit) as end:
+        child.live(["lead"])
+    assert end.value.code == 1

@@ -1,8 +1,10 @@
 """The course of a run, with small scripts in the places of daemon, leader and follower."""
 
 import os
+import queue
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,9 @@ from armgate.apps.demo.plan import NAMES
 from armgate.apps.demo.plan import plan as demo_plan
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.stack import run as course
-from armgate.apps.stack.processes import Asked, Crew, Exited, Printed
+from armgate.apps.stack.child import INTERRUPTED
+from armgate.apps.stack.folder import socket_in
+from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.apps.stack.robots import robots_of
 from armgate.cell.config import load_config
 
@@ -23,6 +27,18 @@ POLITE = [
     *PYTHON,
     "import signal; print('ready')\ntry: signal.pause()\nexcept KeyboardInterrupt: print('rested')",
 ]
+
+TERMINATED = [
+    *PYTHON,
+    "import signal, sys\nsignal.signal(15, lambda *_: (print('terminated'), sys.exit()))\n"
+    "print('ready')\nsignal.pause()",
+]
+FAILS_AT_THE_END = """
+import signal, sys
+signal.signal(signal.SIGTERM, lambda *_: sys.exit("armgate: recording: disk full"))
+print("ready")
+signal.pause()
+"""
 
 
 @pytest.fixture
@@ -78,15 +94,62 @@ def test_a_run_is_done_when_both_controllers_have_ended(crew: Crew) -> None:
 
 
 def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(crew: Crew) -> None:
-    for name in ("daemon", "leader", "follower"):
-        crew.start(name, POLITE)
+    for name, script in (("daemon", TERMINATED), ("leader", POLITE), ("follower", POLITE)):
+        crew.start(name, script)
         assert crew.next(30.0) == Printed(name, "ready")
     crew.events.put(Asked(signal.SIGINT))
     assert not course._until_done(crew, NAMES, lambda: None)
-    course._rest(crew, plan())
+    assert course._rest(crew, plan(), None) is None
     assert crew.running() == []
     assert crew.tail("leader")[-1] == "rested"
-    assert crew.tail("daemon") == ["ready"]  # it was ended by SIGTERM, after the others
+    assert crew.tail("daemon")[-1] == "terminated"  # by SIGTERM, after the others
+
+
+class SlowEnds(queue.SimpleQueue[Event]):
+    """Events in which the end of a child comes later than the child is gone."""
+
+    def put(self, item: Event, *_: object) -> None:
+        if isinstance(item, Exited):
+            time.sleep(0.3)
+        super().put(item)
+
+
+def test_a_failure_counts_although_its_event_comes_after_the_child_is_gone(crew: Crew) -> None:
+    crew.events = SlowEnds()
+    for name in NAMES:
+        crew.start(name, [*PYTHON, "raise SystemExit(1)"])
+    with pytest.raises(AppError, match=r"ended \(1\)"):
+        course._until_done(crew, NAMES, lambda: None)
+
+
+def test_a_participant_that_somebody_stops_ends_the_run(crew: Crew) -> None:
+    crew.start("leader", POLITE)
+    crew.start("follower", [*PYTHON, f"raise SystemExit({INTERRUPTED})"])
+    with pytest.raises(AppError, match="the follower was interrupted before its work was done"):
+        course._until_done(crew, NAMES, lambda: None)
+
+
+@pytest.mark.parametrize("name", ["robots", "krc-FR"])
+def test_a_robot_server_or_krc_that_ends_by_itself_ends_the_run(crew: Crew, name: str) -> None:
+    crew.start("leader", POLITE)
+    crew.start(name, GOOD)
+    with pytest.raises(AppError, match=rf"the {name} ended \(0\)"):
+        course._until_done(crew, NAMES, lambda: None)
+
+
+def test_a_daemon_that_fails_while_it_ends_fails_the_run(crew: Crew) -> None:
+    crew.start("daemon", [*PYTHON, FAILS_AT_THE_END])
+    assert crew.next(30.0) == Printed("daemon", "ready")
+    failure = course._rest(crew, plan(), None)
+    assert "the daemon ended (1)" in str(failure)
+    assert "disk full" in str(failure)
+
+
+def test_the_first_failure_is_the_one_that_is_reported(crew: Crew) -> None:
+    crew.start("daemon", [*PYTHON, FAILS_AT_THE_END])
+    assert crew.next(30.0) == Printed("daemon", "ready")
+    first = AppError("the leader ended (1)")
+    assert course._rest(crew, plan(), first) is first
 
 
 @pytest.mark.parametrize(
@@ -150,3 +213,18 @@ def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
     with pytest.raises(UsageError, match="GR has a real KRC"):
         robots_of(load_config(files), files, tmp_path / "s", tmp_path)
+
+
+def test_the_socket_is_in_the_runs_folder_under_its_shorter_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert socket_in(Path("run")) == Path("run/logs/robots.sock")
+    assert socket_in(Path("/r")) == Path("/r/logs/robots.sock")
+    assert socket_in(tmp_path / "run") == Path("run/logs/robots.sock")
+
+
+def test_a_folder_too_long_for_a_socket_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"too long for the robot server's socket .*name a shorter folder"):
+        socket_in(Path("x" * 120))

@@ -230,6 +230,18 @@ def test_a_child_that_dies_is_named_and_nothing_is_left(tmp_path: Path, command:
     assert f"the {name} was killed by SIGKILL" in err
     assert "Traceback" not in err
     assert not any(alive(pid) for pid in started.values())
+    assert metrics_of(tmp_path / "run")["complete"] is False
+
+
+@pytest.mark.parametrize(("command", "name"), [("lead", "leader"), ("follow", "follower")])
+def test_a_run_whose_participant_is_stopped_is_not_complete(tmp_path: Path, command: str, name: str) -> None:
+    with running(tmp_path, "--lockstep", "--out", "run") as child:
+        os.kill(children(child.pid)[command], signal.SIGINT)
+        out, err = child.communicate(timeout=120)
+    assert child.returncode == 1
+    assert f"the {name} was interrupted before its work was done" in err
+    assert "ended early" in out
+    assert metrics_of(tmp_path / "run")["complete"] is False
 
 
 def test_a_demo_that_is_killed_leaves_nothing_running(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -42,7 +41,7 @@ def demo(
     ] = None,
 ) -> None:
     """Run the whole stack here: daemon, leader, follower, display, plots."""
-    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
+    from armgate.apps.stack.folder import make_folder, socket_in  # noqa: PLC0415
     from armgate.apps.stack.robots import robots_of  # noqa: PLC0415
     from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
 
@@ -51,10 +50,9 @@ def demo(
     plan = _plan(configs, resolved, path or default_file("paths/inspection.csv"), lockstep, duration)
     folder = make_folder(out)
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
-    with TemporaryDirectory(prefix="armgate-") as private:  # a socket's name has to be a short one
-        robots = robots_of(resolved, configs, Path(private) / "robots.sock", folder / "logs")
-        view = not (no_view or lockstep) and _has_viewer()
-        _run(replace(plan, record=folder, robots=robots, view=view), folder)
+    robots = robots_of(resolved, configs, socket_in(folder), folder / "logs")
+    view = not (no_view or lockstep) and _has_viewer()
+    _run(replace(plan, record=folder, robots=robots, view=view), folder)
 
 
 def _has_viewer() -> bool:
@@ -101,9 +99,11 @@ def _run(plan: "Plan", folder: Path) -> None:
 
     with Crew(folder / "logs") as crew, interruptions(crew):
         with screen(sys.stdout.isatty()) as show:
-            watch, complete = run(crew, plan, show)
-        metrics, pictures = _evaluate(watch, complete, folder)
+            ended = run(crew, plan, show)
+        metrics, pictures = _evaluate(ended.watch, ended.complete, folder)
     _tell(metrics, folder, pictures)
+    if ended.failure is not None:
+        raise ended.failure
 
 
 def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, Any], list[Path]]:

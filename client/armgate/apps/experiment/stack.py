@@ -35,14 +35,17 @@ def play(
         Its figures; None if somebody asked to end.
 
     Raises:
-        AppError: A process died or never became ready.
+        AppError: A process failed, was stopped, or never became ready.
     """
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     with Crew(folder / "logs", nursery) as crew, interruptions(crew):
-        watch, complete = run(crew, plan(trial, scene, folder, realtime), show)
-    if not complete:
+        ended = run(crew, plan(trial, scene, folder, realtime), show)
+    if ended.failure is not None:
+        raise ended.failure
+    if not ended.complete:
         return None
-    figures = compute(watch.seen, watch.cell.stop_distance, watch.wall, complete)
+    watch = ended.watch
+    figures = compute(watch.seen, watch.cell.stop_distance, watch.wall, complete=True)
     entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, watch.seen)}
     write_series(folder, watch.seen.rows)
     write_metrics(folder, entry)

@@ -11,9 +11,13 @@ import ctypes
 import os
 import signal
 import sys
+from typing import NoReturn
 
 from armgate.apps.cli import main
+from armgate.apps.interrupt import Interrupt
 
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit status of a child that ended well, but because a signal asked it to."""
 PR_SET_PDEATHSIG = 1
 PRIORITY = 10
 """Of the demo's children among real-time processes, by the wall clock."""
@@ -34,9 +38,23 @@ def hurry() -> None:
         os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
 
 
+def live(arguments: list[str]) -> NoReturn:
+    """Run ``armgate ARGUMENTS``; exit with its status, or with INTERRUPTED instead of 0 after a signal.
+
+    A person who presses Ctrl-C gets 0 from a robot that came to rest. A run has to know that its participant
+    was stopped before its work was done.
+    """
+    try:
+        main(arguments)
+    except SystemExit as end:
+        if end.code in (0, None) and Interrupt.ever:
+            sys.exit(INTERRUPTED)
+        raise
+
+
 if __name__ == "__main__":
     parent, pace, *arguments = sys.argv[1:]
     end_with(int(parent))
     if pace == "clock":
         hurry()
-    main(arguments)
+    live(arguments)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import Any
 
 from armgate.apps.errors import UsageError
 from armgate.apps.stack.observation import COLUMNS
+
+LONGEST_SOCKET = 107
+"""Longest name of a Unix socket on Linux, bytes."""
 
 
 def make_folder(wanted: Path | None) -> Path:
@@ -23,6 +27,24 @@ def make_folder(wanted: Path | None) -> Path:
     except OSError as error:
         raise UsageError(f"{folder}: cannot be made ({error.strerror}); name another with --out") from error
     return folder
+
+
+def socket_in(folder: Path) -> Path:
+    """Return the name of a socket in the run's folder: relative to here if that is shorter.
+
+    A folder that goes with the run needs no removal, so a run that is killed leaves nothing elsewhere.
+
+    Raises:
+        UsageError: The name is longer than the system allows a socket's.
+    """
+    whole = (folder / "logs" / "robots.sock").absolute()
+    name = min((whole, Path(os.path.relpath(whole))), key=lambda path: len(os.fsencode(path)))
+    if len(os.fsencode(name)) > LONGEST_SOCKET:
+        raise UsageError(
+            f"{folder}: too long for the robot server's socket ({len(os.fsencode(name))} bytes; at most "
+            f"{LONGEST_SOCKET}); name a shorter folder with --out"
+        )
+    return name
 
 
 def write_series(folder: Path, rows: list[tuple[float, ...]]) -> None:

@@ -7,7 +7,6 @@ instead of seconds. Linux and macOS.
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import IO
 
-from armgate.apps.stack.child import end_with, hurry
+from armgate.apps.stack.child import end_with, hurry, live
 
 PRELOADED = "armgate.apps.stack.preload"
 
@@ -47,10 +46,7 @@ class Nursery:
 
 
 class Fork:
-    """A forked child, used like a ``subprocess.Popen``.
-
-    ``wait()`` without a timeout is for the one thread that watches it.
-    """
+    """Forked child, used like a ``subprocess.Popen``."""
 
     def __init__(self, process: BaseProcess, stdout: Connection) -> None:
         self._process = process
@@ -64,18 +60,11 @@ class Fork:
         """Its exit status, None while it runs."""
         return self._status if self._ended.is_set() else None
 
-    def wait(self, timeout: float | None = None) -> int:
-        """Waits for its end.
-
-        Raises:
-            subprocess.TimeoutExpired: It did not end in time.
-        """
-        if timeout is None:
-            self._process.join()
-            self._status = self._process.exitcode or 0
-            self._ended.set()
-        elif not self._ended.wait(timeout):
-            raise subprocess.TimeoutExpired(self._process.name, timeout)
+    def wait(self) -> int:
+        """Wait for its end and return its exit status; for the one thread that watches it."""
+        self._process.join()
+        self._status = self._process.exitcode or 0
+        self._ended.set()
         return self._status
 
     def send_signal(self, signum: int) -> None:
@@ -95,8 +84,6 @@ def _nothing() -> None:
 
 def _live(arguments: list[str], log: Path, stdout: Connection, lockstep: bool) -> None:
     """What the child does."""
-    from armgate.apps.cli import main  # noqa: PLC0415
-
     os.setpgid(0, 0)
     end_with(os.getppid())  # that ends when the process does that asked for this one
     os.dup2(stdout.fileno(), 1)
@@ -108,4 +95,4 @@ def _live(arguments: list[str], log: Path, stdout: Connection, lockstep: bool) -
         stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     if not lockstep:
         hurry()
-    main(arguments)
+    live(arguments)

@@ -70,7 +70,7 @@ class Crew:
         self._logs = logs
         self._nursery = nursery
         self._children: dict[str, Child] = {}
-        self._waiters: list[threading.Thread] = []
+        self._waiters: dict[str, threading.Thread] = {}
 
     def __enter__(self) -> "Crew":
         return self
@@ -79,7 +79,7 @@ class Crew:
         for child in self._children.values():
             if child.poll() is None:
                 child.kill()
-        for waiter in self._waiters:
+        for waiter in self._waiters.values():
             waiter.join()
 
     def launch(self, name: str, arguments: Sequence[str], *, lockstep: bool) -> None:
@@ -110,7 +110,7 @@ class Crew:
         self._children[name] = child
         waiter = threading.Thread(target=self._watch, args=(name, child), name=f"watch {name}", daemon=True)
         waiter.start()
-        self._waiters.append(waiter)
+        self._waiters[name] = waiter
 
     def log(self, name: str) -> Path:
         """Where a child's output goes."""
@@ -121,10 +121,10 @@ class Crew:
         return self.log(name).read_text(encoding="utf-8", errors="replace").splitlines()[-TAIL:]
 
     def running(self, *names: str) -> list[str]:
-        """Those of the named children (all, without names) that have not ended."""
-        return [
-            n for n, child in self._children.items() if (not names or n in names) and child.poll() is None
-        ]
+        """Return those of the named children (all, without names) whose end is not among the events yet."""
+        # A waiter ends after it reported its child's end. The child itself is gone a moment earlier: asking
+        # the child would find nothing running and no event that says how it ended.
+        return [n for n, waiter in self._waiters.items() if (not names or n in names) and waiter.is_alive()]
 
     def send(self, signum: signal.Signals, *names: str) -> None:
         """Sends a signal to the named children that still run."""
@@ -139,12 +139,9 @@ class Crew:
             return None
 
     def wait(self, names: Sequence[str], timeout: float) -> list[str]:
-        """Waits until the named children have ended; returns those that have not in time."""
+        """Wait until the named children have ended, and their ends are events; return those still running."""
         for name in self.running(*names):
-            try:
-                self._children[name].wait(timeout)
-            except subprocess.TimeoutExpired:
-                continue
+            self._waiters[name].join(timeout)
         return self.running(*names)
 
     def _watch(self, name: str, child: Child) -> None:

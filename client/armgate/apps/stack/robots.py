@@ -10,6 +10,8 @@ from armgate.cell.link_config import AxisGroup, RsiLinkConfig
 
 SERVER = "robots"
 """Name of the robot server among the children of a run."""
+KRC = "krc-"
+"""Start of the names of virtual KRCs among the children of a run."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path, traces: P
     krcs = {}
     for name, robot in cell.robots.items():
         if isinstance(robot.link, RsiLinkConfig):
-            child = f"krc-{name}"
+            child = f"{KRC}{name}"
             trace = ["--trace", str(traces / f"{child}.csv")]
             krcs[child] = _krc(cell, name, robot, robot.link, configs) + trace
     return Robots(socket, krcs) if krcs else None

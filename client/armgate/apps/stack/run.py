@@ -12,9 +12,10 @@ from pathlib import Path
 import typer
 
 from armgate.apps.errors import AppError
+from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
-from armgate.apps.stack.robots import SERVER, Robots
+from armgate.apps.stack.robots import KRC, SERVER, Robots
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
@@ -112,14 +113,27 @@ class Watch:
         return self.seen.elapsed / self.wall if self.wall > 0.5 else None
 
 
-def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, bool]:
-    """Runs the plan and shows it about ten times a second; what a viewer says is printed.
+@dataclass(frozen=True)
+class Ended:
+    """End of a run.
 
-    Returns:
-        What was watched, and whether the path was run to its end (it was not if the user stopped it).
+    Attributes:
+        watch: Everything that was observed.
+        complete: True if all participants did their work to its end.
+        failure: The first failure after the participants were started, None if there was none.
+    """
+
+    watch: Watch
+    complete: bool
+    failure: AppError | None = None
+
+
+def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
+    """Run the plan, showing it about ten times a second; print the output of a viewer.
 
     Raises:
-        AppError: A process died or never became ready; the text says which, with its last log lines.
+        AppError: A process died or was not ready before the participants were started; the text names it and
+            holds its last log lines. Later failures are in the result, with what was observed until then.
     """
     if plan.robots is not None:
         _start_robots(crew, plan.robots, plan.configs)
@@ -137,16 +151,33 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> tuple[Watch, b
         reader.start()
         _until_ready(crew, watch)
         if plan.view:
-            # Never in real time: what is only looked at must not take the robots' processes their turn.
+            # Never in real time: a viewer must not take turns from the robots' processes.
             crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], lockstep=True)
         for name in plan.names:
             crew.launch(name, plan.controller(name, address), lockstep=plan.lockstep)
-        try:
-            complete = _until_done(crew, plan.until or plan.names, lambda: show(watch))
-        finally:
-            _rest(crew, plan)
+        complete, failure = _watched(crew, plan, watch, show)
         reader.join(REST_TIME)
-    return watch, complete
+    return Ended(watch, complete, failure)
+
+
+def _watched(
+    crew: Crew, plan: Plan, watch: Watch, show: Callable[[Watch], None]
+) -> tuple[bool, AppError | None]:
+    """Watch to the end of the run, then end all processes.
+
+    Returns:
+        True if all was done, and the first failure.
+    """
+    complete, failure = False, None
+    try:
+        complete = _until_done(crew, plan.until or plan.names, lambda: show(watch))
+        if complete and watch.error is not None:
+            failure = AppError(f"the run was not observed to its end: {watch.error}")
+    except AppError as error:
+        failure = error
+    finally:
+        failure = _rest(crew, plan, failure)
+    return complete and failure is None, failure
 
 
 def _start_robots(crew: Crew, robots: Robots, configs: Sequence[Path]) -> None:
@@ -185,7 +216,11 @@ def _until_ready(crew: Crew, watch: Watch) -> None:
 
 
 def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> bool:
-    """Watches until the named have ended (True) or the user wants to end (False)."""
+    """Watch until the named children have ended by themselves (True) or the user wants to end (False).
+
+    Raises:
+        AppError: A child failed, was stopped, or ended although the run needs it.
+    """
     due = time.monotonic()
     while crew.running(*names):
         now = time.monotonic()
@@ -194,6 +229,7 @@ def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> b
             due = now + REFRESH
         if not _goes_on(crew, crew.next(max(0.0, due - time.monotonic()))):
             return False
+    # An end is among the events before its child counts as ended: what is left holds every failure so far.
     while (event := crew.next(0.0)) is not None:
         if not _goes_on(crew, event):
             return False
@@ -205,19 +241,28 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
     if isinstance(event, Printed | Exited) and event.name == VIEWER:
         _tell_of_viewer(crew, event)
         return True
-    if isinstance(event, Exited) and (event.status != 0 or event.name == DAEMON):
+    if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
         raise died(crew, _cause(crew, event))
     return not isinstance(event, Asked)
 
 
+def _needed(name: str) -> bool:
+    """Return True for a child that has to run until the run ends it."""
+    return name in (DAEMON, SERVER) or name.startswith(KRC)
+
+
 def _cause(crew: Crew, event: Exited) -> Exited:
-    """Of processes that end together: one that was killed comes first, the others only lost it."""
+    """Return the cause among ends that come together: a signal ended that child, the others lost it."""
     deadline = time.monotonic() + _TOGETHER
-    while event.status >= 0 and (left := deadline - time.monotonic()) > 0.0:
+    while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
         other = crew.next(left)
-        if isinstance(other, Exited) and other.status < 0:
+        if isinstance(other, Exited) and _by_signal(other):
             return other
     return event
+
+
+def _by_signal(event: Exited) -> bool:
+    return event.status < 0 or event.status == INTERRUPTED
 
 
 def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
@@ -228,13 +273,22 @@ def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
         typer.echo(f"the run goes on without a viewer: {' '.join(crew.tail(VIEWER)[-1:])}")
 
 
-def _rest(crew: Crew, plan: Plan) -> None:
-    """Ends everything in order: participants slow to rest, then the daemon, KRCs, the robot server."""
+def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
+    """End everything in order: participants slow to rest, then the viewer, daemon, KRCs and robot server.
+
+    Returns:
+        The failure of the run: the given one, or that of the first child that did not end well.
+    """
     crew.send(signal.SIGINT, *plan.names)
     crew.wait(plan.names, REST_TIME)
     for name in (VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
         crew.send(signal.SIGTERM, name)
         crew.wait([name], REST_TIME)
+    while (event := crew.next(0.0)) is not None:
+        if failure is None and isinstance(event, Exited) and event.name != VIEWER:
+            failure = died(crew, event) if event.status not in (0, INTERRUPTED) else None
+    left = [name for name in crew.running() if name != VIEWER]
+    return failure or (AppError(f"not ended within {REST_TIME:g} s: {', '.join(left)}") if left else None)
 
 
 def died(crew: Crew, event: Exited) -> AppError:
@@ -242,6 +296,8 @@ def died(crew: Crew, event: Exited) -> AppError:
     how = (
         f"was killed by {signal.Signals(-event.status).name}"
         if event.status < 0
+        else "was interrupted before its work was done"
+        if event.status == INTERRUPTED
         else f"ended ({event.status})"
     )
     tail = "\n".join(f"  | {text}" for text in crew.tail(event.name))
