@@ -15,6 +15,7 @@ from armgate.apps.demo.plan import NAMES
 from armgate.apps.demo.plan import plan as demo_plan
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.stack import run as course
+from armgate.apps.stack.causes import died, stops_in
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.folder import socket_in
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
@@ -25,7 +26,7 @@ PYTHON = (sys.executable, "-u", "-c")
 GOOD = [*PYTHON, "pass"]
 POLITE = [
     *PYTHON,
-    "import signal; print('ready')\ntry: signal.pause()\nexcept KeyboardInterrupt: print('rested')",
+    "import signal\ntry: print('ready'); signal.pause()\nexcept KeyboardInterrupt: print('rested')",
 ]
 
 TERMINATED = [
@@ -185,26 +186,29 @@ def test_signals_become_an_event_and_the_second_one_ends_at_once(crew: Crew) -> 
 
 def test_how_a_death_is_told(crew: Crew) -> None:
     crew.log("leader").write_text("one\ntwo\n")
-    text = str(course.died(crew, Exited("leader", 1)))
+    text = str(died(crew, Exited("leader", 1)))
     assert text.splitlines()[-2:] == ["  | one", "  | two"]
 
 
 LINKS = Path(__file__).parents[2] / "configs" / "links" / "rsi-virtual.yaml"
 
 
-def test_what_stands_in_for_real_robots_follows_from_their_links(tmp_path: Path) -> None:
+def test_what_stands_in_for_real_robots_follows_from_their_links(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     files = [LINKS.parents[1] / "demo.yaml", LINKS]
-    robots = robots_of(load_config(files), files, tmp_path / "s", tmp_path)
+    robots = robots_of(load_config(files), files, Path("r"))
     assert robots is not None
-    assert robots.server(files) == ["robot-server", *map(str, files), "--socket", str(tmp_path / "s")]
-    assert plan(robots=robots).daemon()[-2:] == ["--robot-server", str(tmp_path / "s")]
+    assert robots.server(files) == ["robot-server", *map(str, files), "--socket", "r/logs/robots.sock"]
+    assert plan(robots=robots).daemon()[-2:] == ["--robot-server", "r/logs/robots.sock"]
     assert list(robots.krcs) == ["krc-FR", "krc-GR"]
     words = list(robots.krcs["krc-GR"])
     options = dict(zip(words[1::2], words[2::2], strict=True))
     assert (options["--profile"], options["--robot"], options["--cycle"]) == ("krc2-rsi2", "GR", "12")
     assert (options["--axiscorr"], options["--axiscorrmon"]) == ("A=400,E=4000", "A=401,E=4001")
     assert Path(options["--config"]).name == "gantry-correction.xml"
-    assert robots_of(load_config(files[:1]), files[:1], tmp_path / "s", tmp_path) is None
+    assert robots_of(load_config(files[:1]), files[:1], tmp_path) is None
 
 
 def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
@@ -212,7 +216,7 @@ def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
     real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
     with pytest.raises(UsageError, match="GR has a real KRC"):
-        robots_of(load_config(files), files, tmp_path / "s", tmp_path)
+        robots_of(load_config(files), files, tmp_path)
 
 
 def test_the_socket_is_in_the_runs_folder_under_its_shorter_name(
@@ -228,3 +232,18 @@ def test_a_folder_too_long_for_a_socket_is_refused(tmp_path: Path, monkeypatch: 
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=r"too long for the robot server's socket .*name a shorter folder"):
         socket_in(Path("x" * 120))
+
+
+def test_the_stops_of_a_failed_run_are_reported_with_their_reasons(tmp_path: Path) -> None:
+    log = tmp_path / "daemon.log"
+    assert stops_in(log) == ""
+    log.write_text(
+        'armgate: listening on 127.0.0.1:1\n{"event": "listening"}\n3\n'
+        '{"event": "stopped", "robots": ["FR"], "reason": "no telegram for 0.1 s", "by": "gate"}\n'
+    )
+    assert stops_in(log) == "\n  FR stopped by gate: no telegram for 0.1 s"
+
+
+def test_the_nearer_to_the_robots_the_sooner() -> None:
+    assert plan().priority("robots") > plan().priority("daemon") > plan().priority("controller") > 0
+    assert {plan(lockstep=True).priority(what) for what in course.PRIORITIES} == {0}

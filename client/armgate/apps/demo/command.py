@@ -41,7 +41,7 @@ def demo(
     ] = None,
 ) -> None:
     """Run the whole stack here: daemon, leader, follower, display, plots."""
-    from armgate.apps.stack.folder import make_folder, socket_in  # noqa: PLC0415
+    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
     from armgate.apps.stack.robots import robots_of  # noqa: PLC0415
     from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
 
@@ -50,7 +50,7 @@ def demo(
     plan = _plan(configs, resolved, path or default_file("paths/inspection.csv"), lockstep, duration)
     folder = make_folder(out)
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
-    robots = robots_of(resolved, configs, socket_in(folder), folder / "logs")
+    robots = robots_of(resolved, configs, folder)
     view = not (no_view or lockstep) and _has_viewer()
     _run(replace(plan, record=folder, robots=robots, view=view), folder)
 

@@ -1,6 +1,6 @@
-"""``python -m armgate.apps.stack.child PID PACE …`` is ``armgate …`` that ends with process PID, its parent.
+"""``python -m armgate.apps.stack.child PID PRIORITY …`` is ``armgate …`` that ends with its parent PID.
 
-PACE is ``clock`` or ``lockstep``: by the clock it is a real-time process, where that is allowed.
+PRIORITY is that of a real-time process (SCHED_RR), if the system allows it; 0 is an ordinary process.
 
 The demo ends its children in order, but it cannot when it is killed itself: then the kernel sends them
 SIGTERM, at which daemon, leader and follower bring their robots to rest and end.
@@ -19,8 +19,6 @@ from armgate.apps.interrupt import Interrupt
 INTERRUPTED = 128 + signal.SIGINT
 """Exit status of a child that ended well, but because a signal asked it to."""
 PR_SET_PDEATHSIG = 1
-PRIORITY = 10
-"""Of the demo's children among real-time processes, by the wall clock."""
 
 
 def end_with(parent: int) -> None:
@@ -31,11 +29,16 @@ def end_with(parent: int) -> None:
         sys.exit("armgate: the process that started this one is gone")
 
 
-def hurry() -> None:
-    """Goes before ordinary programs where the system allows it: a robot's tick cannot wait for its turn."""
+def hurry(priority: int) -> None:
+    """Become a real-time process if the system allows it, unless the priority is 0.
+
+    A robot's tick cannot wait for ordinary programs.
+    """
+    if priority == 0:
+        return
     policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
     with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
 
 
 def live(arguments: list[str]) -> NoReturn:
@@ -53,8 +56,7 @@ def live(arguments: list[str]) -> NoReturn:
 
 
 if __name__ == "__main__":
-    parent, pace, *arguments = sys.argv[1:]
+    parent, priority, *arguments = sys.argv[1:]
     end_with(int(parent))
-    if pace == "clock":
-        hurry()
+    hurry(int(priority))
     live(arguments)

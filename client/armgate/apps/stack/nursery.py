@@ -34,11 +34,11 @@ class Nursery:
         child.start()
         child.join()
 
-    def start(self, arguments: Sequence[str], log: Path, *, lockstep: bool) -> "Fork":
+    def start(self, arguments: Sequence[str], log: Path, *, priority: int) -> "Fork":
         """Starts ``armgate ARGUMENTS``, its stdout piped to here and its stderr appended to a file."""
         ours, theirs = self._context.Pipe(duplex=False)
         child = self._context.Process(
-            target=_live, args=(list(arguments), log, theirs, lockstep), name=arguments[0], daemon=True
+            target=_live, args=(list(arguments), log, theirs, priority), name=arguments[0], daemon=True
         )
         child.start()
         theirs.close()
@@ -82,7 +82,7 @@ def _nothing() -> None:
     """What a child does that only shows that all is loaded."""
 
 
-def _live(arguments: list[str], log: Path, stdout: Connection, lockstep: bool) -> None:
+def _live(arguments: list[str], log: Path, stdout: Connection, priority: int) -> None:
     """What the child does."""
     os.setpgid(0, 0)
     end_with(os.getppid())  # that ends when the process does that asked for this one
@@ -93,6 +93,5 @@ def _live(arguments: list[str], log: Path, stdout: Connection, lockstep: bool) -
     os.close(errors)
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    if not lockstep:
-        hurry()
+    hurry(priority)
     live(arguments)

@@ -18,10 +18,9 @@ TAIL = 12
 _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def armgate(*arguments: str, lockstep: bool) -> list[str]:
-    """The command line of a child that ends when this process is gone, and by the clock hurries."""
-    pace = "lockstep" if lockstep else "clock"
-    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), pace, *arguments]
+def armgate(*arguments: str, priority: int) -> list[str]:
+    """Return the command line of a child that ends when this process is gone."""
+    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), str(priority), *arguments]
 
 
 @dataclass(frozen=True)
@@ -82,13 +81,13 @@ class Crew:
         for waiter in self._waiters.values():
             waiter.join()
 
-    def launch(self, name: str, arguments: Sequence[str], *, lockstep: bool) -> None:
-        """Starts ``armgate ARGUMENTS`` as a child."""
+    def launch(self, name: str, arguments: Sequence[str], *, priority: int) -> None:
+        """Start ``armgate ARGUMENTS`` as a child; priority 0 is that of an ordinary process."""
         if self._nursery is None:
-            self.start(name, armgate(*arguments, lockstep=lockstep))
+            self.start(name, armgate(*arguments, priority=priority))
         else:
             self.log(name).write_text("", encoding="utf-8")
-            self._adopt(name, self._nursery.start(arguments, self.log(name), lockstep=lockstep))
+            self._adopt(name, self._nursery.start(arguments, self.log(name), priority=priority))
 
     def start(self, name: str, command: Sequence[str]) -> None:
         """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.apps.errors import UsageError
+from armgate.apps.stack.folder import socket_in
 from armgate.cell.config import CellConfig, RobotConfig
 from armgate.cell.link_config import AxisGroup, RsiLinkConfig
 
@@ -31,14 +32,14 @@ class Robots:
         return ["robot-server", *map(str, configs), "--socket", str(self.socket)]
 
 
-def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path, traces: Path) -> Robots | None:
+def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> Robots | None:
     """What a cell needs beside the daemon, None if all its robots are emulated by it.
 
     Args:
         cell: The configuration.
         configs: The files that it was read from.
-        socket: Where the robot server is to listen.
-        traces: Folder in which each virtual KRC leaves what its drives were given, as ``krc-ROBOT.csv``.
+        run: The run's folder. Its ``logs`` hold the robot server's socket and, as ``krc-ROBOT.csv``, what the
+            drives of each virtual KRC were given.
 
     Raises:
         UsageError: A robot is a real one: nobody starts moving it by a demonstration.
@@ -47,9 +48,9 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], socket: Path, traces: P
     for name, robot in cell.robots.items():
         if isinstance(robot.link, RsiLinkConfig):
             child = f"{KRC}{name}"
-            trace = ["--trace", str(traces / f"{child}.csv")]
+            trace = ["--trace", str(run / "logs" / f"{child}.csv")]
             krcs[child] = _krc(cell, name, robot, robot.link, configs) + trace
-    return Robots(socket, krcs) if krcs else None
+    return Robots(socket_in(run), krcs) if krcs else None
 
 
 def _krc(

@@ -12,6 +12,7 @@ from pathlib import Path
 import typer
 
 from armgate.apps.errors import AppError
+from armgate.apps.stack.causes import cause_of, died, stops_in
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
@@ -23,12 +24,18 @@ DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
+PRIORITIES = {"controller": 10, "daemon": 11, "robots": 12}
+"""Of real-time processes by the wall clock: the nearer to the robots, the higher.
+
+Participants that load their libraries would take a KRC of the same priority its turn for 0.1 s.
+"""
+ORDINARY = 0
 START_TIME = 60.0
 """How long each of those who are waited for at the start may take, s."""
 _LOOK = 0.02
 """Time between two looks at what no event tells, s."""
-_TOGETHER = 1.0
-"""How much later than those that lost it a process that was killed may be seen to have ended, s."""
+_ASKED = (0, INTERRUPTED, -signal.SIGINT)
+"""Exit statuses of children that were asked to end: the last one while its libraries were loading."""
 REST_TIME = 15.0
 """How long processes may take to bring their robots to rest and end, s."""
 BACKLOG = 10_000
@@ -66,6 +73,10 @@ class Plan:
     def names(self) -> tuple[str, ...]:
         """The participants, in order."""
         return tuple(self.controllers)
+
+    def priority(self, what: str) -> int:
+        """Return the priority of a kind of process; in lock-step nothing hurries."""
+        return ORDINARY if self.lockstep else PRIORITIES[what]
 
     def daemon(self) -> list[str]:
         """What starts the daemon, after ``armgate``."""
@@ -136,8 +147,8 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             holds its last log lines. Later failures are in the result, with what was observed until then.
     """
     if plan.robots is not None:
-        _start_robots(crew, plan.robots, plan.configs)
-    crew.launch(DAEMON, plan.daemon(), lockstep=plan.lockstep)
+        _start_robots(crew, plan, plan.robots)
+    crew.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
     # The first run after an installation compiles the law: here, and not while the leader is on its way.
     prepare()
     address = _printed(crew, DAEMON, LISTENING)
@@ -152,9 +163,9 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
         _until_ready(crew, watch)
         if plan.view:
             # Never in real time: a viewer must not take turns from the robots' processes.
-            crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], lockstep=True)
+            crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
         for name in plan.names:
-            crew.launch(name, plan.controller(name, address), lockstep=plan.lockstep)
+            crew.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
         complete, failure = _watched(crew, plan, watch, show)
         reader.join(REST_TIME)
     return Ended(watch, complete, failure)
@@ -174,18 +185,19 @@ def _watched(
         if complete and watch.error is not None:
             failure = AppError(f"the run was not observed to its end: {watch.error}")
     except AppError as error:
-        failure = error
+        failure = AppError(f"{error}{stops_in(crew.log(DAEMON))}")
     finally:
         failure = _rest(crew, plan, failure)
     return complete and failure is None, failure
 
 
-def _start_robots(crew: Crew, robots: Robots, configs: Sequence[Path]) -> None:
-    """Starts the robot server, which has to listen before the KRCs speak, and then those."""
-    crew.launch(SERVER, robots.server(configs), lockstep=False)
+def _start_robots(crew: Crew, plan: Plan, robots: Robots) -> None:
+    """Start the robot server, which has to listen before the KRCs send, and then those."""
+    priority = plan.priority("robots")
+    crew.launch(SERVER, robots.server(plan.configs), priority=priority)
     _printed(crew, SERVER, HOLDING)
     for name, command in robots.krcs.items():
-        crew.launch(name, command, lockstep=False)
+        crew.launch(name, command, priority=priority)
 
 
 def _printed(crew: Crew, name: str, what: re.Pattern[str]) -> str:
@@ -242,27 +254,13 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
         _tell_of_viewer(crew, event)
         return True
     if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
-        raise died(crew, _cause(crew, event))
+        raise died(crew, cause_of(crew, event))
     return not isinstance(event, Asked)
 
 
 def _needed(name: str) -> bool:
     """Return True for a child that has to run until the run ends it."""
     return name in (DAEMON, SERVER) or name.startswith(KRC)
-
-
-def _cause(crew: Crew, event: Exited) -> Exited:
-    """Return the cause among ends that come together: a signal ended that child, the others lost it."""
-    deadline = time.monotonic() + _TOGETHER
-    while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
-        other = crew.next(left)
-        if isinstance(other, Exited) and _by_signal(other):
-            return other
-    return event
-
-
-def _by_signal(event: Exited) -> bool:
-    return event.status < 0 or event.status == INTERRUPTED
 
 
 def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
@@ -286,22 +284,9 @@ def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
         crew.wait([name], REST_TIME)
     while (event := crew.next(0.0)) is not None:
         if failure is None and isinstance(event, Exited) and event.name != VIEWER:
-            failure = died(crew, event) if event.status not in (0, INTERRUPTED) else None
+            failure = died(crew, event) if event.status not in _ASKED else None
     left = [name for name in crew.running() if name != VIEWER]
     return failure or (AppError(f"not ended within {REST_TIME:g} s: {', '.join(left)}") if left else None)
-
-
-def died(crew: Crew, event: Exited) -> AppError:
-    """What to say of a process that ended by itself: which, how, and the last lines of its log."""
-    how = (
-        f"was killed by {signal.Signals(-event.status).name}"
-        if event.status < 0
-        else "was interrupted before its work was done"
-        if event.status == INTERRUPTED
-        else f"ended ({event.status})"
-    )
-    tail = "\n".join(f"  | {text}" for text in crew.tail(event.name))
-    return AppError(f"the {event.name} {how}; its log {crew.log(event.name)} ends with\n{tail}")
 
 
 @contextmanager

@@ -1,0 +1,63 @@
+"""Causes of a failed run: which child ended first, with its log, and which stops the daemon raised."""
+
+import json
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from armgate.apps.errors import AppError
+from armgate.apps.stack.child import INTERRUPTED
+from armgate.apps.stack.processes import Crew, Exited
+
+_TOGETHER = 1.0
+"""Longest time between the end of a child by a signal and the ends of those that lost it, s."""
+_MOST = 3
+"""Stops that are reported."""
+
+
+def cause_of(crew: Crew, event: Exited) -> Exited:
+    """Return the cause among ends that come together: a signal ended that child, the others lost it."""
+    deadline = time.monotonic() + _TOGETHER
+    while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
+        other = crew.next(left)
+        if isinstance(other, Exited) and _by_signal(other):
+            return other
+    return event
+
+
+def _by_signal(event: Exited) -> bool:
+    return event.status < 0 or event.status == INTERRUPTED
+
+
+def died(crew: Crew, event: Exited) -> AppError:
+    """What to say of a process that ended by itself: which, how, and the last lines of its log."""
+    how = (
+        f"was killed by {signal.Signals(-event.status).name}"
+        if event.status < 0
+        else "was interrupted before its work was done"
+        if event.status == INTERRUPTED
+        else f"ended ({event.status})"
+    )
+    tail = "\n".join(f"  | {text}" for text in crew.tail(event.name))
+    return AppError(f"the {event.name} {how}; its log {crew.log(event.name)} ends with\n{tail}")
+
+
+def stops_in(log: Path) -> str:
+    """Return the first stops that a daemon's log holds, a line each; "" without any.
+
+    A participant that lost its robot knows that it was stopped; the daemon's log holds the reason.
+    """
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+    stops = [event for line in lines if (event := _event(line)).get("event") == "stopped"]
+    return "".join(
+        f"\n  {', '.join(stop['robots'])} stopped by {stop['by']}: {stop['reason']}" for stop in stops[:_MOST]
+    )
+
+
+def _event(line: str) -> dict[str, Any]:
+    try:
+        event = json.loads(line)
+    except ValueError:
+        return {}
+    return event if isinstance(event, dict) else {}
