@@ -184,6 +184,17 @@ def test_signals_become_an_event_and_the_second_one_ends_at_once(crew: Crew) -> 
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_hangup_ends_a_run_unless_its_parent_ignored_it(crew: Crew, ignored: bool) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+    try:
+        with course.interruptions(crew):
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert crew.next(0.0 if ignored else 30.0) == (None if ignored else Asked(signal.SIGHUP))
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_how_a_death_is_told(crew: Crew) -> None:
     crew.log("leader").write_text("one\ntwo\n")
     text = str(died(crew, Exited("leader", 1)))

@@ -291,7 +291,10 @@ def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
 
 @contextmanager
 def interruptions(crew: Crew) -> Iterator[None]:
-    """Turns the signals that ask this process to end into events; the second one ends it at once."""
+    """Turn the signals that ask this process to end into events; the second one ends it at once.
+
+    A hang-up that the parent has ignored (nohup) stays ignored.
+    """
     asked = False
 
     def take(signum: int, _frame: object) -> None:
@@ -301,7 +304,9 @@ def interruptions(crew: Crew) -> Iterator[None]:
         asked = True
         crew.events.put(Asked(signum))
 
-    wanted = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        wanted.append(signal.SIGHUP)
     before = {signum: signal.signal(signum, take) for signum in wanted}
     try:
         yield

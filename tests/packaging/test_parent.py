@@ -1,0 +1,35 @@
+"""The tests give the same results under every parent: a terminal, nohup, a shell's background."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PROBE = (
+    "import signal; print(*(signal.getsignal(s) is signal.SIG_IGN for s in (signal.SIGHUP, signal.SIGINT)))"
+)
+SAME = f"{Path(__file__).relative_to(ROOT)}::test_children_of_tests_ignore_no_signal"
+
+
+def test_children_of_tests_ignore_no_signal() -> None:
+    told = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
+    assert told.stdout == "False False\n"
+
+
+def test_nor_do_they_under_a_parent_that_ignores_hangup_and_interrupt() -> None:
+    def ignore() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    bare = subprocess.run(
+        [sys.executable, "-c", PROBE], preexec_fn=ignore, capture_output=True, text=True, check=True
+    )
+    assert bare.stdout == "True True\n"  # such a parent does pass it on
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", SAME],
+        preexec_fn=ignore, capture_output=True, text=True, check=False, cwd=ROOT, timeout=120,
+        env={key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
