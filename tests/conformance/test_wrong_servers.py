@@ -22,6 +22,7 @@ from armgate.daemon.server import Daemon
 from armgate.daemon.session import Session
 from armgate.daemon.signals import Signals
 from armgate.integrity import Gate, admission
+from armgate.integrity.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
 
@@ -263,6 +264,27 @@ def stop_leaves_the_lease(patch):
     patch.setattr(Leasing, "stop", lambda self, robots, reason: None)
 
 
+def stops_pile_up(patch):
+    patch.setattr(Stops, "_to_replace", lambda self, robots, cause: None)
+
+
+def more_stops_than_allowed(patch):
+    def to_replace(self, robots, cause):
+        same = (s.id for s in self._in_force.values() if (s.robots, s.cause) == (robots, cause))
+        return next(same, None)
+
+    patch.setattr(Stops, "_to_replace", to_replace)
+    patch.setattr(translate, "stops", lambda given: tuple(given[:64]))
+
+
+def replaced_stops_unknown(patch):
+    around(patch, Stops, "find", lambda right: lambda self, id_: self._in_force.get(id_))
+
+
+def first_reason_only(patch):
+    around(patch, translate, "reasons", lambda right: lambda given: right(given)[:1])
+
+
 def anybody_resets(patch):
     patch.setitem(RIGHTS, m.Reset, frozenset({"observer", "controller", "operator"}))
 
@@ -440,6 +462,10 @@ WRONG = {
     "stop told to the asker only": (stop_told_to_the_asker_only, "STP-2/everybody", "session"),
     "stop of one stops all": (stop_of_one_stops_all, "STP-6/others", "session"),
     "stop leaves the lease": (stop_leaves_the_lease, "STP-5/lease", "session"),
+    "stops pile up": (stops_pile_up, "STP-15/again", "session"),
+    "more stops than allowed": (more_stops_than_allowed, "STP-16/many", "session"),
+    "replaced stops unknown": (replaced_stops_unknown, "STP-17/replaced", "session"),
+    "the first reason only": (first_reason_only, "CMD-38/joints", "session"),
     "anybody resets": (anybody_resets, "STP-8/controller", "session"),
     "observers signal": (observers_signal, "SIG-2/observer", "session"),
     "signals outlive their sessions": (signals_outlive_sessions, "SIG-4/gone", "session"),

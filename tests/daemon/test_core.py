@@ -271,6 +271,43 @@ def test_a_robot_under_two_stops_is_free_after_the_second_reset(bench):
     assert boss.last(m.Lease).state == "held"
 
 
+def test_many_stops_of_one_client_are_one_stop(bench):
+    boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
+    for _ in range(200):
+        bench.core.handle(eye, m.Stop(robot="A"))
+    bench.tick()
+    told = [stopped.stop for stopped in eye.take(m.Stopped)]
+    assert told == sorted(set(told))
+    bench.core.handle(boss, m.Subscribe())
+    entry = boss.take(m.State)[0].entries[0]
+    assert entry.stops == (told[-1],)
+    bench.core.handle(boss, m.Reset(id=1, stop=told[3]))
+    resumed = boss.last(m.Resumed)
+    assert (resumed.re, resumed.stop, resumed.lifted) == (1, told[3], told[-1])
+    assert (heard := eye.last(m.Resumed)).stop == told[-1]
+    assert heard.lifted is None
+    bench.core.handle(boss, m.Acquire(robot="A"))
+    assert boss.last(m.Lease).state == "held"
+
+
+def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_tell(bench):
+    eye = bench.client("eye", "observer")
+    for number in range(300):
+        peer = bench.client(f"c{number}")
+        bench.core.handle(peer, m.Stop(robot="A", reason=f"{number}"))
+        bench.core.handle(peer, m.Stop(reason=f"{number}"))
+    bench.tick()
+    bench.core.handle(eye, m.Subscribe())
+    stops = eye.take(m.State)[0].entries[0].stops
+    assert 2 < len(stops) <= m.MAX_STOPS
+    boss = bench.client("boss", "operator")
+    for stop in stops:
+        bench.core.handle(boss, m.Reset(stop=stop))
+    assert len(boss.take(m.Resumed)) == len(stops)
+    bench.core.handle(boss, m.Acquire(robot="A"))
+    assert boss.last(m.Lease).state == "held"
+
+
 def test_while_ending_nothing_is_reset(bench):
     boss = bench.client("boss", "operator")
     bench.core.stop_all("the daemon is ending")

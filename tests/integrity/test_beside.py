@@ -55,8 +55,7 @@ def assert_followed(both, way=True):
         assert (s.slot, s.setpoint, s.stops) == (other.slot, other.setpoint, other.stops)
         if way:
             assert [r.occupied.nodes for r in s.reserved] == [r.occupied.nodes for r in other.reserved]
-    assert both.gate._stops == both.beside._stops
-    assert both.gate._next_stop == both.beside._next_stop
+    assert both.gate._stops.next == both.beside._stops.next
 
 
 def outcome(both):
@@ -242,5 +241,5 @@ def test_of_two_stops_the_one_that_was_raised_is_kept_with_its_number():
     (stopped,) = hands.rest(0, (hands.q[0][0] + 0.06,))
     assert [o.robots for o in both.now] == [("left",), ("right",)]
     assert_followed(both, way=False)
-    assert both.beside._stops == {stopped.id: (0,)}
+    assert (both.beside._stops.of(0), both.beside._stops.of(1)) == ([stopped.id], [])
     assert np.isfinite(both.beside._clearance.bound[0])

@@ -207,7 +207,7 @@ def test_a_stop_rests_the_robot_and_only_its_reset_frees_it(rig):
 
 
 def test_two_stops_need_two_resets(rig):
-    first, second = rig.stop("A"), rig.stop("A")
+    first, second = rig.stop("A"), rig.feed(Stop(("A",), "another reason", "rig"))[0].id
     rig.step()
     assert rig.reset(first) == [ResetAnswer(first, True)]
     assert rig.command(0, STEP).reasons[0].cause is Cause.STOPPED

@@ -52,6 +52,8 @@ class Holdings:
 
     def take_stopped(self, stopped: Stopped) -> None:
         """A stop is in force: what it names is held no longer."""
+        if stopped.replaces is not None:
+            self.stops.pop(stopped.replaces, None)
         self.stops[stopped.stop] = stopped
         for robot in stopped.robots:
             if (held := self._held.get(robot)) is not None:
@@ -60,3 +62,5 @@ class Holdings:
     def take_resumed(self, resumed: Resumed) -> None:
         """A stop was lifted; what it took must be acquired again."""
         self.stops.pop(resumed.stop, None)
+        if resumed.lifted is not None:
+            self.stops.pop(resumed.lifted, None)

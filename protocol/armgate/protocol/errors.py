@@ -14,9 +14,8 @@ import re as regex
 from dataclasses import dataclass
 from enum import StrEnum
 
-from armgate.protocol.messages import Error
+from armgate.protocol.messages import MAX_TEXT, Error
 
-MAX_TEXT = 512
 _NAME = regex.compile(r"[A-Za-z0-9_.:/-]{1,64}")
 
 

@@ -15,12 +15,19 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 MAX_JOINTS = 64
 MAX_ROBOTS = 32
 MAX_BODIES = 4096
+MAX_FRAMES = 256
 MAX_CHUNK = 256 * 1024
 MAX_SIGNAL = 16
 MAX_SIGNALS = 64
+MAX_TEXT = 512
+MAX_REASONS = 64
+MAX_NEAREST = 16
+MAX_STOPS = 64
+MAX_COUNTS = 64
+MAX_WARNINGS = 16
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.:/-]{1,64}$")]
-Text = Annotated[str, StringConstraints(max_length=512)]
+Text = Annotated[str, StringConstraints(max_length=MAX_TEXT)]
 Token = Annotated[str, StringConstraints(min_length=1, max_length=256)]
 Hash = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
@@ -275,7 +282,7 @@ class RobotDescription(Part):
     base_xyzw: Quaternion
     period: Finite
     start: Joints
-    frames: Annotated[tuple[Name, ...], Field(max_length=256)]
+    frames: Annotated[tuple[Name, ...], Field(max_length=MAX_FRAMES)]
     tool: Name
     camera: Name | None
 
@@ -340,7 +347,7 @@ class Verdict(Message):
     beta: Annotated[float, Field(ge=0.0, le=1.0)]
     dq: Joints
     setpoint: Joints
-    reasons: Annotated[tuple[Reason, ...], Field(max_length=64)] = ()
+    reasons: Annotated[tuple[Reason, ...], Field(max_length=MAX_REASONS)] = ()
 
 
 class Nearest(Part):
@@ -371,13 +378,13 @@ class Entry(Part):
     setpoint: Joints | None = None
     applied_seq: Count | None = None
     stop_end: Joints | None = None
-    nearest: Annotated[tuple[Nearest, ...], Field(max_length=16)] | None = None
+    nearest: Annotated[tuple[Nearest, ...], Field(max_length=MAX_NEAREST)] | None = None
     least_clearance: Finite | None = None
     holder: Name | None = None
-    stops: Annotated[tuple[Count, ...], Field(max_length=64)] | None = None
+    stops: Annotated[tuple[Count, ...], Field(max_length=MAX_STOPS)] | None = None
     link: Literal["waiting", "ready", "lost", "faulted"] | None = None
     verdict: LastVerdict | None = None
-    counts: Annotated[dict[Name, Count], Field(max_length=64)] | None = None
+    counts: Annotated[dict[Name, Count], Field(max_length=MAX_COUNTS)] | None = None
     late_commands: Count | None = None
 
 
@@ -399,7 +406,7 @@ class State(Answer):
     step: Count | None = None
     entries: Annotated[tuple[Entry, ...], Field(max_length=MAX_ROBOTS)]
     signals: Annotated[dict[Name, SignalValue], Field(max_length=MAX_SIGNALS)] = Field(default_factory=dict)
-    warnings: Annotated[tuple[Text, ...], Field(max_length=16)] = ()
+    warnings: Annotated[tuple[Text, ...], Field(max_length=MAX_WARNINGS)] = ()
 
 
 class Subscribed(Answer):
@@ -419,21 +426,23 @@ class Signaled(Answer):
 
 
 class Stopped(Answer):
-    """A stop is in force; sent to everybody."""
+    """A stop is in force; sent to every session. ``replaces``: the stop whose place it takes, if any."""
 
     type: Literal["stopped"] = "stopped"
     stop: Count
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
     reason: Text
     by: Name
+    replaces: Count | None = None
 
 
 class Resumed(Answer):
-    """A stop was lifted; sent to everybody."""
+    """A stop was lifted; sent to every session. ``lifted``: the stop that had replaced it, if any."""
 
     type: Literal["resumed"] = "resumed"
     stop: Count
     by: Name
+    lifted: Count | None = None
 
 
 class Pong(Answer):

@@ -9,6 +9,7 @@ from rich.table import Table
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Nearest
 from armgate.cell.link_config import RsiLinkConfig
+from armgate.daemon.library import Library
 from armgate.integrity import start_clearances
 from armgate.links.rsi import Setup, setup_of
 
@@ -22,10 +23,12 @@ def report(cell: Cell, console: Console | None = None) -> int:
         Exit status: 0, or 1 if a robot starts outside its limits or too close to something.
 
     Raises:
-        ConfigError: A robot's KRC cannot be what the cell says it is; the text names file, line and key.
+        ConfigError: A robot's KRC cannot be what the cell says it is, or the cell is larger than the protocol
+            can describe; the text names file, line and key.
     """
     console = console or Console()
     links = [_rsi(setup_of(cell, one)) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
+    Library(cell, lockstep=False)
     nearest = start_clearances(cell)
     console.print(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:

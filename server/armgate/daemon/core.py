@@ -1,6 +1,7 @@
 """Every message and every tick: what they do to gate, leases, signals and states. No sockets, no clock."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from armgate.cell import events
 from armgate.cell.cell import Cell
@@ -290,7 +291,14 @@ class Core:
 
     def _stopped(self, stopped: events.Stopped, asker: Peer | None, request: m.Request | None) -> None:
         reason = translate.text(stopped.reason)
-        fields = {"stop": stopped.id, "robots": stopped.robots, "reason": reason, "by": stopped.by}
+        fields: dict[str, Any] = {
+            "stop": stopped.id,
+            "robots": stopped.robots,
+            "reason": reason,
+            "by": stopped.by,
+        }
+        if stopped.replaces is not None:
+            fields["replaces"] = stopped.replaces
         self._log.warning("stopped", **fields)
         for peer in tuple(self.peers.values()):
             peer.say(answer(m.Stopped, request if peer is asker else None, **fields))
@@ -303,9 +311,13 @@ class Core:
             raise RemoteProtocolError(*_NO_RESET[reset.reason](reset.stop), about="reset")
         self._log.info("resumed", stop=reset.stop, by=asker.name)
         self.leasing.resume(robot for robot in self.robots if not self._runner.view(robot).stops)
+        in_force = reset.stop if reset.lifted is None else reset.lifted
         for peer in tuple(self.peers.values()):
-            own = request if peer is asker else None
-            peer.say(answer(m.Resumed, own, stop=reset.stop, by=asker.name))
+            if peer is asker:
+                more = {} if reset.lifted is None else {"lifted": reset.lifted}
+                peer.say(answer(m.Resumed, request, stop=reset.stop, by=asker.name, **more))
+            else:
+                peer.say(answer(m.Resumed, None, stop=in_force, by=asker.name))
 
     # --- the gate -----------------------------------------------------------------------------------------
 
@@ -338,7 +350,7 @@ class Core:
     def _put(self, ticks: Sequence[events.Tick], step: int | None) -> None:
         """Note what the states at these ticks say."""
         entries = tuple(self._entry(robot) for robot in self.robots if robot in self._ticks)
-        warnings = (*self.warnings.values(), *self._runner.warnings())
+        warnings = translate.warnings((*self.warnings.values(), *self._runner.warnings()))
         if self.on_state is not None:
             self.on_state(ticks, entries, self._signals.values, warnings, step)
         for tick in ticks:

@@ -95,7 +95,8 @@ class Leasing:
             self._tell(loss)
 
     def _tell(self, loss: Loss) -> None:
-        self._peers[loss.session].say(self._lease(None, loss.robot, loss.fence, "lost", reason=loss.reason))
+        if (peer := self._peers.get(loss.session)) is not None:
+            peer.say(self._lease(None, loss.robot, loss.fence, "lost", reason=loss.reason))
 
     def _lease(
         self, request: m.Request | None, robot: str, fence: int, state: str, **more: object

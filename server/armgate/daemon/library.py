@@ -10,8 +10,13 @@ from armgate.cell.cell import Body, Cell, Robot
 from armgate.cell.mesh.hull import hull_of
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
-from armgate.protocol import ErrorCode, RemoteProtocolError
+from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, encode
 from armgate.protocol import messages as m
+
+_LARGEST_ID = 2**31 - 1
+
+STOP_REPLACES = "stop.replaces"
+"""The capability of servers in which a repeated stop takes the place of the one that it repeats."""
 
 BODY_EXACT = "body.exact"
 """The capability that says that bodies may be something else than the primitives around them."""
@@ -27,9 +32,13 @@ class Library:
     Args:
         cell: The cell.
         lockstep: Whether its time passes in lock-step.
+
+    Raises:
+        ConfigError: The cell is larger than a description may be; the text names file, line and key.
     """
 
     def __init__(self, cell: Cell, lockstep: bool) -> None:
+        _check_counts(cell)
         self.assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
         meshes = {body.shape: _obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
         self.assets |= {_sha256(text): text.encode() for text in meshes.values()}
@@ -43,6 +52,14 @@ class Library:
             robots=tuple(_robot(robot) for robot in cell.robots),
             bodies=tuple(_body(cell, body, meshes) for body in cell.bodies),
         )
+        self._check_size(cell)
+
+    def _check_size(self, cell: Cell) -> None:
+        try:
+            encode(self.description.model_copy(update={"re": _LARGEST_ID}))
+        except LocalProtocolError as error:
+            text = f"the description of this cell is too large: {error.text}; use fewer robots or bodies"
+            raise cell.config.error(("robots",), text) from error
 
     def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
         """A piece of an asset.
@@ -56,6 +73,21 @@ class Library:
         if offset > len(data):
             raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; asked for was {offset}")
         return m.Chunk(hash=hash_, offset=offset, total=len(data), data=data[offset : offset + length])
+
+
+def _check_counts(cell: Cell) -> None:
+    for robot in cell.robots:
+        counts = {
+            "joints": (robot.model.n, m.MAX_JOINTS),
+            "links": (len(robot.model.frame_names), m.MAX_FRAMES),
+        }
+        for what, (count, most) in counts.items():
+            if count > most:
+                text = f"{robot.name} has {count} {what}; expected at most {most}"
+                raise cell.config.error(("robots", robot.name, "urdf"), text)
+    if len(cell.bodies) > m.MAX_BODIES:
+        text = f"the cell has {len(cell.bodies)} bodies; expected at most {m.MAX_BODIES}: use simpler shapes"
+        raise cell.config.error(("robots",), text)
 
 
 def _unknown(text: str) -> RemoteProtocolError:

@@ -19,7 +19,7 @@ from armgate.daemon.access import Access, Keys
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
-from armgate.daemon.library import BODY_EXACT
+from armgate.daemon.library import BODY_EXACT, STOP_REPLACES
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
@@ -497,7 +497,7 @@ class Daemon:
             version=session.version,
             versions=tuple(dialect.version for dialect in self._dialects),
             client_versions=hello.versions,
-            capabilities=(BODY_EXACT,),
+            capabilities=(BODY_EXACT, STOP_REPLACES),
             start=self.start,
             session=session.id,
             name=session.name,

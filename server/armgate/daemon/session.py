@@ -111,6 +111,7 @@ class Session(asyncio.BufferedProtocol):
         self._bucket: Bucket | None = None
         self._reading: asyncio.Handle | None = None
         self._closing = self._told_gone = False
+        self._overflow = ""
         self._holds = 0
         self._held: list[bytes] = []
 
@@ -174,7 +175,7 @@ class Session(asyncio.BufferedProtocol):
         self.allow(None)
         if self._reading is not None:
             self._reading.cancel()
-        self._leave("connection lost" if exc is None else str(exc))
+        self._leave(self._overflow or ("connection lost" if exc is None else str(exc)))
         self._guarded(self._desk.closed, self)
 
     def pause_writing(self) -> None:
@@ -203,7 +204,8 @@ class Session(asyncio.BufferedProtocol):
             if self.greeted and self._connection.state is ConnectionState.READY:
                 raise
         except Overflow as error:
-            self._leave(f"{ErrorCode.OVERFLOW}: {error}")
+            # Its end is told at the next turn of the event loop: here the core may be telling many sessions.
+            self._overflow = f"{ErrorCode.OVERFLOW}: {error}"
             self.abort()
 
     def show(self, *states: Encoded) -> None:

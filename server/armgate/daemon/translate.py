@@ -1,13 +1,15 @@
-"""From what the gate says to what stands on the wire."""
+"""Translation of what gate and daemon report into the protocol's messages, within the protocol's bounds.
+
+Texts and lists that may be longer than a message allows are cut here and nowhere else: ``text``, ``reasons``,
+``stops``, ``warnings``, ``entry``. What was left out is counted in the last text that is kept.
+"""
 
 import math
+from collections.abc import Iterable, Sequence
 
 from armgate.cell import events
 from armgate.integrity import RobotView
 from armgate.protocol import messages as m
-
-_TEXT = 512
-_NEAREST = 16
 
 
 def verdict(given: events.Verdict) -> m.Verdict:
@@ -21,7 +23,7 @@ def verdict(given: events.Verdict) -> m.Verdict:
         beta=given.beta,
         dq=given.dq,
         setpoint=given.setpoint,
-        reasons=tuple(_reason(reason) for reason in given.reasons),
+        reasons=reasons(given.reasons),
     )
 
 
@@ -35,10 +37,10 @@ def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
         setpoint=view.setpoint,
         applied_seq=view.applied_seq,
         stop_end=view.stop_end,
-        nearest=tuple(_nearest(nearest) for nearest in view.nearest[:_NEAREST]),
+        nearest=tuple(_nearest(nearest) for nearest in view.nearest[: m.MAX_NEAREST]),
         least_clearance=_finite(view.least_clearance),
         holder=holder,
-        stops=view.stops,
+        stops=stops(view.stops),
         link=view.link.value,
         verdict=None if view.verdict is None else _last(view.verdict),
         counts=dict(view.counts),
@@ -46,9 +48,40 @@ def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
     )
 
 
-def text(given: str) -> str:
-    """``given``, cut to what a message may hold."""
-    return given if len(given) <= _TEXT else given[: _TEXT - 1] + "…"
+def text(given: str, end: str = "") -> str:
+    """Return ``given`` and ``end``, with ``given`` cut so that both fit in a message."""
+    room = m.MAX_TEXT - len(end)
+    return (given if len(given) <= room else given[: room - 1] + "…") + end
+
+
+def reasons(given: Sequence[events.Reason]) -> tuple[m.Reason, ...]:
+    """Return as many reasons as a verdict may hold: the first of each cause, then the first of all.
+
+    The text of the last one counts those left out.
+    """
+    if len(given) <= m.MAX_REASONS:
+        return tuple(_reason(reason) for reason in given)
+    firsts = {reason.cause: index for index, reason in reversed(tuple(enumerate(given)))}
+    chosen = {*firsts.values(), len(given) - 1}
+    others = (index for index in range(len(given)) if index not in chosen)
+    chosen.update(next(others) for _ in range(m.MAX_REASONS - len(chosen)))
+    kept = [_reason(given[index]) for index in sorted(chosen)]
+    end = f" (and {len(given) - len(kept)} more reasons)"
+    return (*kept[:-1], kept[-1].model_copy(update={"text": text(given[-1].text, end)}))
+
+
+def stops(given: Sequence[int]) -> tuple[int, ...]:
+    """Return the ids of the newest stops, as many as an entry may hold."""
+    return tuple(given[-m.MAX_STOPS :])
+
+
+def warnings(given: Iterable[str]) -> tuple[str, ...]:
+    """Return as many warnings as a state may hold; the last one counts those left out."""
+    all_ = tuple(given)
+    kept = [text(warning) for warning in all_[: m.MAX_WARNINGS]]
+    if len(all_) > len(kept):
+        kept[-1] = text(all_[len(kept) - 1], f" (and {len(all_) - len(kept)} more warnings)")
+    return tuple(kept)
 
 
 def _last(given: events.Verdict) -> m.LastVerdict:

@@ -6,6 +6,7 @@ where the robots then were, not where these rules would have brought them.
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from armgate.integrity.judge import Decision
 from armgate.integrity.limits import StepBounds, shape_wish
 from armgate.integrity.question import ordered
 from armgate.integrity.robot import RobotState, end_of
+from armgate.integrity.stops import StopCause, Stops
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,7 @@ class GateBeside(Gate):
 
     def step_beside(self, event: GateEvent, recorded: Sequence[GateOutput]) -> list[GateOutput]:
         """Takes an event, returns what these rules answer, and goes on as was answered then."""
+        before = deepcopy(self._stops)
         if isinstance(event, Command):
             s = self._of(event.robot)
             slot, waiting = s.slot, s.pending
@@ -85,7 +88,7 @@ class GateBeside(Gate):
             self._follow_command(s, slot, waiting, recorded)
         else:
             outputs = self.step(event)
-        self._follow_stops(outputs, recorded)
+        self._follow_stops(before, outputs, recorded)
         return outputs
 
     def _follow_command(
@@ -110,17 +113,19 @@ class GateBeside(Gate):
         self._clearance.watch()
         return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
 
-    def _follow_stops(self, outputs: Sequence[GateOutput], recorded: Sequence[GateOutput]) -> None:
+    def _follow_stops(
+        self, before: Stops, outputs: Sequence[GateOutput], recorded: Sequence[GateOutput]
+    ) -> None:
+        """Puts the stops in force that were raised then, in place of those that these rules raised."""
         mine = [output for output in outputs if isinstance(output, Stopped)]
         theirs = [output for output in recorded if isinstance(output, Stopped)]
         if mine == theirs:
             return
         for stop in mine:
-            for index in self._stops.pop(stop.id):
-                self._robots[index].stops.remove(stop.id)
-                self._robots[index].faulted = False
+            for robot in stop.robots:
+                self._of(robot).faulted = False
+        self._stops = before
         for stop in theirs:
-            self._next_stop = stop.id
-            self._raise_stop([self._of(robot) for robot in stop.robots], stop.reason, stop.by)
-        if not theirs:
-            self._next_stop -= len(mine)
+            robots = tuple(self._of(robot).index for robot in stop.robots)
+            self._stops.put(stop.id, robots, StopCause(stop.by, stop.reason), stop.replaces)
+        self._note_stops(self._robots)

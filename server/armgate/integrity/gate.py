@@ -40,6 +40,7 @@ from armgate.integrity.nearest import NearestPairs
 from armgate.integrity.occupancy import deviation, settle_measured
 from armgate.integrity.reservations import Reservations
 from armgate.integrity.robot import RobotState, robot_state
+from armgate.integrity.stops import FAULT, LINK, MET, StopCause, Stops
 from armgate.integrity.view import RobotView, view_of
 
 _NEAREST = 3
@@ -65,8 +66,7 @@ class Gate:
         self._judge = Judge(self._clearance, cell.config.response)
         self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
         self._reservations = Reservations(self._clearance)
-        self._stops: dict[int, tuple[int, ...]] = {}
-        self._next_stop = 1
+        self._stops = Stops()
 
     def step(self, event: GateEvent) -> list[GateOutput]:
         """Takes one event and returns what follows from it.
@@ -217,28 +217,30 @@ class Gate:
         return []
 
     def _stop(self, event: Stop) -> list[GateOutput]:
-        return [self._raise_stop([self._of(r) for r in event.robots], event.reason, event.by)]
+        robots = [self._of(r) for r in event.robots]
+        return [self._raise_stop(robots, event.reason, event.by, StopCause(event.by, event.reason))]
 
-    def _raise_stop(self, robots: list[RobotState], reason: str, by: str) -> Stopped:
-        stop, self._next_stop = self._next_stop, self._next_stop + 1
-        self._stops[stop] = tuple(s.index for s in robots)
+    def _raise_stop(self, robots: list[RobotState], reason: str, by: str, cause: StopCause) -> Stopped:
+        stop, replaced = self._stops.raise_(tuple(s.index for s in robots), cause)
+        self._note_stops(robots)
+        return Stopped(stop, tuple(s.name for s in robots), reason, by, replaced)
+
+    def _note_stops(self, robots: list[RobotState]) -> None:
         for s in robots:
-            s.stops.append(stop)
-        return Stopped(stop, tuple(s.name for s in robots), reason, by)
+            s.stops = self._stops.of(s.index)
 
     def _reset(self, event: Reset) -> list[GateOutput]:
-        if event.stop not in self._stops:
+        stop = self._stops.find(event.stop)
+        if stop is None:
             return [ResetAnswer(event.stop, False, "unknown")]
-        robots = [self._robots[i] for i in self._stops[event.stop]]
+        robots = [self._robots[i] for i in stop.robots]
         if not all(s.tick >= 0 and s.resting for s in robots):
             return [ResetAnswer(event.stop, False, "moving")]
-        del self._stops[event.stop]
-        out: list[GateOutput] = [ResetAnswer(event.stop, True)]
-        for s in robots:
-            s.stops.remove(event.stop)
-            if not s.stops:
-                out.append(self._rebase(s))
-        return out
+        self._stops.lift(stop)
+        self._note_stops(robots)
+        lifted = None if stop.id == event.stop else stop.id
+        out: list[GateOutput] = [ResetAnswer(event.stop, True, lifted=lifted)]
+        return out + [self._rebase(s) for s in robots if not s.stops]
 
     def _rebase(self, s: RobotState) -> Rebase:
         """The setpoint becomes the measured q; what was proven of a robot that faulted is proven anew."""
@@ -256,7 +258,7 @@ class Gate:
             return []
         s.unheard = True
         reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
-        return [self._raise_stop([s], reason, "gate")]
+        return [self._raise_stop([s], reason, "gate", LINK)]
 
     def _fault(self, s: RobotState, reason: str, strayed: float) -> list[GateOutput]:
         """Stops a robot that is not where it can be, and whoever's stop path may now meet it; nobody else.
@@ -268,10 +270,10 @@ class Gate:
         self._reservations.renew(s)
         out: list[GateOutput] = []
         if not s.faulted:
-            out.append(self._raise_stop([s], reason, "gate"))
+            out.append(self._raise_stop([s], reason, "gate", FAULT))
         s.faulted = True
         why = f"its stop path may meet {s.name}, which faulted"
-        out += [self._raise_stop([other], why, "gate") for other in self._met_by(s) if not other.stops]
+        out += [self._raise_stop([other], why, "gate", MET) for other in self._met_by(s) if not other.stops]
         return out
 
     def _met_by(self, s: RobotState) -> list[RobotState]:

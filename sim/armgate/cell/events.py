@@ -226,21 +226,30 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A stop is in force: its id is what a reset names."""
+    """A stop is in force: a reset names its id. ``replaces`` is the id whose place it takes, if any."""
 
     id: int
     robots: tuple[str, ...]
     reason: str
     by: str
+    replaces: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ResetAnswer:
-    """A stop was lifted, or not and why (``unknown``, ``moving``)."""
+    """A stop was lifted, or not and why (``unknown``, ``moving``).
+
+    Attributes:
+        stop: The id that the reset named.
+        accepted: True if the stop was lifted.
+        reason: Why not.
+        lifted: The id that was in force, if it had replaced ``stop``.
+    """
 
     stop: int
     accepted: bool
     reason: str = ""
+    lifted: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

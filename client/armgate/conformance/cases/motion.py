@@ -10,6 +10,7 @@ from armgate.conformance.trial import Trial
 from armgate.conformance.verdicts import Skip, check
 
 _SAME = 1e-9
+_MOST_REASONS = 64
 _FAR = 3.0
 """How long the kit drives towards a limit, s of the robot's full speed."""
 
@@ -76,6 +77,26 @@ for _slug, (_what, _factor) in _GREEDY.items():
             if reason["cause"] in ("increment", "acceleration"):
                 told = [reason.get(key) for key in ("joint", "value", "bound")]
                 check(None not in told, f"{reason['cause']} names joint, value and bound {told}")
+
+
+@case(
+    "CMD-38/joints",
+    "Ask every joint for 1e308, and once more for -1e308",
+    "Each joint is named in a reason; if the reasons are more than 64, 64 are told and the others counted",
+    also=("CMD-19",),
+)
+async def _(trial: Trial) -> None:
+    holder = await trial.holder()
+    names = {joint["name"] for joint in trial.facts.robot["joints"]}
+    for wish in (1e308, -1e308):
+        reasons = (await holder.decided([wish] * holder.n)).get("reasons") or []
+        if len(reasons) < _MOST_REASONS:
+            missing = names - {reason.get("joint") for reason in reasons}
+            check(not missing, f"no reason names {sorted(missing)}, which cannot move so fast")
+        else:
+            check(len(reasons) == _MOST_REASONS, f"a verdict has {len(reasons)} reasons")
+            text = reasons[-1]["text"]
+            check(any(map(str.isdigit, text)), f"the last reason does not count what was left out: {text}")
 
 
 @case(

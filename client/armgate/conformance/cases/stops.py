@@ -200,6 +200,60 @@ async def _(trial: Trial) -> None:
     await again.moved()
 
 
+@case(
+    "STP-15/again",
+    "Stop a robot twice for one reason, and once for another",
+    "The second stop replaces the first, the third none; states list the second and the third",
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.client()
+    told_ = [await wire.answered("stop", "stopped", robot=trial.robot, reason=reason) for reason in "aab"]
+    first, second, third = (one["stop"] for one in told_)
+    replaced = [one.get("replaces") for one in told_]
+    check(replaced == [None, first, None], f"the stops {first}, {second}, {third} replace {replaced}")
+    await trial.observer.until(lambda: third in trial.observer.stops(), "the stops to be seen")
+    seen = sorted(trial.entry()["stops"])  # type: ignore[call-overload]
+    check(seen == [second, third], f"in force are {seen}")
+
+
+@case(
+    "STP-16/many",
+    "Stop a robot and the cell a hundred times each, every time for another reason, then reset them all",
+    "Each stop is told; states list at most 64; when all are lifted, the robot is free",
+    also=("CON-9",),
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.operator()
+    for number in range(100):
+        await wire.answered("stop", "stopped", robot=trial.robot, reason=f"{number}")
+        last = await wire.answered("stop", "stopped", reason=f"{number}")
+    await trial.observer.until(lambda: last["stop"] in trial.observer.stops(), "the stops to be seen")
+    seen = sorted(trial.entry()["stops"])  # type: ignore[call-overload]
+    check(len(seen) <= 64, f"{len(seen)} stops are in force")
+    await trial.rested()
+    for stop in seen:
+        await trial.lifted(wire, stop)
+    await wire.answered("acquire", "lease", robot=trial.robot)
+
+
+@case(
+    "STP-17/replaced",
+    "Stop a robot three times for one reason, and reset the first of the stops",
+    "resumed, with the third stop as lifted; others are told that the third was lifted; the robot is free",
+    also=("STP-11",),
+)
+async def _(trial: Trial) -> None:
+    wire, other = await trial.operator(), await trial.client("observer", "other")
+    stops = [(await wire.answered("stop", "stopped", robot=trial.robot))["stop"] for _ in range(3)]
+    await trial.rested()
+    answer = await trial.lifted(wire, stops[0])
+    check((answer["stop"], answer.get("lifted")) == (stops[0], stops[2]), f"the answer is {answer}")
+    heard = await told(other, "resumed")
+    check(heard["stop"] == stops[2], f"another session was told {heard}")
+    await wire.refused("reset", "unknown_stop", stop=stops[1])
+    await wire.answered("acquire", "lease", robot=trial.robot)
+
+
 # --- signals ----------------------------------------------------------------------------------------------
 
 
