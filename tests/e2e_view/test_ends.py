@@ -1,5 +1,6 @@
 """What goes wrong with a viewer ends safe and is said: a wrong token, nobody there, two operators at once."""
 
+import asyncio
 import subprocess
 import threading
 
@@ -62,14 +63,14 @@ def test_two_operators_who_stop_and_reset_at_once_are_both_answered(address):
         def press(live, first, then):
             for _ in range(15):
                 begin.wait()
-                said.append(in_words(first(live)))
-                said.append(in_words(then(live)))
+                said.append(asyncio.run(in_words(first(live))))
+                said.append(asyncio.run(in_words(then(live))))
 
         def stop(live):
-            return lambda: live.stop("pressed")
+            return live.stop("pressed")
 
         def reset(live):
-            return live.reset
+            return live.reset()
 
         hands = [
             threading.Thread(target=press, args=(one, stop, reset)),

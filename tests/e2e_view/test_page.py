@@ -14,6 +14,12 @@ from support.pictures import middle_of
 
 from .conftest import ARMGATE
 
+_CONNECT_ELSEWHERE = """
+const told = arguments[0];
+document.addEventListener('securitypolicyviolation', event => told(event.effectiveDirective));
+new WebSocket('ws://127.0.0.1:9');
+"""
+
 
 @pytest.fixture(scope="module")
 def page(browser, viewing):
@@ -75,6 +81,13 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
     for child in tracking:
         assert child.wait(30) != 0  # they were told that their robots were stopped
     keep(page.browser, "viewer-stopped.png")
+
+
+def test_the_token_leaves_the_address_bar_and_the_page_connects_nowhere_else(page):
+    assert "token" in page.url
+    assert "token" not in page.browser.current_url
+    directive = page.browser.execute_async_script(_CONNECT_ELSEWHERE)
+    assert directive == "connect-src"
 
 
 def test_a_reload_disturbs_nothing_and_reset_lifts_the_stop(page, address):

@@ -24,6 +24,13 @@ def view(
     ] = "observer",
     host: Annotated[str, typer.Option(help="Address on which the page is served.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Its port; 0 for any that is free.")] = 7480,
+    host_name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[:PORT]",
+            help="Further name under which browsers reach the page, such as a reverse proxy's; repeatable.",
+        ),
+    ] = None,
     speed: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="Driving: the largest share of the robots' speeds.")
     ] = 0.25,
@@ -39,13 +46,18 @@ def view(
 ) -> None:
     """Show a cell, or a recording of one, on a web page."""
     from armgate.apps.errors import UsageError  # noqa: PLC0415
-    from armgate.apps.view.serving import play, serve  # noqa: PLC0415
+    from armgate.apps.view.door import Door, parse_names  # noqa: PLC0415
+    from armgate.apps.view.serving import Place, play, serve  # noqa: PLC0415
     from armgate.apps.view.viewer import Style  # noqa: PLC0415
 
+    try:
+        at = Place(host, port, Door(host, parse_names(host_name or [])))
+    except ValueError as error:
+        raise UsageError(f"--host-name {error}: expected NAME or NAME:PORT") from error
     if recorded(source):
         if role != "observer":
             raise UsageError(f"{source} is a recording, which nobody can steer; leave out --role {role}")
-        play(Path(source), style=Style(meshes=meshes), at=(host, port), open_browser=open_, tell=typer.echo)
+        play(Path(source), style=Style(meshes=meshes), at=at, open_browser=open_, tell=typer.echo)
         return
     own = login(token_file, ca, cert, key)
     serve(
@@ -54,7 +66,7 @@ def view(
         role,
         own,
         style=Style(speed, meshes),
-        at=(host, port),
+        at=at,
         open_browser=open_,
         tell=typer.echo,
     )

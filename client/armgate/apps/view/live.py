@@ -5,7 +5,7 @@ Whoever asks from another thread waits for the answer here, and never holds up t
 
 import asyncio
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Coroutine
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -89,13 +89,13 @@ class Live:
         """Whether the daemon lets this client take robots."""
         return self._cell.welcome.role != "observer"
 
-    def stop(self, reason: str) -> str:
-        """Stops the whole cell; what came of it, in words."""
-        stopped = self._run(self._cell.stop(reason=reason))
+    async def stop(self, reason: str) -> str:
+        """Stop the whole cell; return the outcome in words."""
+        stopped = await self._ask(self._cell.stop(reason=reason))
         return f"stop {stopped.stop} is in force: {', '.join(stopped.robots)} come to rest"
 
-    def reset(self) -> str:
-        """Lifts every stop in force; what came of it, in words.
+    async def reset(self) -> str:
+        """Lift every stop in force; return the outcome in words.
 
         Raises:
             Refused: Another operator was faster, or a robot still moves.
@@ -105,16 +105,21 @@ class Live:
         if not stops:
             return "no stop is in force"
         for stop in sorted(stops):
-            self._run(self._cell.reset(stop))
+            await self._ask(self._cell.reset(stop))
         return f"reset {', '.join(map(str, sorted(stops)))}: robots may be acquired again"
 
-    def signal(self, name: str, value: float) -> None:
-        """Shares a number with the other clients.
+    async def signal(self, name: str, value: float) -> None:
+        """Share a number with the other clients.
 
         Raises:
             Refused: An earlier signal was refused, such as one that is another client's.
         """
-        self._run(self._cell.signal(name, value))
+        await self._ask(self._cell.signal(name, value))
+
+    async def _ask(self, work: Coroutine[Any, Any, T]) -> T:
+        """Wait in another event loop for an answer from this one's."""
+        answer = asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
+        return await asyncio.wait_for(answer, ANSWER)
 
     # --- the loop's thread ---------------------------------------------------------------------------------
 
@@ -150,10 +155,10 @@ class Live:
         self._loop.close()
 
 
-def in_words(act: Callable[[], str]) -> tuple[bool, str]:
-    """What came of an act of the user: whether it was done, and what to say of it."""
+async def in_words(act: Awaitable[str]) -> tuple[bool, str]:
+    """Return True if an act of the user was done, and its outcome in words."""
     try:
-        return True, act()
+        return True, await act
     except ClientError as error:
         return False, str(error)
     except TimeoutError:

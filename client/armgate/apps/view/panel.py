@@ -1,6 +1,6 @@
 """The panel: the robots' states in words and bars, and what anybody, or an operator, can do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from armgate.apps.view import looks
@@ -28,6 +28,8 @@ class Panel:
     def __init__(self, gui: Any, description: Description, notify: Callable[[str, str, str], None]) -> None:
         self._gui, self._description, self._notify = gui, description, notify
         self._told: dict[int, str] = {}
+        self._wanted: set[tuple[int, str]] = set()
+        self._busy: set[tuple[int, str]] = set()
         self._banner = gui.add_html("", order=0)
         self._robots = {
             robot.name: gui.add_html("", order=20 + i) for i, robot in enumerate(description.robots)
@@ -36,18 +38,13 @@ class Panel:
     def add_controls(self, live: Live) -> None:
         """STOP for everybody; reset and zoom for an operator."""
         stop = self._gui.add_button("STOP", color="red", icon="hand-stop", order=1, hint="Stop every robot")
-        stop.on_click(lambda _: self._act("STOP", lambda: live.stop("STOP was pressed on the page")))
+        self._on(stop.on_click, "STOP", lambda: live.stop("STOP was pressed on the page"))
         if not live.operator:
             return
         reset = self._gui.add_button("Reset", order=2, hint="Lift the stops in force")
-        reset.on_click(lambda _: self._act("Reset", live.reset))
+        self._on(reset.on_click, "Reset", live.reset)
         zoom = self._gui.add_slider("Zoom [m]", *ZOOM, 0.05, 1.0, order=3, hint="Wanted view distance")
-
-        def zoomed(event: Any) -> None:
-            if event.client is not None:
-                self._act("Zoom", lambda: _zoom(live, float(zoom.value)), quiet=True)
-
-        zoom.on_update(zoomed)
+        self._on(zoom.on_update, "Zoom", lambda: _zoom(live, float(zoom.value)), quiet=True)
 
     def add_driving(self, driving: Driving) -> None:
         """A button for each robot that takes it for the page on which it is pressed."""
@@ -61,9 +58,7 @@ class Panel:
         with self._gui.add_folder("Overlays", order=40, expand_by_default=False):
             for name in overlays.shown:
                 box = self._gui.add_checkbox(name.capitalize(), overlays.shown[name])
-                box.on_update(
-                    lambda event, name=name: overlays.shown.update({name: bool(event.target.value)})
-                )
+                box.on_update(_showing(overlays, name))
 
     def update(self, state: State, source: Source) -> None:
         """Shows a state of a source."""
@@ -90,8 +85,37 @@ class Panel:
             self._told[id(handle)] = html
             handle.content = html
 
-    def _act(self, title: str, act: Callable[[], str], *, quiet: bool = False) -> None:
-        done, text = in_words(act)
+    def _on(
+        self,
+        register: Callable[[Any], object],
+        title: str,
+        act: Callable[[], Coroutine[Any, Any, str]],
+        *,
+        quiet: bool = False,
+    ) -> None:
+        """Have a control start an act: one at a time for each page, and once more if it was wanted meanwhile.
+
+        A coroutine, not a thread of viser's pool: a page that floods one control cannot occupy the others.
+        """
+
+        async def used(event: Any) -> None:
+            if event.client is None:
+                return  # set by this process
+            key = (event.client_id, title)
+            self._wanted.add(key)
+            if key in self._busy:
+                return
+            self._busy.add(key)
+            try:
+                while key in self._wanted:
+                    self._wanted.discard(key)
+                    self._report(title, *await in_words(act()), quiet=quiet)
+            finally:
+                self._busy.discard(key)
+
+        register(used)
+
+    def _report(self, title: str, done: bool, text: str, *, quiet: bool) -> None:
         if not (done and quiet):
             self._notify(title, text, "green" if done else "red")
 
@@ -103,6 +127,13 @@ def _taking(driving: Driving, robot: RobotDescription) -> Callable[[Any], Any]:
     return pressed
 
 
-def _zoom(live: Live, distance: float) -> str:
-    live.signal("operator.distance", distance)
+def _showing(overlays: Overlays, name: str) -> Callable[[Any], Any]:
+    async def ticked(event: Any) -> None:
+        overlays.shown[name] = bool(event.target.value)
+
+    return ticked
+
+
+async def _zoom(live: Live, distance: float) -> str:
+    await live.signal("operator.distance", distance)
     return f"wanted view distance {distance:.2f} m"

@@ -8,19 +8,29 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.login import Login
+from armgate.apps.view.door import Door, url_of
 from armgate.apps.view.live import Live
-from armgate.apps.view.origin import own_page_only
 from armgate.apps.view.player import Player
 from armgate.apps.view.viewer import Style, Viewer
 from armgate.client import ClientError, Role
 
 AGAIN = 1.0
 """Time between two tries to reach a daemon that went away, s."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Address on which the page is served, and who may open it."""
+
+    host: str
+    port: int
+    door: Door = field(default_factory=Door)
 
 
 def serve(
@@ -30,11 +40,11 @@ def serve(
     login: Login,
     *,
     style: Style,
-    at: tuple[str, int],
+    at: Place,
     open_browser: bool,
     tell: Callable[[str], object],
 ) -> None:
-    """Shows a daemon's cell until somebody ends this process.
+    """Show a daemon's cell until this process is ended.
 
     Raises:
         ClientError: The daemon cannot be reached at the beginning, or does not want this client.
@@ -42,12 +52,12 @@ def serve(
     """
     with interruption() as ended:
         live: Live | None = Live(address, name, role, login)
-        with page_server(*at) as server:
+        with page_server(at) as server:
             first = True
             while live is not None:
                 with live, Viewer(server, live, style) as viewer:
                     if first:
-                        _say_where(server, viewer, open_browser, tell)
+                        _say_where(server, at, viewer, open_browser, tell)
                     first = False
                     viewer.run(ended)
                 if not ended.is_set():
@@ -59,25 +69,25 @@ def serve(
                     tell("armgate: connected again")
 
 
-def play(
-    path: Path, *, style: Style, at: tuple[str, int], open_browser: bool, tell: Callable[[str], object]
-) -> None:
-    """Shows a recording until somebody ends this process.
+def play(path: Path, *, style: Style, at: Place, open_browser: bool, tell: Callable[[str], object]) -> None:
+    """Show a recording until this process is ended.
 
     Raises:
         RecordingError: It cannot be read.
         AppError: The page cannot be served.
     """
     player = Player(path)
-    with interruption() as ended, page_server(*at) as server, Viewer(server, player, style) as viewer:
-        _say_where(server, viewer, open_browser, tell)
+    with interruption() as ended, page_server(at) as server, Viewer(server, player, style) as viewer:
+        _say_where(server, at, viewer, open_browser, tell)
         viewer.run(ended)
         if player.problem is not None:
             raise AppError(player.problem)
 
 
-def _say_where(server: Any, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]) -> None:
-    url = f"http://{server.get_host()}:{server.get_port()}"
+def _say_where(
+    server: Any, at: Place, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]
+) -> None:
+    url = url_of(at.host, server.get_port(), at.door)
     tell(f"armgate: view at {url}")
     if open_browser:
         open_page(url)
@@ -95,31 +105,42 @@ def _again(address: str, name: str, role: Role, login: Login, ended: threading.E
 
 
 @contextmanager
-def page_server(host: str, port: int) -> Iterator[Any]:
-    """A server of viser on this address.
+def page_server(at: Place) -> Iterator[Any]:
+    """A server of viser at this place, behind its door.
 
     Raises:
         AppError: The address cannot be used.
     """
     import viser  # noqa: PLC0415
 
-    # viser takes the next free port instead; who names a port wants that one.
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-            port = probe.getsockname()[1]
-        except OSError as error:
-            raise _no_port(host, port, error) from error
-    with redirect_stdout(io.StringIO()), own_page_only():  # it would print a box of its own
-        server = viser.ViserServer(host=host, port=port, verbose=False)
-    # Else any page could ask for a tunnel by which the internet reaches this one.
-    setattr(server, "request_share_url", lambda verbose=True: None)  # noqa: B010
+    from armgate.apps.view.guard import Guard, guarded  # noqa: PLC0415
+    from armgate.apps.view.inbound import Inbound  # noqa: PLC0415
+
+    port = _free(at.host, at.port)
+    guard = Guard(at.door)
+    with redirect_stdout(io.StringIO()), guarded(guard):  # it would print a box of its own
+        server = viser.ViserServer(host=at.host, port=port, verbose=False)
+    guard.inbound = Inbound(server)
     try:
         yield server
     finally:
         with redirect_stdout(io.StringIO()):
             server.stop()
+
+
+def _free(host: str, port: int) -> int:
+    """Return the port, or a free one for 0; viser would take the next free one instead of a taken one.
+
+    Raises:
+        AppError: The address cannot be used.
+    """
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+            return int(probe.getsockname()[1])
+        except OSError as error:
+            raise _no_port(host, port, error) from error
 
 
 def _no_port(host: str, port: int, error: OSError) -> AppError:
