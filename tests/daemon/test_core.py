@@ -496,17 +496,17 @@ def test_bodies_are_described_in_their_links_frame(bench):
 
 
 class Turns:
-    """The event loop's turns, one by one."""
+    """The turns of the peers, one by one."""
 
     def __init__(self):
         self.waiting = []
 
-    def __call__(self, function):
-        self.waiting.append(function)
+    def __call__(self, peer, function):
+        self.waiting.append((peer, function))
 
-    def next(self):
-        waiting, self.waiting = self.waiting, []
-        for function in waiting:
+    def next(self, count=100):
+        given, self.waiting = self.waiting[:count], self.waiting[count:]
+        for _, function in given:
             function()
 
 
@@ -533,25 +533,42 @@ def shown(peers):
     return count
 
 
-def test_holders_are_shown_states_at_once_and_onlookers_a_few_at_each_turn(crowd):
+def test_holders_are_shown_states_at_once_and_onlookers_in_their_turn(crowd):
     bench, turns, holder, eyes = crowd
     bench.tick()
     assert (shown([holder]), shown(eyes)) == (1, 0)
-    for count in (8, 8, 4, 0):
-        turns.next()
-        assert shown(eyes) == count
+    assert [peer for peer, _ in turns.waiting] == eyes
+    turns.next(8)
+    assert shown(eyes) == 8
+    turns.next()
+    assert shown(eyes) == 12
     assert turns.waiting == []
 
 
-def test_at_the_next_tick_nobody_has_missed_a_state(crowd):
-    bench, turns, _, eyes = crowd
-    bench.tick()
+def test_onlookers_whose_turn_does_not_come_are_shown_the_newest_state_only(crowd):
+    bench, turns, holder, eyes = crowd
+    bench.core.handle(eyes[0], m.Subscribe(robots=("B",), every=2))
+    eyes[0].take()
+    bench.tick(3)
+    assert len(turns.waiting) == len(eyes)
     turns.next()
-    bench.tick()
-    for _ in range(3):
-        turns.next()
-    for eye in eyes:
-        assert [state.tick for state in eye.take(m.State) if state.robot == "A"] == [1, 2]
+    assert [(state.robot, state.tick) for state in eyes[0].take(m.State)] == [("B", 2)]
+    for eye in eyes[1:]:
+        assert [(state.robot, state.tick) for state in eye.take(m.State)] == [("A", 3), ("B", 3)]
+    assert [state.tick for state in holder.take(m.State) if state.robot == "A"] == [1, 2, 3]
+
+
+def test_an_onlooker_that_becomes_a_holder_is_shown_what_waited_first(crowd):
+    bench, turns, _, eyes = crowd
+    bench.core.handle(eyes[0], m.Subscribe(robots=("B",), every=2))
+    bench.tick(2)
+    eyes[0].take()
+    eyes[0].role = "controller"
+    bench.core.handle(eyes[0], m.Acquire(robot="B"))
+    bench.tick(2)
+    assert [state.tick for state in eyes[0].take(m.State)] == [4]
+    turns.next()
+    assert eyes[0].take(m.State) == []
 
 
 def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(crowd):
@@ -560,8 +577,7 @@ def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(cro
     bench.core.handle(eyes[-1], m.Subscribe())
     bench.core.handle(eyes[-2], m.Subscribe(every=0))
     bench.core.leave(eyes[-3])
-    for _ in range(3):
-        turns.next()
+    turns.next()
     assert shown(eyes[-1:]) == 1
     assert shown(eyes[-3:-1]) == 0
 

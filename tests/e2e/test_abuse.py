@@ -7,8 +7,9 @@ import asyncio
 import contextlib
 import os
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 from armgate.protocol import messages as m
 from support import abusers
@@ -25,17 +26,20 @@ MEGABYTES = 5.0
 
 @dataclass
 class Seen:
-    """What a controller met: commands, and those that were refused or judged for a later tick."""
+    """What a controller met: commands, those refused, those judged for a later tick, and the latest tick."""
 
     commands: int = 0
     refused: int = 0
     late: int = 0
+    latest: float = 0.0
 
     def __add__(self, other):
-        return Seen(self.commands + other.commands, self.refused + other.refused, self.late + other.late)
-
-    def __sub__(self, other):
-        return self + Seen(-other.commands, -other.refused, -other.late)
+        return Seen(
+            self.commands + other.commands,
+            self.refused + other.refused,
+            self.late + other.late,
+            max(self.latest, other.latest),
+        )
 
 
 class Controller:
@@ -43,7 +47,7 @@ class Controller:
 
     def __init__(self, raw, fence):
         self.raw, self.fence, self.seq, self.tick = raw, fence, 0, 0
-        self.seen, self.causes = Seen(), set()
+        self.seen, self.causes, self.earliest = Seen(), set(), float("inf")
         self.news = asyncio.Event()
         self.task = asyncio.create_task(self._run())
 
@@ -56,13 +60,13 @@ class Controller:
 
     async def over(self, ticks):
         """What was seen in so many ticks from now."""
-        before, until = replace(self.seen), self.tick + ticks
+        self.seen, until = Seen(), self.tick + ticks
         async with asyncio.timeout(PATIENCE + ticks):
             while self.tick < until:
                 assert not self.task.done(), self.task.exception()
                 self.news.clear()
                 await self.news.wait()
-        return self.seen - before
+        return self.seen
 
     async def _run(self):
         try:
@@ -74,6 +78,9 @@ class Controller:
     def _take(self, message):
         if isinstance(message, m.State):
             self.tick = message.tick
+            came = monotonic() - message.time
+            self.earliest = min(self.earliest, came)
+            self.seen.latest = max(self.seen.latest, came - self.earliest)
             self.seq += 1
             dq = (0.0005 if self.seq // 40 % 2 == 0 else -0.0005, 0.0, 0.0)
             self.raw.send(m.Command(robot="A", fence=self.fence, seq=self.seq, tick=self.tick, dq=dq))
@@ -86,9 +93,9 @@ class Controller:
 
 
 @contextlib.asynccontextmanager
-async def abused(port):
+async def abused(port, kind="mixed"):
     process = await asyncio.create_subprocess_exec(
-        sys.executable, abusers.__file__, str(port), stdout=asyncio.subprocess.PIPE
+        sys.executable, abusers.__file__, str(port), kind, stdout=asyncio.subprocess.PIPE
     )
     try:
         assert await process.stdout.readline() == b"ready\n"
@@ -121,6 +128,46 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
     if LONG:  # figures of time: on a machine that others use too they say nothing
         assert among.refused <= without.refused
         assert among.late <= without.late
+
+
+CROWDS = ("pings", "subscribes", "describes", "large", "fields")
+CROWD_BLOCK = 300 if LONG else 40
+SHARE = 0.7
+"""Most of a core that one observer may make the daemon use."""
+
+
+async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
+    """Its 60 connections share one allowance, and their work waits for ticks and for holders of robots."""
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml())
+    without, among = Seen(), {kind: Seen() for kind in CROWDS}
+    async with Process.serving(config) as daemon:
+        good = await Controller.start(daemon.port)
+        for _ in range(5 if LONG else 1):
+            for kind in CROWDS:
+                without += await good.over(CROWD_BLOCK)
+                async with abused(daemon.port, kind):
+                    begin, used = monotonic(), cpu(daemon.process.pid)
+                    among[kind] += await good.over(CROWD_BLOCK)
+                    share = (cpu(daemon.process.pid) - used) / (monotonic() - begin)
+                    assert share <= SHARE, kind
+        good.task.cancel()
+        daemon.signal()
+        status, _ = await daemon.end()
+    assert status == 0
+    tell(f"without: {without}", *(f"among {kind}: {seen}" for kind, seen in among.items()))
+    assert good.causes <= {"stale", "occupied"}  # nothing but lateness
+    if LONG:  # figures of time: on a machine that others use too they say nothing
+        for kind, seen in among.items():
+            assert seen.latest <= without.latest + 0.05, kind
+        assert sum(seen.refused for seen in among.values()) <= without.refused
+        assert sum(seen.late for seen in among.values()) <= without.late
+
+
+def cpu(pid):
+    """Processor time that a process has used, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def tell(*lines):

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, decode, encode
+from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, answering, decode, encode
 from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, MAX_DEPTH, MAX_MAP, MAX_STR, unpack
-from armgate.protocol.framing import HEADER
+from armgate.protocol.framing import HEADER, frame
 from support.messages import FROM_CLIENT, FROM_SERVER
 
 COMMAND = {"type": "command", "robot": "FR", "fence": 1, "seq": 7, "tick": 3, "dq": [0.1, 0.2]}
@@ -45,6 +45,15 @@ def test_every_message_comes_back_with_exactly_what_was_given(model, catalogue, 
         assert encode(back)[HEADER:] == payload
 
     run()
+
+
+@pytest.mark.parametrize("re", [0, 127, 2**31 - 1])
+def test_an_answer_that_is_encoded_already_gets_its_re(re):
+    small = m.Signaled(name="x")
+    assert decode(answering(encode(small), re)[HEADER:], m.Catalogue.server) == m.Signaled(name="x", re=re)
+    counts = {f"a{number}": number for number in range(16)}
+    large = frame(msgpack.packb({"type": "signaled", "name": "x", **counts}))
+    assert unpack(answering(large, re)[HEADER:]) == {"re": re, "type": "signaled", "name": "x", **counts}
 
 
 def test_what_was_not_subscribed_differs_from_nobody():

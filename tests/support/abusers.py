@@ -1,7 +1,12 @@
-"""Clients that behave as badly as they can, in a process of their own: ``python abusers.py PORT``.
+"""Clients that behave as badly as they can, in a process of their own: ``python abusers.py PORT [KIND]``.
 
-Writes "ready" when all are at work, which lasts until it is killed: one sends garbage and comes again, one
-floods with messages that cannot be read, one never reads, 200 say no hello, and 1000 come and go.
+Writes "ready" when all are at work, which lasts until it is killed. Kinds:
+
+- ``mixed`` (the default): one sends garbage and comes again, one floods with messages that cannot be read,
+  one never reads, 200 say no hello, and 1000 come and go;
+- ``pings``, ``subscribes``, ``describes``, ``large``: one observer on many connections, which send such
+  messages as fast as they are taken;
+- ``fields``: one observer on many connections, each of which subscribes other fields at every tick.
 """
 
 import asyncio
@@ -91,16 +96,66 @@ async def flood(port):
         await asyncio.sleep(PAUSE)
 
 
-async def main(port):
+# --- one observer on many connections ---------------------------------------------------------------------
+
+FIELDS = ("q", "setpoint", "applied_seq", "stop_end", "nearest", "holder", "stops", "link", "verdict")
+
+
+def fields_of(number):
+    """Another set of fields for each number."""
+    return [name for bit, name in enumerate(FIELDS) if (number + 1) >> bit & 1]
+
+
+def subscribe(number):
+    return framed(type="subscribe", every=1, fields=fields_of(number), id=1)
+
+
+def crowd(kind):
+    """What each connection sends again and again; for ``fields`` once."""
+    if kind == "subscribes":
+        return [b"".join(subscribe(7 * number + k) for k in range(100)) for number in range(20)]
+    if kind == "fields":
+        return [subscribe(number) for number in range(60)]
+    message = {
+        "pings": framed(type="ping", time=1.0, id=1) * 200,
+        "describes": framed(type="describe", id=1) * 100,
+        "large": framed(type="x", a=[[1.0] * 250] * 28),
+    }[kind]
+    return [message] * 60
+
+
+async def one_of_crowd(port, data, again):
+    reader, writer = await open_(port)
+    writer.write(HELLO + data)
+    reading = asyncio.create_task(read_all(reader))
+    while again:
+        writer.write(data)
+        await writer.drain()
+        await asyncio.sleep(0)
+    await reading
+
+
+async def read_all(reader):
+    while await reader.read(1 << 16):
+        pass
+
+
+def tasks_of(port, kind):
+    if kind == "mixed":
+        bad = [garbage, unreadable, deaf, flood, *[half_open] * HALF_OPEN]
+        return [one(port) for one in bad]
+    return [one_of_crowd(port, data, kind != "fields") for data in crowd(kind)]
+
+
+async def main(port, kind="mixed"):
     # They stand for other machines, which take no time from the daemon.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(10)
-    bad = [garbage, unreadable, deaf, flood, *[half_open] * HALF_OPEN]
-    tasks = [asyncio.create_task(one(port)) for one in bad]
+    tasks = [asyncio.create_task(one) for one in tasks_of(port, kind)]
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     await asyncio.wait(tasks)
 
 
 if __name__ == "__main__":
-    asyncio.run(main(int(sys.argv[1])))
+    asyncio.run(main(int(sys.argv[1]), *sys.argv[2:]))

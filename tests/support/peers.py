@@ -16,6 +16,7 @@ class Peer:
 
     def __init__(self, id_, name, role="controller"):
         self.id, self.name, self.role = id_, name, role
+        self.identity = "here"
         self.robots = self.subscription = None
         self.heard = []
         self.ended = False
@@ -27,7 +28,7 @@ class Peer:
     def let_go(self):
         self.holds -= 1
 
-    def say(self, message):
+    def say(self, message, frame=None):
         self.heard.append(message)
 
     def show(self, *states):

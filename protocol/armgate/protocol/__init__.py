@@ -10,7 +10,7 @@ little alone.
 """
 
 from armgate.protocol import messages
-from armgate.protocol.codec import decode, encode
+from armgate.protocol.codec import answering, decode, encode
 from armgate.protocol.connection import Connection, ConnectionState, Refusal, Side
 from armgate.protocol.errors import CODES, ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import (
@@ -44,6 +44,7 @@ __all__ = [
     "Refusal",
     "RemoteProtocolError",
     "Side",
+    "answering",
     "decode",
     "encode",
     "messages",

@@ -17,7 +17,7 @@ import msgpack
 from pydantic import ValidationError
 
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, RemoteProtocolError, as_name
-from armgate.protocol.framing import OUTBOUND_LIMIT, frame
+from armgate.protocol.framing import HEADER, OUTBOUND_LIMIT, frame
 from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message
 
 MAX_DEPTH = 8
@@ -26,6 +26,7 @@ MAX_ARRAY = MAX_BODIES
 MAX_ARRAY_INBOUND = 256
 MAX_STR = 4096
 _SHOWN = 40
+_MAP16 = 0xDE
 _CONTAINERS = frozenset((tuple, dict))
 _SECRET = "token"  # noqa: S105 (the name of the field)
 
@@ -47,6 +48,17 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
         text = f"{about}: {len(payload)} bytes; the peer accepts at most {limit}"
         raise LocalProtocolError(ErrorCode.FRAME_TOO_LARGE, text, about=about)
     return frame(payload)
+
+
+def answering(frame_: bytes, re: int) -> bytes:
+    """Return the frame of an answer, encoded without ``re``, with it; the rest is not encoded again."""
+    payload = frame_[HEADER:]
+    if payload[0] != _MAP16:
+        count, body = payload[0] & 0x0F, payload[1:]
+    else:
+        count, body = int.from_bytes(payload[1:3], "big"), payload[3:]
+    head = msgpack.Packer().pack_map_header(count + 1)
+    return frame(head + msgpack.packb("re") + msgpack.packb(re) + body)
 
 
 def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: int = MAX_ARRAY) -> Message:

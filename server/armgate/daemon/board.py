@@ -14,8 +14,8 @@ FIELDS: tuple[str, ...] = tuple(
 """What an entry may hold beside robot, tick and time, in the order of the message."""
 
 
-class _Newest:
-    """One robot's newest state; each set of fields is encoded once, whoever wants it."""
+class Newest:
+    """One robot's newest state; each set of fields is encoded once for all clients."""
 
     def __init__(self, state: m.State) -> None:
         self._state = state
@@ -39,7 +39,7 @@ class Board:
 
     def __init__(self, robots: Sequence[str]) -> None:
         self._robots = tuple(robots)
-        self._newest: dict[str, _Newest] = {}
+        self._newest: dict[str, Newest] = {}
 
     def subscription(self, request: m.Subscribe) -> Subscription:
         """The subscription that a request asks for.
@@ -77,12 +77,11 @@ class Board:
             warnings=warnings,
             **fields,
         )
-        self._newest[tick.robot] = _Newest(state)
+        self._newest[tick.robot] = Newest(state)
 
-    def newest(self, robot: str, fields: tuple[str, ...]) -> Encoded | None:
-        """The newest state at a tick of ``robot``; None before its first."""
-        newest = self._newest.get(robot)
-        return None if newest is None else newest.of(fields)
+    def newest(self, robot: str) -> Newest | None:
+        """Return the newest state at a tick of ``robot``; None before its first."""
+        return self._newest.get(robot)
 
 
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:

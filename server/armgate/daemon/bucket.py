@@ -1,8 +1,8 @@
-"""An allowance that time refills: what bounds rates."""
+"""Token bucket: an allowance that time refills. It bounds rates."""
 
 
 class Bucket:
-    """So many at once, and so many per second on average.
+    """Allow a burst at once, and a rate on average.
 
     Args:
         rate: How fast it refills, per s.
@@ -19,21 +19,35 @@ class Bucket:
         self._time = now
 
     def take(self, now: float) -> bool:
-        """Take one, if there is one."""
+        """Take one if there is one."""
         self._refill(now)
         if self._left < 1.0:
             return False
         self._left -= 1.0
         return True
 
-    def spend(self, count: int) -> None:
-        """Take some, also where there are fewer: the next ones wait for it."""
+    def reserve(self, now: float) -> float:
+        """Take one in any case; return how long to wait until it is there, s.
+
+        Waits add up, so many clients that share a bucket are served one after the other.
+        """
+        self._refill(now)
+        self._left -= 1.0
+        return max(0.0, -self._left / self._rate)
+
+    def spend(self, count: float) -> None:
+        """Take some, also if there are fewer: the next ones wait for it."""
         self._left -= count
 
     def wait(self, now: float) -> float:
-        """How long until there is one, s; 0: there is."""
+        """Return how long until there is one, s; 0 if there is one now."""
         self._refill(now)
         return max(0.0, (1.0 - self._left) / self._rate)
+
+    def full(self, now: float) -> bool:
+        """Return True if nothing of the burst is used: a new bucket would do the same."""
+        self._refill(now)
+        return self._left >= self._burst
 
     def _refill(self, now: float) -> None:
         self._left = min(self._burst, self._left + (now - self._time) * self._rate)

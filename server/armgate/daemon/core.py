@@ -6,7 +6,7 @@ from typing import Any
 from armgate.cell import events
 from armgate.cell.cell import Cell
 from armgate.daemon import translate
-from armgate.daemon.board import Board
+from armgate.daemon.board import Board, Newest
 from armgate.daemon.leasing import Leasing
 from armgate.daemon.library import Library
 from armgate.daemon.log import Log
@@ -39,8 +39,8 @@ OnState = Callable[
 
 _OURSELVES = "daemon"
 
-_AT_ONCE = 8
-"""Onlookers that are shown the state at one turn of the event loop."""
+Defer = Callable[[Peer, Callable[[], None]], None]
+"""Calls a function on behalf of a peer, when it is that peer's turn."""
 
 
 class Core:
@@ -54,8 +54,9 @@ class Core:
         now: Daemon time, s.
         lockstep: Whether time passes in lock-step; leases do not expire then.
         log: Where events are told.
-        defer: Calls a function at the next turn of the event loop. With it, those who only look on are shown
-            states a few at a time, so that a command in between does not wait for all of them.
+        defer: Calls a function when it is a peer's turn. With it, peers that hold no robot are sent states
+            in their turn, so that a command in between does not wait for all of them. If their turn has not
+            come when the next state is due, that one replaces it.
 
     Attributes:
         peers: The sessions by id.
@@ -73,7 +74,7 @@ class Core:
         lockstep: bool,
         log: Log,
         *,
-        defer: Callable[[Callable[[], None]], None] | None = None,
+        defer: Defer | None = None,
     ) -> None:
         server = cell.config.server
         self.robots = tuple(robot.name for robot in cell.robots)
@@ -94,9 +95,7 @@ class Core:
         self._ticks: dict[str, events.Tick] = {}
         self._moved: dict[str, float] = {}
         self._defer = defer
-        self._shown: Sequence[events.Tick] = ()
-        self._onlookers: dict[str, Peer] = {}
-        self._showing = False
+        self._unshown: dict[str, dict[str, Newest]] = {}
 
     # --- time ---------------------------------------------------------------------------------------------
 
@@ -177,7 +176,7 @@ class Core:
         if self.peers.get(peer.id) is peer:
             self.leasing.leave(peer)
             self._signals.drop(peer.id)
-            self._onlookers.pop(peer.id, None)
+            self._unshown.pop(peer.id, None)
             del self.peers[peer.id]
 
     def handle(self, peer: Peer, message: m.Message) -> None:
@@ -253,7 +252,7 @@ class Core:
             case m.Subscribe():
                 self._subscribe(peer, message)
             case m.Describe():
-                peer.say(_re(self._library.description, message))
+                peer.say(*self._library.describe(message.id))
             case m.Asset():
                 peer.say(_re(self._library.chunk(message.hash, message.offset, message.length), message))
             case m.Stop():
@@ -267,13 +266,13 @@ class Core:
     def _subscribe(self, peer: Peer, request: m.Subscribe) -> None:
         subscription = self._board.subscription(request)
         peer.subscription = subscription if subscription.every else None
-        self._onlookers.pop(peer.id, None)  # it is shown the newest right below
+        self._unshown.pop(peer.id, None)  # it is shown the newest right below
         robots = self._board.subscribed_robots(subscription)
         fields = subscription.fields
         peer.say(answer(m.Subscribed, request, every=request.every, robots=robots, fields=fields))
         if subscription.every:
-            newest = (self._board.newest(robot, fields) for robot in robots)
-            peer.show(*filter(None, newest))
+            newest = map(self._board.newest, robots)
+            peer.show(*(state.of(fields) for state in newest if state is not None))
 
     # --- stop and reset -----------------------------------------------------------------------------------
 
@@ -342,8 +341,6 @@ class Core:
                 self._resumed(told, asker, request)
 
     def _publish(self, ticks: Sequence[events.Tick], step: int | None) -> None:
-        while self._onlookers:  # who has not yet been shown the last instant is, before it is forgotten
-            self._show_some()
         self._put(ticks, step)
         self._show_to_all(ticks)
 
@@ -357,44 +354,44 @@ class Core:
             self._board.put(tick, entries, self._signals.values, warnings, step)
 
     def _show_to_all(self, ticks: Sequence[events.Tick]) -> None:
-        """First to those who have to answer before the next tick, then to those who only look on."""
-        self._shown = ticks
+        """Show the state to holders at once: they answer before the next tick; to others in their turn."""
         holders = self.leasing.sessions
         for peer in tuple(self.peers.values()):
-            if self._defer is None or peer.id in holders:
-                self._show(peer)
-            elif peer.subscription is not None:
-                self._onlookers[peer.id] = peer
-        self._show_later()
+            if wanted := self._wanted(peer, ticks):
+                if self._defer is None or peer.id in holders:
+                    self._show(peer, _newer(self._unshown.pop(peer.id, {}), wanted))
+                else:
+                    self._show_later(self._defer, peer, wanted)
 
-    def _show_later(self) -> None:
-        if self._defer is not None and self._onlookers and not self._showing:
-            self._showing = True
-            self._defer(self._show_on)
-
-    def _show_on(self) -> None:
-        self._showing = False
-        self._show_some()
-        self._show_later()
-
-    def _show_some(self) -> None:
-        for id_ in tuple(self._onlookers)[:_AT_ONCE]:
-            self._show(self._onlookers.pop(id_))
-
-    def _show(self, peer: Peer) -> None:
+    def _wanted(self, peer: Peer, ticks: Sequence[events.Tick]) -> dict[str, Newest]:
+        """Return the states at these ticks that a peer has subscribed, by robot."""
         wanted = peer.subscription
         if wanted is None:
-            return
-        shown = [
-            self._board.newest(tick.robot, wanted.fields)
-            for tick in self._shown
-            if wanted.wants(tick.robot, tick.tick)
-        ]
-        if states := [state for state in shown if state is not None]:
-            peer.show(*states)
+            return {}
+        return {
+            tick.robot: newest
+            for tick in ticks
+            if wanted.wants(tick.robot, tick.tick) and (newest := self._board.newest(tick.robot)) is not None
+        }
+
+    def _show_later(self, defer: Defer, peer: Peer, wanted: dict[str, Newest]) -> None:
+        waiting = self._unshown.get(peer.id)
+        self._unshown[peer.id] = _newer(waiting or {}, wanted)
+        if waiting is None:
+            defer(peer, lambda: self._show(peer, self._unshown.pop(peer.id, {})))
+
+    def _show(self, peer: Peer, wanted: dict[str, Newest]) -> None:
+        subscription = peer.subscription
+        if subscription is not None and wanted:
+            peer.show(*(newest.of(subscription.fields) for newest in wanted.values()))
 
     def _entry(self, robot: str) -> m.Entry:
         return translate.entry(robot, self._runner.view(robot), self.leasing.holder(robot))
+
+
+def _newer(waiting: dict[str, Newest], newer: dict[str, Newest]) -> dict[str, Newest]:
+    """Replace states that wait by newer ones of the same robots; the result is in the order of time."""
+    return {robot: state for robot, state in waiting.items() if robot not in newer} | newer
 
 
 def _unknown_stop(stop: int) -> tuple[ErrorCode, str]:

@@ -36,6 +36,10 @@ class Leasing:
         """The robots that a session holds."""
         return {grant.robot for grant in self._leases.held_by(session)}
 
+    def holds(self, session: str) -> bool:
+        """Return True if the session holds a robot."""
+        return session in self._leases.sessions
+
     @property
     def sessions(self) -> set[str]:
         """The sessions that hold a robot."""

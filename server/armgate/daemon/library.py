@@ -10,7 +10,7 @@ from armgate.cell.cell import Body, Cell, Robot
 from armgate.cell.mesh.hull import hull_of
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
-from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, encode
+from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, answering, encode
 from armgate.protocol import messages as m
 
 _LARGEST_ID = 2**31 - 1
@@ -27,6 +27,7 @@ class Library:
 
     Attributes:
         description: The description, without the ``re`` of a request.
+        frame: Its frame: a large one takes longer to encode than ticks may wait.
         assets: What it names, by hash.
 
     Args:
@@ -52,14 +53,21 @@ class Library:
             robots=tuple(_robot(robot) for robot in cell.robots),
             bodies=tuple(_body(cell, body, meshes) for body in cell.bodies),
         )
-        self._check_size(cell)
+        self.frame = self._encoded(cell)
 
-    def _check_size(self, cell: Cell) -> None:
+    def _encoded(self, cell: Cell) -> bytes:
         try:
             encode(self.description.model_copy(update={"re": _LARGEST_ID}))
+            return encode(self.description)
         except LocalProtocolError as error:
             text = f"the description of this cell is too large: {error.text}; use fewer robots or bodies"
             raise cell.config.error(("robots",), text) from error
+
+    def describe(self, re: int | None) -> tuple[m.Description, bytes]:
+        """Return the description as the answer to a request, and its frame."""
+        if re is None:
+            return self.description, self.frame
+        return self.description.model_copy(update={"re": re}), answering(self.frame, re)
 
     def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
         """A piece of an asset.

@@ -35,12 +35,14 @@ class Peer(Protocol):
     id: str
     name: str
     role: Role
+    identity: str
+    """The token or address that limits and turns count by."""
     robots: frozenset[str] | None
     """The robots that it may command, None: all."""
     subscription: Subscription | None
 
-    def say(self, message: Message) -> None:
-        """Send a message that may not be dropped."""
+    def say(self, message: Message, frame: bytes | None = None) -> None:
+        """Send a message that may not be dropped; its frame is given if it is encoded already."""
 
     def show(self, *states: Encoded) -> None:
         """Send states, each in place of an older one of the same robot that still waits."""

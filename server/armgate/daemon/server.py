@@ -12,10 +12,11 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from armgate.cell.cell import Cell
-from armgate.cell.config import LockstepClockConfig
+from armgate.cell.config import LockstepClockConfig, ServerConfig
 from armgate.cell.events import Tick
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.daemon.access import Access, Keys
+from armgate.daemon.allowance import Allowance, Allowances, Rates
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
@@ -23,13 +24,14 @@ from armgate.daemon.library import BODY_EXACT, STOP_REPLACES
 from armgate.daemon.listener import Guest, Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
-from armgate.daemon.peer import answer
+from armgate.daemon.peer import Peer, answer
 from armgate.daemon.record_start import begin, header_of
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.rereading import Rereading, tell_strange
 from armgate.daemon.runner import GateRunner, Judge
 from armgate.daemon.session import Session
 from armgate.daemon.tokens import Tokens
+from armgate.daemon.turns import Turns
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
 from armgate.links import EmulatedLink
@@ -117,6 +119,8 @@ class Daemon:
         keys = keys or Keys()
         self._listener = self._listening(keys)
         self._access = self._door(keys)
+        self._turns = Turns()
+        self._allowances = _allowances(self._settings)
         self._rereading = None if keys.reread is None else Rereading(keys.reread, self._use_tokens, log)
         periods = [robot.period for robot in cell.robots]
         self._pace: Wall | Lockstep | Driven
@@ -136,7 +140,7 @@ class Daemon:
         self._notifier = Notifier()
         runner = GateRunner(judge, {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
-        defer = None if lockstep else self._soon
+        defer = None if lockstep else self._show_later
         self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer)
         self._periods = dict(zip((link.robot for link in links), periods, strict=True))
         self._links = links
@@ -228,8 +232,8 @@ class Daemon:
         elif signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup sets it
             loop.add_signal_handler(signal.SIGHUP, self.end)
 
-    def _soon(self, function: Callable[[], None]) -> None:
-        asyncio.get_running_loop().call_soon(function)
+    def _show_later(self, peer: Peer, show: Callable[[], None]) -> None:
+        self._turns.later(peer.identity, False, show)
 
     def _begin(self) -> None:
         try:
@@ -418,8 +422,16 @@ class Daemon:
 
     def _session(self, guest: Guest) -> Session:
         self._numbers += 1
-        rate = None if self._pace.lockstep else self._settings.message_rate
-        return Session(self, self._numbers, guest, self._settings.send_buffer, rate, self._dialects)
+        allowance = None if self._pace.lockstep else Allowance(self._allowances, guest.origin)
+        return Session(
+            self,
+            self._numbers,
+            guest,
+            self._settings.send_buffer,
+            self._turns,
+            allowance=allowance,
+            dialects=self._dialects,
+        )
 
     def opened(self, session: Session) -> None:
         """A connection was made: it may stay if there is room, and says hello in time."""
@@ -439,6 +451,8 @@ class Daemon:
             admitted = self._access.admit(hello, session.guest.origin, monotonic())
             session.name, session.role, session.robots = hello.name, admitted.role, admitted.robots
             session.token = admitted.token
+            if admitted.token is not None:
+                session.identify(f"token {admitted.token.name}")
             session.id = self._pace.session_id(session.name, session.number)
             self._pace.join(session)
         except RemoteProtocolError as error:
@@ -478,6 +492,11 @@ class Daemon:
         self._listener.left(session.guest)
         self._look_for_emptiness()
 
+    def privileged(self, session: Session) -> bool:
+        """Return True if the session is served first: it holds a robot, or is an operator by token."""
+        operator = session.token is not None and session.role == "operator"
+        return operator or self._core.leasing.holds(session.id)
+
     def _look_for_emptiness(self) -> None:
         if self._phase is Phase.OVER and not self._sessions:
             self._emptied.set()
@@ -506,6 +525,16 @@ class Daemon:
             limits=limits,
             software=f"armgate {version('armgate')}",
         )
+
+
+def _allowances(settings: ServerConfig) -> Allowances:
+    rates = Rates(
+        client=settings.message_rate,
+        identity=settings.message_rate_per_identity,
+        address=settings.message_rate_per_address,
+        in_all=settings.message_rate_in_all,
+    )
+    return Allowances(rates, monotonic)
 
 
 def _link(cell: Cell, index: int, start: str) -> EmulatedLink:

@@ -5,11 +5,12 @@ import socket
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from armgate.daemon.bucket import Bucket
+from armgate.daemon.allowance import Allowance
 from armgate.daemon.listener import Guest
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
 from armgate.daemon.tokens import Token
+from armgate.daemon.turns import Turns
 from armgate.protocol import (
     DIALECTS,
     Connection,
@@ -33,13 +34,18 @@ _ROOM = 16 * 1024
 """Bytes that are read at once: asyncio's own 256 KiB are memory that the system makes anew each time."""
 
 _AT_ONCE = 8
-"""Messages of one client that are read at one turn of the event loop: then it is the others' turn."""
+"""Messages of one client that are read at once: then other clients have their turn."""
 
 _PATIENT = (m.Signaled, m.Verdict)
 """Answers that may wait for what comes with them; nothing else said is held up."""
 
-_COSTS: dict[type[object], int] = {m.Describe: 20, m.Asset: 20}
-"""Messages whose answers are large count as so many."""
+_COSTS: dict[type[object], float] = {
+    m.Describe: 20, m.Asset: 20, m.Stop: 8, m.Reset: 8, m.Subscribe: 4, m.Acquire: 2, m.Release: 2,
+}  # fmt: skip
+"""Messages that count as more than one: their answers are large, or go to all clients."""
+
+_BYTES = 2048
+"""Bytes that count as one more message."""
 
 _TCP = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
 _USER_TIMEOUT_MS = 20_000
@@ -63,6 +69,9 @@ class Desk(Protocol):
     def closed(self, session: "Session") -> None:
         """A connection is closed; nothing is called for it any more."""
 
+    def privileged(self, session: "Session") -> bool:
+        """Return True if the session is served first: it holds a robot, or is an operator by token."""
+
     def failed(self, error: Exception) -> None:
         """Something of ours failed."""
 
@@ -75,10 +84,12 @@ class Session(asyncio.BufferedProtocol):
         number: Count of the connection, for the log.
         guest: Where the client connects from, and whether it may stay.
         send_buffer: Bytes of answers and verdicts that may wait for this client.
-        rate: Messages of this client that are read per second on average; None: no bound.
+        turns: Gives the turns in which it is read.
+        allowance: Messages that are read per second on average; None: no bound.
         dialects: The versions of the protocol to speak.
 
     Attributes:
+        identity: The token or address that limits and turns count by.
         robots: The robots that the client may command, None: all.
         token: By which token it came in, None: without one.
     """
@@ -89,11 +100,14 @@ class Session(asyncio.BufferedProtocol):
         number: int,
         guest: Guest,
         send_buffer: int,
-        rate: float | None = None,
+        turns: Turns,
+        *,
+        allowance: Allowance | None = None,
         dialects: Sequence[Dialect] = DIALECTS,
     ) -> None:
         self.number = number
         self.guest = guest
+        self.identity = guest.origin
         self.id = ""
         self.name = ""
         self.role: m.Role = "observer"
@@ -107,10 +121,12 @@ class Session(asyncio.BufferedProtocol):
         self._outbox = Outbox(self._write, send_buffer)
         self._transport: asyncio.Transport
         self._timer: asyncio.TimerHandle | None = None
-        self._rate = rate
-        self._bucket: Bucket | None = None
-        self._reading: asyncio.Handle | None = None
-        self._closing = self._told_gone = False
+        self._turns = turns
+        self._allowance = allowance
+        self._bytes = 0
+        self._reading = self._ended = self._lost = False
+        self._pause: asyncio.TimerHandle | None = None
+        self._closing = self._told_gone = self._told_closed = False
         self._overflow = ""
         self._holds = 0
         self._held: list[bytes] = []
@@ -137,8 +153,6 @@ class Session(asyncio.BufferedProtocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.set_write_buffer_limits(high=_BUFFER)
-        if self._rate is not None:
-            self._bucket = Bucket(self._rate, self._rate / 4, asyncio.get_running_loop().time())
         _keep_alive(transport.get_extra_info("socket"))
         host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
         self.address = f"{host}:{port}"
@@ -156,27 +170,35 @@ class Session(asyncio.BufferedProtocol):
         """These bytes came in."""
         if not self._closing:
             self._connection.push(data)
-            if self._reading is None:
-                self._read_on()
+            self._bytes += len(data)
+            if self._reading:
+                self._transport.pause_reading()  # enough waits for this session's turn
+            else:
+                self._reading = True
+                self._ask_for_turn(self._turns.now)
 
-    def eof_received(self) -> None:
-        """The client sends no more."""
-        while not self._closing and (item := self._connection.pop()) is not None:
-            self._guarded(self._hear, item)
-        if not self._closing:
-            for item in self._connection.receive_eof():
-                self._guarded(self._hear, item)
-            self._leave("closed by the client")
-            self._closing = True
+    def eof_received(self) -> bool:
+        """Handle the end of the client's stream once all that came before is read.
+
+        Returns:
+            True if the transport shall stay open until then; TLS cannot.
+        """
+        self._ended = True
+        if not self._reading:
+            self._end_of_stream()
+        return self._reading and self._transport.can_write_eof()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is gone."""
-        self._closing = True
+        """Handle the loss of the connection; after an end of the stream what came before is read first."""
         self.allow(None)
-        if self._reading is not None:
-            self._reading.cancel()
+        self._lost = True
+        if exc is None and self._ended and self._reading and not self._closing:
+            return
+        self._closing = True
+        if self._pause is not None:
+            self._pause.cancel()
         self._leave(self._overflow or ("connection lost" if exc is None else str(exc)))
-        self._guarded(self._desk.closed, self)
+        self._tell_closed()
 
     def pause_writing(self) -> None:
         """The client reads slowly."""
@@ -188,14 +210,20 @@ class Session(asyncio.BufferedProtocol):
         if self._closing:
             self._write_eof()
 
+    def identify(self, identity: str) -> None:
+        """Count in this identity's limits and turns from now on."""
+        self.identity = identity
+        if self._allowance is not None:
+            self._allowance.identify(identity)
+
     # --- for desk and core --------------------------------------------------------------------------------
 
-    def say(self, message: m.Message) -> None:
+    def say(self, message: m.Message, frame: bytes | None = None) -> None:
         """Send a message that may not be dropped; close if too many of them wait."""
         if self._closing:
             return
         try:
-            self._outbox.put(self._connection.send(message))
+            self._outbox.put(self._connection.send(message, frame))
             if self._holds and not isinstance(message, _PATIENT):
                 self._write_held()
         except LocalProtocolError:
@@ -251,38 +279,59 @@ class Session(asyncio.BufferedProtocol):
 
     # --- inside -------------------------------------------------------------------------------------------
 
-    def _read_on(self) -> None:
-        """Hear some of what came; the rest when the others had their turn, or when the rate allows it."""
-        loop = asyncio.get_running_loop()
-        self._reading = None
-        if self._bucket is not None and (wait := self._bucket.wait(loop.time())):
-            self._read_later(loop.call_later(wait, self._read_on))
-            return
+    def _ask_for_turn(self, give: Callable[[str, bool, Callable[[], None]], None]) -> None:
+        """Read when it is this session's turn, and when its allowance permits it."""
+        privileged = self._desk.privileged(self)
+        wait = 0.0 if self._allowance is None else self._allowance.reserve(privileged)
+        if wait:
+            # Not reading from the socket meanwhile makes the client wait, instead of keeping what it sends.
+            self._transport.pause_reading()
+            self._pause = asyncio.get_running_loop().call_later(wait, self._resume)
+        else:
+            give(self.identity, privileged, self._read)
+
+    def _resume(self) -> None:
+        self._turns.now(self.identity, self._desk.privileged(self), self._read)
+
+    def _read(self) -> None:
+        """Read a turn's worth; the rest when other clients had their turn."""
         self.hold()
         cost, more = self._hear_some()
         self.let_go()
-        if self._bucket is not None:
-            self._bucket.spend(cost)
+        if self._allowance is not None:
+            self._allowance.spend(cost - 1.0, self._desk.privileged(self))
         if more:
-            self._read_later(loop.call_soon(self._read_on))
+            self._transport.pause_reading()
+            self._ask_for_turn(self._turns.later)
+            return
+        self._reading = False
+        if self._ended:
+            self._end_of_stream()
         else:
             self._transport.resume_reading()
 
-    def _hear_some(self) -> tuple[int, bool]:
-        """Hear a turn's worth of messages; what they cost, and whether there may be more."""
-        cost = 0
-        while cost < _AT_ONCE:
+    def _end_of_stream(self) -> None:
+        if not self._closing:
+            for item in self._connection.receive_eof():
+                self._guarded(self._hear, item)
+            self._leave("closed by the client")
+            self._closing = True
+        if self._lost:
+            self._tell_closed()
+        else:
+            self._transport.close()
+
+    def _hear_some(self) -> tuple[float, bool]:
+        """Hear a turn's worth of messages; return what they cost, and True if there may be more."""
+        cost, self._bytes = self._bytes / _BYTES, 0
+        limit = cost + _AT_ONCE
+        while cost < limit:
             item = None if self._closing else self._connection.pop()
             if item is None:
                 return cost, False
-            cost += _COSTS.get(type(item), 1)
+            cost += _COSTS.get(type(item), 1.0)
             self._guarded(self._hear, item)
         return cost, True
-
-    def _read_later(self, handle: asyncio.Handle) -> None:
-        # Not reading from the socket meanwhile makes the client wait, not us keep what it sends.
-        self._reading = handle
-        self._transport.pause_reading()
 
     def _hear(self, item: m.Message | Refusal) -> None:
         match item:
@@ -341,6 +390,11 @@ class Session(asyncio.BufferedProtocol):
         if not self._told_gone:
             self._told_gone = True
             self._guarded(self._desk.gone, self, reason)
+
+    def _tell_closed(self) -> None:
+        if not self._told_closed:
+            self._told_closed = True
+            self._guarded(self._desk.closed, self)
 
     def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
         try:

@@ -301,6 +301,10 @@ class ServerConfig(Part):
         signal_rate: How many signals a client may send per second on average.
         message_rate: How many messages of a client are read per second on average; others wait. Not in
             lock-step.
+        message_rate_per_identity: The same for all clients with one token (without tokens: at one address).
+            Holders of robots, and operators with a token, do not count here and in the next two.
+        message_rate_per_address: The same for all clients at one address.
+        message_rate_in_all: The same for all clients.
         login_failures: How many wrong tokens per minute on average before none is looked at any more.
         login_failures_per_address: The same for one address.
         handshake_timeout: How long a new connection may take for TLS, and then to say hello, s.
@@ -319,6 +323,9 @@ class ServerConfig(Part):
     connection_rate: Annotated[float, Field(gt=0.0)] = 100.0
     signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
     message_rate: Annotated[float, Field(gt=0.0)] = 2000.0
+    message_rate_per_identity: Annotated[float, Field(gt=0.0)] = 3000.0
+    message_rate_per_address: Annotated[float, Field(gt=0.0)] = 4000.0
+    message_rate_in_all: Annotated[float, Field(gt=0.0)] = 6000.0
     login_failures: Annotated[float, Field(ge=1.0)] = 100.0
     login_failures_per_address: Annotated[float, Field(ge=1.0)] = 10.0
     handshake_timeout: Period = 5.0

@@ -1,0 +1,108 @@
+"""Fair turns of the event loop: which session is served next, and how much of a turn serving may take.
+
+Ticks are timers of the event loop, so they wait for at most one turn. A turn is bounded by time: each lane
+has a slice of it, and what does not fit waits for the next turn. Sessions that hold a robot are served in a
+lane of their own, before all others. Within a lane the identities (tokens, addresses) take turns, so that an
+identity with many connections gets no more than one with a single connection.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from time import perf_counter
+
+Work = Callable[[], None]
+
+_HOLDERS = 1e-3
+"""Time of one turn for sessions that hold a robot, s."""
+
+_OTHERS = 250e-6
+"""Time of one turn for all other sessions, s."""
+
+
+class Lane:
+    """Work of one priority: one queue for each identity, served in rotation.
+
+    Args:
+        slice_: Time that this lane may use in one turn, s.
+        clock: A clock for durations, s.
+    """
+
+    def __init__(self, slice_: float, clock: Callable[[], float]) -> None:
+        self._slice = slice_
+        self._clock = clock
+        self._used = 0.0
+        self._queues: dict[str, deque[Work]] = {}
+
+    @property
+    def free(self) -> bool:
+        """True if nothing waits and time of this turn is left."""
+        return not self._queues and self._used < self._slice
+
+    @property
+    def waiting(self) -> bool:
+        """True if work waits for a turn."""
+        return bool(self._queues)
+
+    def add(self, identity: str, work: Work) -> None:
+        """Queue work of an identity."""
+        self._queues.setdefault(identity, deque()).append(work)
+
+    def do(self, work: Work) -> None:
+        """Do work now and count its time."""
+        begin = self._clock()
+        work()
+        self._used += self._clock() - begin
+
+    def run(self) -> None:
+        """Begin a new turn: do what fits into it, one piece of each identity in rotation."""
+        self._used = 0.0
+        while self._queues and self._used < self._slice:
+            identity, queue = next(iter(self._queues.items()))
+            del self._queues[identity]
+            work = queue.popleft()
+            if queue:
+                self._queues[identity] = queue
+            self.do(work)
+
+
+class Turns:
+    """Serves sessions in both lanes on the running event loop.
+
+    Args:
+        clock: A clock for durations, s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+        self._holders = Lane(_HOLDERS, clock)
+        self._others = Lane(_OTHERS, clock)
+        self._armed = False
+
+    def now(self, identity: str, holder: bool, work: Work) -> None:
+        """Do work at once if this turn has time for it, else queue it."""
+        lane = self._lane(holder)
+        if lane.free:
+            lane.do(work)
+        else:
+            lane.add(identity, work)
+        self._arm()
+
+    def later(self, identity: str, holder: bool, work: Work) -> None:
+        """Queue work for the next turn."""
+        self._lane(holder).add(identity, work)
+        self._arm()
+
+    def _lane(self, holder: bool) -> Lane:
+        return self._holders if holder else self._others
+
+    def _arm(self) -> None:
+        if not self._armed:
+            self._armed = True
+            asyncio.get_running_loop().call_soon(self._run)
+
+    def _run(self) -> None:
+        self._armed = False
+        self._holders.run()
+        self._others.run()
+        if self._holders.waiting or self._others.waiting:
+            self._arm()

@@ -1,0 +1,148 @@
+"""Turns of the event loop and allowances: bounded by time, fair between identities, holders first."""
+
+import asyncio
+
+import pytest
+
+from armgate.daemon.allowance import Allowance, Allowances, Rates
+from armgate.daemon.bucket import Bucket
+from armgate.daemon.turns import Lane, Turns
+
+
+class Clock:
+    """A clock that only work moves."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+class Works:
+    """Pieces of work that take time and write down whose they were."""
+
+    def __init__(self):
+        self.clock, self.done = Clock(), []
+
+    def of(self, name, seconds=1e-4):
+        def work():
+            self.clock.now += seconds
+            self.done.append(name)
+
+        return work
+
+
+# --- lanes and turns --------------------------------------------------------------------------------------
+
+
+def test_a_lane_does_no_more_in_a_turn_than_its_slice():
+    works = Works()
+    lane = Lane(1e-3, works.clock)
+    for _ in range(100):
+        lane.add("a", works.of("a"))
+    lane.run()
+    assert len(works.done) in (10, 11)
+    lane.run()
+    assert len(works.done) in (20, 22)
+    assert lane.waiting
+
+
+def test_identities_take_turns_however_much_each_has_queued():
+    works = Works()
+    lane = Lane(1.0, works.clock)
+    for name in "aaaaaabbc":
+        lane.add(name, works.of(name))
+    lane.run()
+    assert "".join(works.done) == "abcabaaaa"
+    assert not lane.waiting
+
+
+def test_an_identity_with_sixty_connections_delays_another_by_one_piece_of_work():
+    works = Works()
+    lane = Lane(1e-3, works.clock)
+    for _ in range(60):
+        lane.add("crowd", works.of("crowd"))
+    lane.run()
+    before = len(works.done)
+    lane.add("alone", works.of("alone"))
+    lane.run()
+    assert "alone" in works.done[before : before + 2]
+
+
+async def test_work_is_done_at_once_while_the_turn_has_time_and_queued_after_that():
+    works = Works()
+    turns = Turns(works.clock)
+    for _ in range(20):
+        turns.now("a", False, works.of("a"))
+    at_once = len(works.done)
+    assert at_once == 3  # 0.25 ms
+    turns.now("h", True, works.of("h"))
+    assert works.done[-1] == "h"
+    await asyncio.sleep(0)
+    assert len(works.done) == 2 * at_once + 1
+
+
+async def test_holders_are_served_before_others_and_both_in_every_turn():
+    works = Works()
+    turns = Turns(works.clock)
+    for _ in range(100):
+        turns.later("h", True, works.of("h"))
+        turns.later("a", False, works.of("a"))
+    await asyncio.sleep(0)
+    first = "".join(works.done)
+    assert first == "h" * 10 + "a" * 3
+    for _ in range(50):
+        await asyncio.sleep(0)
+    assert len(works.done) == 200
+
+
+# --- allowances -------------------------------------------------------------------------------------------
+
+
+def rates(**more):
+    return Rates(**({"client": 40.0, "identity": 1e9, "address": 1e9, "in_all": 1e9} | more))
+
+
+def test_reservations_of_a_shared_bucket_queue_up():
+    bucket = Bucket(rate=10.0, burst=2.0, now=0.0)
+    assert [bucket.reserve(0.0) for _ in range(5)] == pytest.approx([0.0, 0.0, 0.1, 0.2, 0.3])
+    assert bucket.reserve(1.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("bound", "same"),
+    [("identity", ("lab", "here", "lab", "there")), ("address", ("a", "here", "b", "here"))],
+)
+def test_what_one_client_reads_another_of_its_identity_or_address_waits_for(bound, same):
+    clock = Clock()
+    allowances = Allowances(rates(**{bound: 40.0}), clock)
+    one, other = Allowance(allowances, same[1]), Allowance(allowances, same[3])
+    one.identify(same[0])
+    other.identify(same[2])
+    stranger = Allowance(allowances, "elsewhere")
+    one.spend(30.0, privileged=False)
+    assert other.reserve(privileged=False) == pytest.approx(21 / 40.0)
+    assert other.reserve(privileged=True) == 0.0
+    assert stranger.reserve(privileged=False) == 0.0
+
+
+def test_all_clients_together_have_a_bound_that_holders_do_not_feel():
+    allowances = Allowances(rates(in_all=40.0), Clock())
+    for number in range(10):
+        Allowance(allowances, f"a{number}").reserve(privileged=False)
+    late = Allowance(allowances, "late")
+    assert late.reserve(privileged=False) > 0.0
+    assert late.reserve(privileged=True) == 0.0
+
+
+def test_only_so_many_identities_are_remembered_and_none_that_is_in_use():
+    clock = Clock()
+    allowances = Allowances(rates(identity=40.0), clock)
+    busy = Allowance(allowances, "busy")
+    busy.spend(1e6, privileged=False)
+    for number in range(3000):
+        clock.now += 0.01
+        Allowance(allowances, f"a{number}")
+    assert len(allowances._shared) <= 1026
+    assert Allowance(allowances, "busy").reserve(privileged=False) > 1.0
