@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz conformance coverage adversary certificates mutants soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz fuzz-valid conformance coverage adversary certificates mutants soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -58,6 +58,9 @@ pictures: $(VENV)/.tested  ## draw the README's pictures: the viewer's page and 
 
 fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
 	@$(BIN)/python -m tools.fuzz $(RUNS)
+
+fuzz-valid: $(VENV)/.tested  ## search for valid messages that break the daemon: make fuzz-valid RUNS=1000000
+	@$(BIN)/python -m tools.fuzz.valid $(RUNS) $(SEED)
 
 conformance: $(VENV)/.installed  ## try the daemon against its specification, by the wall clock and in lock-step
 	@$(BIN)/armgate conformance --start "$(BIN)/armgate serve configs/conformance.yaml --port 0" $(ARGS)

@@ -27,6 +27,7 @@ class _Participant:
     heard: float = 0.0
     passed: bool = False
     commanded: set[str] = field(default_factory=set)
+    done: bool = False
 
 
 class Barrier:
@@ -63,7 +64,7 @@ class Barrier:
         self.step = step
         self._ticked = frozenset(ticked)
         for participant in self._participants.values():
-            participant.passed = False
+            participant.passed = participant.done = False
             participant.commanded.clear()
             participant.heard = now
 
@@ -103,13 +104,16 @@ class Barrier:
         """Whether a participant has said all that it has to in this step.
 
         It has passed, or commanded every robot that it holds and that ticked. Who holds robots of which none
-        ticked has nothing to say; who holds none must pass.
+        ticked has nothing to say; who holds none must pass. A participant that is done stays so until the step
+        ends, also if it loses a lease meanwhile: else its later messages would overtake those that wait for the
+        next step.
         """
         participant = self._participants[name]
-        if participant.passed:
-            return True
-        held = self._held_by(name)
-        return bool(held) and participant.commanded >= held & self._ticked
+        if not participant.done:
+            held = self._held_by(name)
+            commanded = bool(held) and participant.commanded >= held & self._ticked
+            participant.done = participant.passed or commanded
+        return participant.done
 
     @property
     def complete(self) -> bool:

@@ -1,0 +1,63 @@
+"""Search for valid messages that make the daemon break its specification.
+
+``python -m tools.fuzz.valid [RUNS [SEED]]``: RUNS messages to cores in memory, in cells of 1 to 32 robots
+with up to 64 joints, by the wall clock and in lock-step. Ends with 0, or with 1 and the seed of what broke.
+"""
+
+import asyncio
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from random import Random
+
+from tools.fuzz.valid.rig import Rig
+
+_ROBOTS = (1, 2, 2, 2, 3, 3, 4, 8, 32)
+_JOINTS = (1, 3, 6, 6, 7, 12, 40, 64)
+_EPISODE = 4000
+"""Messages to one cell."""
+
+
+def main(arguments: list[str]) -> int:
+    """Return the exit status."""
+    if len(arguments) > 2 or not all(argument.isdecimal() for argument in arguments):
+        print(__doc__, file=sys.stderr)
+        return 2
+    given = [int(argument) for argument in arguments]
+    runs, seed = (*given, *(100_000, 0)[len(given) :])
+    return asyncio.run(search(runs, seed))
+
+
+async def search(runs: int, seed: int) -> int:
+    """Send so many messages; return the exit status."""
+    sent, began = 0, time.monotonic()
+    while sent < runs:
+        count = min(_EPISODE, runs - sent)
+        try:
+            said = episode(seed, count)
+        except Exception:
+            print(f"fuzz-valid: seed {seed}, {count} messages\n{traceback.format_exc()}", file=sys.stderr)
+            return 1
+        sent, seed = sent + count, seed + 1
+        print(f"fuzz-valid: {sent} messages, {said}, {time.monotonic() - began:.0f} s", flush=True)
+    print(f"fuzz-valid: {sent} valid messages in {time.monotonic() - began:.0f} s, nothing found")
+    return 0
+
+
+def episode(seed: int, messages: int) -> str:
+    """Send messages to one cell; return what kind of cell it was.
+
+    Raises:
+        UnkeptError: The specification was not kept.
+    """
+    rng = Random(seed)  # noqa: S311 (a search that can be repeated)
+    robots, joints, lockstep = rng.choice(_ROBOTS), rng.choice(_JOINTS), rng.random() < 0.3
+    with tempfile.TemporaryDirectory() as folder:
+        Rig(Path(folder), rng, robots, joints, lockstep=lockstep).run(messages)
+    return f"seed {seed}: {robots} robots of up to {joints} joints{' in lock-step' if lockstep else ''}"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,295 @@
+"""A core with its gate, emulated robots and clients in memory; every message goes through the codec."""
+
+import io
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+from armgate.cell.cell import Cell, build_cell
+from armgate.cell.config import LockstepClockConfig
+from armgate.daemon.core import RIGHTS, Core
+from armgate.daemon.lockstep import Lockstep
+from armgate.daemon.log import Log
+from armgate.daemon.peer import Encoded, Subscription, answer
+from armgate.daemon.runner import GateRunner
+from armgate.emulator import Instant
+from armgate.integrity import Gate
+from armgate.links import EmulatedLink
+from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
+from armgate.protocol import messages as m
+from tools.fuzz.valid import cells
+from tools.fuzz.valid.oracle import Expectations, Knowledge, hold
+from tools.fuzz.valid.speaker import Speaker
+
+_ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator")
+_CLIENTS = 6
+_TICK = 0.12
+"""How often a message is followed by a tick of the robots that are due."""
+
+_LEAVE = 0.002
+_EARLY = 0.02
+"""How often a client says something else before its hello."""
+
+
+class Client:
+    """A client and the server's end of its connection."""
+
+    def __init__(self, rig: "Rig", number: int, name: str, role: m.Role) -> None:
+        self.id = ""
+        self.name, self.role = name, role
+        self.robots: frozenset[str] | None = None
+        self.subscription: Subscription | None = None
+        self.expects = Expectations(rig.knowledge(), exact=True)
+        self.speaker = Speaker(rig.rng, self.expects.known).only(rig.types)
+        self.gone = False
+        self._rig, self._number = rig, number
+        self._here, self._there = Connection(Side.CLIENT), Connection(Side.SERVER)
+
+    # --- the server's end: a Peer -------------------------------------------------------------------------
+
+    def say(self, message: m.Message) -> None:
+        """Send a message to the client, which holds it against the specification at once."""
+        if not self.gone:
+            self._deliver(self._there.send(message))
+
+    def show(self, *states: Encoded) -> None:
+        """Send states."""
+        for state in states:
+            if not self.gone:
+                self._deliver(self._there.send(state.state, state.frame))
+
+    def hold(self) -> None:
+        """Do nothing: here everything is sent at once."""
+
+    def let_go(self) -> None:
+        """Do nothing."""
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+    def end(self, message: m.Message) -> None:
+        """Send a last message; the session has ended."""
+        self.say(message)
+        self.gone = True
+
+    def _deliver(self, frame: bytes) -> None:
+        for item in self._here.receive(frame):
+            hold(not isinstance(item, Refusal), f"the server sent what a client refuses: {item}")
+            assert isinstance(item, m.Message)
+            self.expects.heard(item)
+
+    # --- the client's end ---------------------------------------------------------------------------------
+
+    def send(self, message: m.Message) -> None:
+        """Send a message; the server acts on it at once."""
+        self.expects.said(message)
+        for item in self._there.receive(self._here.send(message)):
+            hold(not isinstance(item, Refusal), f"a valid message was refused: {item}")
+            assert isinstance(item, m.Message)
+            self._rig.heard(self, item)
+
+    def speak_early(self, message: m.Message) -> None:
+        """Send something else than hello first: a fatal error is due."""
+        frame = Connection(Side.CLIENT)
+        frame.send(m.Hello(versions=(1,), name="x"))
+        frame.state = type(frame.state).READY
+        (item,) = self._there.receive(frame.send(message))
+        hold(isinstance(item, Refusal) and item.error.code == "unexpected", f"before hello: {item}")
+        self.gone = True
+
+    def join(self) -> None:
+        """Say hello."""
+        self.send(m.Hello(id=0, versions=(1,), name=self.name, role=self.role))
+
+    @property
+    def number(self) -> int:
+        """Count of the connection."""
+        return self._number
+
+
+class Wall:
+    """Pace by a clock that the search sets forward."""
+
+    def __init__(self, periods: list[float], on_instant: Callable[[Instant], None]) -> None:
+        self._periods, self._next = periods, [0.0] * len(periods)
+        self._on_instant = on_instant
+        self._count = itertools.count()
+        self.time = 0.0
+
+    def tick(self) -> None:
+        """Let those robots tick whose time has come next."""
+        self.time = max(self.time, min(self._next))
+        due = tuple(i for i, at in enumerate(self._next) if at <= self.time + 1e-9)
+        for i in due:
+            self._next[i] += self._periods[i]
+        self._on_instant(Instant(next(self._count), self.time, due))
+
+
+class Rig:
+    """One cell and its clients.
+
+    Args:
+        folder: Where the cell's files may be written.
+        rng: The source of all choices.
+        robots: Number of robots.
+        joints: Most joints of a robot.
+        lockstep: Let time pass in lock-step.
+    """
+
+    types = frozenset(RIGHTS) | {m.Pass}
+    """Messages that the core answers."""
+
+    def __init__(self, folder: Path, rng: Random, robots: int, joints: int, *, lockstep: bool) -> None:
+        self.rng = rng
+        self.lockstep = lockstep
+        self.cell: Cell = build_cell(cells.make(folder, rng, robots, joints, lockstep=lockstep))
+        links = [
+            EmulatedLink(r.name, "s", r.start.tolist(), r.period, r.config.link.lag) for r in self.cell.robots
+        ]  # type: ignore[union-attr]
+        runner = GateRunner(Gate(self.cell, "s"), {link.robot: link for link in links})
+        periods = [robot.period for robot in self.cell.robots]
+        log = Log(io.StringIO())
+        clock = self.cell.config.clock
+        if isinstance(clock, LockstepClockConfig):
+            self.pace: Lockstep | Wall = Lockstep(periods, clock.participants, 1e9, self._instant, log)
+        else:
+            self.pace = Wall(periods, self._instant)
+        self.core = Core(self.cell, runner, links, self._now, lockstep, log)
+        self.clients: list[Client] = []
+        self._numbers = itertools.count(1)
+        self.core.start()
+        if isinstance(self.pace, Lockstep):
+            self.pace.start(self.core)
+        else:
+            self.pace.tick()
+
+    def knowledge(self) -> Knowledge:
+        """Return what a new client knows."""
+        return Knowledge(self.core.robots, {robot.name: robot.model.n for robot in self.cell.robots})
+
+    def run(self, messages: int) -> None:
+        """Send so many messages, then lift all stops and have every robot acquired.
+
+        Raises:
+            UnkeptError: The specification was not kept.
+        """
+        for _ in range(messages):
+            self._turn()
+        self._recover()
+
+    def heard(self, client: Client, message: m.Message) -> None:
+        """Act on a message as the daemon does."""
+        match message:
+            case m.Hello():
+                self._welcome(client, message)
+            case m.Bye():
+                self._leave(client)
+                client.say(m.Bye())
+            case _ if isinstance(self.pace, Lockstep):
+                self.pace.handle(client, message)
+            case _:
+                self.core.handle(client, message)
+                hold(not client.expects.waiting, f"{message.type} was not answered at once")
+
+    # --- inside -------------------------------------------------------------------------------------------
+
+    def _now(self) -> float:
+        return self.pace.now() if isinstance(self.pace, Lockstep) else self.pace.time
+
+    def _instant(self, instant: Instant) -> None:
+        self.core.tick(instant.time, instant.due, instant.number if self.lockstep else None)
+
+    def _turn(self) -> None:
+        self.clients = [client for client in self.clients if not client.gone]
+        if len(self.clients) < _CLIENTS and (not self.clients or self.rng.random() < 0.1):
+            self._enter()
+            return
+        client = self.rng.choice(self.clients)
+        if self.rng.random() < _LEAVE:
+            client.send(m.Bye(reason="x" * self.rng.choice((0, 512))))
+            client.gone = True
+            self._closed(client)
+            return
+        client.send(client.speaker.next())
+        if isinstance(self.pace, Wall) and self.rng.random() < _TICK:
+            self.pace.tick()
+
+    def _enter(self, name: str | None = None, role: m.Role | None = None) -> Client:
+        free = [one for one in cells.PARTICIPANTS if all(one != client.name for client in self.clients)]
+        name = name or (self.rng.choice(free) if free and self.lockstep else self.rng.choice("abc"))
+        client = Client(self, next(self._numbers), name, role or self.rng.choice(_ROLES))
+        if self.rng.random() < _EARLY:
+            client.speak_early(client.speaker.next())
+            return client
+        client.join()
+        if not client.gone:
+            self.clients.append(client)
+        return client
+
+    def _welcome(self, client: Client, hello: m.Hello) -> None:
+        if isinstance(self.pace, Lockstep):
+            client.id = self.pace.session_id(client.name, client.number)
+        else:
+            client.id = f"s{client.number}"
+        try:
+            if isinstance(self.pace, Lockstep):
+                self.pace.join(client)
+            else:
+                self.core.join(client)
+        except RemoteProtocolError as error:
+            error.re = hello.id
+            client.end(error.message())
+            return
+        client.say(self._greeting(client, hello))
+
+    def _greeting(self, client: Client, hello: m.Hello) -> m.Welcome:
+        limits = m.Limits(
+            inbound=INBOUND_LIMIT, outbound=OUTBOUND_LIMIT, max_age_ticks=3, lease_ttl=1.0, signals=64,
+            signal_rate=1.0,
+        )  # fmt: skip
+        return answer(
+            m.Welcome, hello, version=1, versions=(1,), client_versions=hello.versions, start="s",
+            session=client.id, name=client.name, role=client.role, lockstep=self.lockstep, limits=limits,
+        )  # fmt: skip
+
+    def _leave(self, client: Client) -> None:
+        if isinstance(self.pace, Lockstep):
+            self.pace.leave(client)
+        else:
+            self.core.leave(client)
+
+    def _closed(self, client: Client) -> None:
+        if not self.lockstep:
+            hold(client.id not in self.core.peers, "a session that said bye is still there")
+
+    def _recover(self) -> None:
+        """An operator lifts every stop, and a controller gets every robot: the server works as before."""
+        self._part()
+        operator = self._enter_surely("op", "operator")
+        if isinstance(self.pace, Lockstep):
+            return  # time passes for participants only
+        assert isinstance(self.pace, Wall)
+        for _ in range(400):
+            self.pace.tick()
+        operator.send(m.Subscribe(fields=("stops",)))
+        stops = {stop for robot in self.core.robots for stop in self.core._runner.view(robot).stops}
+        for stop in sorted(stops):
+            operator.send(m.Reset(id=stop, stop=stop))
+        left = {robot: self.core._runner.view(robot).stops for robot in self.core.robots}
+        hold(not any(left.values()), f"stops cannot be lifted: {left}")
+        for number, robot in enumerate(self.core.robots):
+            operator.send(m.Acquire(id=2**30 + number, robot=robot))
+        hold(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
+
+    def _part(self) -> None:
+        for client in self.clients:
+            if not client.gone:
+                client.send(m.Bye())
+                client.gone = True
+        self.clients = []
+
+    def _enter_surely(self, name: str, role: m.Role) -> Client:
+        while (client := self._enter(name, role)).gone:
+            pass
+        return client
