@@ -102,5 +102,9 @@ def replaced_not_told(patch):
 async def test_planted_defects_are_found(plant, how, tmp_path, monkeypatch):
     plant(monkeypatch)
     with pytest.raises((UnkeptError, ValueError)):
-        for seed in range(4):
-            run(tmp_path, seed=seed, **how)
+        _search(tmp_path, how)
+
+
+def _search(folder, how):
+    for seed in range(4):
+        run(folder, seed=seed, **how)

@@ -104,9 +104,9 @@ class Barrier:
         """Whether a participant has said all that it has to in this step.
 
         It has passed, or commanded every robot that it holds and that ticked. Who holds robots of which none
-        ticked has nothing to say; who holds none must pass. A participant that is done stays so until the step
-        ends, also if it loses a lease meanwhile: else its later messages would overtake those that wait for the
-        next step.
+        ticked has nothing to say; who holds none must pass. A participant that is done stays so until the
+        step ends, also if it loses a lease meanwhile: else its later messages would overtake those that wait
+        for the next step.
         """
         participant = self._participants[name]
         if not participant.done:

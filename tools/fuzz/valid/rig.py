@@ -13,7 +13,7 @@ from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
 from armgate.daemon.peer import Encoded, Subscription, answer
 from armgate.daemon.runner import GateRunner
-from armgate.emulator import Instant
+from armgate.emulator import Instant, VirtualClock
 from armgate.integrity import Gate
 from armgate.links import EmulatedLink
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
@@ -24,7 +24,7 @@ from tools.fuzz.valid.speaker import Speaker
 
 _ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator")
 _CLIENTS = 6
-_TICK = 0.12
+_TICK = 0.06
 """How often a message is followed by a tick of the robots that are due."""
 
 _LEAVE = 0.002
@@ -37,7 +37,9 @@ class Client:
 
     def __init__(self, rig: "Rig", number: int, name: str, role: m.Role) -> None:
         self.id = ""
-        self.name, self.role = name, role
+        self.name: str = name
+        self.role: m.Role = role
+        self.identity = "memory"
         self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
         self.expects = Expectations(rig.knowledge(), exact=True)
@@ -48,10 +50,10 @@ class Client:
 
     # --- the server's end: a Peer -------------------------------------------------------------------------
 
-    def say(self, message: m.Message) -> None:
+    def say(self, message: m.Message, frame: bytes | None = None) -> None:
         """Send a message to the client, which holds it against the specification at once."""
         if not self.gone:
-            self._deliver(self._there.send(message))
+            self._deliver(self._there.send(message, frame))
 
     def show(self, *states: Encoded) -> None:
         """Send states."""
@@ -109,21 +111,18 @@ class Client:
 
 
 class Wall:
-    """Pace by a clock that the search sets forward."""
+    """Pace of a daemon by the clock, whose time the search sets forward."""
 
     def __init__(self, periods: list[float], on_instant: Callable[[Instant], None]) -> None:
-        self._periods, self._next = periods, [0.0] * len(periods)
+        self._clock = VirtualClock(periods)
         self._on_instant = on_instant
-        self._count = itertools.count()
         self.time = 0.0
 
     def tick(self) -> None:
         """Let those robots tick whose time has come next."""
-        self.time = max(self.time, min(self._next))
-        due = tuple(i for i, at in enumerate(self._next) if at <= self.time + 1e-9)
-        for i in due:
-            self._next[i] += self._periods[i]
-        self._on_instant(Instant(next(self._count), self.time, due))
+        instant = self._clock.advance()
+        self.time = instant.time
+        self._on_instant(instant)
 
 
 class Rig:
@@ -146,7 +145,7 @@ class Rig:
         self.cell: Cell = build_cell(cells.make(folder, rng, robots, joints, lockstep=lockstep))
         links = [
             EmulatedLink(r.name, "s", r.start.tolist(), r.period, r.config.link.lag) for r in self.cell.robots
-        ]  # type: ignore[union-attr]
+        ]
         runner = GateRunner(Gate(self.cell, "s"), {link.robot: link for link in links})
         periods = [robot.period for robot in self.cell.robots]
         log = Log(io.StringIO())
@@ -218,7 +217,8 @@ class Rig:
     def _enter(self, name: str | None = None, role: m.Role | None = None) -> Client:
         free = [one for one in cells.PARTICIPANTS if all(one != client.name for client in self.clients)]
         name = name or (self.rng.choice(free) if free and self.lockstep else self.rng.choice("abc"))
-        client = Client(self, next(self._numbers), name, role or self.rng.choice(_ROLES))
+        chosen: m.Role = role or self.rng.choice(_ROLES)
+        client = Client(self, next(self._numbers), name, chosen)
         if self.rng.random() < _EARLY:
             client.speak_early(client.speaker.next())
             return client
