@@ -16,8 +16,8 @@ from tools.fuzz.valid.rig import Rig
 
 _ROBOTS = (1, 2, 2, 2, 3, 3, 4, 8, 32)
 _JOINTS = (1, 3, 6, 6, 7, 12, 40, 64)
-_EPISODE = 4000
-"""Messages to one cell."""
+_EPISODE, _LEAST = 8000, 150
+"""Messages to a small cell, and to the largest, whose ticks take longer."""
 
 
 def main(arguments: list[str]) -> int:
@@ -34,29 +34,29 @@ async def search(runs: int, seed: int) -> int:
     """Send so many messages; return the exit status."""
     sent, began = 0, time.monotonic()
     while sent < runs:
-        count = min(_EPISODE, runs - sent)
         try:
-            said = episode(seed, count)
+            count, what = episode(seed, runs - sent)
         except Exception:
-            print(f"fuzz-valid: seed {seed}, {count} messages\n{traceback.format_exc()}", file=sys.stderr)
+            print(f"fuzz-valid: {seed=}\n{traceback.format_exc()}", file=sys.stderr)
             return 1
         sent, seed = sent + count, seed + 1
-        print(f"fuzz-valid: {sent} messages, {said}, {time.monotonic() - began:.0f} s", flush=True)
+        print(f"fuzz-valid: {sent} messages, {what}, {time.monotonic() - began:.0f} s", flush=True)
     print(f"fuzz-valid: {sent} valid messages in {time.monotonic() - began:.0f} s, nothing found")
     return 0
 
 
-def episode(seed: int, messages: int) -> str:
-    """Send messages to one cell; return what kind of cell it was.
+def episode(seed: int, most: int) -> tuple[int, str]:
+    """Send at most so many messages to one cell; return how many, and what kind of cell it was.
 
     Raises:
         UnkeptError: The specification was not kept.
     """
     rng = Random(seed)  # noqa: S311 (a search that can be repeated)
     robots, joints, lockstep = rng.choice(_ROBOTS), rng.choice(_JOINTS), rng.random() < 0.3
+    count = min(most, max(_LEAST, _EPISODE // max(1, robots * joints // 8)))
     with tempfile.TemporaryDirectory() as folder:
-        Rig(Path(folder), rng, robots, joints, lockstep=lockstep).run(messages)
-    return f"seed {seed}: {robots} robots of up to {joints} joints{' in lock-step' if lockstep else ''}"
+        Rig(Path(folder), rng, robots, joints, lockstep=lockstep).run(count)
+    return count, f"seed {seed}: {robots} robots of up to {joints} joints{', in lock-step' * lockstep}"
 
 
 if __name__ == "__main__":

@@ -217,8 +217,7 @@ class Rig:
     def _enter(self, name: str | None = None, role: m.Role | None = None) -> Client:
         free = [one for one in cells.PARTICIPANTS if all(one != client.name for client in self.clients)]
         name = name or (self.rng.choice(free) if free and self.lockstep else self.rng.choice("abc"))
-        chosen: m.Role = role or self.rng.choice(_ROLES)
-        client = Client(self, next(self._numbers), name, chosen)
+        client = Client(self, next(self._numbers), name, self.rng.choice(_ROLES) if role is None else role)
         if self.rng.random() < _EARLY:
             client.speak_early(client.speaker.next())
             return client
