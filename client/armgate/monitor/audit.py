@@ -1,0 +1,73 @@
+"""Audit of a recording: every state that the daemon recorded, judged by the core."""
+
+import binascii
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pydantic import ValidationError
+
+from armgate.client import Description
+from armgate.monitor.agreement import differences, orders_of
+from armgate.monitor.core import Account, Monitor
+from armgate.monitor.errors import DescriptionError, MonitorError
+from armgate.monitor.model import Cell, build
+from armgate.monitor.samples import sample_of
+from armgate.monitor.yaml_files import read_files
+from armgate.recording import Header, Recording, Shown
+
+MAX_FILES = 256
+MAX_BYTES = 256 << 20
+_CONFIG = "config.yaml"
+
+
+def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Account]:
+    """Judge every state of a recording.
+
+    Args:
+        run: Its folder, or one of its files.
+        configs: The configuration to judge by; the recording's own if there is none.
+        silence: A robot without a state for so long is silent, s.
+
+    Raises:
+        RecordingError: It is no recording, or it is damaged or incomplete.
+        MonitorError: Its configuration cannot be read.
+    """
+    recording = Recording.open(run)
+    try:
+        description = recording.description
+    except ValidationError as error:
+        raise MonitorError(f"{run}: the description in the recording is damaged") from error
+    cell = _cell(recording.header, description, configs)
+    monitor = Monitor(cell, silence)
+    monitor.differ(differences(cell, description))
+    for _, item in recording.items("/robots/"):
+        if isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
+            monitor.take(sample)
+    return cell, monitor.account
+
+
+def _cell(header: Header, description: Description, configs: Sequence[Path]) -> Cell:
+    orders = orders_of(description)
+    if configs:
+        return build(read_files(configs), orders)
+    with TemporaryDirectory(prefix="armgate-monitor-") as folder:
+        _unpack(header, Path(folder))
+        try:
+            return build(read_files([Path(folder) / _CONFIG]), orders)
+        except DescriptionError as error:
+            text = str(error).replace(f"{folder}/", "")
+            raise MonitorError(f"the configuration in the recording cannot be read: {text}") from error
+
+
+def _unpack(header: Header, folder: Path) -> None:
+    """Write the files of a recording into an empty folder."""
+    if len(header.files) > MAX_FILES or sum(map(len, header.files.values())) > MAX_BYTES:
+        raise MonitorError(f"the recording holds more than {MAX_FILES} files or {MAX_BYTES} bytes of them")
+    for name in header.files:
+        if Path(name).name != name or name in {"", ".", ".."} or "\0" in name:
+            raise MonitorError(f"the recording holds a file called {name!r:.80}; expected a plain name")
+        try:
+            (folder / name).write_bytes(header.file(name))
+        except (binascii.Error, ValueError, OSError) as error:
+            raise MonitorError(f"the file {name:.80} in the recording is damaged: {error}") from error

@@ -1,0 +1,106 @@
+"""``armgate monitor``: a second judge of a running cell, or of a recording."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+
+if TYPE_CHECKING:
+    from armgate.monitor.core import Account
+
+SILENCE = 1.0
+
+
+def monitor(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="HOST:PORT|RUN",
+            help="The address of the daemon; or a recording: the folder of the run, or one of its files.",
+        ),
+    ],
+    config: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Configuration of the cell; later files overlay earlier ones. Required for a daemon; "
+            "by default a recording is judged by the configuration in it.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    silence: Annotated[
+        float,
+        typer.Option(min=0.05, metavar="S", help="Stop the cell if a robot sends no state for S seconds."),
+    ] = SILENCE,
+    json_: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write what was checked and found.", show_default=False),
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of this client.")] = "monitor",
+    token_file: TokenFile = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
+) -> None:
+    """Check every state with kinematics and distances of its own; stop the cell if a rule is broken.
+
+    Exit status: 0 if nothing was violated, 1 if something was or the connection was lost, 2 for wrong use.
+    """
+    from armgate.monitor.errors import DescriptionError  # noqa: PLC0415
+
+    configs = tuple(config or ())
+    if recorded(source):
+        from armgate.monitor.audit import audit  # noqa: PLC0415
+
+        if not Path(source).exists():
+            raise DescriptionError(f"{source}: neither HOST:PORT nor a recording")
+        _, account = audit(Path(source), configs, silence)
+        _end(account, json_)
+        return
+    if not configs:
+        raise DescriptionError("no configuration given; a daemon is judged by a configuration: CONFIG…")
+    _watch(source, configs, silence, json_, name, login(token_file, ca, cert, key))
+
+
+def _watch(  # type: ignore[no-untyped-def]
+    address: str, configs: tuple[Path, ...], silence: float, json_: Path | None, name: str, own
+) -> None:
+    from armgate.client import connect  # noqa: PLC0415
+    from armgate.monitor.live import Watch, asked_to_end  # noqa: PLC0415
+
+    def tell(text: str) -> None:
+        typer.echo(f"armgate: monitor: {text}")
+
+    with connect(address, name=name, role="observer", **own) as cell, asked_to_end() as ended:
+        watch = Watch(cell, configs, silence, tell)
+        try:
+            watch.run(ended)
+        finally:
+            _write(watch.account, json_)
+    _end(watch.account, None)
+
+
+def _end(account: "Account", json_: Path | None) -> None:
+    from armgate.monitor.report import lines  # noqa: PLC0415
+
+    _write(account, json_)
+    for line in lines(account):
+        typer.echo(f"armgate: monitor: {line}")
+    raise typer.Exit(1 if account.violations else 0)
+
+
+def _write(account: "Account", json_: Path | None) -> None:
+    import json  # noqa: PLC0415
+
+    from armgate.monitor.report import as_json  # noqa: PLC0415
+
+    if json_ is not None:
+        json_.write_text(json.dumps(as_json(account), indent=2) + "\n", encoding="utf-8")
+
+
+def recorded(source: str) -> bool:
+    """Return True if a recording is meant, by its path, and not an address."""
+    return Path(source).exists() or re.search(r":\d+$", source) is None

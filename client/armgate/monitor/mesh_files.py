@@ -1,0 +1,230 @@
+"""Vertices and triangles of mesh files: STL, OBJ, PLY and OFF, in text and binary form.
+
+Whatever does not fit the format is refused, so that no part of a mesh is left out unnoticed.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.monitor.errors import DescriptionError
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 64 << 20
+MAX_TRIANGLES = 200_000
+_PLY_TYPES = {
+    "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H",
+    "uint16": "H", "int": "i", "int32": "i", "uint": "I", "uint32": "I", "float": "f", "float32": "f",
+    "double": "d", "float64": "d",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices (v, 3) as in the file, and triangles as indices of them, (t, 3)."""
+
+    vertices: Array
+    triangles: NDArray[np.int64]
+
+
+def read_mesh(file: Path) -> Mesh:
+    """Read a mesh file.
+
+    Raises:
+        DescriptionError: It cannot be read, is of another format, or is damaged.
+    """
+    try:
+        size = file.stat().st_size
+        data = file.read_bytes() if size <= MAX_BYTES else b""
+    except OSError as error:
+        raise DescriptionError(f"mesh {file}: cannot be read: {error.strerror or error}") from error
+    if size > MAX_BYTES:
+        raise DescriptionError(f"mesh {file}: {size} bytes; expected at most {MAX_BYTES}")
+    reader = _READERS.get(file.suffix.lower())
+    if reader is None:
+        raise DescriptionError(f"mesh {file}: expected one of {', '.join(_READERS)}")
+    try:
+        return _checked(*reader(data))
+    except (ValueError, IndexError, KeyError, struct.error, OverflowError) as error:
+        raise DescriptionError(f"mesh {file}: damaged, or not read by the monitor: {error}") from error
+
+
+def _checked(vertices: Array, faces: Sequence[Sequence[int]]) -> Mesh:
+    triangles = [(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)]
+    if any(len(face) < 3 for face in faces):
+        raise ValueError("a face with fewer than 3 corners")
+    if not triangles or len(triangles) > MAX_TRIANGLES:
+        raise ValueError(f"{len(triangles)} triangles; expected 1 to {MAX_TRIANGLES}")
+    indices = np.array(triangles, dtype=np.int64)
+    if indices.min() < 0 or indices.max() >= len(vertices):
+        raise ValueError("a face names a vertex that does not exist")
+    used = np.unique(indices)
+    if not np.all(np.isfinite(vertices[used])):
+        raise ValueError("a coordinate is not finite")
+    places = np.searchsorted(used, indices)
+    unique, where = np.unique(vertices[used], axis=0, return_inverse=True)
+    return Mesh(unique, where.reshape(-1)[places])
+
+
+Parsed = tuple[Array, Sequence[Sequence[int]]]
+
+
+def _stl(data: bytes) -> Parsed:
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if len(data) == 84 + 50 * count:
+        rows = np.frombuffer(data, np.dtype([("v", "<f4", (12,)), ("a", "<u2")]), count, 84)
+        corners = rows["v"][:, 3:].astype(np.float64).reshape(-1, 3)
+    else:
+        corners = _stl_text(data.decode("utf-8").split())
+    return corners, np.arange(len(corners)).reshape(-1, 3).tolist()
+
+
+def _stl_text(words: list[str]) -> Array:
+    """Return the corners of all facets of all solids."""
+    if not words or words[0].lower() != "solid":
+        raise ValueError("neither binary STL of the right length nor text that begins with 'solid'")
+    corners: list[list[float]] = []
+    opened = closed = facets = at = 0
+    while at < len(words):
+        word = words[at].lower()
+        if word == "vertex":
+            corners.append([float(x) for x in words[at + 1 : at + 4]])
+            at += 3
+        opened += word == "facet"
+        facets += word == "endfacet"
+        closed += word == "endsolid"
+        at += 1
+    if not closed or opened != facets or len(corners) != 3 * facets:
+        raise ValueError("text STL that breaks off")
+    return np.array(corners, dtype=np.float64).reshape(-1, 3)
+
+
+def _obj(data: bytes) -> Parsed:
+    vertices: list[list[float]] = []
+    faces: list[list[int]] = []
+    for line in data.decode("utf-8").replace("\\\n", " ").splitlines():
+        word, *rest = line.split("#", 1)[0].split() or [""]
+        if word == "v":
+            vertices.append([float(x) for x in rest[:3]])
+        elif word == "f":
+            faces.append([_obj_index(part, len(vertices)) for part in rest])
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3), faces
+
+
+def _obj_index(part: str, known: int) -> int:
+    """Return the index from 0 of a face's corner; a negative one counts back from the newest vertex."""
+    index = int(part.split("/", 1)[0])
+    if index == 0 or index < -known:
+        raise ValueError(f"a face names the vertex {index}")
+    return index - 1 if index > 0 else known + index
+
+
+def _off(data: bytes) -> Parsed:
+    lines = (line.split("#", 1)[0] for line in data.decode("utf-8").splitlines())
+    words = [word for line in lines for word in line.split()]
+    if not words or words[0] != "OFF":
+        raise ValueError("expected 'OFF' first")
+    n_vertices, n_faces = int(words[1]), int(words[2])
+    end = 4 + 3 * n_vertices
+    vertices = np.array([float(x) for x in words[4:end]], dtype=np.float64).reshape(n_vertices, 3)
+    rows = [line.split() for line in _lines_after(data, n_vertices)[:n_faces]]
+    faces = [[int(x) for x in row[1 : 1 + int(row[0])]] for row in rows]
+    if len(faces) != n_faces:
+        raise ValueError("fewer faces than announced")
+    return vertices, faces
+
+
+def _lines_after(data: bytes, vertices: int) -> list[str]:
+    """Return the lines of an OFF file that hold the faces: those after the vertices."""
+    lines = [line.split("#", 1)[0].strip() for line in data.decode("utf-8").splitlines()]
+    lines = [line for line in lines if line]
+    head = 1 if len(lines[0].split()) > 1 else 2  # the counts may stand in the first line
+    return lines[head + vertices :]
+
+
+def _ply(data: bytes) -> Parsed:
+    head, mark, body = data.partition(b"end_header")
+    if not mark or not head.startswith(b"ply"):
+        raise ValueError("no PLY header")
+    body = body[2:] if body[:2] == b"\r\n" else body[1:]
+    form, elements = _ply_header(head.decode("ascii"))
+    values = _Words(body) if form == "ascii" else _Bytes(body, "<" if "little" in form else ">")
+    vertices: list[list[float]] = []
+    faces: list[list[int]] = []
+    for name, count, properties in elements:
+        for _ in range(count):
+            row = {key: values.take(length, kind) for key, length, kind in properties}
+            if name == "vertex":
+                vertices.append([float(row[axis][0]) for axis in "xyz"])
+            elif name == "face":
+                corners = row.get("vertex_indices") or row.get("vertex_index") or ()
+                faces.append([int(x) for x in corners])
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3), faces
+
+
+Property = tuple[str, str, str]
+"""Name, type of the length of a list ("" for none), and type of the values."""
+
+
+def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
+    form, elements = "", list[tuple[str, int, list[Property]]]()
+    for line in text.splitlines()[1:]:
+        match line.split():
+            case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as form, _]:
+                pass
+            case ["element", name, count]:
+                elements.append((name, int(count), []))
+            case ["property", "list", length, kind, name]:
+                elements[-1][2].append((name, _PLY_TYPES[length], _PLY_TYPES[kind]))
+            case ["property", kind, name] if kind in _PLY_TYPES:
+                elements[-1][2].append((name, "", _PLY_TYPES[kind]))
+            case ["comment" | "obj_info", *_] | []:
+                pass
+            case _:
+                raise ValueError(f"the header line {line:.60}")
+    if not form or sum(count for _, count, _ in elements) > 4 * MAX_TRIANGLES:
+        raise ValueError("no format, or too many elements")
+    return form, elements
+
+
+class _Words:
+    """Values of a PLY file in text form."""
+
+    def __init__(self, body: bytes) -> None:
+        self._words = iter(body.split())
+
+    def take(self, length: str, _kind: str) -> Sequence[float]:
+        """Return the values of the next property."""
+        count = int(next(self._words, b"")) if length else 1
+        return [float(next(self._words, b"")) for _ in range(_bounded(count))]
+
+
+class _Bytes:
+    """Values of a PLY file in binary form."""
+
+    def __init__(self, body: bytes, order: str) -> None:
+        self._body, self._order, self._at = body, order, 0
+
+    def take(self, length: str, kind: str) -> Sequence[float]:
+        """Return the values of the next property."""
+        count = int(self._unpacked(length)[0]) if length else 1
+        return self._unpacked(f"{_bounded(count)}{kind}")
+
+    def _unpacked(self, form: str) -> Sequence[float]:
+        values = struct.unpack_from(self._order + form, self._body, self._at)
+        self._at += struct.calcsize(self._order + form)
+        return values
+
+
+def _bounded(count: int) -> int:
+    if not 0 <= count <= MAX_TRIANGLES:
+        raise ValueError(f"a list of {count} values")
+    return count
+
+
+_READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".off": _off}

@@ -1,0 +1,384 @@
+"""The cell as the monitor understands it: joints and bounds, bodies, and the pairs that must stay apart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armgate.monitor.errors import DescriptionError
+from armgate.monitor.frames import Array
+from armgate.monitor.gantry import AXES, add_gantry
+from armgate.monitor.quantities import si
+from armgate.monitor.sections import Section
+from armgate.monitor.shapes import MESH_KEYS, configured, few_cornered, locate, mesh_solids, method_of
+from armgate.monitor.solids import Solid
+from armgate.monitor.urdf_file import Body as UrdfBody
+from armgate.monitor.urdf_file import Description, Joint, MeshUse, read_urdf
+from armgate.monitor.yaml_files import Located
+
+Kind = Literal["self", "robots", "surroundings"]
+KINDS: tuple[Kind, ...] = ("robots", "surroundings", "self")
+
+RAMP = 0.25
+"""Default acceleration and deceleration: full speed in this time, s."""
+
+_ROBOT_KEYS = (
+    "urdf", "base", "gantry", "frames", "bodies", "tool", "camera", "start", "period", "joints", "meshes",
+    "ignore_pairs", "lag_window", "q_tolerance", "link",
+)  # fmt: skip
+_CELL_KEYS = (
+    "armgate", "name", "stop_distance", "self_distance", "response", "max_age_ticks", "robots",
+    "surroundings", "clock", "server", "recording", "metrics",
+)  # fmt: skip
+MAX_PAIRS = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class CellBody:
+    """A body: ``placement`` is in the frame of its joint, in the world if it has none (−1).
+
+    Attributes:
+        name: ``FR/link_3``, or the name of one of the surroundings.
+        robot: Index of its robot; None for the surroundings.
+        link: Its link; "" for the surroundings.
+        joint: Index of the joint that carries it; −1 if nothing moves it.
+        placement: (4, 4).
+        local: The same in the frame of its link, (4, 4).
+        solid: Its shape.
+        meshed: True for a piece of a mesh.
+    """
+
+    name: str
+    robot: int | None
+    link: str
+    joint: int
+    placement: Array
+    local: Array
+    solid: Solid
+    meshed: bool = False
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two bodies, by index, that must stay ``limit`` [m] apart; of one robot's the inner one comes first."""
+
+    a: int
+    b: int
+    limit: float
+    kind: Kind
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One robot; arrays have one row per joint, in the order of the states.
+
+    Attributes:
+        name: Its name.
+        joints: Names of the joints.
+        revolute: Whether a joint turns; else it slides, (n,).
+        parents: Index of the joint that carries each one, −1 for the base.
+        origins: Placement of each joint in its parent's frame, in the world for the first, (n, 4, 4).
+        axes: (n, 3), unit length.
+        lower, upper: Limits, rad or m, (n,).
+        velocity, acceleration, deceleration: Bounds per s and s²; inf: none, (n,).
+        period: Of its clock, s.
+        lag_window: Time in which older setpoints may still act, s.
+        q_tolerance: Error of a measured position, rad or m.
+        base: Placement of its root link in the world, (4, 4).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    revolute: NDArray[np.bool_]
+    parents: tuple[int, ...]
+    origins: Array
+    axes: Array
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    deceleration: Array
+    period: float
+    lag_window: float
+    q_tolerance: float
+    base: Array
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All of it.
+
+    Attributes:
+        robots: In the order of the configuration.
+        bodies: Of all robots, then the surroundings.
+        pairs: Those that must stay apart.
+        stop_distance, self_distance: m.
+        notes: What of the configuration the monitor does not know.
+    """
+
+    robots: tuple[Robot, ...]
+    bodies: tuple[CellBody, ...]
+    pairs: tuple[Pair, ...]
+    stop_distance: float
+    self_distance: float
+    notes: tuple[str, ...] = ()
+
+
+Orders = Mapping[str, Sequence[str]]
+"""Names of each robot's joints in the order of the states."""
+
+
+def build(tree: Mapping[str, Any], orders: Orders | None = None) -> Cell:
+    """Build the cell from a configuration that was read.
+
+    Args:
+        tree: From ``read_files``.
+        orders: As the daemon describes them; None: as the URDFs have them.
+
+    Raises:
+        DescriptionError: Something cannot be read; the text names it.
+    """
+    top = Section(dict(tree), "")
+    if top.values.get("armgate") != 1:
+        raise DescriptionError(f"armgate: version {top.values.get('armgate')!r} is unknown to the monitor")
+    notes = [f"{key}: unknown key, ignored" for key in top.values if key not in _CELL_KEYS]
+    made = []
+    for index, (name, own) in enumerate(top.sections("robots")):
+        notes += [f"{own.place(key)}: unknown key, ignored" for key in own.values if key not in _ROBOT_KEYS]
+        made.append(_Builder(index, name, own, (orders or {}).get(name)).built())
+    if not made:
+        raise DescriptionError("robots: expected at least one robot")
+    robots = tuple(robot for robot, _ in made)
+    bodies = [body for _, own_bodies in made for body in own_bodies]
+    for name, surrounding in top.sections("surroundings"):
+        bodies += _standing(name, surrounding)
+    stop, own_stop = top.number("stop_distance", 0.05, "length"), top.number("self_distance", 0.02, "length")
+    ignored = _ignored(top, bodies)
+    pairs = tuple(_pairs(robots, bodies, ignored, (stop, own_stop)))
+    return Cell(robots, tuple(bodies), pairs, stop, own_stop, tuple(notes))
+
+
+def _standing(name: str, own: Section) -> list[CellBody]:
+    own.only("shape", "xyz", "rpy")
+    solids = configured(own.section("shape"), {})
+    meshed = "mesh" in own.section("shape").values
+    place = own.pose()
+    return [CellBody(name, None, "", -1, place, place, solid, meshed) for solid in solids]
+
+
+@dataclass(frozen=True, eq=False)
+class _Mount:
+    """Where a link is: its joint (−1: base), and its placement in that joint's frame."""
+
+    joint: int
+    placement: Array
+
+
+class _Builder:
+    """Builds one robot: arm, gantry, frames and bodies."""
+
+    def __init__(self, index: int, name: str, own: Section, order: Sequence[str] | None) -> None:
+        self._index, self._name, self._own, self._order = index, name, own, order
+        packages = own.section("meshes").section("packages").values
+        self._packages = {key: value.path for key, value in packages.items() if isinstance(value, Located)}
+
+    def built(self) -> tuple[Robot, list[CellBody]]:
+        """Return the robot and its bodies."""
+        urdf = self._own.values.get("urdf")
+        if not isinstance(urdf, Located):
+            raise DescriptionError(f"{self._own.place('urdf')}: expected a file")
+        found = read_urdf(urdf.path)
+        if self._own.values.get("gantry") is not None:
+            found = add_gantry(found, self._own.section("gantry"))
+        for name, frame in self._own.sections("frames"):
+            frame.only("parent", "xyz", "rpy")
+            mount = Joint(f"{name}_mount", "fixed", frame.text("parent", ""), name, frame.pose(), np.zeros(3))
+            found.joints.append(mount)
+        base = self._own.section("base").pose()
+        moving, mounts = self._tree(found, base)
+        bodies = [b for body in found.bodies for b in self._of_urdf(body, mounts, urdf.path.parent)]
+        for name, body in self._own.sections("bodies"):
+            bodies += self._of_config(name, body, mounts)
+        return self._robot(moving, mounts, base), bodies
+
+    def _tree(self, found: Description, base: Array) -> tuple[list[Joint], dict[str, _Mount]]:
+        """Return the moving joints in the order of the states, and where each link is."""
+        moving: list[Joint] = []
+        front = [found.root]
+        while front:
+            here = [joint for joint in found.joints if joint.parent == front[0]]
+            moving += [joint for joint in here if joint.kind != "fixed"]
+            front = [joint.child for joint in here] + front[1:]
+        if self._order is not None:
+            by_name = {joint.name: joint for joint in moving}
+            if sorted(self._order) != sorted(by_name):
+                raise DescriptionError(
+                    f"robot {self._name} has the joints {', '.join(by_name)}; "
+                    f"the daemon describes {', '.join(self._order)}"
+                )
+            moving = [by_name[name] for name in self._order]
+        return moving, self._mounts(found, [joint.name for joint in moving], base)
+
+    def _mounts(self, found: Description, names: list[str], base: Array) -> dict[str, _Mount]:
+        mounts, front = {found.root: _Mount(-1, base)}, [found.root]
+        self._parents = dict.fromkeys(names, -1)
+        self._origins: dict[str, Array] = {}
+        while front:
+            link = front.pop()
+            at = mounts[link]
+            for joint in (joint for joint in found.joints if joint.parent == link):
+                place = at.placement @ joint.origin
+                if joint.kind == "fixed":
+                    mounts[joint.child] = _Mount(at.joint, place)
+                else:
+                    self._parents[joint.name], self._origins[joint.name] = at.joint, place
+                    mounts[joint.child] = _Mount(names.index(joint.name), np.eye(4))
+                front.append(joint.child)
+        return mounts
+
+    def _mount(self, mounts: dict[str, _Mount], link: str, where: str) -> _Mount:
+        if link not in mounts:
+            raise DescriptionError(f"{where}: there is no link {link!r}")
+        return mounts[link]
+
+    def _of_urdf(self, body: UrdfBody, mounts: dict[str, _Mount], folder: Path) -> list[CellBody]:
+        at, solids = mounts[body.link], [body.shape] if isinstance(body.shape, Solid) else []
+        if isinstance(body.shape, MeshUse):
+            file = locate(body.shape.uri, folder, self._packages)
+            solids = mesh_solids(file, body.shape.scale, self._method(body))
+        meshed = isinstance(body.shape, MeshUse)
+        place = at.placement @ body.origin
+        name = f"{self._name}/{body.name.partition('/')[0]}"
+        return [
+            CellBody(name, self._index, body.link, at.joint, place, body.origin, few_cornered(solid), meshed)
+            for solid in solids
+        ]
+
+    def _method(self, body: UrdfBody) -> str:
+        """Return how a mesh of the URDF becomes bodies: by its body, its link, or all alike."""
+        meshes = self._own.section("meshes")
+        meshes.only(*MESH_KEYS, "packages", "bodies")
+        own = dict(meshes.sections("bodies"))
+        return method_of(own.get(body.name) or own.get(body.link) or meshes)
+
+    def _of_config(self, name: str, body: Section, mounts: dict[str, _Mount]) -> list[CellBody]:
+        body.only("link", "shape", "xyz", "rpy")
+        link = body.text("link", "")
+        at = self._mount(mounts, link, body.place("link"))
+        meshed = "mesh" in body.section("shape").values
+        whole, local = f"{self._name}/{name}", body.pose()
+        return [
+            CellBody(whole, self._index, link, at.joint, at.placement @ local, local, solid, meshed)
+            for solid in configured(body.section("shape"), self._packages)
+        ]
+
+    def _robot(self, moving: list[Joint], mounts: dict[str, _Mount], base: Array) -> Robot:
+        rows = [self._bounds(joint) for joint in moving]
+        lower, upper, velocity, acceleration, deceleration = np.array(rows).reshape(-1, 5).T.copy()
+        names = tuple(joint.name for joint in moving)
+        return Robot(
+            self._name,
+            names,
+            np.array([joint.kind == "revolute" for joint in moving]),
+            tuple(self._parents[name] for name in names),
+            np.array([self._origins[name] for name in names]),
+            np.array([joint.axis for joint in moving]),
+            lower,
+            upper,
+            velocity,
+            acceleration,
+            deceleration,
+            self._own.number("period", 0.012, "time"),
+            self._own.number("lag_window", 0.0, "time"),
+            self._own.number("q_tolerance", 1e-6, "angle"),
+            base,
+        )
+
+    def _bounds(self, joint: Joint) -> tuple[float, ...]:
+        """Return lower, upper, velocity, acceleration and deceleration of a joint."""
+        own = Section(self._own.section("joints").values.get(joint.name) or {}, f"joints.{joint.name}")
+        own.only("lower", "upper", "velocity", "acceleration", "deceleration")
+        dimension = "angle" if joint.kind == "revolute" else "length"
+
+        def bound(key: str, default: float, rate: int) -> float:
+            value = own.values.get(key)
+            return default if value is None else si(value, own.place(key), dimension, rate)
+
+        velocity = bound("velocity", joint.velocity, 1)
+        ramp = velocity / RAMP
+        gantry = self._own.values.get("gantry")
+        if gantry is not None and joint.name in AXES:
+            ramp = self._own.section("gantry").number("acceleration", ramp, "length", 2)
+        unbounded = "deceleration" in own.values and own.values["deceleration"] is None
+        deceleration = np.inf if unbounded else bound("deceleration", ramp, 2)
+        return (
+            bound("lower", joint.lower, 0),
+            bound("upper", joint.upper, 0),
+            velocity,
+            bound("acceleration", ramp, 2),
+            deceleration,
+        )
+
+
+# --- pairs ------------------------------------------------------------------------------------------------
+
+
+def _ignored(top: Section, bodies: Sequence[CellBody]) -> set[frozenset[int]]:
+    """Return pairs of indices of bodies that ``ignore_pairs`` names."""
+    ignored: set[frozenset[int]] = set()
+    for index, (_, own) in enumerate(top.sections("robots")):
+        for entry in own.values.get("ignore_pairs") or ():
+            if not (isinstance(entry, list) and len(entry) == 2):
+                raise DescriptionError(f"{own.place('ignore_pairs')}: expected pairs of names")
+            first, second = (_named(bodies, index, name) for name in entry)
+            second = second or [i for i, b in enumerate(bodies) if b.robot is None and b.name == entry[1]]
+            if not first or not second:
+                raise DescriptionError(f"{own.place('ignore_pairs')}: no bodies are called {entry}")
+            ignored.update(frozenset((a, b)) for a in first for b in second)
+    return ignored
+
+
+def _named(bodies: Sequence[CellBody], robot: int, name: object) -> list[int]:
+    """Return the bodies of a robot that are called so, or whose link is."""
+    return [
+        i
+        for i, body in enumerate(bodies)
+        if body.robot == robot and name in (body.link, body.name.partition("/")[2])
+    ]
+
+
+def _pairs(
+    robots: Sequence[Robot],
+    bodies: Sequence[CellBody],
+    ignored: set[frozenset[int]],
+    distances: tuple[float, float],
+) -> list[Pair]:
+    """Return the pairs that can move against each other, except neighbours on one robot and ignored ones."""
+    pairs: list[Pair] = []
+    for a, b in combinations(range(len(bodies)), 2):
+        first, second = bodies[a], bodies[b]
+        if (first.joint < 0 and second.joint < 0) or frozenset((a, b)) in ignored:
+            continue
+        if first.robot == second.robot and first.robot is not None:
+            if not _neighbours(robots[first.robot], first.joint, second.joint):
+                inner, outer = (a, b) if first.joint < second.joint else (b, a)
+                pairs.append(Pair(inner, outer, distances[1], "self"))
+        else:
+            pairs.append(Pair(a, b, distances[0], "surroundings" if second.robot is None else "robots"))
+        if len(pairs) > MAX_PAIRS:
+            raise DescriptionError(f"more than {MAX_PAIRS} pairs of bodies; the monitor cannot watch so many")
+    return pairs
+
+
+def _neighbours(robot: Robot, a: int, b: int) -> bool:
+    """Return True if two bodies are on one joint, or on a joint and the one that carries it."""
+    return a == b or (a >= 0 and robot.parents[a] == b) or (b >= 0 and robot.parents[b] == a)

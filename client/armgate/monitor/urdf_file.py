@@ -1,0 +1,211 @@
+"""The monitor's own reading of a URDF: links, joints and collision bodies.
+
+An element or attribute that changes where bodies are, how they move or what they are, and that the monitor
+does not know, is refused by name. Visuals, inertias, materials, transmissions and the like do not count.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armgate.monitor.errors import DescriptionError
+from armgate.monitor.frames import Array, placement
+from armgate.monitor.solids import SIZES, Solid, hull, primitive
+
+MAX_BYTES = 16 << 20
+_SIZE_KEYS = {
+    "sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length"),
+    "cone": ("radius", "length"), "box": ("size",),
+}  # fmt: skip
+_MOVING = ("revolute", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint: ``origin`` places its frame in that of the parent link; limits in rad or m, per s."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    lower: float = 0.0
+    upper: float = 0.0
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshUse:
+    """A mesh of a collision: the file's name as the URDF has it, and the factor per axis."""
+
+    uri: str
+    scale: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A collision body at ``origin`` in the frame of its link."""
+
+    name: str
+    link: str
+    origin: Array
+    shape: Solid | MeshUse
+
+
+@dataclass(eq=False)
+class Description:
+    """A robot: one tree of links."""
+
+    root: str
+    links: list[str]
+    joints: list[Joint] = field(default_factory=list)
+    bodies: list[Body] = field(default_factory=list)
+
+
+def read_urdf(file: Path) -> Description:
+    """Read a URDF file.
+
+    Raises:
+        DescriptionError: It cannot be read or holds something that the monitor does not know.
+    """
+    try:
+        data = file.read_bytes()
+        if len(data) > MAX_BYTES:
+            raise DescriptionError(f"{file}: {len(data)} bytes; expected at most {MAX_BYTES}")
+        text = data.decode("utf-8")
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise DescriptionError(f"{file}: a document type or entities are not allowed")
+        return _description(ET.fromstring(text))  # noqa: S314  (entities are refused above)
+    except OSError as error:
+        raise DescriptionError(f"{file}: cannot be read: {error.strerror or error}") from error
+    except (ET.ParseError, ValueError) as error:
+        raise DescriptionError(f"{file}: not a URDF in UTF-8: {error}") from error
+    except DescriptionError as error:
+        raise error if str(error).startswith(str(file)) else DescriptionError(f"{file}: {error}") from error
+
+
+def _description(robot: ET.Element) -> Description:
+    if robot.tag != "robot":
+        raise DescriptionError(f"the outer element is <{robot.tag}>; expected <robot>")
+    found = Description("", [_name(link) for link in robot.findall("link")])
+    for link in robot.findall("link"):
+        found.bodies += _bodies(link)
+    found.joints = [_joint(element, found.links) for element in robot.findall("joint")]
+    found.root = _root(found)
+    return found
+
+
+def _root(found: Description) -> str:
+    """Return the link that is no child; all others must be reached from it."""
+    _once("link", found.links)
+    _once("joint", [joint.name for joint in found.joints])
+    _once("child link", [joint.child for joint in found.joints])
+    roots = set(found.links) - {joint.child for joint in found.joints}
+    if len(roots) != 1 or len(found.joints) != len(found.links) - 1:
+        raise DescriptionError("the links are not one tree with one root")
+    reached, front = set(roots), list(roots)
+    while front:
+        link = front.pop()
+        front += [joint.child for joint in found.joints if joint.parent == link]
+        reached.update(front)
+    if len(reached) != len(found.links):
+        raise DescriptionError("the joints form a loop")
+    return roots.pop()
+
+
+def _once(what: str, names: list[str]) -> None:
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise DescriptionError(f"{what} {min(twice)!r} occurs twice")
+
+
+def _name(element: ET.Element) -> str:
+    name = element.get("name", "")
+    if not name:
+        raise DescriptionError(f"a <{element.tag}> has no name")
+    return name
+
+
+def _numbers(element: ET.Element, key: str, count: int, default: str | None = None) -> list[float]:
+    text = element.get(key, default)
+    try:
+        values = [float(word) for word in (text or "").split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        raise DescriptionError(f"<{element.tag}> {key}={text!r}; expected {count} finite numbers")
+    return values
+
+
+def _only(element: ET.Element, attributes: set[str]) -> None:
+    """Refuse attributes that the monitor does not know."""
+    unknown = set(element.attrib) - attributes
+    if unknown:
+        raise DescriptionError(f"<{element.tag}> has the attribute {min(unknown)!r}, unknown to the monitor")
+
+
+def _origin(element: ET.Element) -> Array:
+    origins = element.findall("origin")
+    if not origins:
+        return np.eye(4)
+    if len(origins) > 1:
+        raise DescriptionError(f"<{element.tag}> has {len(origins)} origins")
+    _only(origins[0], {"xyz", "rpy"})
+    return placement(_numbers(origins[0], "xyz", 3, "0 0 0"), _numbers(origins[0], "rpy", 3, "0 0 0"))
+
+
+def _joint(element: ET.Element, links: list[str]) -> Joint:
+    name, kind = _name(element), element.get("type", "")
+    if kind not in (*_MOVING, "fixed") or element.find("mimic") is not None:
+        what = "a <mimic> joint" if element.find("mimic") is not None else f"of type {kind!r}"
+        raise DescriptionError(f"joint {name!r} is {what}, unknown to the monitor")
+    parent, child = (_link_of(element, end, name, links) for end in ("parent", "child"))
+    if kind == "fixed":
+        return Joint(name, kind, parent, child, _origin(element), np.array([1.0, 0.0, 0.0]))
+    axis_element, limit = element.find("axis"), element.find("limit")
+    axis = np.array([1.0, 0.0, 0.0] if axis_element is None else _numbers(axis_element, "xyz", 3, "1 0 0"))
+    length = float(np.linalg.norm(axis))
+    if limit is None or length < 1e-9:
+        raise DescriptionError(f"joint {name!r} has no <limit>, or no axis")
+    lower, upper, velocity = (_numbers(limit, key, 1)[0] for key in ("lower", "upper", "velocity"))
+    return Joint(name, kind, parent, child, _origin(element), axis / length, lower, upper, velocity)
+
+
+def _link_of(element: ET.Element, end: str, joint: str, links: list[str]) -> str:
+    found = element.find(end)
+    link = "" if found is None else found.get("link", "")
+    if link not in links:
+        raise DescriptionError(f"joint {joint!r}: its {end} link {link!r} does not exist")
+    return link
+
+
+def _bodies(link: ET.Element) -> list[Body]:
+    bodies = []
+    for number, element in enumerate(link.findall("collision"), start=1):
+        name = element.get("name", _name(link) if number == 1 else f"{_name(link)}_{number}")
+        bodies.append(Body(name, _name(link), _origin(element), _shape(element, name)))
+    return bodies
+
+
+def _shape(element: ET.Element, body: str) -> Solid | MeshUse:
+    geometry = element.find("geometry")
+    if geometry is None or len(geometry) != 1:
+        raise DescriptionError(f"body {body!r}: expected one <geometry> with one shape in it")
+    shape = geometry[0]
+    if shape.tag == "mesh":
+        x, y, z = _numbers(shape, "scale", 3, "1 1 1")
+        return MeshUse(shape.get("filename", ""), (x, y, z))
+    if shape.tag == "convex":
+        count = len(shape.get("vertices", "").split())
+        values = np.array(_numbers(shape, "vertices", count)).reshape(-1, 3)
+        return hull(values, _numbers(shape, "radius", 1, "0")[0])
+    keys = _SIZE_KEYS.get(shape.tag)
+    if keys is None:
+        raise DescriptionError(f"body {body!r}: the shape <{shape.tag}> is unknown to the monitor")
+    if shape.tag == "box":
+        return primitive("box", _numbers(shape, "size", SIZES["box"]), f"body {body!r}")
+    return primitive(shape.tag, [_numbers(shape, key, 1)[0] for key in keys], f"body {body!r}")

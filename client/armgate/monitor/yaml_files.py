@@ -1,0 +1,138 @@
+"""YAML files of a configuration, read and overlaid by the rules of docs/configuration.md.
+
+The result is plain data, but texts that name files are ``Located``: a relative path counts from the folder
+of the file in which it stands.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from armgate.monitor.errors import DescriptionError
+
+MAX_BYTES = 4 << 20
+MAX_VALUES = 100_000
+MAX_DEPTH = 32
+
+_INT = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_WORDS: dict[str, object] = {
+    "": None, "~": None, "null": None, "Null": None, "NULL": None,
+    "true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False,
+}  # fmt: skip
+_FILE_KEYS = {"urdf", "file"}
+
+
+@dataclass(frozen=True)
+class Located:
+    """A text that names a file, and the folder that a relative path counts from."""
+
+    text: str
+    folder: Path
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.folder / self.text
+
+
+def read_files(paths: Sequence[Path]) -> dict[str, Any]:
+    """Read configuration files; later ones overlay earlier ones.
+
+    Raises:
+        DescriptionError: A file cannot be read or is not a YAML mapping; the text names file and line.
+    """
+    if not paths:
+        raise DescriptionError("no configuration file given; expected at least one YAML file")
+    tree: dict[str, Any] = {}
+    for path in paths:
+        tree = _merged(tree, _Reader(path).read())
+    return tree
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Overlay one mapping on another; a mapping of another ``kind`` replaces, and so does all else."""
+    result = dict(below)
+    for key, value in above.items():
+        old = result.get(key)
+        if isinstance(old, dict) and isinstance(value, dict) and value.get("kind") in (None, old.get("kind")):
+            value = _merged(old, value)  # noqa: PLW2901
+        result[key] = value
+    return result
+
+
+class _Reader:
+    """One file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._left = MAX_VALUES
+
+    def read(self) -> dict[str, Any]:
+        """Return the file's mapping."""
+        try:
+            root = yaml.compose(self._text(), Loader=yaml.BaseLoader)
+            value = self._value(root, "", "", 0) if root is not None else None
+        except yaml.YAMLError as error:
+            mark = getattr(error, "problem_mark", None)
+            line = "" if mark is None else f":{mark.line + 1}"
+            what = getattr(error, "problem", None) or "a character that YAML does not allow"
+            raise DescriptionError(f"{self._path}{line}: not YAML: {what}") from error
+        except RecursionError as error:
+            raise DescriptionError(f"{self._path}: nested too deeply") from error
+        if not isinstance(value, dict):
+            raise DescriptionError(f"{self._path}: expected a mapping that begins with 'armgate: 1'")
+        return value
+
+    def _text(self) -> str:
+        try:
+            data = self._path.read_bytes()
+        except OSError as error:
+            raise DescriptionError(f"{self._path}: cannot be read: {error.strerror or error}") from error
+        if len(data) > MAX_BYTES:
+            raise DescriptionError(f"{self._path}: {len(data)} bytes; expected at most {MAX_BYTES}")
+        try:
+            return data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise DescriptionError(f"{self._path}: not UTF-8") from error
+
+    def _value(self, node: yaml.Node, key: str, around: str, depth: int) -> Any:
+        self._left -= 1
+        if self._left < 0 or depth > MAX_DEPTH:
+            self._refuse(node, f"more than {MAX_VALUES} values, or nested deeper than {MAX_DEPTH}")
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, key, depth)
+        if isinstance(node, yaml.SequenceNode):
+            return [self._value(item, "", key, depth + 1) for item in node.value]
+        value = _scalar(node)
+        names_file = key in _FILE_KEYS or around == "packages"
+        return Located(value, self._path.parent) if names_file and isinstance(value, str) else value
+
+    def _mapping(self, node: yaml.MappingNode, key: str, depth: int) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for name, value in node.value:
+            if not isinstance(name, yaml.ScalarNode):
+                self._refuse(name, "a key that is no text")
+            if name.value in found:
+                self._refuse(name, f"the key {name.value!r} occurs twice")
+            found[name.value] = self._value(value, name.value, key, depth + 1)
+        return found
+
+    def _refuse(self, node: yaml.Node, what: str) -> None:
+        raise DescriptionError(f"{self._path}:{node.start_mark.line + 1}: {what}")
+
+
+def _scalar(node: yaml.Node) -> object:
+    """Return the value of a scalar by the core schema of YAML 1.2; quoted ones are texts."""
+    text = str(node.value)
+    if getattr(node, "style", None) is not None:
+        return text
+    if text in _WORDS:
+        return _WORDS[text]
+    if _INT.fullmatch(text):
+        return int(text) if len(text) < 400 else float("inf")
+    return float(text) if _FLOAT.fullmatch(text) else text
