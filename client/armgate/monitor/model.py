@@ -89,6 +89,7 @@ class Robot:
         lag_window: Time in which older setpoints may still act, s.
         q_tolerance: Error of a measured position, rad or m.
         base: Placement of its root link in the world, (4, 4).
+        holds: True if its link holds the robot at once when a reply is late, without braking.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Robot:
     lag_window: float
     q_tolerance: float
     base: Array
+    holds: bool
 
     @property
     def n(self) -> int:
@@ -301,6 +303,7 @@ class _Builder:
             self._own.number("lag_window", 0.0, "time"),
             self._own.number("q_tolerance", 1e-6, "angle"),
             base,
+            self._own.section("link").text("kind", "emulated") != "emulated",
         )
 
     def _bounds(self, joint: Joint) -> tuple[float, ...]:

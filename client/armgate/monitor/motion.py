@@ -103,7 +103,8 @@ class Motion:
         if ticks > 1:
             self.step = None
             return
-        if self.step is not None and step.any():  # a robot that misses its reply holds where it is
+        held = self.robot.holds and not step.any()
+        if self.step is not None and not held:
             allowed = change_excess(self.step, step, self._accel, self._decel)
             slack = tol.STEP / np.minimum(self._accel, self._decel)
             over = np.where(np.abs(step - self.step) > tol.STEP, allowed - (1.0 + tol.RATE + slack), -1.0)
