@@ -15,7 +15,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz fuzz-valid conformance coverage adversary certificates mutants soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz fuzz-valid conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -75,6 +75,9 @@ adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversar
 
 certificates: $(VENV)/.tested  ## hold PAIRS proofs of distance against a second method
 	@PAIRS=$(PAIRS) $(BIN)/python tests/integrity/certificates.py
+
+fuzz-meshes: $(VENV)/.tested  ## try RUNS mesh files of each format, half of them damaged: make fuzz-meshes RUNS=10000
+	@RUNS=$(RUNS) SEED=$(SEED) PYTHONPATH=tests $(BIN)/python tests/cell/mesh_fuzz.py
 
 mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests notice: make mutants MUTANTS=100
 	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)

@@ -4,7 +4,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-_PACKAGES = ("armgate", "numpy", "pin", "coal", "python-fcl", "numba", "trimesh")
+_PACKAGES = ("armgate", "numpy", "pin", "coal", "python-fcl", "numba")
 
 
 def software() -> dict[str, str]:

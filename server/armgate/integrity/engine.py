@@ -17,7 +17,7 @@ import fcl
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.cell.mesh.hull import hull_of
+from armgate.cell.mesh.hull import QHULL, hull_of
 from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sphere
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def _coal_shape(shape: Shape) -> Any:
             points = coal.StdVec_Vec3s()
             for vertex in vertices:
                 points.append(np.array(vertex))
-            return coal.Convex.convexHull(points, True, "Qt")
+            return coal.Convex.convexHull(points, True, QHULL)
 
 
 def _fcl_shape(shape: Shape) -> Any:

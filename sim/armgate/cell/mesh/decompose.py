@@ -6,7 +6,8 @@ how closely the parts follow the mesh. Parts that can be one without getting lar
 the hull of two contains both.
 
 Parts with too many corners are thinned and thickened by what that loses:
-hull ⊂ thinned hull ⊕ loss, ⊕ meaning "thickened by". ``ROUNDING`` is added for floating-point rounding.
+hull ⊂ thinned hull ⊕ loss, ⊕ meaning "thickened by". The slack of polygons that are
+not quite flat and ``ROUNDING``, for floating-point rounding, are added.
 """
 
 from collections.abc import Sequence
@@ -54,20 +55,20 @@ def cut(mesh: Mesh, how: Cut) -> tuple[Convex, ...]:
         ModelError: The surface is not closed (``parts`` only).
     """
     if how.method == "hull":
-        return (_body(mesh.vertices, how),)
+        return (_body(mesh.vertices, mesh.slack, how),)
     if mesh.open_edges:
         raise ModelError(
             f"the surface is not closed: {mesh.open_edges} edges belong to an odd number of triangles, so it "
             f"encloses nothing; mend the mesh, or take its convex hull (method: hull)"
         )
     pieces = _together(_pieces(mesh, how))
-    return tuple(_body(points, how) for points in pieces)
+    return tuple(_body(points, mesh.slack, how) for points in pieces)
 
 
-def _body(points: Array, how: Cut) -> Convex:
+def _body(points: Array, slack: float, how: Cut) -> Convex:
     thin, loss = thinned(_solid(points), how.max_vertices)
     x = thin.vertices.tolist()
-    return Convex(tuple((a, b, c) for a, b, c in x), loss + ROUNDING)
+    return Convex(tuple((a, b, c) for a, b, c in x), loss + slack + ROUNDING)
 
 
 def _solid(points: Array) -> Array:

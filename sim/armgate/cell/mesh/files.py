@@ -1,9 +1,8 @@
-"""Where mesh files are, and what is in them: read strictly, anything doubtful is refused with its reason."""
+"""Search for mesh files, and strict reading: a mesh has every face of its file, or the file is refused."""
 
-import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -12,13 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.errors import ModelError
+from armgate.cell.mesh.obj import read_obj
+from armgate.cell.mesh.off import read_off
+from armgate.cell.mesh.ply import read_ply
+from armgate.cell.mesh.soup import Soup, triangulated
+from armgate.cell.mesh.stl import read_stl
 from armgate.cell.shapes import is_solid
 
 Array = NDArray[np.float64]
 
-SUFFIXES = ("stl", "obj", "ply", "off")
+READERS: dict[str, Callable[[bytes], Soup]] = {
+    "stl": read_stl,
+    "obj": read_obj,
+    "ply": read_ply,
+    "off": read_off,
+}
 MAX_BYTES = 64 * 1024 * 1024
 MAX_TRIANGLES = 200_000
+MAX_EXTENT = 1e3
+"""Largest coordinate, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +38,16 @@ class Mesh:
 
     Attributes:
         vertices: (v, 3), m.
-        faces: Indices of vertices, (f, 3); none has the area zero.
-        open_edges: How many edges do not belong to an even number of triangles; 0: the surface encloses
+        faces: Indices of vertices, (f, 3); a face without an area is kept, for its edge may stand alone.
+        open_edges: Number of edges that do not belong to an even number of triangles; 0: the surface encloses
             a volume.
+        slack: Largest distance of a point of the file's faces to the triangles, m, see ``soup``.
     """
 
     vertices: Array
     faces: NDArray[np.int64]
     open_edges: int
+    slack: float
 
     @property
     def triangles(self) -> Array:
@@ -86,38 +99,37 @@ def _package(name: str, folder: Path, packages: Mapping[str, Path]) -> Path:
 
 
 def read_mesh(data: bytes, suffix: str, scale: tuple[float, float, float]) -> Mesh:
-    """The surface in the bytes of a file.
+    """Return the surface in the bytes of a file.
 
     Args:
         data: The file.
-        suffix: Its kind, one of ``SUFFIXES``.
-        scale: What coordinates are multiplied with to be in m.
+        suffix: Its kind, a key of ``READERS``.
+        scale: Factors that make metres of its coordinates.
 
     Raises:
-        ModelError: Another kind of file, one that cannot be read, has no triangles, values that are no finite
-            numbers, or nothing but a flat sheet.
+        ModelError: The kind is unknown, the file is damaged, has no faces, or encloses nothing but a flat
+            sheet; the text says what to do.
     """
-    import trimesh  # noqa: PLC0415  (most cells have no meshes)
-
     _check_door(data, suffix, scale)
-    try:
-        read = trimesh.load_mesh(io.BytesIO(data), file_type=suffix, process=False, skip_materials=True)
-        vertices, faces = np.array(read.vertices, dtype=np.float64), np.array(read.faces)
-    except Exception as error:  # whatever a parser may raise about a damaged file
-        raise ModelError(f"not readable as {suffix.upper()}: {error or type(error).__name__}") from error
-    if len(faces) == 0:
+    soup = READERS[suffix](data)
+    if len(soup.sizes) == 0:
         raise ModelError("no triangles in it; expected a surface")
-    if len(faces) > MAX_TRIANGLES:
-        raise ModelError(f"{len(faces)} triangles; expected at most {MAX_TRIANGLES}: simplify the mesh")
-    if not np.all(np.isfinite(vertices)):
-        raise ModelError("a coordinate is no finite number")
-    mirrored = np.prod(scale) < 0.0
-    return _cleaned(vertices * np.array(scale), faces[:, ::-1] if mirrored else faces)
+    count = int((soup.sizes - 2).sum())
+    if count > MAX_TRIANGLES:
+        raise ModelError(f"{count} triangles; expected at most {MAX_TRIANGLES}: simplify the mesh")
+    vertices = soup.vertices * np.array(scale) + 0.0  # + 0: -0 and 0 are one number
+    if np.abs(vertices).max() > MAX_EXTENT:
+        raise ModelError(
+            f"a coordinate of {np.abs(vertices).max():g} m; expected at most {MAX_EXTENT:g} m: give another "
+            f"scale"
+        )
+    faces, slack = triangulated(soup, vertices)
+    return _cleaned(vertices, faces[:, ::-1] if np.prod(scale) < 0.0 else faces, slack)
 
 
 def _check_door(data: bytes, suffix: str, scale: tuple[float, float, float]) -> None:
-    if suffix not in SUFFIXES:
-        known = ", ".join(SUFFIXES)
+    if suffix not in READERS:
+        known = ", ".join(READERS)
         raise ModelError(f"files of the kind {suffix!r} are not supported; convert it to one of {known}")
     if len(data) > MAX_BYTES:
         raise ModelError(f"{len(data)} bytes; expected at most {MAX_BYTES}: simplify the mesh")
@@ -125,22 +137,17 @@ def _check_door(data: bytes, suffix: str, scale: tuple[float, float, float]) -> 
         raise ModelError(f"the scale {scale} has a factor that is 0 or not finite")
 
 
-def _cleaned(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
-    """Equal vertices made one (STL has three a triangle), and triangles left out that this makes lines of."""
-    unique, inverse = np.unique(vertices, axis=0, return_inverse=True)
-    merged = inverse.reshape(-1)[faces]
-    a, b, c = merged.T
-    merged = merged[(a != b) & (b != c) & (c != a)]
-    used = np.unique(merged)
-    if len(used) == 0 or not is_solid(unique[used]):
+def _cleaned(vertices: Array, faces: NDArray[np.int64], slack: float) -> Mesh:
+    """Merge equal vertices (STL has three a triangle) and leave out those without a face."""
+    used, inverse = np.unique(vertices[faces.reshape(-1)], axis=0, return_inverse=True)
+    if not is_solid(used):
         raise ModelError("it is flat, without an inside; expected a solid body, or another scale")
-    compact = np.zeros(len(unique), dtype=np.int64)
-    compact[used] = np.arange(len(used))
-    merged = compact[merged]
-    return Mesh(unique[used], merged, _open_edges(merged))
+    merged = inverse.reshape(-1, 3)
+    return Mesh(used, merged, _open_edges(merged), slack)
 
 
 def _open_edges(faces: NDArray[np.int64]) -> int:
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges = edges[edges[:, 0] != edges[:, 1]]
     _, counts = np.unique(edges, axis=0, return_counts=True)
     return int(np.count_nonzero(counts % 2))

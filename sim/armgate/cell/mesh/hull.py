@@ -1,6 +1,10 @@
 """Convex hulls with corners, faces and planes (qhull, as coal brings it), and distances to them.
 
 coal takes no corner with more than 255 neighbours, as a fine disk has: hulls of many points are thinned.
+
+qhull joggles the points (option QJ) by less than ``JOGGLE`` of their extent, always in the same way. Merging
+nearly coplanar facets instead (option Qt) crashes the process in coal 3.0 if points lie in a plane but for
+rounding, as the corners of a turned box that was cut do.
 """
 
 from dataclasses import dataclass
@@ -17,6 +21,12 @@ Index = NDArray[np.intp]
 
 _SHARE = 8
 """One for so many corners is added at a time: those that stand out farthest may be neighbours."""
+
+QHULL = "QJ"
+"""Options of qhull: joggle, see above."""
+
+JOGGLE = 1e-9
+"""Largest error of the planes, as a share of the extent of the points."""
 
 _BLOCK = 1 << 18
 """How many distances of a point and a face are computed at once: bounds memory."""
@@ -69,39 +79,46 @@ def hull_of(points: Array) -> Hull:
     for point in points - middle:
         given.append(point)
     try:
-        convex = coal.Convex.convexHull(given, True, "Qt")
+        convex = coal.Convex.convexHull(given, True, QHULL)
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"qhull cannot make a convex hull: {error}") from error
     polygons = (convex.polygons(i) for i in range(convex.num_polygons))
     faces = np.array([[polygon[0], polygon[1], polygon[2]] for polygon in polygons], dtype=np.intp)
     normals = np.array(convex.normals())
-    corners = np.array(convex.points()) + middle
+    corners = _unjoggled(np.array(convex.points()) + middle, points)
     return Hull(corners, faces, normals, np.array(convex.offsets()) - normals @ middle)
 
 
+def _unjoggled(corners: Array, points: Array) -> Array:
+    """Return the point nearest to each joggled corner."""
+    away = ((corners[:, None] - points) ** 2).sum(axis=2)
+    return np.asarray(points[away.argmin(axis=1)])
+
+
 def thinned(points: Array, most: int) -> tuple[Hull, float]:
-    """A hull of at most ``most`` of some points (k, 3), and the farthest distance [m] of one left out.
+    """Return a hull of at most ``most`` of points (k, 3), and a bound of the distance [m] of any left out.
 
     The hull of all points lies within that distance of the thinner one: the distance to a convex body is a
     convex function, so it is largest at a corner. The thinner hull begins with the extreme points along 26
-    directions; then those that stand out farthest are added, a few at a time.
+    directions; then those that stand out farthest are added, a few at a time. Points that stand out by less
+    than the joggle are left out.
 
     Raises:
         ModelError: The points are flat: their hull has no inside.
     """
     kept = _extreme(points)
     thin = hull_of(points[kept])
-    left = np.arange(len(points))
+    left, least = np.arange(len(points)), JOGGLE * float(np.ptp(points, axis=0).max())
     while True:
         heights = thin.height(points[left])
-        left = left[heights > 0.0]  # what is inside stays inside
-        out = left[np.argsort(-heights[heights > 0.0], kind="stable")]
+        left, heights = left[heights > 0.0], heights[heights > 0.0]  # what is inside stays inside
+        out = left[np.argsort(-heights, kind="stable")][: np.count_nonzero(heights > least)]
         out = out[: min(most - len(kept), max(1, len(kept) // _SHARE))]
         if len(out) == 0:
             break
         kept += out.tolist()
         thin = hull_of(points[kept])
-    return thin, float(thin.distance(points[left]).max(initial=0.0))
+    return thin, float(thin.distance(points[left]).max(initial=0.0)) + least
 
 
 def _extreme(points: Array) -> list[int]:
@@ -114,7 +131,10 @@ def _extreme(points: Array) -> list[int]:
     grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
     directions = sorted((d for d in grid.tolist() if any(d)), key=lambda d: sum(map(abs, d)))
     along = middle @ axes @ np.array(directions).T
-    return list(dict.fromkeys(map(int, along.argmax(axis=0))))
+    # Of several extreme points the farthest from the middle: it is a corner, not inside a face or an edge.
+    level = along >= along.max(axis=0) - JOGGLE * float(np.ptp(points, axis=0).max())
+    farthest = np.where(level, np.linalg.norm(middle, axis=1)[:, None], -1.0).argmax(axis=0)
+    return list(dict.fromkeys(map(int, farthest)))
 
 
 # --- distance of points to triangles -----------------------------------------------------------------------

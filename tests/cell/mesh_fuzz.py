@@ -1,0 +1,136 @@
+"""Random mesh files, valid and damaged: each is refused with one clear error, or its faces are in the bodies.
+
+``make fuzz-meshes RUNS=10000`` tries so many files of each format. Faces are counted and placed by other
+means than the product's readers (``support.mesh_files``). A point counts as held if a body contains it.
+Nine of ten meshes are cut anywhere: that is quicker than the product's own choice, and must do no harm.
+"""
+
+import os
+import re
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from unittest.mock import patch
+
+import numpy as np
+
+from armgate.cell.errors import ModelError
+from armgate.cell.mesh import decompose
+from armgate.cell.mesh.decompose import Cut, cut
+from armgate.cell.mesh.files import READERS, read_mesh
+from armgate.cell.mesh.hull import hull_of
+from armgate.cell.mesh.propose import Plane
+from support.mesh_files import FACES, WRITERS, damaged
+
+PARTS = Cut("parts", 0.5, 3, 64)
+HULL = Cut("hull", 0.5, 1, 64)
+_SAMPLES = 3
+_CLEAR = re.compile(r"expected|export it again|export the file again|method: hull")
+
+
+@dataclass
+class Tally:
+    """What became of the files of one format."""
+
+    ends: Counter = field(default_factory=Counter)
+    faces: int = 0
+    faults: list = field(default_factory=list)
+
+
+def held(bodies, points):
+    """Which points lie in some body: no plane of the hull of its corners, moved by its radius, is beyond."""
+    inside = np.zeros(len(points), dtype=bool)
+    for body in bodies:
+        corners = np.array(body.vertices)
+        normals = hull_of(corners).normals
+        inside |= np.all(points @ normals.T <= (corners @ normals.T).max(axis=0) + body.radius, axis=1)
+    return inside
+
+
+def bodies_of(mesh, rng):
+    """The bodies; the hull if the surface is open, which the refusal of the other method says."""
+    try:
+        if rng.random() < 0.1:
+            return cut(mesh, PARTS)
+        with patch.object(decompose, "propose", lambda *_: _anywhere(mesh, rng)):
+            return cut(mesh, PARTS)
+    except ModelError as error:
+        if "not closed" not in str(error):
+            raise
+        return cut(mesh, HULL)
+
+
+def _anywhere(mesh, rng):
+    """One or two cuts of the whole, across one axis."""
+    axis = int(rng.integers(3))
+    low, high = mesh.vertices[:, axis].min(), mesh.vertices[:, axis].max()
+    places = np.sort(rng.uniform(low, high, int(rng.integers(1, 3))))
+    return [Plane(number, axis, float(at)) for number, at in enumerate(places)]
+
+
+def judge(data, suffix, rng):
+    """Return the number of faces of an accepted file, all of them in its bodies; None if it is refused."""
+    try:
+        mesh = read_mesh(data, suffix, (1.0, 1.0, 1.0))
+    except ModelError as error:
+        text = str(error)
+        assert _CLEAR.search(text), text
+        assert "\n" not in text, text
+        assert len(text) < 400, text
+        return None
+    faces = FACES[suffix](data)
+    assert len(READERS[suffix](data).sizes) == len(faces)
+    assert len(mesh.faces) == sum(len(face) - 2 for face in faces)
+    points = np.vstack([np.vstack([face, _inside(face, rng)]) for face in faces])
+    inside = held(bodies_of(mesh, rng), points)
+    assert inside.all(), f"{np.count_nonzero(~inside)} points of faces are in no body"
+    return len(faces)
+
+
+def _inside(face, rng):
+    return rng.dirichlet(np.full(len(face), 0.5), _SAMPLES) @ face
+
+
+def run(suffix, runs, seed):
+    """Tries files of one format, half of them damaged."""
+    tally = Tally()
+    for number in range(runs):
+        rng = np.random.default_rng([seed, number])
+        data = WRITERS[suffix](rng)
+        broken = number % 2 == 1
+        if broken:
+            data = damaged(rng, data)
+        try:
+            faces = judge(data, suffix, rng)
+            assert broken or faces is not None, "a valid file is refused"
+        except Exception as error:  # a traceback is a finding, too
+            tally.faults.append((number, f"{type(error).__name__}: {error}"[:300]))
+            continue
+        tally.ends["refused" if faces is None else "damaged, read" if broken else "valid, read"] += 1
+        tally.faces += faces or 0
+    return tally
+
+
+def say(text):
+    sys.stdout.write(text + "\n")
+
+
+def main():
+    runs, seed = int(os.environ.get("RUNS", "10000")), int(os.environ.get("SEED", "0"))
+    wrong = 0
+    for suffix in WRITERS:
+        begin = time.monotonic()
+        tally = run(suffix, runs, seed)
+        ends = ", ".join(f"{count} {end}" for end, count in sorted(tally.ends.items()))
+        spent = time.monotonic() - begin
+        say(f"{suffix}: {runs} files in {spent:.0f} s: {ends}; {tally.faces} faces held")
+        say(f"  {len(tally.faults)} faults")
+        for number, text in tally.faults[:10]:
+            say(f"  SEED={seed} file {number}: {text}")
+        wrong += len(tally.faults)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
