@@ -6,15 +6,17 @@ import socket
 
 import pytest
 
-from armgate.daemon.listener import Listener
+from armgate.daemon import listener as module
+from armgate.daemon.listener import Listener, Place
 from armgate.daemon.log import Log
+from armgate.daemon.room import Room
 from armgate.daemon.tls import TlsError, server_context
 from support.certificates import Authority, encrypted
 from support.clients import PATIENCE, until
 
 
-class Place(asyncio.Protocol):
-    """Tells when it is made and lost."""
+class Seat(asyncio.Protocol, Place):
+    """Tells when it is made and lost, and says goodbye if it is evicted."""
 
     def __init__(self, house, guest):
         self.house, self.guest = house, guest
@@ -22,6 +24,10 @@ class Place(asyncio.Protocol):
     def connection_made(self, transport):
         self.transport = transport
         self.house.places.append(self)
+
+    def evict(self):
+        self.house.evicted += 1
+        self.transport.close()
 
     def connection_lost(self, exc):
         self.house.listener.left(self.guest)
@@ -32,11 +38,12 @@ class House:
     """A listener, who sits there, and clients."""
 
     def __init__(self, **more):
-        self.places, self.clients, self.lost = [], [], 0
+        self.places, self.clients, self.lost, self.evicted = [], [], 0, 0
         self.log = io.StringIO()
         self.writer = Log(self.log)
-        given = {"rate": 1e6, "in_all": 100, "per_origin": 100, "tls": None, "handshake": 5.0} | more
-        self.listener = Listener(lambda guest: Place(self, guest), log=self.writer, **given)
+        given = {"rate": 1e6, "tls": None, "handshake": 5.0}
+        self.room = Room(more.pop("in_all", 100), more.pop("per_origin", 100))
+        self.listener = Listener(lambda guest: Seat(self, guest), self.room, log=self.writer, **given | more)
 
     async def __aenter__(self):
         self.port = await self.listener.open("127.0.0.1", 0)
@@ -61,6 +68,11 @@ class House:
     async def seated(self, count):
         await until(lambda: len(self.places) >= count, turns=10**7)
 
+    def admit(self, count, role="controller"):
+        """Make sessions of the first connections."""
+        for place in self.places[:count]:
+            assert self.room.admit(place.guest, role, "") == ""
+
     @property
     def refusals(self):
         return [place.guest.refusal for place in self.places if place.guest.refusal]
@@ -76,7 +88,10 @@ async def test_nagle_waits_for_nothing():
 
 async def test_no_more_stay_than_allowed_in_all_and_there_is_room_again():
     async with House(in_all=3) as house:
-        await house.connect(4)
+        await house.connect(3)
+        await house.seated(3)
+        house.admit(3)
+        await house.connect(1)
         await house.seated(4)
         assert ["3 connections already" in text for text in house.refusals] == [True]
         house.clients[0].close()
@@ -88,15 +103,45 @@ async def test_no_more_stay_than_allowed_in_all_and_there_is_room_again():
 
 async def test_no_more_stay_than_allowed_from_one_address():
     async with House(per_origin=2) as house:
-        await house.connect(3)
+        await house.connect(2)
+        await house.seated(2)
+        house.admit(2)
+        await house.connect(1)
         await house.seated(3)
         (text,) = house.refusals
         assert "from your address" in text
 
 
-async def test_not_even_those_who_are_told_to_leave_may_be_any_number():
+async def test_the_oldest_connection_without_a_hello_makes_room_for_a_new_one():
+    async with House(per_origin=3) as house:
+        await house.connect(3)
+        await house.seated(3)
+        house.admit(1)
+        await house.connect(2)
+        await house.seated(5)
+        await until(lambda: house.lost == 2)
+        assert (house.evicted, house.refusals) == (2, [])
+        assert [place.transport.is_closing() for place in house.places] == [False, True, True, False, False]
+
+
+async def test_a_connection_in_its_tls_handshake_makes_room_too(tmp_path):
+    context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
+    async with House(tls=context, in_all=2, handshake=60.0) as house:
+        await house.connect(5)
+        loop = asyncio.get_running_loop()
+        for client in house.clients[:3]:
+            assert await asyncio.wait_for(loop.sock_recv(client, 1), PATIENCE) == b""
+        assert len(house.room._waiting) == 2
+    await until(lambda: house.room.empty)
+
+
+async def test_not_even_those_who_are_told_to_leave_may_be_any_number(monkeypatch):
+    monkeypatch.setattr(module, "_LEAVING", 2)
     async with House(in_all=2) as house:
-        await house.connect(10)
+        await house.connect(2)
+        await house.seated(2)
+        house.admit(2)
+        await house.connect(8)
         await house.seated(4)
         loop = asyncio.get_running_loop()
         for client in house.clients[4:]:
@@ -117,7 +162,7 @@ async def test_who_comes_too_fast_waits_and_is_taken_in_later():
 async def test_a_few_are_taken_in_at_each_turn():
     async with House() as house:
         accept, turns = house.listener._accept, []
-        monkey = lambda sock: (accept(sock), turns.append(len(house.listener._tasks)))  # noqa: E731
+        monkey = lambda sock: (accept(sock), turns.append(len(house.listener._handshakes)))  # noqa: E731
         loop = asyncio.get_running_loop()
         sock = house.listener._sockets[0]
         loop.remove_reader(sock)
@@ -150,12 +195,12 @@ async def test_half_open_tls_ends_in_time_and_leaves_its_place(tmp_path):
         await house.connect(1)
         loop = asyncio.get_running_loop()
         assert await asyncio.wait_for(loop.sock_recv(house.clients[0], 1), PATIENCE) == b""
-        await until(lambda: not house.listener._staying)
+        await until(lambda: house.room.empty)
         await house.connect(1)
         await loop.sock_sendall(house.clients[1], b"GET / HTTP/1.1\r\n\r\n")
         assert await asyncio.wait_for(loop.sock_recv(house.clients[1], 4096), PATIENCE) is not None
-        await until(lambda: not house.listener._staying)
-        assert house.places == []
+        await until(lambda: house.room.empty)
+        assert house.lost == 0
     assert house.log.getvalue().count("tls.failed") == 2
 
 

@@ -48,12 +48,15 @@ class Admission:
 
 
 class Access:
-    """The door.
+    """Decides in which role a client comes in.
+
+    A right token is accepted however many wrong ones came from the same address: looking at a token always
+    takes the same work.
 
     Args:
-        tokens: Who may come in; None: everybody, as what they say they are.
-        attempts: Counts those that failed.
-        log: Where failures are told, without what was given.
+        tokens: The tokens that are accepted; None: everybody, in the role that the hello names.
+        attempts: Counts the hellos that failed.
+        log: Where failures are logged, without what was given.
     """
 
     def __init__(self, tokens: Tokens | None, attempts: Attempts, log: Log) -> None:
@@ -62,34 +65,29 @@ class Access:
         self._log = log
 
     def admit(self, hello: Hello, origin: str, now: float) -> Admission:
-        """As what this client may come in.
+        """Return the role granted to this client.
 
         Raises:
             RemoteProtocolError: ``unauthorized``.
         """
         if self._tokens is None:
             return Admission(hello.role)
-        if wait := self._attempts.wait(origin, now):
-            self._log.warning("login.held", origin=origin, wait=round(wait, 1))
-            raise _unauthorized(f"too many wrong tokens; none is looked at now: try again in {wait:.0f} s")
         token = self._tokens.find(hello.token)
         if token is None or not token.allows(hello.role):
-            self._attempts.failed(origin, now)
-            self._tell(hello, token, origin)
-            raise _unauthorized(_WRONG)
-        self._attempts.succeeded(origin)
+            self._note(hello, token, origin, now)
+            raise RemoteProtocolError(ErrorCode.UNAUTHORIZED, _WRONG, about="hello")
         robots = None if token.robots is None else frozenset(token.robots)
         return Admission(hello.role, robots, token)
 
     def replace(self, tokens: Tokens) -> None:
-        """From now on these count."""
+        """Accept these tokens from now on."""
         self._tokens = tokens
 
-    def _tell(self, hello: Hello, token: Token | None, origin: str) -> None:
+    def _note(self, hello: Hello, token: Token | None, origin: str, now: float) -> None:
+        unlogged = self._attempts.failed(origin, now)
+        if unlogged is None:
+            return
         why = "no token" if hello.token is None else "unknown token" if token is None else "role"
         name = None if token is None else token.name
-        self._log.warning("login.failed", origin=origin, why=why, token=name, role=hello.role)
-
-
-def _unauthorized(text: str) -> RemoteProtocolError:
-    return RemoteProtocolError(ErrorCode.UNAUTHORIZED, text, about="hello")
+        more = {"unlogged": unlogged} if unlogged else {}
+        self._log.warning("login.failed", origin=origin, why=why, token=name, role=hello.role, **more)

@@ -1,11 +1,12 @@
-"""How often a wrong token may be tried, from one address and in all."""
+"""Failed logins: how many are logged one by one, from one address and in all.
+
+Guessing a token is hopeless (2^256), so failures close no door: a right token is accepted whatever else comes
+from its address. What failures cost is lines of the log; these are bounded here.
+"""
 
 from collections import OrderedDict
-from typing import TypeVar
 
 from armgate.daemon.bucket import Bucket
-
-V = TypeVar("V")
 
 _REMEMBERED = 1024
 _MINUTE = 60.0
@@ -14,12 +15,8 @@ _MINUTE = 60.0
 class Attempts:
     """Counts failures.
 
-    One that fails too often is not heard for a while, whatever it brings. Too many failures in all close the
-    door to everybody but the addresses that a right token came from: else many guessers together could lock
-    the owners out.
-
     Args:
-        in_all: Failures per minute on average, and at once.
+        in_all: Failures per minute that are logged, on average and at once.
         per_origin: The same for one origin.
         now: The time, s, of any clock that does not go back.
     """
@@ -28,29 +25,16 @@ class Attempts:
         self._per_origin = per_origin
         self._all = Bucket(in_all / _MINUTE, in_all, now)
         self._failing: OrderedDict[str, Bucket] = OrderedDict()
-        self._trusted: OrderedDict[str, None] = OrderedDict()
+        self._unlogged = 0
 
-    def wait(self, origin: str, now: float) -> float:
-        """How long this origin is not heard, s; 0: it is."""
-        bucket = self._failing.get(origin)
-        own = 0.0 if bucket is None else bucket.wait(now)
-        return own if origin in self._trusted else max(own, self._all.wait(now))
-
-    def failed(self, origin: str, now: float) -> None:
-        """A wrong token came from there."""
-        self._all.take(now)
+    def failed(self, origin: str, now: float) -> int | None:
+        """Count a failure; return how many before it were not logged, or None if it is not logged either."""
         bucket = self._failing.pop(origin, None) or Bucket(self._per_origin / _MINUTE, self._per_origin, now)
-        bucket.take(now)
-        _remember(self._failing, origin, bucket)
-
-    def succeeded(self, origin: str) -> None:
-        """A right token came from there."""
-        _remember(self._trusted, origin, None)
-
-
-def _remember(known: OrderedDict[str, V], origin: str, value: V) -> None:
-    """Keep what was seen last; who was seen long ago is forgotten."""
-    known[origin] = value
-    known.move_to_end(origin)
-    while len(known) > _REMEMBERED:
-        known.popitem(last=False)
+        self._failing[origin] = bucket
+        while len(self._failing) > _REMEMBERED:
+            self._failing.popitem(last=False)
+        if bucket.take(now) and self._all.take(now):
+            unlogged, self._unlogged = self._unlogged, 0
+            return unlogged
+        self._unlogged += 1
+        return None

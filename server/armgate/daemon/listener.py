@@ -1,19 +1,19 @@
-"""Takes connections in: a few at a time, so many per second, so many at once in all and from one address.
+"""Accepts connections: a few at a time, a bounded number per second, as many as there is room for.
 
-All this counts before TLS, whose handshake costs more than all that follows. What cannot be taken in yet
-waits in the kernel's queue: those who are in already do not pay for it.
+All this counts before TLS, whose handshake costs more than all that follows. What cannot be accepted yet
+waits in the kernel's queue, so that connected clients are not delayed.
 """
 
 import asyncio
 import socket
 import ssl
-from collections import Counter
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from armgate.daemon.address import origin
 from armgate.daemon.bucket import Bucket
 from armgate.daemon.log import Log
+from armgate.daemon.room import Guest, Room
 
 _QUEUE = 128
 """Connections that may wait in the kernel."""
@@ -24,16 +24,19 @@ _AT_ONCE = 4
 _BURST = 32.0
 """Connections taken in at once after a quiet time."""
 
+_LEAVING = 128
+"""Connections that are being told why they may not stay; further ones are closed without a word."""
+
 _RETRY = 1.0
-"""How long to wait where the system gives no more connections, s."""
+"""How long to wait if the system gives no more connections, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Guest:
-    """Where a connection comes from, and why it may not stay ("": it may)."""
+class Place(asyncio.BaseProtocol, ABC):
+    """The protocol of one connection."""
 
-    origin: str
-    refusal: str = ""
+    @abstractmethod
+    def evict(self) -> None:
+        """Close, to make room for another connection: no hello came."""
 
 
 class Listener:
@@ -42,37 +45,34 @@ class Listener:
     Args:
         make: Makes the protocol of a connection. A guest who may not stay is made one too, so that it can be
             told why; ``left`` is to be called when it is gone.
+        room: Counts the connections.
         rate: Connections per second on average.
-        in_all: How many may stay at once.
-        per_origin: How many of them from one origin.
         tls: Encrypts them; None: they are not.
         handshake: How long TLS may take, s.
-        log: Where failures are told.
+        log: Where failures are logged.
     """
 
     def __init__(
         self,
-        make: Callable[[Guest], asyncio.BaseProtocol],
+        make: Callable[[Guest], Place],
+        room: Room,
         *,
         rate: float,
-        in_all: int,
-        per_origin: int,
         tls: ssl.SSLContext | None,
         handshake: float,
         log: Log,
     ) -> None:
         self._make = make
+        self._room = room
         self._rate = rate
-        self._in_all = in_all
-        self._per_origin = per_origin
         self._tls = tls
         self._handshake = handshake if tls else None
         self._log = log
-        self._staying: Counter[str] = Counter()
-        self._leaving = 0
+        self._leaving: set[Guest] = set()
+        self._places: dict[Guest, Place] = {}
+        self._handshakes: dict[Guest, asyncio.Task[None]] = {}
         self._sockets: list[socket.socket] = []
         self._timers: dict[socket.socket, asyncio.TimerHandle] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
         self._bucket: Bucket
 
     async def open(self, host: str, port: int) -> int:
@@ -96,11 +96,11 @@ class Listener:
         return port
 
     def close(self) -> None:
-        """Take nobody in any more; who is in stays."""
+        """Accept no more connections; those accepted stay."""
         loop = asyncio.get_running_loop()
         for timer in self._timers.values():
             timer.cancel()
-        for task in self._tasks:
+        for task in self._handshakes.values():
             task.cancel()
         for sock in self._sockets:
             loop.remove_reader(sock)
@@ -108,13 +108,10 @@ class Listener:
         self._sockets.clear()
 
     def left(self, guest: Guest) -> None:
-        """A connection is closed: there is room for another."""
-        if guest.refusal:
-            self._leaving -= 1
-        else:
-            self._staying[guest.origin] -= 1
-            if not self._staying[guest.origin]:
-                del self._staying[guest.origin]
+        """Free the place of a connection that is closed."""
+        self._leaving.discard(guest)
+        self._places.pop(guest, None)
+        self._room.leave(guest)
 
     # --- taking in ----------------------------------------------------------------------------------------
 
@@ -145,29 +142,37 @@ class Listener:
             self._take(taken, origin(address[0]))
 
     def _take(self, taken: socket.socket, source: str) -> None:
-        guest = Guest(source, self._refusal(source))
-        if guest.refusal and self._leaving >= self._in_all:
-            taken.close()  # too many are being told already
-            return
+        guest, evicted = self._room.enter(source)
+        if evicted is not None:
+            self._evict(evicted)
         if guest.refusal:
-            self._leaving += 1
-        else:
-            self._staying[source] += 1
+            if len(self._leaving) >= _LEAVING:
+                taken.close()
+                return
+            self._leaving.add(guest)
         taken.setblocking(False)
         task = asyncio.get_running_loop().create_task(self._seat(taken, guest))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._handshakes[guest] = task
+        task.add_done_callback(lambda done: self._seated(done, taken, guest))
 
-    def _refusal(self, source: str) -> str:
-        if self._staying.total() >= self._in_all:
-            return f"there are {self._in_all} connections already; try again later"
-        if self._staying[source] >= self._per_origin:
-            return f"there are {self._per_origin} connections from your address already; close some"
-        return ""
+    def _seated(self, done: asyncio.Task[None], taken: socket.socket, guest: Guest) -> None:
+        self._handshakes.pop(guest, None)
+        if done.cancelled():
+            if guest not in self._places:
+                taken.close()  # it was cancelled before it began
+            self.left(guest)
+
+    def _evict(self, guest: Guest) -> None:
+        task = self._handshakes.get(guest)
+        if task is not None and not task.done():
+            task.cancel()
+        elif (place := self._places.get(guest)) is not None:
+            self._leaving.add(guest)
+            place.evict()
 
     async def _seat(self, taken: socket.socket, guest: Guest) -> None:
         loop = asyncio.get_running_loop()
-        protocol = self._make(guest)
+        protocol = self._places[guest] = self._make(guest)
         try:
             await loop.connect_accepted_socket(
                 lambda: protocol, taken, ssl=self._tls, ssl_handshake_timeout=self._handshake

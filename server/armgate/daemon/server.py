@@ -21,13 +21,14 @@ from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
 from armgate.daemon.library import BODY_EXACT, STOP_REPLACES
-from armgate.daemon.listener import Guest, Listener
+from armgate.daemon.listener import Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
 from armgate.daemon.peer import Peer, answer
 from armgate.daemon.record_start import begin, header_of
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.rereading import Rereading, tell_strange
+from armgate.daemon.room import Guest, Room
 from armgate.daemon.runner import GateRunner, Judge
 from armgate.daemon.session import Session
 from armgate.daemon.tokens import Tokens
@@ -117,6 +118,7 @@ class Daemon:
         self._sessions: set[Session] = set()
         self._numbers = 0
         keys = keys or Keys()
+        self._room = Room(self._settings.max_connections, self._settings.max_connections_per_address)
         self._listener = self._listening(keys)
         self._access = self._door(keys)
         self._turns = Turns()
@@ -405,9 +407,8 @@ class Daemon:
         own = self._settings
         return Listener(
             self._session,
+            self._room,
             rate=own.connection_rate,
-            in_all=own.max_connections,
-            per_origin=own.max_connections_per_address,
             tls=keys.tls,
             handshake=own.handshake_timeout,
             log=self._log,
@@ -454,6 +455,7 @@ class Daemon:
             if admitted.token is not None:
                 session.identify(f"token {admitted.token.name}")
             session.id = self._pace.session_id(session.name, session.number)
+            self._seat(session)
             self._pace.join(session)
         except RemoteProtocolError as error:
             session.id, error.re = "", hello.id
@@ -465,6 +467,11 @@ class Daemon:
         token = None if admitted.token is None else admitted.token.name
         fields = {"session": session.id, "name": session.name, "role": session.role, "token": token}
         self._log.info("welcome", address=session.address, software=hello.software, **fields)
+
+    def _seat(self, session: Session) -> None:
+        token = "" if session.token is None else session.token.name
+        if refusal := self._room.admit(session.guest, session.role, token):
+            raise RemoteProtocolError(ErrorCode.TOO_MANY, refusal, about="hello")
 
     def _use_tokens(self, tokens: Tokens) -> None:
         """Who came in by a token that is no more, or is another one now, has to come in anew."""

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from armgate.daemon.allowance import Allowance
-from armgate.daemon.listener import Guest
+from armgate.daemon.listener import Place
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
+from armgate.daemon.room import Guest
 from armgate.daemon.tokens import Token
 from armgate.daemon.turns import Turns
 from armgate.protocol import (
@@ -44,6 +45,8 @@ _COSTS: dict[type[object], float] = {
 }  # fmt: skip
 """Messages that count as more than one: their answers are large, or go to all clients."""
 
+_EVICTED = "no hello came while others waited for the place; say hello at once after connecting"
+
 _BYTES = 2048
 """Bytes that count as one more message."""
 
@@ -76,7 +79,7 @@ class Desk(Protocol):
         """Something of ours failed."""
 
 
-class Session(asyncio.BufferedProtocol):
+class Session(asyncio.BufferedProtocol, Place):
     """A connection and, once it has said hello, the peer behind it.
 
     Args:
@@ -257,6 +260,10 @@ class Session(asyncio.BufferedProtocol):
         """Send a last message and close."""
         self.say(message)
         self._close()
+
+    def evict(self) -> None:
+        """Close, to make room for another connection: no hello came."""
+        self.end(RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, _EVICTED).message())
 
     def expel(self, error: RemoteProtocolError) -> None:
         """End the session at once, also its leases: its client need not have read why."""

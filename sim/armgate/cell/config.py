@@ -305,7 +305,7 @@ class ServerConfig(Part):
             Holders of robots, and operators with a token, do not count here and in the next two.
         message_rate_per_address: The same for all clients at one address.
         message_rate_in_all: The same for all clients.
-        login_failures: How many wrong tokens per minute on average before none is looked at any more.
+        login_failures: How many wrong tokens per minute on average are logged one by one.
         login_failures_per_address: The same for one address.
         handshake_timeout: How long a new connection may take for TLS, and then to say hello, s.
         send_buffer: Bytes of answers and verdicts that may wait for a slow client before it is closed.

@@ -170,6 +170,7 @@ async def _(trial: Trial) -> None:
 async def _last(refused: Any, trial: Trial) -> Any:
     # The first refusal was read to find the bound; ask for another one to look at.
     again = await trial.open("one-more")
+    again.say(trial.target.hello(trial.name("one-more"), "observer"))
     return await again.fails("too_many")
 
 
