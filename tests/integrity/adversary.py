@@ -22,7 +22,7 @@ import numpy as np
 from armgate.cell.cell import Cell
 from integrity import scenes
 from integrity.oracle import Oracle
-from integrity.rig import GRID, HARSH, PROMPT, ROUGH, Rig, Tally, Traffic
+from integrity.rig import GRID, HARSH, JITTER, PROMPT, ROUGH, Rig, Tally, Traffic
 
 Vector = np.ndarray
 
@@ -164,6 +164,8 @@ class Setting:
     traffic: Traffic = PROMPT
     response: str = "stop"
     share: float = 1.0
+    unlike: float = 0.0
+    """Difference between the lags of two joints, declared and true, as a share of the lag."""
 
 
 SETTINGS = (
@@ -181,6 +183,10 @@ SETTINGS = (
     Setting("demo", lag=0.03, share=0.5),
     Setting("mesh", lag=0.03, traffic=ROUGH),
     Setting("mesh", response="slow"),
+    Setting("duel", lag=(0.03, 0.12), unlike=0.3, traffic=ROUGH, share=0.3),
+    Setting("tree", lag=0.03, unlike=1.0, response="slow", share=0.3),
+    Setting("demo", lag=0.03, unlike=0.1, traffic=HARSH, share=0.3),
+    Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), unlike=0.2, traffic=JITTER, share=0.3),
 )
 
 
@@ -202,6 +208,8 @@ class Arena:
 
 def arena(setting: Setting) -> Arena:
     cell = _MAKE[setting.scene](response=setting.response)
+    if setting.unlike:
+        cell = scenes.lagging(cell, setting.lag, setting.unlike)
     return Arena(cell, Oracle(cell))
 
 
@@ -214,7 +222,10 @@ def attack(
     if rng.random() < 0.3:
         start = [np.array([rng.uniform(*ends) for ends in zip(r.lower - 0.02, r.upper + 0.02, strict=True)])
                  for r in place.cell.robots]  # fmt: skip
-    rig = Rig(place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle)
+    rig = Rig(
+        place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle,
+        unlike=setting.unlike,
+    )  # fmt: skip
     return rig.run(Adversary(rng, attacks), commands, limit=commands * 40)
 
 

@@ -40,12 +40,18 @@ GRID = 0.002
 
 
 class Drive:
-    """The true position of a robot: first order behind its setpoint, or on a ramp to it, after a delay."""
+    """The true position of a robot: first order behind its setpoint, or on a ramp to it, after a delay.
 
-    def __init__(self, q: Sequence[float], period: float, lag: float, delay: float) -> None:
+    Joints lag by ``lag`` and what ``apart`` adds for each.
+    """
+
+    def __init__(
+        self, q: Sequence[float], period: float, lag: float, delay: float, apart: Sequence[float] = ()
+    ) -> None:
         self.q = np.array(q, dtype=float)
         self._period, self._delay = period, delay
-        self._gain = 1.0 - np.exp(-GRID / lag) if lag > 0 else None
+        lags = lag + np.array(apart or [0.0] * len(self.q))
+        self._gain = 1.0 - np.exp(-GRID / lags) if lag > 0 else None
         self._steps: deque[tuple[float, np.ndarray]] = deque([(-1e9, self.q.copy())])
 
     def command(self, time: float, setpoint: Sequence[float]) -> None:
@@ -125,7 +131,10 @@ class Player:
 
 @dataclass(frozen=True)
 class Traffic:
-    """What happens to messages and measurements; times in periods, the rest as shares."""
+    """What happens to messages and measurements; times in periods, the rest as shares.
+
+    ``jitter`` is how late a tick may be stamped.
+    """
 
     plan_late: float = 0.0
     answer_late: float = 0.0
@@ -133,11 +142,14 @@ class Traffic:
     answer_lost: float = 0.0
     missed: float = 0.0
     noise: bool = False
+    jitter: float = 0.0
 
 
 PROMPT = Traffic()
 ROUGH = Traffic(plan_late=1.4, answer_late=3.0, plan_lost=0.05, answer_lost=0.2)
 HARSH = Traffic(plan_late=0.9, answer_late=2.0, plan_lost=0.05, answer_lost=0.3, missed=0.01, noise=True)
+
+JITTER = Traffic(plan_late=0.9, answer_late=2.0, jitter=0.95)
 
 Wish = Callable[["Rig", int], Sequence[float] | None]
 
@@ -167,7 +179,10 @@ class Tally:
 
 
 class Rig:
-    """A gate with its robots. ``need`` is what every pair must keep, m; less for starts in violation."""
+    """A gate with its robots. ``need`` is what every pair must keep, m; less for starts in violation.
+
+    ``unlike`` is the difference between the lags of two joints of a robot, as a share of its lag.
+    """
 
     def __init__(
         self,
@@ -179,6 +194,7 @@ class Rig:
         start: Sequence[Sequence[float]] | None = None,
         oracle: Oracle | None = None,
         stops: float = 0.01,
+        unlike: float = 0.0,
     ) -> None:
         n = len(cell.robots)
         lags, delays = (x if isinstance(x, Sequence) else [x] * n for x in (lag, delay))
@@ -186,7 +202,10 @@ class Rig:
         self.oracle = oracle or Oracle(cell)
         self.gate = Gate(cell, "rig")
         q = [r.start for r in cell.robots] if start is None else start
-        self.drives = [Drive(q[i], r.period, lags[i], delays[i]) for i, r in enumerate(cell.robots)]
+        self.drives = [
+            Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, unlike * lags[i]))
+            for i, r in enumerate(cell.robots)
+        ]
         self.players = [Player(r.name, q[i]) for i, r in enumerate(cell.robots)]
         self.every = [round(r.period / GRID) for r in cell.robots]
         self.now, self._grid, self._count = 0.0, 0, 0
@@ -207,6 +226,15 @@ class Rig:
             self._tick(i)
             self.feed(LinkChange(robot.name, LinkState.READY))
             self.feed(LeaseChange(robot.name, 1))
+
+    def _apart(self, joints: int, difference: float) -> list[float]:
+        """How far each joint's lag is from the middle: two of them by half the difference, to both sides."""
+        if difference == 0.0 or joints < 2:
+            return []
+        ends = [0.5 * difference, -0.5 * difference]
+        spread = ends + [self.rng.uniform(-0.5, 0.5) * difference for _ in range(joints - 2)]
+        self.rng.shuffle(spread)
+        return spread
 
     # --- time ---------------------------------------------------------------------------------------------
 
@@ -301,7 +329,8 @@ class Rig:
         q = drive.q
         if self.traffic.noise:
             q = q + np.array([self.rng.uniform(-1, 1) * robot.q_tolerance for _ in q])
-        tick = player.play(self.now, [float(x) for x in q], miss)
+        late = self.traffic.jitter * robot.period * self.rng.random() if self.traffic.jitter else 0.0
+        tick = player.play(self.now + late, [float(x) for x in q], miss)
         if not miss:
             for fault in step_faults(robot, last, tick.increment, tick.setpoint, self.outside[i]):
                 self.violation(f"{robot.name} tick {tick.tick}: {fault}")

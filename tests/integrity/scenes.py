@@ -1,7 +1,8 @@
 """Small hand-written cells beside the demo cell: each has something that the others lack."""
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,16 @@ def cart(*axes: tuple[float, float, float], speed: float = 1.0, shape=None) -> s
 
 def demo(**changes: Any) -> Cell:
     return build_cell(load_config([CONFIGS / "demo.yaml"]).model_copy(update=changes))
+
+
+def lagging(cell: Cell, lag: Sequence[float] | float, share: float) -> Cell:
+    """The same cell whose robots declare these lags, and a difference of this share between their axes."""
+    lags = lag if isinstance(lag, Sequence) else [lag] * len(cell.robots)
+    robots = [
+        replace(robot, lags=(own,) * robot.model.n, lag_difference=share * own)
+        for robot, own in zip(cell.robots, lags, strict=True)
+    ]
+    return replace(cell, robots=tuple(robots))
 
 
 def planar(**changes: Any) -> Cell:

@@ -63,7 +63,7 @@ def test_each_tick_reserves_from_what_was_measured():
     hands.rest()
     s = in_step(hands, 1)
     assert s.main is not before
-    assert repr(s.main.occupied) == repr(s.occupancy_to(s.end))
+    assert repr(s.main.occupied) == repr(s.occupancy_to(s.end, s.brake))
 
 
 @pytest.mark.parametrize("residue", [False, True])

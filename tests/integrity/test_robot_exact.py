@@ -93,7 +93,7 @@ def test_without_a_lag_window_no_setpoint_is_kept():
         tick(state, (x, 0.0))
         state.rebase()
         assert list(state.history) == []
-    assert state.occupancy_to((0.2, 0.0)).tube == NOT
+    assert state.occupancy_to((0.2, 0.0), NOT).tube == NOT
 
 
 def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
@@ -114,6 +114,6 @@ def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoi
     state.rebase()
     assert (state.setpoint, state.played, state.resets) == (NOT, -1, 1)
     assert (math.inf, (1.0, 0.0)) in state.history
-    assert state.occupancy_to(NOT).tube[0] == 1.0
+    assert state.occupancy_to(NOT, NOT).tube[0] == 1.0
     tick(state, NOT, time=0.5)
     assert (0.5, (1.0, 0.0)) in state.history  # as long as the window from the tick that heard of it

@@ -546,6 +546,5 @@ def _allowances(settings: ServerConfig) -> Allowances:
 
 def _link(cell: Cell, index: int, start: str) -> EmulatedLink:
     robot = cell.robots[index]
-    link = robot.config.link
-    assert isinstance(link, EmulatedLinkConfig), "it is held by the robot server"
-    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, link.lag)
+    assert isinstance(robot.config.link, EmulatedLinkConfig), "it is held by the robot server"
+    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.lags)

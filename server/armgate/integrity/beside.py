@@ -106,7 +106,7 @@ class GateBeside(Gate):
 
     def _as_played(self, s: RobotState, plan: Plan) -> Decision:
         """The recorded plan with what can be said of it at once; the rest is proven where it matters."""
-        occupied = s.occupancy_to(end_of(s.setpoint, plan.increments))
+        occupied = s.occupancy_to(end_of(s.setpoint, plan.increments), plan.increments[0])
         swept = self._clearance.space.sweep(s.index, occupied)
         most = np.full_like(self._clearance.limits_of[s.index], np.inf)
         judged = self._clearance.judge(s.index, swept, None, most, Budget(0))

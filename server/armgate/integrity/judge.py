@@ -68,7 +68,7 @@ class Judge:
         """Tries the wish; in ``slow`` mode also less of it."""
         budget = Budget(BUDGET)
         beta, binding = 1.0, None
-        for _ in range(_TRIALS + 1 if self._slow and not demand.violated else 1):
+        for _ in range(self._trials(state, demand)):
             u = blend(state.brake, wish.u, beta)
             if beta < 1.0 and stays_inside(u, state.setpoint, state.limits_now()) is not None:
                 break
@@ -84,14 +84,22 @@ class Judge:
         assert binding is not None
         return self._refuse(state, wish, binding)
 
+    def _trials(self, state: RobotState, demand: Demand) -> int:
+        """Return how many blends are tried.
+
+        The faster axes that lag differently move, the farther they may stray, also from the way out.
+        """
+        blends = state.unlike > 0.0 if demand.violated else self._slow
+        return _TRIALS + 1 if blends else 1
+
     def _try(
         self, u: Joints, wish: Wish, beta: float, state: RobotState, demand: Demand, budget: Budget
     ) -> Decision | Binding:
         increments = stop_increments(u, state.bounds.decel) or (state.zeros,)
         end = end_of(state.setpoint, increments)
-        occupied = state.occupancy_to(end)
+        occupied = state.occupancy_to(end, increments[0])
         swept = self._clearance.space.sweep(state.index, occupied)
-        judged = self._clearance.judge(state.index, swept, self._step(state, swept), demand.need, budget)
+        judged = self._clearance.judge(state.index, swept, self._step(state, occupied), demand.need, budget)
         if judged.binding is not None:
             return judged.binding
         if (demand.violated or any(map(any, state.outside))) and not self._retreat.widens(
@@ -109,11 +117,15 @@ class Judge:
             return 0.5 * beta
         return float(_SECANT * beta * held / (held - tried))
 
-    def _step(self, state: RobotState, new: Swept) -> Array | None:
+    def _step(self, state: RobotState, new: Occupancy) -> Array | None:
+        """By how much an occupancy extends the held one, per joint; None if that cannot be said."""
         held = state.reserved
         if len(held) != 1:
             return None
-        return np.asarray(np.abs(new.nodes[-1] - held[0].swept.nodes[-1]))
+        step = np.abs(np.subtract(new.end, held[0].occupied.end))
+        if new.unlike:
+            step += np.maximum(np.subtract(new.unlike, held[0].occupied.unlike), 0.0)
+        return np.asarray(step)
 
     def _braking(self, state: RobotState) -> tuple[Joints, ...]:
         return state.remaining or (state.zeros,)

@@ -4,7 +4,8 @@ It is the convex hull of the measured q, the setpoints inside the declared lag w
 stop. A robot that lags its setpoint is *not* on the line from q to the setpoint, but it stays in this hull.
 The hull is covered by the polyline measured – setpoint – end, each joint widened by a tube
 
-    e_j = (history's largest deviation from the chord AB)_j + |A + l₁/(l₁+l₂)·(C − A) − B|_j + tolerance_j.
+    e_j = (history's largest deviation from the chord AB)_j + |A + l₁/(l₁+l₂)·(C − A) − B|_j + tolerance_j
+          + (what axes that lag differently leave the hull by)_j.
 
 The second term covers the triangle ABC: a point of AC and the polyline's point at the same share of the way
 differ most at the corner. A hull of points that each lie within e of the triangle lies within e of it.
@@ -14,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import add
 
 from armgate.cell.events import Joints
 
@@ -22,10 +24,17 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Occupancy:
-    """A polyline of joint positions and the tube around it, rad or m per joint."""
+    """A polyline of joint positions and the tube around it, rad or m per joint.
+
+    Attributes:
+        nodes: The polyline.
+        tube: Its radius, per joint.
+        unlike: The part of the tube for axes that lag differently (see `armgate.integrity.lag`); () for none.
+    """
 
     nodes: tuple[Joints, ...]
     tube: Joints
+    unlike: Joints = ()
 
     @property
     def segments(self) -> list[tuple[Joints, Joints]]:
@@ -39,7 +48,12 @@ class Occupancy:
 
 
 def occupancy(
-    measured: Joints, setpoint: Joints, end: Joints, history: Sequence[Joints], tolerance: float
+    measured: Joints,
+    setpoint: Joints,
+    end: Joints,
+    history: Sequence[Joints],
+    tolerance: float,
+    unlike: Joints = (),
 ) -> Occupancy:
     """Covers the hull of the measured position, the setpoints in the lag window and the end of the stop.
 
@@ -49,6 +63,7 @@ def occupancy(
         end: C, the end of the stop.
         history: Setpoints inside the declared lag window.
         tolerance: Rounding of the measured q, rad or m.
+        unlike: By how much axes that lag differently may leave the hull, per joint; () if they lag alike.
     """
     cut = _corner_cut(measured, setpoint, end)
     lag = [0.0] * len(measured)
@@ -56,7 +71,9 @@ def occupancy(
         near = _nearest(past, measured, setpoint)
         lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
     tube = tuple(a + b + tolerance for a, b in zip(cut, lag, strict=True))
-    return Occupancy(_without_repeats((measured, setpoint, end)), tube)
+    if unlike:
+        tube = tuple(map(add, tube, unlike))
+    return Occupancy(_without_repeats((measured, setpoint, end)), tube, unlike)
 
 
 def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:

@@ -23,7 +23,7 @@ class Reservations:
 
     def hold_plan(self, s: RobotState) -> None:
         """Reserves what the robot may still pass along the held plan."""
-        occupied = s.occupancy_to(s.end)
+        occupied = s.occupancy_to(s.end, s.brake)
         s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
         self._hold(s)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from armgate.cell.cell import Robot
 from armgate.cell.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
+from armgate.integrity.lag import LargestIncrements, lag_share, larger, memory
 from armgate.integrity.limits import StepBounds
 from armgate.integrity.occupancy import Occupancy, occupancy
 from armgate.integrity.swept import Swept
@@ -39,6 +40,8 @@ class RobotState:
         robot: The robot of the cell.
         index: Its place in the configuration's order.
         bounds: Its bounds per tick.
+        largest: The largest increments that its position may still reflect.
+        unlike: By how much of them axes that lag differently may leave the hull of the setpoints.
         measured: The measured q, as reported.
         q: The measured q that the occupancy starts from (rounding taken off).
         setpoint: Commanded position q_ref.
@@ -59,6 +62,8 @@ class RobotState:
     robot: Robot
     index: int
     bounds: StepBounds
+    largest: LargestIncrements
+    unlike: float = 0.0
     link: LinkState = LinkState.WAITING
     tick: int = -1
     time: float = 0.0
@@ -137,14 +142,27 @@ class RobotState:
         upper = tuple(x + (o + JOINT_SLACK if o else 0.0) for x, o in zip(b.upper, high, strict=True))
         return StepBounds(b.names, lower, upper, b.speed, b.accel, b.decel)
 
-    def occupancy_to(self, end: Joints) -> Occupancy:
-        """Returns the occupancy from the measured q over the setpoint to ``end``."""
+    def occupancy_to(self, end: Joints, increment: Joints) -> Occupancy:
+        """Return the occupancy from the measured q over the setpoint to ``end``.
+
+        Args:
+            end: The end of the stop.
+            increment: The first of the increments that lead there: no joint has a larger one after it.
+        """
         past = [q for _, q in self.history]
-        return occupancy(self.q, self.setpoint, end, past, self.robot.q_tolerance + self.strayed)
+        tolerance = self.robot.q_tolerance + self.strayed
+        return occupancy(self.q, self.setpoint, end, past, tolerance, self._unlike(increment))
+
+    def _unlike(self, increment: Joints) -> Joints:
+        if self.unlike == 0.0:
+            return ()
+        return tuple([self.unlike * u for u in larger(self.largest.largest, increment)])
 
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
+        if self.unlike:
+            self.largest.add(_between(self.setpoint or event.q, event.setpoint))
         self.moved = _farthest(event.q, self.measured) if self.tick >= 0 else 0.0
         self.tick, self.time, self.unheard = event.tick, event.time, False
         self.measured, self.q = event.q, settled
@@ -165,6 +183,7 @@ class RobotState:
         if self.robot.lag_window > 0.0:
             self.history.append((math.inf, self.setpoint))
         self.held, self.played, self.resets = None, -1, self.resets + 1
+        self.largest.add(_between(self.setpoint, self.measured))
         self.setpoint, self.last, self.q = self.measured, self.zeros, self.measured
         # Until the link has heard of it, the robot is on its way to the old setpoint. What was reserved for
         # one that faulted is void.
@@ -196,7 +215,8 @@ def robot_state(robot: Robot, index: int) -> RobotState:
         accel=row(robot.acceleration * T * T),
         decel=row(robot.deceleration * T * T),
     )
-    return RobotState(robot, index, bounds)
+    largest = LargestIncrements(memory(robot), robot.model.n)
+    return RobotState(robot, index, bounds, largest, lag_share(robot))
 
 
 def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
@@ -204,6 +224,10 @@ def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
     for u in increments:
         setpoint = tuple(map(add, setpoint, u))
     return setpoint
+
+
+def _between(a: Joints, b: Joints) -> Joints:
+    return tuple([y - x for x, y in zip(a, b, strict=True)])
 
 
 def _farthest(a: Joints, b: Joints) -> float:

@@ -18,10 +18,12 @@ class EmulatedLink:
         start: The daemon's start id.
         q0: Position and setpoint at tick 0, rad or m per joint.
         period: Time between two ticks, s.
-        lag: Time constant with which the robot follows, s.
+        lag: Time constant with which the robot follows, s, of all joints or of each.
     """
 
-    def __init__(self, robot: str, start: str, q0: Sequence[float], period: float, lag: float) -> None:
+    def __init__(
+        self, robot: str, start: str, q0: Sequence[float], period: float, lag: float | Sequence[float]
+    ) -> None:
         self._name = robot
         self._player = PlanPlayer(robot, start)
         self._robot = EmulatedRobot(q0, period, lag)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from armgate.cell.config import CellConfig, JointConfig
 from armgate.cell.gantry import GANTRY_JOINTS
+from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.cell.model import Joint, RobotModel
 from armgate.cell.source import Path_
 from armgate.cell.units import UNITS, Quantity
@@ -18,6 +19,11 @@ RAMP = 0.25
 """Default acceleration and deceleration: full speed within this time, s.
 
 Equal for all joints, so that a fast wrist does not drag a slow axis through a long stop."""
+
+ALIKE = 0.1
+"""Default difference between the lags of a real robot's axes, as a share of its link's `lag`.
+
+The position loops of one controller are tuned to equal lags, so that they differ by some percent."""
 
 _DIMENSIONS = {"revolute": "angle", "prismatic": "length"}
 
@@ -71,6 +77,32 @@ def start_position(config: CellConfig, robot: str, model: RobotModel) -> Array:
     array = np.array(values)
     array.setflags(write=False)
     return array
+
+
+def joint_lags(config: CellConfig, robot: str, model: RobotModel) -> tuple[float, ...]:
+    """Return the time constants with which a robot's joints follow their setpoints, as its link has them, s.
+
+    Raises:
+        ConfigError: ``lags`` names an unknown joint.
+    """
+    link, names = config.robots[robot].link, [joint.name for joint in model.joints]
+    own = link.lags if isinstance(link, EmulatedLinkConfig) else {}
+    for name in own:
+        if name not in names:
+            text = f"robot {robot} has no joint {name!r}; expected one of {', '.join(names)}"
+            raise config.error(("robots", robot, "link", "lags", name), text)
+    return tuple(own.get(name, link.lag) for name in names)
+
+
+def lag_difference(config: CellConfig, robot: str, lags: tuple[float, ...]) -> float:
+    """Return the largest difference between the lags of two joints that the gate reckons with, s.
+
+    An undeclared one is that of the emulated joints, or `ALIKE` of a real robot's lag.
+    """
+    own = config.robots[robot]
+    if own.lag_difference is not None:
+        return own.lag_difference
+    return max(lags) - min(lags) if isinstance(own.link, EmulatedLinkConfig) else ALIKE * own.link.lag
 
 
 def _of_joint(config: CellConfig, robot: str, joint: Joint) -> Iterator[float]:

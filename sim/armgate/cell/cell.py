@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.cell.bounds import joint_bounds, start_position
+from armgate.cell.bounds import joint_bounds, joint_lags, lag_difference, start_position
 from armgate.cell.config import CellConfig, RobotConfig
 from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
@@ -43,7 +43,9 @@ class Robot:
         acceleration: Largest accelerations, (n,), read-only, per s².
         deceleration: Decelerations of a stop, (n,), read-only, per s²; inf: no bound.
         start: Where it starts, (n,), read-only.
+        lags: Time constants with which its joints follow their setpoints, as its link has them, s.
         lag_window: Declared transport delay of its link, s.
+        lag_difference: Largest difference between the lags of two of its axes, s.
         q_tolerance: Rounding of the measured q, rad or m.
         tool: Name of the frame of its working point.
         camera: Name of its camera's frame, if it has one.
@@ -60,7 +62,9 @@ class Robot:
     acceleration: Array
     deceleration: Array
     start: Array
+    lags: tuple[float, ...]
     lag_window: float
+    lag_difference: float
     q_tolerance: float
     tool: str
     camera: str | None
@@ -135,6 +139,7 @@ def _robot(config: CellConfig, name: str) -> Robot:
         model = RobotModel.from_urdf(urdf, own.base.placement)
     _check_frames(config, name, model)
     bounds = joint_bounds(config, name, model)
+    lags = joint_lags(config, name, model)
     return Robot(
         name=name,
         model=model,
@@ -146,7 +151,9 @@ def _robot(config: CellConfig, name: str) -> Robot:
         acceleration=bounds.acceleration,
         deceleration=bounds.deceleration,
         start=start_position(config, name, model),
+        lags=lags,
         lag_window=own.lag_window,
+        lag_difference=lag_difference(config, name, lags),
         q_tolerance=own.q_tolerance,
         tool=own.tool,
         camera=own.camera,

@@ -248,6 +248,7 @@ class RobotConfig(Part):
     meshes: MeshesConfig = MeshesConfig()
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
+    lag_difference: Annotated[Duration, Field(ge=0.0)] | None = None
     q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-6
     link: Annotated[LinkConfig, Field(discriminator="kind")] = EmulatedLinkConfig()
 

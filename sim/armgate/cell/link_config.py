@@ -29,10 +29,16 @@ _Positive = Annotated[float, Field(gt=0.0)]
 
 
 class EmulatedLinkConfig(Part):
-    """An emulated robot that follows its setpoint with a first-order lag [s]; 0: at once."""
+    """An emulated robot that follows its setpoint with a first-order lag.
+
+    Attributes:
+        lag: Time constant, s; 0: the robot follows at once.
+        lags: Time constants of joints that lag differently, by joint name, s.
+    """
 
     kind: Literal["emulated"] = "emulated"
     lag: Annotated[Duration, Field(ge=0.0)] = 0.03
+    lags: dict[Name, Annotated[Duration, Field(ge=0.0)]] = {}
 
 
 class RsiAxisConfig(Part):

@@ -16,19 +16,20 @@ class EmulatedRobot:
     Args:
         q0: Position at the first cycle, rad or m per joint.
         period: T, the time between two cycles, s.
-        lag: τ, the time constant, s; 0 for a robot that follows at once.
+        lag: τ, the time constant, s, of all joints or of each; 0 for a robot that follows at once.
 
     Raises:
-        ValueError: If the period is not positive or the lag is negative.
+        ValueError: If the period is not positive, a lag is negative, or there are not as many as joints.
     """
 
-    def __init__(self, q0: Sequence[float], period: float, lag: float) -> None:
+    def __init__(self, q0: Sequence[float], period: float, lag: float | Sequence[float]) -> None:
         if not period > 0.0:
             raise ValueError(f"period {period}: expected a time above 0 s")
-        if not (lag >= 0.0 and math.isfinite(lag)):
-            raise ValueError(f"lag {lag}: expected a time of 0 s or more")
         self._q: Joints = tuple(q0)
-        self._gain = 1.0 if lag == 0.0 else -math.expm1(-period / lag)
+        lags = (lag,) * len(self._q) if isinstance(lag, float | int) else tuple(lag)
+        if len(lags) != len(self._q):
+            raise ValueError(f"{len(lags)} lags; expected one for each of {len(self._q)} joints")
+        self._gains = tuple(_gain(period, one) for one in lags)
 
     @property
     def q(self) -> Joints:
@@ -37,8 +38,12 @@ class EmulatedRobot:
 
     def step(self, setpoint: Joints) -> Joints:
         """Let one period pass with ``setpoint`` held; return the position at its end."""
-        if self._gain == 1.0:
-            self._q = setpoint
-        else:
-            self._q = tuple(q + self._gain * (s - q) for q, s in zip(self._q, setpoint, strict=True))
+        moves = zip(self._q, setpoint, self._gains, strict=True)
+        self._q = tuple(s if gain == 1.0 else q + gain * (s - q) for q, s, gain in moves)
         return self._q
+
+
+def _gain(period: float, lag: float) -> float:
+    if not (lag >= 0.0 and math.isfinite(lag)):
+        raise ValueError(f"lag {lag}: expected a time of 0 s or more")
+    return 1.0 if lag == 0.0 else -math.expm1(-period / lag)

@@ -43,5 +43,5 @@ def _link(
     own = robot.config.link
     if isinstance(own, RsiLinkConfig):
         return RsiDrivenLink(setup_of(cell, robot), start, lambda text: note(robot.name, text), now)
-    emulated = EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, own.lag)
+    emulated = EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.lags)
     return DrivenEmulatedLink(emulated, robot.period, now)

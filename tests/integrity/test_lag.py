@@ -1,0 +1,155 @@
+"""Axes that lag differently: the tube for it against simulated drives, and what the gate makes of it."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.cell.link_config import EmulatedLinkConfig
+from armgate.integrity.lag import LargestIncrements, lag_share, memory
+from integrity import scenes
+from integrity.rig import Rig
+
+DEMO = scenes.CONFIGS / "demo.yaml"
+
+
+def unlike(difference, lag=0.03, **keys):
+    """The demo cell with a declared difference of its robots' lags, s."""
+    config = load_config([DEMO])
+    keys |= {"lag_difference": difference, "link": EmulatedLinkConfig(lag=lag)}
+    robots = {name: own.model_copy(update=keys) for name, own in config.robots.items()}
+    return build_cell(config.model_copy(update={"robots": robots}))
+
+
+# --- the tube ---------------------------------------------------------------------------------------------
+
+
+class Lagging:
+    """Joints that follow one stream of setpoints, each with a lag of its own, in closed form."""
+
+    def __init__(self, q, lags):
+        self.q, self.lags = np.array(q), lags
+
+    def after(self, setpoint, time):
+        decay = np.array([math.exp(-time / lag) if lag > 0 else 0.0 for lag in self.lags])
+        return setpoint + decay * (self.q - setpoint)
+
+    def hold(self, setpoint, time):
+        self.q = self.after(setpoint, time)
+
+
+def setpoints(rng, joints, period, ticks):
+    """Bang-bang, zig-zag, slow and standing stretches, all of them within 1 rad/s a joint."""
+    out, q, u = [], np.zeros(joints), np.zeros(joints)
+    while len(out) < ticks:
+        if rng.random() < 0.2:
+            u = np.zeros(joints) if rng.random() < 0.3 else rng.uniform(-1, 1, joints) * period
+            u *= 10.0 ** rng.uniform(-2, 0)
+        flips = rng.random() < 0.3
+        for _ in range(rng.integers(1, 30)):
+            u = -u if flips else u
+            q = q + u
+            out.append(q)
+    return np.array(out[:ticks])
+
+
+def strays(rng, lag, difference, period, ticks=120, ahead=15):
+    """By how much joints stray from the same robot with one lag, over the largest increment: the worst.
+
+    That robot starts where the true one is measured, at each tick anew; it stays in the hull of that
+    measurement and the setpoints since, because it is at a weighted mean of them.
+    """
+    path = setpoints(rng, 3, period, ticks)
+    lags = lag + difference * np.array([-0.5, 0.5, rng.uniform(-0.5, 0.5)])
+    steps = np.abs(np.diff(path, axis=0, prepend=path[:1]))
+    drive, worst = Lagging(path[0], lags), 0.0
+    for k in range(ticks - ahead):
+        true, middle = Lagging(drive.q, lags), Lagging(drive.q, [lag] * 3)
+        for j in range(k, k + ahead):
+            for part in (0.02, 0.1, 0.3, 0.7, 1.0):
+                off = np.abs(true.after(path[j], part * period) - middle.after(path[j], part * period))
+                most = steps[: j + 1].max(axis=0)
+                worst = max(worst, float(np.max(off / np.maximum(most, 1e-12))))
+            true.hold(path[j], period)
+            middle.hold(path[j], period)
+        drive.hold(path[k], period)
+    return worst
+
+
+@pytest.mark.parametrize(
+    ("lag", "difference", "period", "used"),
+    [(0.03, 0.0015, 0.012, 0.8), (0.03, 0.03, 0.012, 0.7), (0.12, 0.06, 0.012, 0.7),
+     (0.03, 0.003, 0.004, 0.8), (0.001, 0.0005, 0.012, 0.5), (0.004, 0.008, 0.012, 0.5)],
+)  # fmt: skip
+def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period, used):
+    share = lag_share(unlike(difference, lag=lag, period=period).robot("FR"))
+    rng = np.random.default_rng(int(1e6 * (lag + difference)))
+    worst = max(strays(rng, lag, difference, period) for _ in range(2))
+    assert used * share <= worst <= share
+
+
+def test_axes_that_lag_alike_need_no_tube():
+    robot = unlike(0.0).robot("FR")
+    assert lag_share(robot) == 0.0
+
+
+def test_the_share_is_the_integral_and_the_peak_of_the_difference():
+    robot = unlike(0.006).robot("FR")
+    assert lag_share(robot) == pytest.approx(0.003 / 0.012 + math.log(0.03 / 0.027) / math.e, abs=1e-15)
+    assert lag_share(unlike(0.06).robot("FR")) == pytest.approx(0.03 / 0.012 + 1.0)  # a joint without lag
+    assert lag_share(unlike(0.2).robot("FR")) == pytest.approx(0.1 / 0.012 + 1.0)
+
+
+def test_an_increment_counts_for_twenty_lags_and_the_window():
+    assert memory(unlike(0.006).robot("FR")) == math.ceil(20 * 0.033 / 0.012) + 1 == 56
+    assert memory(unlike(0.006, lag_window=0.024).robot("FR")) == 58
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 4, 7, 40])
+def test_the_largest_increments_are_kept_for_their_time_and_a_quarter_more(ticks):
+    most, rng, given = LargestIncrements(ticks, 2), random.Random(ticks), []
+    for _ in range(6 * ticks + 10):
+        given.append((rng.uniform(-1, 1) * rng.choice((0.01, 1.0)), rng.uniform(-1, 1)))
+        most.add(given[-1])
+        least = np.abs(given[-ticks:]).max(axis=0)
+        bound = np.abs(given[-5 * math.ceil(ticks / 4) :]).max(axis=0)
+        assert all(least <= most.largest)
+        assert all(most.largest <= bound)
+
+
+# --- the gate ---------------------------------------------------------------------------------------------
+
+
+def full_speed(rig, i):
+    """There and back at full speed, all joints together, at times in part of them."""
+    robot, player = rig.cell.robots[i], rig.players[i]
+    goal = robot.start + 0.4 * np.array(rig.goals[i])
+    v = goal - np.array(player.setpoint)
+    if np.max(np.abs(v)) < 0.05:
+        rig.goals[i] = [rig.rng.uniform(-1, 1) for _ in goal]
+    full = robot.velocity * robot.period
+    return v / max(1e-9, np.max(np.abs(v) / full))
+
+
+def runs(cell, unlike, seconds, seed=1, lag=0.03):
+    rig = Rig(cell, seed, lag=lag, unlike=unlike)
+    rig.goals = [[rig.rng.uniform(-1, 1) for _ in r.start] for r in cell.robots]
+    rig.run(full_speed, int(seconds / 0.012) * len(cell.robots))
+    return rig
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_a_robot_whose_lags_differ_is_faulted_unless_the_difference_is_declared(share):
+    assert any("off its stop path" in text for text in runs(unlike(0.0), share, 1.0).tally.violations)
+    tally = runs(unlike(share * 0.03), share, 3.0).tally
+    assert tally.violations == []
+    assert tally.accepted > 0.9
+
+
+def test_the_tube_does_not_cost_a_robot_at_full_speed_its_way():
+    """5 % declared: no more commands are refused than without a difference, but for a few."""
+    without, declared = (runs(unlike(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
+    assert declared.accepted > without.accepted - 0.03
