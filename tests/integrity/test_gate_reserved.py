@@ -100,7 +100,7 @@ def test_a_rebase_reserves_both_ways_until_rest():
     hands = pair()
     x = stopped_behind(hands)
     s = in_step(hands, 2)
-    assert repr(s.main.occupied) == repr(s.occupancy_to((x,)))
+    assert repr(s.main.occupied) == repr(s.occupancy_to((x,), (0.0,)))
     hands.rest()
     in_step(hands, 1)
 

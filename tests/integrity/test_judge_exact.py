@@ -182,7 +182,21 @@ def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
     hands.ask((1e-4, 0.0))
     hands.play()
     s, judge = hands.gate._robots[0], hands.gate._judge
-    new = hands.gate._clearance.space.sweep(0, s.occupancy_to((-0.75, 0.25)))
+    new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
     assert judge._step(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
     s.residue = (s.main,)
     assert judge._step(s, new) is None
+
+
+def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew():
+    """And a slower one by nothing: the kept bounds hold for the wider tube."""
+    hands = Hands(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
+    hands.ask((1e-4, 0.0))
+    hands.play()
+    s, judge = hands.gate._robots[0], hands.gate._judge
+    share = s.stray.ticks + s.stray.between
+    faster = s.occupancy_to(s.end, (3e-4, 5e-4))
+    assert judge._step(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
+    slower = s.occupancy_to(s.end, (0.0, 0.0))
+    assert judge._step(s, slower) == pytest.approx([0.0, 0.0])
+    assert slower.tube == pytest.approx((1e-4 * share, 0.0))

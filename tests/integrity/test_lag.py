@@ -9,7 +9,7 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.link_config import EmulatedLinkConfig
-from armgate.integrity.lag import LargestIncrements, lag_share, memory
+from armgate.integrity.lag import LargestIncrements, memory, stray_of
 from integrity import scenes
 from integrity.rig import Rig
 
@@ -56,51 +56,61 @@ def setpoints(rng, joints, period, ticks):
     return np.array(out[:ticks])
 
 
-def strays(rng, lag, difference, period, ticks=120, ahead=15):
-    """By how much joints stray from the same robot with one lag, over the largest increment: the worst.
+def strays(rng, lag, difference, period, share, ticks=120):
+    """By how much joints stray from their companion, at the ticks and in between, over the largest increment.
 
-    That robot starts where the true one is measured, at each tick anew; it stays in the hull of that
-    measurement and the setpoints since, because it is at a weighted mean of them.
+    The companion has one lag for all joints, and so stays in the hull of setpoints and its start: it is at a
+    weighted mean of them. At each tick it is moved anywhere within ``share`` of the largest increment.
     """
     path = setpoints(rng, 3, period, ticks)
     lags = lag + difference * np.array([-0.5, 0.5, rng.uniform(-0.5, 0.5)])
-    steps = np.abs(np.diff(path, axis=0, prepend=path[:1]))
-    drive, worst = Lagging(path[0], lags), 0.0
-    for k in range(ticks - ahead):
-        true, middle = Lagging(drive.q, lags), Lagging(drive.q, [lag] * 3)
-        for j in range(k, k + ahead):
-            for part in (0.02, 0.1, 0.3, 0.7, 1.0):
-                off = np.abs(true.after(path[j], part * period) - middle.after(path[j], part * period))
-                most = steps[: j + 1].max(axis=0)
-                worst = max(worst, float(np.max(off / np.maximum(most, 1e-12))))
-            true.hold(path[j], period)
-            middle.hold(path[j], period)
-        drive.hold(path[k], period)
-    return worst
+    steps = np.maximum.accumulate(np.abs(np.diff(path, axis=0, prepend=path[:1])), axis=0)
+    true, companion = Lagging(path[0], lags), Lagging(path[0], [lag] * 3)
+    at_ticks = between = 0.0
+    for setpoint, most in zip(path, np.maximum(steps, 1e-12), strict=True):
+        for part in (0.02, 0.1, 0.3, 0.5, 0.7, 0.9):
+            off = true.after(setpoint, part * period) - companion.after(setpoint, part * period)
+            between = max(between, np.max(np.abs(off) / most))
+        true.hold(setpoint, period)
+        companion.hold(setpoint, period)
+        at_ticks = max(at_ticks, np.max(np.abs(true.q - companion.q) / most))
+        companion.q = true.q + share * most * rng.choice((-1.0, 1.0, rng.uniform(-1, 1)), 3)
+    return at_ticks, between
 
 
 @pytest.mark.parametrize(
-    ("lag", "difference", "period", "used"),
-    [(0.03, 0.0015, 0.012, 0.8), (0.03, 0.03, 0.012, 0.7), (0.12, 0.06, 0.012, 0.7),
-     (0.03, 0.003, 0.004, 0.8), (0.001, 0.0005, 0.012, 0.5), (0.004, 0.008, 0.012, 0.5)],
+    ("lag", "difference", "period"),
+    [(0.03, 0.0015, 0.012), (0.03, 0.03, 0.012), (0.12, 0.06, 0.012),
+     (0.03, 0.003, 0.004), (0.001, 0.0005, 0.012), (0.004, 0.008, 0.012)],
 )  # fmt: skip
-def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period, used):
-    share = lag_share(unlike(difference, lag=lag, period=period).robot("FR"))
+def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period):
+    stray = stray_of(unlike(difference, lag=lag, period=period).robot("FR"))
     rng = np.random.default_rng(int(1e6 * (lag + difference)))
-    worst = max(strays(rng, lag, difference, period) for _ in range(2))
-    assert used * share <= worst <= share
+    at_ticks, between = np.max([strays(rng, lag, difference, period, stray.ticks) for _ in range(6)], axis=0)
+    assert at_ticks <= stray.ticks + 1e-9
+    whole = stray.ticks + stray.between
+    assert 0.3 * whole <= max(at_ticks, between) <= whole + 1e-9
 
 
 def test_axes_that_lag_alike_need_no_tube():
-    robot = unlike(0.0).robot("FR")
-    assert lag_share(robot) == 0.0
+    assert stray_of(unlike(0.0).robot("FR")) is None
 
 
-def test_the_share_is_the_integral_and_the_peak_of_the_difference():
-    robot = unlike(0.006).robot("FR")
-    assert lag_share(robot) == pytest.approx(0.003 / 0.012 + math.log(0.03 / 0.027) / math.e, abs=1e-15)
-    assert lag_share(unlike(0.06).robot("FR")) == pytest.approx(0.03 / 0.012 + 1.0)  # a joint without lag
-    assert lag_share(unlike(0.2).robot("FR")) == pytest.approx(0.1 / 0.012 + 1.0)
+def test_a_joint_strays_by_its_share_of_the_largest_increment_and_the_noise_of_its_measurement():
+    stray = stray_of(unlike(0.006, q_tolerance=1e-5).robot("FR"))
+    x = 0.012 / 0.027
+    assert stray.ticks == pytest.approx(0.25)
+    assert stray.between == pytest.approx(0.25 * (x / (1 - math.exp(-x)) - 1))
+    assert stray.noise == pytest.approx(1e-5 * (2 / (1 - math.exp(-0.4)) - 1))
+    whole, between = stray.of((0.01, 0.0))
+    assert between == pytest.approx((0.01 * stray.between, 0.0))
+    assert whole == pytest.approx((0.0025 + 0.01 * stray.between + stray.noise, 0.0))
+
+
+@pytest.mark.parametrize("difference", [0.06, 0.2])
+def test_a_joint_without_lag_may_be_an_increment_ahead_between_the_ticks(difference):
+    stray = stray_of(unlike(difference).robot("FR"))
+    assert (stray.ticks, stray.between) == (difference / 0.024, 1.0)
 
 
 def test_an_increment_counts_for_twenty_lags_and_the_window():

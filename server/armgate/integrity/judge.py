@@ -89,7 +89,7 @@ class Judge:
 
         The faster axes that lag differently move, the farther they may stray, also from the way out.
         """
-        blends = state.unlike > 0.0 if demand.violated else self._slow
+        blends = state.stray is not None if demand.violated else self._slow
         return _TRIALS + 1 if blends else 1
 
     def _try(

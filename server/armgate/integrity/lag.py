@@ -1,19 +1,24 @@
 """Axes that lag differently: by how much the true position may leave the hull of the setpoints.
 
 A robot whose joints all lag alike is at a weighted mean of its setpoints. If the lags τ_j differ, each joint
-has weights of its own. Compare joint j with the same joint at the middle lag τ: increment u, played a time y
-ago, is missing from both by exp(−y/τ_j) and exp(−y/τ). With |τ_j − τ| ≤ Δτ/2, the differences of all
-increments, one every period T, add up to at most
+has weights of its own. Compare joint j with a companion that lags by the middle τ, |τ_j − τ| ≤ Δ = Δτ/2: both
+follow the setpoint s, with λ(t) = exp(−t/τ), so that a time t after a tick
 
-    e_j = max |u_j| · (Δτ/(2T) + min(1, ln(τ/(τ − Δτ/2))/e)).
+    q − p = λ(t)·(q − p at the tick) + (λ_j(t) − λ(t))·(q − s at the tick).
 
-The first term is the integral of |exp(−y/τ_j) − exp(−y/τ)| over y, per period. The second is its maximum: a
-setpoint that is held for a period moves in steps, and a sum over equal steps exceeds the integral of a
-function with one peak by no more than the peak.
+If no increment exceeds M, |q − s| ≤ M/(1 − λ_j(T)). So a joint within M·Δ/T of its companion at one tick is
+so at the next, because |1/(1 − λ_j(T)) − 1/(1 − λ(T))| ≤ Δ/T. In between it is at most so much farther off:
+
+    M·min(Δ/T·(x/(1 − e⁻ˣ) − 1), 1/(1 − e⁻ˣ)),   x = T/τ_j for the shortest lag.
+
+The companion is only known to the tolerance r of the measurement. Of each tick's 2r the share λ(T) is left at
+the next one, so that they add up to 2r/(1 − λ(T)) in all.
 """
 
 import math
 from collections import deque
+from dataclasses import dataclass
+from operator import add
 
 from armgate.cell.cell import Robot
 from armgate.cell.events import Joints
@@ -24,19 +29,48 @@ _LAGS = 20.0
 _PARTS = 4
 
 
-def lag_share(robot: Robot) -> float:
-    """Return e_j / max |u_j|; 0 if the axes lag alike."""
-    half, lag = robot.lag_difference / 2.0, _middle(robot)
+@dataclass(frozen=True, slots=True)
+class Stray:
+    """By how much a joint that moves may leave the hull, for its largest increment.
+
+    Attributes:
+        ticks: At the ticks, where it is measured, as a share of the increment.
+        between: How much more that is between two ticks.
+        noise: And more than that, because the measurement is rounded, rad or m.
+    """
+
+    ticks: float
+    between: float
+    noise: float
+
+    def of(self, largest: Joints) -> tuple[Joints, Joints]:
+        """Return by how much each joint may leave the hull, and what of it counts between ticks only."""
+        between = tuple([self.between * u for u in largest])
+        at_ticks = [self.ticks * u + self.noise if u else 0.0 for u in largest]
+        return tuple(map(add, at_ticks, between)), between
+
+
+def stray_of(robot: Robot) -> Stray | None:
+    """Return by how much a robot's joints may leave the hull; None if they lag alike."""
+    half, T, middle = robot.lag_difference / 2.0, robot.period, _middle(robot)
     if half == 0.0:
-        return 0.0
-    peak = math.log(lag / (lag - half)) / math.e if lag > half else 1.0
-    return half / robot.period + min(1.0, peak)
+        return None
+    shortest, gain = max(middle - half, 0.0), _gain(T, middle)
+    between = 1.0 / _gain(T, shortest)
+    if shortest > 0.0:
+        between = min(half / T * (T / shortest * between - 1.0), between)
+    return Stray(half / T, between, (2.0 / gain - 1.0) * robot.q_tolerance)
 
 
 def memory(robot: Robot) -> int:
     """Return for how many ticks an increment counts."""
     time = _LAGS * (_middle(robot) + robot.lag_difference / 2.0) + robot.lag_window
     return math.ceil(time / robot.period) + 1
+
+
+def _gain(period: float, lag: float) -> float:
+    """Return 1 − λ(T)."""
+    return -math.expm1(-period / lag) if lag > 0.0 else 1.0
 
 
 def _middle(robot: Robot) -> float:

@@ -13,9 +13,9 @@ differ most at the corner. A hull of points that each lie within e of the triang
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from operator import add
+from operator import add, sub
 
 from armgate.cell.events import Joints
 
@@ -29,12 +29,14 @@ class Occupancy:
     Attributes:
         nodes: The polyline.
         tube: Its radius, per joint.
-        unlike: The part of the tube for axes that lag differently (see `armgate.integrity.lag`); () for none.
+        unlike: The part of the tube for axes that lag differently, see `armgate.integrity.lag`; () for none.
+        between: The part of it that counts between the ticks only.
     """
 
     nodes: tuple[Joints, ...]
     tube: Joints
     unlike: Joints = ()
+    between: Joints = ()
 
     @property
     def segments(self) -> list[tuple[Joints, Joints]]:
@@ -53,7 +55,7 @@ def occupancy(
     end: Joints,
     history: Sequence[Joints],
     tolerance: float,
-    unlike: Joints = (),
+    unlike: tuple[Joints, Joints] = ((), ()),
 ) -> Occupancy:
     """Covers the hull of the measured position, the setpoints in the lag window and the end of the stop.
 
@@ -63,7 +65,8 @@ def occupancy(
         end: C, the end of the stop.
         history: Setpoints inside the declared lag window.
         tolerance: Rounding of the measured q, rad or m.
-        unlike: By how much axes that lag differently may leave the hull, per joint; () if they lag alike.
+        unlike: By how much axes that lag differently may leave the hull, per joint, and the part of it that
+            counts between the ticks only; () if they lag alike.
     """
     cut = _corner_cut(measured, setpoint, end)
     lag = [0.0] * len(measured)
@@ -71,9 +74,9 @@ def occupancy(
         near = _nearest(past, measured, setpoint)
         lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
     tube = tuple(a + b + tolerance for a, b in zip(cut, lag, strict=True))
-    if unlike:
-        tube = tuple(map(add, tube, unlike))
-    return Occupancy(_without_repeats((measured, setpoint, end)), tube, unlike)
+    if unlike[0]:
+        tube = tuple(map(add, tube, unlike[0]))
+    return Occupancy(_without_repeats((measured, setpoint, end)), tube, *unlike)
 
 
 def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:
@@ -82,7 +85,12 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
     The robot is within the rounding of the proven cover (which begins at a measurement too), and what is
     measured within the rounding of the robot. A measurement off the cover by no more than both is taken at
     the cover's edge, so that rounding never makes an occupancy grow.
+
+    Axes that lag differently put it off the polyline, too: it is taken nearer to it by as much. So a robot
+    that creeps away a little each tick is noticed.
     """
+    if all(one.unlike for one in held):
+        return _settle_unlike(q, held, tolerance)
     if any(_stretches(q, one, -tolerance) for one in held):
         return q
     near = [(p, one.tube) for one in held for stretch in _stretches(q, one, tolerance) for p in stretch]
@@ -92,6 +100,17 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
     low = [min(p[j] - (e[j] - tolerance) for p, e in near) for j in range(len(q))]
     high = [max(p[j] + (e[j] - tolerance) for p, e in near) for j in range(len(q))]
     return tuple(min(max(x, lo), hi) for x, lo, hi in zip(q, low, high, strict=True))
+
+
+def _settle_unlike(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:
+    for one in held:
+        at_ticks = tuple(map(sub, one.unlike, one.between))
+        tube = tuple(map(sub, one.tube, one.between))
+        for low, high in _stretches(q, replace(one, tube=tube), tolerance):
+            near = _between(low, high, 0.5)
+            off = zip(q, near, at_ticks, strict=True)
+            return tuple([x - min(max(x - p, -e), e) for x, p, e in off])
+    return None
 
 
 def deviation(q: Joints, one: Occupancy) -> float:

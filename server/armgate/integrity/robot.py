@@ -9,7 +9,7 @@ import numpy as np
 
 from armgate.cell.cell import Robot
 from armgate.cell.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
-from armgate.integrity.lag import LargestIncrements, lag_share, larger, memory
+from armgate.integrity.lag import LargestIncrements, Stray, larger, memory, stray_of
 from armgate.integrity.limits import StepBounds
 from armgate.integrity.occupancy import Occupancy, occupancy
 from armgate.integrity.swept import Swept
@@ -41,7 +41,7 @@ class RobotState:
         index: Its place in the configuration's order.
         bounds: Its bounds per tick.
         largest: The largest increments that its position may still reflect.
-        unlike: By how much of them axes that lag differently may leave the hull of the setpoints.
+        stray: By how much of them axes that lag differently may leave the hull of the setpoints; None: alike.
         measured: The measured q, as reported.
         q: The measured q that the occupancy starts from (rounding taken off).
         setpoint: Commanded position q_ref.
@@ -63,7 +63,7 @@ class RobotState:
     index: int
     bounds: StepBounds
     largest: LargestIncrements
-    unlike: float = 0.0
+    stray: Stray | None = None
     link: LinkState = LinkState.WAITING
     tick: int = -1
     time: float = 0.0
@@ -151,17 +151,15 @@ class RobotState:
         """
         past = [q for _, q in self.history]
         tolerance = self.robot.q_tolerance + self.strayed
-        return occupancy(self.q, self.setpoint, end, past, tolerance, self._unlike(increment))
-
-    def _unlike(self, increment: Joints) -> Joints:
-        if self.unlike == 0.0:
-            return ()
-        return tuple([self.unlike * u for u in larger(self.largest.largest, increment)])
+        if self.stray is None:
+            return occupancy(self.q, self.setpoint, end, past, tolerance)
+        unlike = self.stray.of(larger(self.largest.largest, increment))
+        return occupancy(self.q, self.setpoint, end, past, tolerance, unlike)
 
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
-        if self.unlike:
+        if self.stray is not None:
             self.largest.add(_between(self.setpoint or event.q, event.setpoint))
         self.moved = _farthest(event.q, self.measured) if self.tick >= 0 else 0.0
         self.tick, self.time, self.unheard = event.tick, event.time, False
@@ -216,7 +214,7 @@ def robot_state(robot: Robot, index: int) -> RobotState:
         decel=row(robot.deceleration * T * T),
     )
     largest = LargestIncrements(memory(robot), robot.model.n)
-    return RobotState(robot, index, bounds, largest, lag_share(robot))
+    return RobotState(robot, index, bounds, largest, stray_of(robot))
 
 
 def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
