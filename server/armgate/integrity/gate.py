@@ -99,7 +99,7 @@ class Gate:
             return self._first_tick(s, event)
         fault = self._resolve(s, event)
         occupied = [r.occupied for r in s.reserved]
-        settled = settle_measured(event.q, occupied, s.robot.q_tolerance)
+        settled = settle_measured(event.q, occupied, s.robot.q_tolerance, s.off_companion)
         strayed = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
         if settled is None and fault is None:
             fault = f"{s.name} measured {strayed:.4g} rad or m off its stop path"

@@ -92,6 +92,12 @@ class LargestIncrements:
         self.largest: Joints = (0.0,) * joints
         """Per joint, rad or m."""
 
+    @property
+    def lasting(self) -> Joints:
+        """Those of them that count at the next tick too, rad or m."""
+        parts = list(self._parts)[1:] if len(self._parts) > _PARTS else self._parts
+        return tuple(map(max, *parts)) if len(parts) > 1 else parts[0]
+
     def add(self, increment: Joints) -> None:
         """Take the increment of one more tick."""
         if self._count == self._length:

@@ -79,7 +79,9 @@ def occupancy(
     return Occupancy(_without_repeats((measured, setpoint, end)), tube, *unlike)
 
 
-def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:
+def settle_measured(
+    q: Joints, held: Sequence[Occupancy], tolerance: float, unlike: Joints = ()
+) -> Joints | None:
     """Returns the measured position to go on with, None if no held occupancy explains it.
 
     The robot is within the rounding of the proven cover (which begins at a measurement too), and what is
@@ -88,9 +90,15 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
 
     Axes that lag differently put it off the polyline, too: it is taken nearer to it by as much. So a robot
     that creeps away a little each tick is noticed.
+
+    Args:
+        q: The measured position.
+        held: What is reserved.
+        tolerance: Rounding of the measured q, rad or m.
+        unlike: By how much the robot may be off its companion from now on, per joint; () if axes lag alike.
     """
-    if all(one.unlike for one in held):
-        return _settle_unlike(q, held, tolerance)
+    if unlike:
+        return _settle_unlike(q, held, tolerance, unlike)
     if any(_stretches(q, one, -tolerance) for one in held):
         return q
     near = [(p, one.tube) for one in held for stretch in _stretches(q, one, tolerance) for p in stretch]
@@ -102,13 +110,11 @@ def settle_measured(q: Joints, held: Sequence[Occupancy], tolerance: float) -> J
     return tuple(min(max(x, lo), hi) for x, lo, hi in zip(q, low, high, strict=True))
 
 
-def _settle_unlike(q: Joints, held: Sequence[Occupancy], tolerance: float) -> Joints | None:
+def _settle_unlike(q: Joints, held: Sequence[Occupancy], tolerance: float, unlike: Joints) -> Joints | None:
     for one in held:
-        at_ticks = tuple(map(sub, one.unlike, one.between))
-        tube = tuple(map(sub, one.tube, one.between))
-        for low, high in _stretches(q, replace(one, tube=tube), tolerance):
-            near = _between(low, high, 0.5)
-            off = zip(q, near, at_ticks, strict=True)
+        at_tick = replace(one, tube=tuple(map(sub, one.tube, one.between)) if one.between else one.tube)
+        for low, high in _stretches(q, at_tick, tolerance):
+            off = zip(q, _between(low, high, 0.5), unlike, strict=True)
             return tuple([x - min(max(x - p, -e), e) for x, p, e in off])
     return None
 

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from operator import add
+from operator import add, sub
 
 import numpy as np
 
@@ -155,6 +155,14 @@ class RobotState:
             return occupancy(self.q, self.setpoint, end, past, tolerance)
         unlike = self.stray.of(larger(self.largest.largest, increment))
         return occupancy(self.q, self.setpoint, end, past, tolerance, unlike)
+
+    @property
+    def off_companion(self) -> Joints:
+        """How far it may be off its companion from the next tick on; () if its axes lag alike."""
+        if self.stray is None:
+            return ()
+        unlike, between = self.stray.of(self.largest.lasting)
+        return tuple(map(sub, unlike, between))
 
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
