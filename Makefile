@@ -6,6 +6,7 @@ RUNS ?= 100000
 STEPS ?= 20000
 MUTANTS ?=
 PAIRS ?= 100000
+CASES ?= 1000
 SEED ?= 0
 
 VENV := .venv
@@ -15,7 +16,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz fuzz-valid conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -61,6 +62,9 @@ fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: mak
 
 fuzz-valid: $(VENV)/.tested  ## search for valid messages that break the daemon: make fuzz-valid RUNS=1000000
 	@$(BIN)/python -m tools.fuzz.valid $(RUNS) $(SEED)
+
+fuzz-recordings: $(VENV)/.tested  ## use the offline tools on CASES damaged recordings: make fuzz-recordings CASES=10000
+	@CASES=$(CASES) PYTHONPATH=tests:. $(BIN)/python tests/audit/damage.py
 
 conformance: $(VENV)/.installed  ## try the daemon against its specification, by the wall clock and in lock-step
 	@$(BIN)/armgate conformance --start "$(BIN)/armgate serve configs/conformance.yaml --port 0" $(ARGS)

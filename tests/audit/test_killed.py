@@ -81,6 +81,8 @@ def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
     file.write_bytes(content)
     with pytest.raises(DamagedError, match="restore it from a copy"):
         recovered(tmp_path)
+    assert file.read_bytes() == content
+    assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
 
 def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_path, monkeypatch):
@@ -90,7 +92,7 @@ def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_p
     before = file.read_bytes()
 
     def full(_old, new):
-        new.write_bytes(b"half")
+        new.write(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(recovering, "rewrite", full)

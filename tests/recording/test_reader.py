@@ -19,7 +19,8 @@ from armgate.recording import (
     TruncatedError,
     part_name,
 )
-from armgate.recording.rewrite import rewrite
+from armgate.recording.files import written_anew
+from armgate.recording.rewrite import Rewritten, rewrite
 from armgate.recording.scan import scan
 from support import records
 
@@ -49,8 +50,9 @@ def test_general_tools_read_it_with_schemas_and_index(tmp_path):
         found = list(reader.iter_messages(topics=["/gate/tick"]))
     assert [message.sequence for _, _, message in found] == sorted(m.sequence for _, _, m in found)
     assert len(found) == 100
+    links = len(scan(path).chunks) - 1
     assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
-    assert summary.statistics.message_count == 1 + 100 * 3 + 2
+    assert summary.statistics.message_count == 1 + 100 * 3 + 2 + links
 
 
 def cuts(path):
@@ -82,9 +84,10 @@ def test_a_file_cut_anywhere_keeps_all_whole_chunks_and_is_made_whole(tmp_path):
         assert partial == before[: len(partial)]
         assert sum(isinstance(item, Step) for _, item in partial) == 8 * flushed
         new = tmp_path / "new.mcap"
-        count, dropped = rewrite(path, new)
+        with written_anew(new) as stream:
+            result = rewrite(path, stream)
         assert list(Recording.open(new).items()) == partial
-        assert (count, dropped) == (len(partial) + 1, place - scan(path).good)
+        assert result == Rewritten(len(partial) + 1, place - scan(path).good, 0)
 
 
 def test_damage_in_the_middle_is_found_with_its_place(tmp_path):

@@ -12,8 +12,12 @@ def header(part=1, **more):
         name="arms", hash="0" * 64, stop_distance=0.05, self_distance=0.02, response="stop", lockstep=False,
         robots=(), bodies=(),
     ).model_dump(mode="json")  # fmt: skip
+    joint = {
+        "name": "a1", "kind": "revolute", "unit": "rad", "lower": -3.0, "upper": 3.0, "velocity": 1.0,
+        "acceleration": 4.0, "deceleration": None,
+    }  # fmt: skip
     robot = {
-        "name": "A", "urdf": {"hash": "1" * 64, "size": 3, "media": "application/xml"}, "joints": [],
+        "name": "A", "urdf": {"hash": "1" * 64, "size": 3, "media": "application/xml"}, "joints": [joint],
         "base_xyz": [0.0, 0.0, 0.0], "base_xyzw": [0.0, 0.0, 0.0, 1.0], "period": 0.012, "start": [0.0],
         "frames": [], "tool": "tool0", "camera": None,
     }  # fmt: skip

@@ -5,7 +5,7 @@ JSON knows neither NaN nor infinity: they stand as the texts ``NaN``, ``Infinity
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -14,6 +14,7 @@ from pydantic_core import from_json, to_json
 from armgate.cell.events import GateEvent, GateOutput, Plan
 from armgate.protocol import messages as m
 from armgate.recording import form, plans
+from armgate.recording.errors import first_problem
 
 _LEVELS = {"info": 2, "warning": 3, "error": 4}
 _LEVEL_NAMES = {number: name for name, number in _LEVELS.items()}
@@ -77,7 +78,7 @@ _EVENT_NAMES = {model: name for name, model in form.EVENTS.items()}
 _OUTPUT_NAMES = {model: name for name, model in form.OUTPUTS.items()}
 _EVENTS = {name: TypeAdapter[Any](model) for name, model in form.EVENTS.items()}
 _OUTPUTS = {name: TypeAdapter[Any](model) for name, model in form.OUTPUTS.items()}
-_SIGNALS: TypeAdapter[dict[str, m.SignalValue]] = TypeAdapter(dict[str, m.SignalValue])
+_MOMENT, _LOG, _GAP = TypeAdapter(Moment), TypeAdapter(LogLine), TypeAdapter(Gap)
 _STEP_TOPICS = {model: f"/gate/{name}" for model, name in _EVENT_NAMES.items()}
 
 
@@ -100,8 +101,12 @@ def decode(topic: str, data: bytes) -> Item | None:
             return Shown(m.Entry.model_validate_json(data))
         reader = _READERS.get(topic)
         return None if reader is None else reader(from_json(data))
-    except (KeyError, TypeError, AttributeError, ValidationError, ValueError) as error:
-        raise ValueError(f"a message on {topic} is not what stands there: {error}") from error
+    except ValidationError as error:
+        raise ValueError(f"a message on {topic[:100]!r}: {first_problem(error)}") from error
+    except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
+        raise ValueError(f"a message on {topic[:100]!r} has not the form of this topic") from error
+    except ValueError as error:
+        raise ValueError(f"a message on {topic[:100]!r}: {error!s:.200}") from error
 
 
 def _encode_step(step: Step) -> tuple[str, object]:
@@ -175,18 +180,21 @@ def _step(kind: str, value: Any) -> Step | None:
 
 def _moment(value: Any) -> Moment:
     # By way of JSON, in which a list is a tuple even where types are strict.
-    signals = _SIGNALS.validate_json(to_json(value["signals"]))
-    return Moment(value["time"], value["step"], value["ticks"], signals, tuple(value["warnings"]))
+    moment = _MOMENT.validate_json(to_json(value))
+    return replace(moment, warnings=tuple(moment.warnings))
 
 
 def _log(value: Any) -> LogLine:
     stamp = value["timestamp"]
     level = _LEVEL_NAMES.get(value["level"], "info")
-    return LogLine(stamp["sec"] + stamp["nsec"] / 1e9, level, value["message"], value["fields"])
+    time = stamp["sec"] + stamp["nsec"] / 1e9
+    return _LOG.validate_python(
+        {"time": time, "level": level, "event": value["message"], "fields": value["fields"]}
+    )
 
 
 def _gap(value: Any) -> Gap:
-    return Gap(value["records"], value["steps"])
+    return _GAP.validate_python(value)
 
 
 _READERS: dict[str, Callable[[Any], Item]] = {form.STATE: _moment, form.LOG: _log, form.GAP: _gap}

@@ -10,6 +10,15 @@ RecordingError
 
 from pathlib import Path
 
+from pydantic import ValidationError
+
+
+def first_problem(error: ValidationError) -> str:
+    """Return the first finding in one line."""
+    found = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    place = ".".join(str(step)[:60] for step in found["loc"])
+    return f"{place or 'the whole'}: {found['msg'][:200]}"
+
 
 class RecordingError(Exception):
     """A recording cannot be used as it was asked for; the text says which, why and what to do.

@@ -7,9 +7,9 @@ day at daemon time 0 plus the daemon time of what it tells; messages stand in th
 
 import base64
 import json
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
 
 from armgate.cell import events as e
 from armgate.protocol import messages as m
@@ -22,7 +22,10 @@ PROFILE = "armgate"
 METADATA = "armgate"
 """Name of the metadata record that says the format before anything else."""
 
-RUN, STATE, LOG, GAP = "/run", "/state", "/log", "/gap"
+SEAL = "armgate.seal"
+"""Name of the metadata record that ends the hash chain of a closed file."""
+
+RUN, STATE, LOG, GAP, CHAIN = "/run", "/state", "/log", "/gap", "/chain"
 
 EVENTS: dict[str, type] = {
     "tick": e.Tick,
@@ -45,6 +48,23 @@ OUTPUTS: dict[str, type] = {
 """What the gate answers, by the key under which it stands."""
 
 
+_LATEST_NS = 253_402_300_799 * 10**9
+"""The end of the year 9999, ns since 1970."""
+
+
+def _base64(files: dict[str, str]) -> dict[str, str]:
+    for name, text in files.items():
+        try:
+            base64.b64decode(text, validate=True)
+        except ValueError as error:
+            raise ValueError(f"{name[:60]!r} is not in base64") from error
+    return files
+
+
+Packed = Annotated[dict[str, str], AfterValidator(_base64)]
+"""Contents of files by name, in base64."""
+
+
 class Header(BaseModel):
     """What a recording is of, in every part of it.
 
@@ -52,6 +72,7 @@ class Header(BaseModel):
         format: The form of the recording.
         part: Number of this file, from 1.
         start: The daemon's start id.
+        previous: Seal of the part before, in hexadecimal digits; empty in the first part.
         origin_ns: Time of day at daemon time 0, ns since 1970.
         cell: The cell's name.
         hash: The cell's hash, as the description tells it.
@@ -70,16 +91,17 @@ class Header(BaseModel):
     format: int = FORMAT
     part: int = 1
     start: str
-    origin_ns: int
+    previous: str = ""
+    origin_ns: Annotated[int, Field(ge=0, le=_LATEST_NS)]
     cell: str
     hash: str
     lockstep: bool
     judge: str = "numpy"
     software: dict[str, str] = Field(default_factory=dict)
     machine: dict[str, str] = Field(default_factory=dict)
-    files: dict[str, str] = Field(default_factory=dict)
+    files: Packed = Field(default_factory=dict)
     description: dict[str, Any] = Field(default_factory=dict)
-    assets: dict[str, str] = Field(default_factory=dict)
+    assets: Packed = Field(default_factory=dict)
 
     def file(self, name: str) -> bytes:
         """The content of one of the files.
@@ -98,6 +120,12 @@ class Header(BaseModel):
         return base64.b64decode(self.assets[hash_])
 
 
+def metadata(header: Header) -> dict[str, str]:
+    """Return the metadata that a file begins with."""
+    said = {"format": header.format, "start": header.start, "part": header.part, "hash": header.hash}
+    return {key: str(value) for key, value in said.items()}
+
+
 def robot_topic(robot: str) -> str:
     """The topic of one robot's states."""
     return f"/robots/{robot}/state"
@@ -106,7 +134,7 @@ def robot_topic(robot: str) -> str:
 def topics(header: Header) -> list[str]:
     """All topics of a recording."""
     robots = [robot_topic(robot["name"]) for robot in header.description.get("robots", ())]
-    return [RUN, *(f"/gate/{kind}" for kind in EVENTS), STATE, *robots, LOG, GAP]
+    return [RUN, *(f"/gate/{kind}" for kind in EVENTS), STATE, *robots, LOG, GAP, CHAIN]
 
 
 def schema_of(topic: str) -> tuple[str, bytes]:
@@ -118,12 +146,8 @@ def schema_of(topic: str) -> tuple[str, bytes]:
 def _schema_of(topic: str) -> tuple[str, dict[str, Any]]:
     if topic == RUN:
         return "armgate.Header", Header.model_json_schema()
-    if topic == LOG:
-        return "foxglove.Log", _LOG
-    if topic == STATE:
-        return "armgate.State", _STATE
-    if topic == GAP:
-        return "armgate.Gap", _numbers("records", "steps")
+    if topic in _FIXED:
+        return _FIXED[topic]
     if topic.startswith("/robots/"):
         return "armgate.Entry", m.Entry.model_json_schema()
     kind = topic.rpartition("/")[2]
@@ -183,4 +207,10 @@ _LOG: dict[str, Any] = {
         "line": {"type": "integer"},
         "fields": {"type": "object"},
     },
+}
+_FIXED: dict[str, tuple[str, dict[str, Any]]] = {
+    LOG: ("foxglove.Log", _LOG),
+    STATE: ("armgate.State", _STATE),
+    GAP: ("armgate.Gap", _numbers("records", "steps")),
+    CHAIN: ("armgate.Link", {"type": "object", "properties": {"sha256": {"type": "string"}}}),
 }

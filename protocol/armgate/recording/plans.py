@@ -14,6 +14,8 @@ from pydantic import TypeAdapter
 from armgate.cell.events import Joints, Plan
 
 _PLAN = TypeAdapter(Plan)
+_LARGEST = 1 << 20
+"""Most numbers of a plan; a robot of 8 joints needs so many to brake for nine minutes."""
 _ULPS = np.arange(-4, 5)
 """How far from the quotient the m may be that was reckoned with, in units of the last place."""
 
@@ -37,6 +39,8 @@ def unpacked(value: Mapping[str, Any]) -> Plan:
     fields = dict(value)
     if "over" in fields:
         u, n, m = fields.pop("increment"), fields.pop("then"), fields.pop("over")
+        if not 0 <= n * len(u) <= _LARGEST:
+            raise ValueError(f"a plan of {n} increments")
         fields["increments"] = (u, *([x * (1.0 - k / m) for x in u] for k in range(1, n + 1)))
     return _PLAN.validate_python(fields)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -9,7 +10,13 @@ from pydantic_core import to_json
 
 from armgate.protocol import messages as m
 from armgate.recording import codec, form
-from armgate.recording.errors import DamagedError, ForeignError, IncompleteError, TruncatedError
+from armgate.recording.errors import (
+    DamagedError,
+    ForeignError,
+    IncompleteError,
+    TruncatedError,
+    first_problem,
+)
 from armgate.recording.scan import Chunks, Place, scan
 
 PATTERN = "recording-*.mcap"
@@ -32,9 +39,9 @@ def parts_of(path: Path) -> list[Path]:
         if not found:
             raise ForeignError(path, f"holds no recording; expected files {PATTERN}")
         return found
-    if not path.is_file():
+    if not path.exists():
         raise ForeignError(path, "there is no such file or folder; expected a recording")
-    return [path]
+    return [path.resolve()]  # a link that the user names is followed, one within a folder is not
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +97,20 @@ class Recording:
         """Whether all of it was closed in order."""
         return all(part.closed for part in self.parts)
 
-    @property
+    @cached_property
     def description(self) -> m.Description:
-        """What clients are told of the cell."""
-        return m.Description.model_validate_json(to_json(self.header.description))
+        """What clients are told of the cell.
+
+        Raises:
+            DamagedError: It is not what was written.
+        """
+        try:
+            found = m.Description.model_validate_json(to_json(self.header.description))
+        except ValidationError as error:
+            raise DamagedError(self.path, f"its description of the cell: {first_problem(error)}") from error
+        if not found.robots:
+            raise DamagedError(self.path, "its description of the cell names no robot")
+        return found
 
     def messages(self) -> Iterator[tuple[str, float, bytes]]:
         """Topic, daemon time [s] and data of every message, in the order in which things happened.
@@ -149,6 +166,21 @@ def read_item(file: Path, topic: str, data: bytes) -> codec.Item | None:
         raise DamagedError(file, str(error)) from error
 
 
+def check_entry(file: Path, description: m.Description, entry: m.Entry) -> None:
+    """Refuse the entry of a robot that the cell has not.
+
+    Raises:
+        DamagedError: There is no such robot, or it has another number of joints.
+    """
+    robot = next((robot for robot in description.robots if robot.name == entry.robot), None)
+    if robot is None:
+        raise DamagedError(file, f"holds a state of {entry.robot!r}, which its cell has not")
+    for name, values in (("q", entry.q), ("setpoint", entry.setpoint)):
+        if values is not None and len(values) != len(robot.joints):
+            text = f"holds a state of {entry.robot} with {len(values)} numbers as {name}"
+            raise DamagedError(file, f"{text}; expected {len(robot.joints)}")
+
+
 def _part(file: Path) -> Part | None:
     """One file; None if it breaks off before its header."""
     found = scan(file)
@@ -161,7 +193,7 @@ def _part(file: Path) -> Part | None:
     try:
         header = form.Header.model_validate_json(data)
     except ValidationError as error:
-        raise DamagedError(file, f"its header is not what it should be: {error}") from error
+        raise DamagedError(file, f"its header: {first_problem(error)}") from error
     return Part(file, header, found.chunks, reader, found.closed, found.size - found.good)
 
 
@@ -170,7 +202,7 @@ def _check_sequence(path: Path, parts: Sequence[Part]) -> None:
     for number, part in enumerate(parts, first.part):
         other = part.header
         if (other.start, other.hash) != (first.start, first.hash):
-            text = f"is of another run than {parts[0].file.name}: cell {other.cell}, start {other.start}"
+            text = f"is of another run than {parts[0].file.name}: cell {other.cell!r}, start {other.start!r}"
             raise IncompleteError(part.file, f"{text}; keep one run in a folder")
         if other.part != number:
             raise IncompleteError(path, f"part {number} is missing; expected {part_name(number)}")

@@ -1,54 +1,179 @@
-"""Writes a file anew that was never closed: its whole chunks, then the index that it lacks."""
+"""Writes what can be read of a file that was never closed, or is damaged, as a whole file.
 
-import os
+Where the chain of records is broken, chunks are recognised by their form. Lost records leave a gap in the new
+file, so that no replay goes on as if nothing was missing.
+"""
+
+import mmap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
-from mcap.writer import CompressionType, Writer
 
-from armgate.recording.form import METADATA, PROFILE, RUN, Header
-from armgate.recording.scan import records, scan
+from armgate.recording import codec, form
+from armgate.recording.chain import ChainWriter, Stream
+from armgate.recording.errors import DamagedError
+from armgate.recording.files import open_file
+from armgate.recording.scan import PREFIX, Place, records, scan, scan_from
+
+_SIGN = b"\x04\x00\x00\x00zstd"
+"""The name of the compression in a chunk, which all our chunks have."""
+_BEFORE = PREFIX.size + 28
+"""Bytes of the record before it: two times, size and checksum."""
+_MOST_LOST = 1 << 24
 
 
-def rewrite(file: Path, new: Path) -> tuple[int, int]:
-    """Writes what is whole in ``file`` as the whole file ``new``.
+@dataclass(frozen=True, slots=True)
+class Rewritten:
+    """Result of a rewrite.
+
+    Attributes:
+        messages: Number of messages in the new file, without gaps and links.
+        dropped: Bytes at the end that could not be read.
+        lost: Number of messages that could not be read before that.
+    """
+
+    messages: int
+    dropped: int
+    lost: int
+
+
+def rewrite(file: Path, stream: Stream) -> Rewritten:
+    """Write what can be read of a file as a whole file.
 
     Topics, schemas, times, order and data of the messages stay as they are.
 
-    Returns:
-        How many messages there are, and how many bytes at the end were no whole record.
-
     Raises:
-        RecordingError: It is no recording, or damaged.
+        RecordingError: It is no recording, or its beginning is damaged.
         OSError: One of them cannot be read or written.
     """
     found = scan(file)
-    count = 0
-    with new.open("wb") as stream:
-        writer = Writer(stream, chunk_size=1 << 30, compression=CompressionType.ZSTD)
-        topics: dict[int, str] = {}
-        writer.start(profile=PROFILE, library="armgate recover")
-        for place in found.chunks:
-            for record in records(place):
-                if isinstance(record, Schema):
-                    writer.register_schema(record.name, record.encoding, record.data)
-                elif isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                    writer.register_channel(record.topic, record.message_encoding, record.schema_id)
-                elif isinstance(record, Message):
-                    if topics[record.channel_id] == RUN:
-                        _say_format(writer, Header.model_validate_json(record.data))
-                    writer.add_message(
-                        record.channel_id, record.log_time, record.data, record.publish_time, record.sequence
+    places = [*found.chunks, *_behind(file, found.good, found.size)] if not found.closed else found.chunks
+    good = [place for place in places if _readable(place)]
+    if not good or good[0] != places[0]:
+        raise DamagedError(file, "the header of the recording is damaged; restore it from a copy")
+    copy = _Copy(file, stream)
+    for place in good:
+        copy.add(place)
+    copy.writer.finish()
+    return Rewritten(copy.messages, _dropped(places, good, found.good, found.size), copy.lost)
+
+
+def is_readable(places: Sequence[Place]) -> bool:
+    """Return True if every chunk can be read."""
+    return all(map(_readable, places))
+
+
+def _dropped(places: Sequence[Place], good: Sequence[Place], end: int, size: int) -> int:
+    """Return the bytes from the first unreadable chunk after the last readable one, or from the end, on."""
+    tail = places[places.index(good[-1]) + 1 :]
+    return size - (tail[0].begin if tail else max(end, good[-1].end))
+
+
+def _readable(place: Place) -> bool:
+    try:
+        for _ in records(place):
+            pass
+    except DamagedError:
+        return False
+    return True
+
+
+def _behind(file: Path, offset: int, size: int) -> Iterator[Place]:
+    """Yield the chunks behind damage."""
+    while (begin := _next_chunk(file, offset, size)) is not None:
+        found = scan_from(file, begin)
+        yield from found
+        offset = found[-1].end if found else begin + 1
+
+
+def _next_chunk(file: Path, offset: int, size: int) -> int | None:
+    """Return the first byte at or after ``offset`` at which a record with the form of a chunk begins."""
+    if offset >= size:
+        return None
+    with open_file(file) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = data.find(_SIGN, offset + _BEFORE)
+        while at >= 0:
+            begin = at - _BEFORE
+            kind, length = PREFIX.unpack_from(data, begin)
+            inside = int.from_bytes(data[at + len(_SIGN) : at + len(_SIGN) + 8], "little")
+            rest = at + len(_SIGN) + 8 - begin - PREFIX.size
+            if kind == 0x06 and length == rest + inside and begin + PREFIX.size + length <= size:
+                return begin
+            at = data.find(_SIGN, at + 1)
+    return None
+
+
+class _Copy:
+    """A file that is written from the chunks of another."""
+
+    def __init__(self, file: Path, stream: Stream) -> None:
+        self.writer = ChainWriter(stream, "armgate recover", chunk=1 << 30)
+        self.messages = self.lost = 0
+        self._file = file
+        self._schemas: dict[int, int] = {0: 0}
+        self._channels: dict[int, int] = {}
+        self._topics: dict[str, int] = {}
+        self._sequence: int | None = None
+        self._last_ns = 0
+
+    def add(self, place: Place) -> None:
+        """Copy a chunk.
+
+        Raises:
+            DamagedError: It is none of ours.
+        """
+        for record in records(place):
+            match record:
+                case Schema():
+                    self._schemas[record.id] = self.writer.register_schema(
+                        record.name, record.encoding, record.data
                     )
-                    count += 1
-            writer.flush()
-        writer.finish()
-        stream.flush()
-        os.fsync(stream.fileno())
-    return count, found.size - found.good
+                case Channel():
+                    self._add_channel(record)
+                case Message():
+                    self._add_message(record)
+        self.writer.flush()
 
+    def _add_channel(self, record: Channel) -> None:
+        if record.schema_id not in self._schemas:
+            raise DamagedError(self._file, f"a topic without its schema: {record.topic[:60]!r}")
+        schema = self._schemas[record.schema_id]
+        channel = self.writer.register_channel(record.topic, record.message_encoding, schema)
+        self._channels[record.id] = self._topics[record.topic] = channel
+        if record.topic == form.CHAIN:
+            self.writer.chain(channel)
 
-def _say_format(writer: Writer, header: Header) -> None:
-    said = {"format": header.format, "start": header.start, "part": header.part, "hash": header.hash}
-    writer.add_metadata(METADATA, {key: str(value) for key, value in said.items()})
+    def _add_message(self, record: Message) -> None:
+        channel = self._channels.get(record.channel_id)
+        if channel is None:
+            raise DamagedError(self._file, "a message without its topic")
+        if channel == self._topics.get(form.CHAIN):
+            return  # the new file has links of its own
+        if channel == self._topics.get(form.RUN):
+            self._say_format(record.data)
+        self._mark_gap(record.sequence)
+        self.writer.add(channel, record.log_time, record.data, record.sequence)
+        self._last_ns = record.log_time
+        self.messages += 1
+
+    def _mark_gap(self, sequence: int) -> None:
+        """Mark missing messages: the recorder numbers all of them."""
+        expected, self._sequence = self._sequence, (sequence + 1) & 0xFFFFFFFF
+        if expected is None or expected == sequence:
+            return
+        missing = (sequence - expected) & 0xFFFFFFFF
+        missing = missing if missing <= _MOST_LOST else 1
+        if form.GAP not in self._topics:
+            raise DamagedError(self._file, "records are missing, and it has no topic to mark that")
+        _, data = codec.encode(codec.Gap(missing, missing))
+        self.writer.add(self._topics[form.GAP], self._last_ns, data, sequence)
+        self.lost += missing
+
+    def _say_format(self, data: bytes) -> None:
+        try:
+            header = form.Header.model_validate_json(data)
+        except ValueError as error:
+            raise DamagedError(self._file, "the header of the recording is damaged") from error
+        self.writer.add_metadata(form.METADATA, form.metadata(header))

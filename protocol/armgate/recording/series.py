@@ -8,7 +8,7 @@ from typing import Any
 
 from armgate.protocol import messages as m
 from armgate.recording import codec, form
-from armgate.recording.reader import Part, Recording, read_item
+from armgate.recording.reader import Part, Recording, check_entry, read_item
 from armgate.recording.scan import Place
 
 _NS = 1_000_000_000
@@ -93,13 +93,15 @@ class StateSeries:
         for topic, ns, data in part.reader.messages(place):
             if topic == form.STATE or topic.startswith("/robots/"):
                 item = read_item(part.file, topic, data)
+                if isinstance(item, codec.Shown):
+                    check_entry(part.file, self.description, item.entry)
                 if item is not None:
                     found.append(((ns - origin) / _NS, item))
         return tuple(found)
 
     def _state(self, known: _Known) -> m.State | None:
         moment = known.moment
-        if moment is None or not moment.ticks:
+        if moment is None or not moment.ticks or len(known.entries) < len(self.robots):
             return None
         robot = list(moment.ticks)[-1]
         entries = tuple(known.entries[name] for name in self.robots if name in known.entries)

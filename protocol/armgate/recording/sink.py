@@ -1,27 +1,9 @@
 """Writes one file of a recording."""
 
-from typing import Protocol
-
-from mcap.writer import CompressionType, Writer
-
 from armgate.recording import codec, form
+from armgate.recording.chain import ChainWriter, Seal, Signer, Stream
 
 _NS = 1_000_000_000
-_CHUNK = 1 << 20
-"""Bytes of messages after which a chunk ends even if nobody asks for it."""
-
-
-class Stream(Protocol):
-    """Where the bytes go."""
-
-    def write(self, data: bytes, /) -> int:
-        """Takes all of the bytes, or raises OSError."""
-
-    def tell(self) -> int:
-        """How many bytes were written."""
-
-    def flush(self) -> None:
-        """Hands everything to the operating system."""
 
 
 class Sink:
@@ -33,24 +15,25 @@ class Sink:
     Args:
         stream: Where the bytes go.
         header: What the recording is of.
+        signer: Signs the seal; None: no signature.
 
     Raises:
         OSError: It cannot be written.
     """
 
-    def __init__(self, stream: Stream, header: form.Header) -> None:
+    def __init__(self, stream: Stream, header: form.Header, signer: Signer | None = None) -> None:
         self._stream = stream
         self._origin = header.origin_ns
-        self._writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._writer.start(profile=form.PROFILE, library=f"armgate {header.software.get('armgate', '')}")
-        said = {"format": header.format, "start": header.start, "part": header.part, "hash": header.hash}
-        self._writer.add_metadata(form.METADATA, {key: str(value) for key, value in said.items()})
+        library = f"armgate {header.software.get('armgate', '')}"
+        self._writer = ChainWriter(stream, library, signer=signer)
+        self._writer.add_metadata(form.METADATA, form.metadata(header))
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._waiting = self._count = 0
+        self._count = 0
         # All at the beginning: who goes to a later chunk directly needs to have read only the first.
         for topic in form.topics(header):
             self._channel(topic)
+        self._writer.chain(self._channels[form.CHAIN])
         self._put(form.RUN, header.model_dump_json().encode(), 0.0)
         self.flush()
 
@@ -73,24 +56,20 @@ class Sink:
         Raises:
             OSError: It cannot be written.
         """
-        if self._waiting:
-            self._writer.flush()
-            self._waiting = 0
+        self._writer.flush()
 
-    def close(self) -> None:
-        """Writes the index: then the file is whole. The stream stays open.
+    def close(self) -> Seal:
+        """Write the seal and the index: then the file is whole. The stream stays open.
 
         Raises:
             OSError: It cannot be written.
         """
-        self._writer.finish()
-        self._stream.flush()
+        return self._writer.finish()
 
     def _put(self, topic: str, data: bytes, time: float) -> None:
         channel = self._channels.get(topic) or self._channel(topic)
         ns = self._origin + round(time * _NS)
-        self._writer.add_message(channel, ns, data, ns, self._count)
-        self._waiting += 1
+        self._writer.add(channel, ns, data, self._count)
         self._count = (self._count + 1) & 0xFFFFFFFF
 
     def _channel(self, topic: str) -> int:

@@ -9,7 +9,7 @@ import yaml
 
 from armgate.audit.errors import AuditError, UseError
 from armgate.cell.cell import Cell, build_cell
-from armgate.cell.errors import ConfigError
+from armgate.cell.errors import CellError, ConfigError
 from armgate.cell.portable import load_packed
 from armgate.recording import Header
 
@@ -21,9 +21,12 @@ def recorded_cell(header: Header) -> Cell:
     """The cell as it was.
 
     Raises:
-        AuditError: This armgate makes another cell of the files than the one that was recorded.
+        AuditError: Its files are no cell, or this armgate makes another cell of them than was recorded.
     """
-    cell = _build(header, None)
+    try:
+        cell = _build(header, None)
+    except (CellError, OSError) as error:
+        raise AuditError(f"the recording's configuration: {_plain(str(error))}") from error
     if cell.hash != header.hash:
         text = (
             f"its configuration gives another cell here: {cell.hash[:12]}…, recorded {header.hash[:12]}…; "

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from armgate.audit.recovering import Recovered
     from armgate.audit.replaying import Outcome, Span
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a recording, or one of its files.")]
@@ -82,14 +83,20 @@ def report(
     """Write a run as one HTML page with plots."""
     from armgate.audit.reporting import page  # noqa: PLC0415
     from armgate.recording import Recording  # noqa: PLC0415
+    from armgate.recording.files import written_anew  # noqa: PLC0415
 
+    text = page(Recording.open(run))
     file = out or (run if run.is_dir() else run.parent) / "report.html"
-    file.write_text(page(Recording.open(run)), encoding="utf-8")
+    if out is None:
+        with written_anew(file) as stream:
+            stream.write(text.encode(errors="replace"))
+    else:
+        file.write_text(text, encoding="utf-8", errors="replace")
     typer.echo(f"written: {file}")
 
 
 def recover(run: Run) -> None:
-    """Make a recording whole whose daemon was killed: all that reached the disk is kept."""
+    """Make a recording whole that breaks off or is damaged: keep all that can be read."""
     from armgate.audit.recovering import recovered  # noqa: PLC0415
 
     for one in recovered(run):
@@ -99,8 +106,17 @@ def recover(run: Run) -> None:
             case "removed":
                 typer.echo(f"{one.file}: removed, nothing had been written to it")
             case _:
-                cut = f"; {one.dropped} bytes at its end were no whole record" if one.dropped else ""
-                typer.echo(f"{one.file}: recovered, {one.messages} messages{cut}")
+                typer.echo(f"{one.file}: {_recovery(one)}")
+
+
+def _recovery(one: "Recovered") -> str:
+    result = one.result
+    text = f"recovered, {result.messages} messages"
+    if result.lost:
+        text += f"; {result.lost} more were lost to damage, which a gap marks"
+    if result.dropped:
+        text += f"; {result.dropped} bytes at its end were no whole record"
+    return text if one.original is None else f"{text}; the damaged file is kept as {one.original.name}"
 
 
 def _tell_replay(outcome: "Outcome") -> None:

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from armgate.audit.replaying import gate_for
+from armgate.audit.replaying import fitting_steps, gate_for, judged
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Cause, Command, Joints, Outcome, Point, Reason, Verdict
+from armgate.cell.text import printable
 from armgate.integrity import GateBeside, Intended
 from armgate.recording import Recording
 
@@ -77,12 +78,12 @@ def cases(recording: Recording, cell: Cell, wanted: Wanted) -> Iterator[Case]:
         RecordingError: The recording is damaged or has a gap.
     """
     gate = gate_for(recording.header, cell)
-    for time, step in recording.steps():
+    for time, step in fitting_steps(recording, cell):
         event = step.event
         verdict = next((o for o in step.outputs if isinstance(o, Verdict)), None)
         if isinstance(event, Command) and verdict is not None and wanted(verdict):
             yield _case(gate, cell, time, event, verdict)
-        gate.step(event)
+        judged(recording, gate, time, event)
 
 
 def _case(gate: GateBeside, cell: Cell, time: float, command: Command, verdict: Verdict) -> Case:
@@ -129,7 +130,7 @@ def words(case: Case, cell: Cell) -> str:
         lines += _increments(robot, case.command.dq, v.dq)
     if case.reason is not None and case.reason.pair is not None:
         lines += _clearance(case)
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _increments(robot: Robot, asked: Joints, given: Joints) -> list[str]:

@@ -1,5 +1,6 @@
 """Pictures of why a command was limited or refused."""
 
+import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -13,14 +14,16 @@ from armgate.audit.explaining import Case
 from armgate.audit.outline import outline, placed, view_along
 from armgate.cell.cell import Body, Cell
 from armgate.cell.events import Joints, Reason
+from armgate.cell.text import printable
 from armgate.integrity import Intended
+from armgate.recording.files import written_anew
 
 Array = NDArray[np.float64]
 
 _INK, _OTHER, _STOP, _WARN, _GREY = "#1f4e79", "#b8651b", "#4c9f70", "#c0392b", "#c9d0d6"
 _STYLE = {
     "figure.dpi": 110, "font.size": 9.5, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.titlelocation": "left", "axes.titlesize": 10.0, "legend.frameon": False,
+    "text.parse_math": False, "axes.titlelocation": "left", "axes.titlesize": 10.0, "legend.frameon": False,
 }  # fmt: skip
 _NODES = 7
 
@@ -44,13 +47,15 @@ def draw(case: Case, cell: Cell, file: Path) -> bool:
 def _save(figure: Any, file: Path) -> None:
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    figure.savefig(file)
+    with written_anew(file) as stream, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a glyph that the font has not, in a name
+        figure.savefig(stream, format="png")
     plt.close(figure)
 
 
 def _title(case: Case) -> str:
     v = case.verdict
-    return f"{v.robot}, tick {case.tick}, {case.time:.3f} s: seq {v.seq} {v.outcome.value}"
+    return printable(f"{v.robot}, tick {case.tick}, {case.time:.3f} s: seq {v.seq} {v.outcome.value}")
 
 
 # --- clearance --------------------------------------------------------------------------------------------
@@ -81,7 +86,7 @@ def _clearance(case: Case, intended: Intended, cell: Cell) -> Any:
     handles, labels = near.get_legend_handles_labels()
     kept = dict(zip(labels, handles, strict=True))
     figure.legend(kept.values(), kept.keys(), loc="outside lower center", ncols=4)
-    figure.suptitle(f"{_title(case)}\n{case.reason.text}", x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(f"{_title(case)}\n{_wrapped([case.reason])}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -221,4 +226,7 @@ def _places(axes: Any, intended: Intended, rows: Sequence[int]) -> None:
 
 def _wrapped(reasons: Sequence[Reason]) -> str:
     """The reasons, a line each."""
-    return "\n".join(shorten(reason.text, 125, placeholder=" …") for reason in reasons) or "nothing bound it"
+    return (
+        "\n".join(shorten(printable(reason.text), 125, placeholder=" …") for reason in reasons)
+        or "nothing bound it"
+    )

@@ -1,4 +1,4 @@
-"""Makes a recording whole whose daemon was killed."""
+"""Makes a recording whole whose daemon was killed, or which is damaged."""
 
 import os
 from collections.abc import Sequence
@@ -6,36 +6,39 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.recording import RecordingError, TruncatedError, parts_of
-from armgate.recording.rewrite import rewrite
-from armgate.recording.scan import Scan, records, scan
+from armgate.recording.files import written_anew
+from armgate.recording.rewrite import Rewritten, is_readable, rewrite
+from armgate.recording.scan import Scan, scan
+
+_NOTHING = Rewritten(0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What was done to one file: ``whole`` already, ``recovered``, or ``removed`` as it held nothing.
+    """Result for one file.
 
     Attributes:
         file: The file.
-        what: One of these words.
-        messages: How many messages it holds now.
-        dropped: Bytes at its end that were no whole record.
+        what: ``whole`` already, ``recovered``, or ``removed`` because it held nothing.
+        result: Contents of the recovered file.
+        original: Copy of the damaged file, if messages before its end are lost.
     """
 
     file: Path
     what: str
-    messages: int = 0
-    dropped: int = 0
+    result: Rewritten = _NOTHING
+    original: Path | None = None
 
 
 def recovered(path: Path) -> Sequence[Recovered]:
-    """Makes every part of a recording whole.
+    """Make every part of a recording whole.
 
     Args:
         path: Its folder, or one file.
 
     Raises:
-        RecordingError: There is no recording, it is damaged, nothing of it is left, or there is no room for a
-            whole copy; the file stays as it was then.
+        RecordingError: There is no recording, the beginning of a file is damaged, or there is no room for
+            a whole copy; the file stays as it was then.
     """
     files = parts_of(path)
     scans = [scan(file) for file in files]
@@ -49,20 +52,27 @@ def recovered(path: Path) -> Sequence[Recovered]:
 
 def _recovered(found: Scan) -> Recovered:
     file = found.file
-    if found.closed:
-        for place in found.chunks:
-            records(place)  # raises if one is damaged
+    if found.closed and is_readable(found.chunks):
         return Recovered(file, "whole")
     if not found.chunks:
         file.unlink()
         return Recovered(file, "removed")
-    new = file.with_name(f".{file.name}.recovering")
     try:
-        messages, dropped = rewrite(file, new)
-        os.replace(new, file)
+        with written_anew(file) as stream:
+            result = rewrite(file, stream)
+            original = _kept(file) if result.lost else None
     except OSError as error:
         text = f"stays as it is: {error.strerror or error}; {found.good} bytes are needed beside it"
         raise RecordingError(file, text) from error
-    finally:
-        new.unlink(missing_ok=True)
-    return Recovered(file, "recovered", messages, dropped)
+    return Recovered(file, "recovered", result, original)
+
+
+def _kept(file: Path) -> Path:
+    """Give the damaged file a second name: what could not be read is in it only.
+
+    Raises:
+        OSError: There is such a file already.
+    """
+    original = file.with_name(f"{file.name}.damaged")
+    os.link(file, original, follow_symlinks=False)
+    return original

@@ -1,15 +1,16 @@
 """Judges a recorded run again."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from armgate.audit.compare import TOLERANCE, differences
+from armgate.audit.fitting import misfit
 from armgate.cell.cell import Cell
 from armgate.cell.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.integrity import GateBeside
 from armgate.integrity.compiled import available
-from armgate.recording import Header, Recording, machine, software
+from armgate.recording import DamagedError, Header, Recording, Step, machine, software
 
 Progress = Callable[[int], None]
 
@@ -78,6 +79,39 @@ def gate_for(header: Header, cell: Cell) -> GateBeside:
     return GateBeside(cell, header.start, compiled=header.judge == "compiled" and available())
 
 
+def fitting_steps(recording: Recording, cell: Cell) -> Iterator[tuple[float, Step]]:
+    """Yield the events of a run with their outputs.
+
+    Raises:
+        RecordingError: The recording is damaged, has a gap, or holds an event that its cell cannot have.
+    """
+    for time, step in recording.steps():
+        if (why := misfit(cell, step.event)) is not None:
+            kind = type(step.event).__name__.lower()
+            raise DamagedError(recording.path, f"the {kind} at {time:.3f} s is not one of its cell: {why}")
+        yield time, step
+
+
+def judged(
+    recording: Recording,
+    gate: GateBeside,
+    time: float,
+    event: GateEvent,
+    then: Sequence[GateOutput] | None = None,
+) -> Sequence[GateOutput]:
+    """Let a gate judge an event, beside what was answered then if that is given.
+
+    Raises:
+        DamagedError: The gate cannot take it.
+    """
+    try:
+        return gate.step(event) if then is None else gate.step_beside(event, then)
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        kind = type(event).__name__.lower()
+        text = f"the gate cannot take the {kind} at {time:.3f} s, after what was recorded before"
+        raise DamagedError(recording.path, f"{text}: {error!r:.200}") from error
+
+
 def replayed(
     recording: Recording, cell: Cell, *, otherwise: bool = False, progress: Progress | None = None
 ) -> Outcome:
@@ -95,9 +129,9 @@ def replayed(
     out = Outcome(foreign=foreign(recording.header))
     out.tolerance = TOLERANCE if out.foreign else None
     gate = gate_for(recording.header, cell)
-    for time, step in recording.steps():
+    for time, step in fitting_steps(recording, cell):
         event, then = step.event, step.outputs
-        now = gate.step_beside(event, then) if otherwise else gate.step(event)
+        now = judged(recording, gate, time, event, then if otherwise else None)
         out.events += 1
         if not otherwise:
             out.compare(time, event, then, now)

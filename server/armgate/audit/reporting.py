@@ -4,6 +4,7 @@ import base64
 import html
 import io
 import math
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,11 +12,22 @@ from datetime import UTC, datetime
 from typing import Any
 
 from armgate.cell.events import Outcome, Stopped, Verdict
+from armgate.cell.text import printable
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
+from armgate.recording.reader import check_entry
 
 _POINTS = 3000
 """A curve is drawn with about so many points."""
+
+_LONGEST = 2000
+"""Longest text of a row, in characters."""
+
+_MOST_SIGNALS = 24
+"""So many signals are drawn."""
+
+_LARGEST = 1e9
+"""Largest number that is drawn."""
 
 _LINES = 200
 """So many lines of the log stand on the page."""
@@ -88,9 +100,11 @@ def page(recording: Recording) -> str:
     """
     run = Run()
     for time, item in recording.items():
+        if isinstance(item, Shown):
+            check_entry(recording.path, recording.description, item.entry)
         run.take(time, item)
     header = recording.header
-    began = datetime.fromtimestamp(header.origin_ns / 1e9, tz=UTC)
+    began = datetime.fromtimestamp(header.origin_ns // 1_000_000_000, tz=UTC)
     counts = Counter[str]()
     for verdicts in run.verdicts.values():
         for what, number in verdicts.items():
@@ -107,16 +121,16 @@ def page(recording: Recording) -> str:
         "machine": header.machine.get("processor", "?"),
         "records lost": str(run.lost),
     }
-    parts = [f"<h1>{html.escape(header.cell)}</h1>", _table(facts.items()), "<h2>Verdicts</h2>"]
+    parts = [f"<h1>{_shown(header.cell)}</h1>", _table(facts.items()), "<h2>Verdicts</h2>"]
     for robot, counts in sorted(run.verdicts.items()):
-        parts.append(f"<h3>{html.escape(robot)}</h3>{_table((k, str(n)) for k, n in counts.most_common())}")
+        parts.append(f"<h3>{_shown(robot)}</h3>{_table((k, str(n)) for k, n in counts.most_common())}")
     parts += _plots(run, recording)
     if run.log:
         lines = [(f"{time:.3f} s: {line.event}", _fields(line)) for time, line in run.log[:_LINES]]
         parts += ["<h2>Warnings and errors in the log</h2>", _table(lines)]
         if len(run.log) > _LINES:
             parts.append(f"<p>and {len(run.log) - _LINES} more</p>")
-    return _PAGE.format(title=html.escape(header.cell), body="\n".join(parts))
+    return _PAGE.format(title=_shown(header.cell), body="\n".join(parts))
 
 
 def _judged(counts: Counter[str]) -> str:
@@ -152,8 +166,12 @@ img{{max-width:100%}}h2{{margin-top:1.6em;border-bottom:1px solid #ddd}}</style>
 """
 
 
+def _shown(text: str) -> str:
+    return html.escape(printable(text[:_LONGEST]))
+
+
 def _table(rows: Any) -> str:
-    cells = (f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>" for k, v in rows)
+    cells = (f"<tr><td>{_shown(k)}</td><td>{_shown(v)}</td></tr>" for k, v in rows)
     return f"<table>{''.join(cells)}</table>"
 
 
@@ -170,6 +188,7 @@ def _plots(run: Run, recording: Recording) -> list[str]:
         "axes.grid": True,
         "grid.alpha": 0.25,
         "lines.linewidth": 1.1,
+        "text.parse_math": False,  # names come from the recording
     }
     description = recording.description
     with mpl.rc_context({**style, "axes.spines.top": False, "axes.spines.right": False}):
@@ -177,7 +196,7 @@ def _plots(run: Run, recording: Recording) -> list[str]:
         if run.bound:
             found += ["<h2>What was limited or refused</h2>", _figure(_bound, run, description)]
         for robot in run.times:
-            found += [f"<h2>{html.escape(robot)}: joints</h2>", _figure(_joints, run, description, robot)]
+            found += [f"<h2>{_shown(robot)}: joints</h2>", _figure(_joints, run, description, robot)]
         if run.signals:
             found += ["<h2>Signals</h2>", _figure(_signals, run, description)]
     return found
@@ -190,7 +209,9 @@ def _figure(paint: Any, *given: Any) -> str:
     paint(axes, *given)
     axes.set_xlabel("daemon time [s]")
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a glyph that the font has not, in a name
+        figure.savefig(buffer, format="png")
     plt.close(figure)
     data = base64.b64encode(buffer.getvalue()).decode()
     return f'<img alt="plot" src="data:image/png;base64,{data}">'
@@ -199,7 +220,7 @@ def _figure(paint: Any, *given: Any) -> str:
 def _clearance(axes: Any, run: Run, description: m.Description) -> None:
     stop = 1000 * description.stop_distance
     for robot, values in run.clearance.items():
-        axes.plot(*_thin(run.times[robot], [1000 * value for value in values]), label=robot)
+        axes.plot(*_thin(run.times[robot], [1000 * value for value in values]), label=_label(robot))
     axes.axhspan(0.0, stop, color="#c0392b", alpha=0.10, lw=0, label=f"stop distance {stop:g} mm")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("to others and surroundings [mm]")
@@ -209,12 +230,13 @@ def _clearance(axes: Any, run: Run, description: m.Description) -> None:
 def _bound(axes: Any, run: Run, _description: m.Description) -> None:
     robots = sorted({robot for _, robot, _ in run.bound})
     for outcome, colour in _COLOURS.items():
-        seen = [(time, robots.index(robot)) for time, robot, what in run.bound if what == outcome]
+        at = [(time, robots.index(robot)) for time, robot, what in run.bound if what == outcome]
+        seen = [(time, row) for time, row in at if abs(time) <= _LARGEST]
         if seen:
             axes.plot(*zip(*seen, strict=True), ls="", marker="|", ms=16, color=colour, label=outcome)
-    axes.set_yticks(range(len(robots)), robots)
+    axes.set_yticks(range(len(robots)), [_label(robot) for robot in robots])
     axes.set_ylim(-0.6, len(robots) - 0.4)
-    axes.set_xlim(0.0, max(run.end, 0.1))
+    axes.set_xlim(0.0, max(min(run.end, _LARGEST), 0.1))
     axes.legend(loc="upper right", ncols=2)
 
 
@@ -222,20 +244,31 @@ def _joints(axes: Any, run: Run, description: m.Description, robot: str) -> None
     joints = next(r for r in description.robots if r.name == robot).joints
     for number, joint in enumerate(joints):
         values = [q[number] for q in run.q[robot]]
-        axes.plot(*_thin(run.times[robot], values), label=f"{joint.name} [{joint.unit}]")
+        axes.plot(*_thin(run.times[robot], values), label=_label(f"{joint.name} [{joint.unit}]"))
     axes.set_ylabel("measured")
     if joints:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _signals(axes: Any, run: Run, _description: m.Description) -> None:
-    for name, (times, values) in run.signals.items():
-        axes.plot(*_thin(times, values), label=name)
+    for name, (times, values) in list(run.signals.items())[:_MOST_SIGNALS]:
+        axes.plot(*_thin(times, values), label=_label(name))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _label(text: str) -> str:
+    """A name in a legend; one that begins with an underscore would be left out."""
+    shown = printable(text[:80])
+    return f" {shown}" if shown.startswith("_") else shown
+
+
+def _drawable(values: Sequence[float]) -> list[float]:
+    return [value if abs(value) <= _LARGEST else math.nan for value in values]
 
 
 def _thin(times: Sequence[float], values: Sequence[float]) -> tuple[list[float], list[float]]:
     """Every so many points the lowest and the highest of them: no extremum is lost."""
+    times, values = _drawable(times), _drawable(values)
     step = max(1, 2 * len(times) // _POINTS)
     if step == 1:
         return list(times), list(values)

@@ -1,7 +1,7 @@
 """A configuration with all the files that it needs, as one folder: the same cell on any machine."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,9 @@ from armgate.cell.urdf import parse_xml
 
 CONFIG = "config.yaml"
 """The configuration's own file."""
+_LONGEST_NAME = 200
+_COLLISION_MESHES = "link/collision/geometry/mesh"
+"""Only these are read when a cell is built."""
 
 
 def pack(config: CellConfig) -> dict[str, bytes]:
@@ -26,24 +29,26 @@ def pack(config: CellConfig) -> dict[str, bytes]:
 
 
 def unpack(files: Mapping[str, bytes], folder: Path) -> Path:
-    """Writes packed files into a folder.
+    """Write packed files into an empty folder.
 
     Returns:
         The configuration's file.
 
     Raises:
-        ModelError: A name leads out of the folder.
+        ModelError: A name is no plain file name, or the configuration is missing.
         OSError: A file cannot be written.
     """
     for name, data in files.items():
-        if Path(name).name != name:
-            raise ModelError(f"a packed file is called {name!r}; expected a plain name")
+        if not _is_plain(name):
+            raise ModelError(f"a packed file is called {name[:60]!r}; expected a plain name")
         (folder / name).write_bytes(data)
+    if CONFIG not in files:
+        raise ModelError(f"the packed files hold no {CONFIG}")
     return folder / CONFIG
 
 
 def load_packed(files: Mapping[str, bytes], folder: Path, overlay: str | None = None) -> CellConfig:
-    """Reads a packed configuration.
+    """Read a packed configuration, which may name packed files only: it may come from anywhere.
 
     Args:
         files: As ``pack`` returned them.
@@ -52,12 +57,54 @@ def load_packed(files: Mapping[str, bytes], folder: Path, overlay: str | None = 
 
     Raises:
         ConfigError: The configuration or the overlay is not what was expected.
+        ModelError: A name is no plain file name, or the configuration names a file that is not packed.
     """
-    paths = [unpack(files, folder)]
-    if overlay is not None:
-        paths.append(folder / "overlay.yaml")
-        paths[-1].write_text(overlay, encoding="utf-8")
-    return load_config(paths)
+    own = unpack(files, folder)
+    config = load_config([own])
+    _check_named(config, files)
+    if overlay is None:
+        return config
+    path = folder / ".overlay.yaml"
+    path.write_text(overlay, encoding="utf-8")
+    return load_config([own, path])
+
+
+def _is_plain(name: str) -> bool:
+    return (
+        name.isprintable()
+        and not name.startswith(".")
+        and "/" not in name
+        and 0 < len(name.encode(errors="replace")) <= _LONGEST_NAME
+    )
+
+
+def _check_named(config: CellConfig, files: Mapping[str, bytes]) -> None:
+    for name in _named(config, files):
+        if name not in files or not _is_plain(name):
+            raise ModelError(f"the packed configuration names {name[:60]!r}, which is not packed with it")
+
+
+def _named(config: CellConfig, files: Mapping[str, bytes]) -> Iterator[str]:
+    """Yield all files that are read when the cell is built."""
+    parts = [part.shape for part in config.surroundings.values()]
+    for robot in config.robots.values():
+        yield robot.urdf
+        yield from robot.meshes.packages.values()
+        parts += [part.shape for part in robot.bodies.values()]
+        if robot.urdf in files:
+            yield from _meshes(files[robot.urdf], robot.urdf)
+    for shape in parts:
+        if shape.mesh:
+            yield shape.mesh.file
+
+
+def _meshes(urdf: bytes, name: str) -> Iterator[str]:
+    try:
+        root = parse_xml(urdf.decode())
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{name}: not UTF-8; expected a packed URDF") from error
+    for mesh in root.findall(_COLLISION_MESHES):
+        yield mesh.get("filename", "")
 
 
 class _Packer:
@@ -87,7 +134,7 @@ class _Packer:
         path = self._config.urdf_path(robot)
         data = path.read_bytes()
         root = parse_xml(data.decode())
-        meshes = root.findall("link/collision/geometry/mesh")
+        meshes = root.findall(_COLLISION_MESHES)
         for mesh in meshes:
             mesh.set("filename", self._mesh(mesh.get("filename", ""), path.parent, packages))
         return self._add(f"{robot}.urdf", ET.tostring(root) if meshes else data)

@@ -1,0 +1,160 @@
+"""Hash chain of a recording: each chunk begins with the SHA-256 of all that was written before it.
+
+Let s₀, s₁, … be the bytes of a file, divided before each chunk that begins with a link. Link k + 1 holds
+dₖ₊₁ = SHA-256(dₖ ‖ sₖ), with d₀ empty; the seal, written when the file is closed, holds the last one. The
+header of a later part names the seal of the part before it. So no byte can be changed, removed or inserted
+without changing all later links and the seal; a signature of the seal shows who wrote it.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Protocol
+
+from mcap.writer import CompressionType, Writer
+
+from armgate.recording import form
+
+
+class Stream(Protocol):
+    """Where the bytes go."""
+
+    def write(self, data: bytes, /) -> int:
+        """Take all of the bytes, or raise OSError."""
+
+    def tell(self) -> int:
+        """Return how many bytes were written."""
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+
+
+class Signer(Protocol):
+    """A private key."""
+
+    @property
+    def public(self) -> bytes:
+        """The public key, 32 bytes of Ed25519."""
+
+    def sign(self, data: bytes, /) -> bytes:
+        """Return the signature of some bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """End of a file's chain.
+
+    Attributes:
+        digest: The last link.
+        public: Public key of the signature; empty without one.
+        signature: Of ``digest``.
+    """
+
+    digest: bytes
+    public: bytes = b""
+    signature: bytes = b""
+
+    def metadata(self) -> dict[str, str]:
+        """Return the seal as it stands in a file."""
+        return {"sha256": self.digest.hex(), "key": self.public.hex(), "signature": self.signature.hex()}
+
+    @classmethod
+    def read(cls, metadata: Mapping[str, str]) -> "Seal":
+        """Return the seal in a file's metadata.
+
+        Raises:
+            ValueError: It is none.
+        """
+        return cls(*(bytes.fromhex(metadata.get(name, "")) for name in ("sha256", "key", "signature")))
+
+
+class _Hashed:
+    """Passes bytes on and hashes them."""
+
+    def __init__(self, stream: Stream) -> None:
+        self._stream = stream
+        self._digest = sha256()
+        self.tell, self.flush = stream.tell, stream.flush
+
+    def write(self, data: bytes) -> int:
+        self._digest.update(data)
+        return self._stream.write(data)
+
+    def link(self) -> bytes:
+        """Return the digest of what was written since the last link, which begins the next one."""
+        found = self._digest.digest()
+        self._digest = sha256(found)
+        return found
+
+
+_CHUNK = 1 << 20
+"""Bytes of messages after which a chunk ends even without a flush."""
+
+
+class ChainWriter:
+    """Writes a file of MCAP whose chunks are linked.
+
+    Args:
+        stream: Where the bytes go.
+        library: What writes it.
+        signer: Signs the seal; None: no signature.
+        chunk: Bytes of messages after which a chunk ends.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+
+    def __init__(
+        self, stream: Stream, library: str, *, signer: Signer | None = None, chunk: int = _CHUNK
+    ) -> None:
+        self._hashed = _Hashed(stream)
+        self._signer = signer
+        self._writer = Writer(self._hashed, chunk_size=chunk, compression=CompressionType.ZSTD)
+        self._writer.start(profile=form.PROFILE, library=library)
+        self.register_schema: Callable[[str, str, bytes], int] = self._writer.register_schema
+        self.register_channel: Callable[[str, str, int], int] = self._writer.register_channel
+        self.add_metadata: Callable[[str, dict[str, str]], None] = self._writer.add_metadata
+        self._channel: int | None = None
+        self._link: bytes | None = None
+        self._waiting = True
+
+    def chain(self, channel: int) -> None:
+        """Write links on this channel from the next chunk on."""
+        self._channel = channel
+
+    def add(self, channel: int, ns: int, data: bytes, sequence: int) -> None:
+        """Add a message.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        if self._link is not None and self._channel is not None:
+            link, self._link = json.dumps({"sha256": self._link.hex()}).encode(), None
+            self._writer.add_message(self._channel, ns, link, ns, sequence)
+        self._writer.add_message(channel, ns, data, ns, sequence)
+        self._waiting = True
+
+    def flush(self) -> None:
+        """End the chunk and hand everything to the operating system.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        if self._waiting:
+            self._writer.flush()
+            self._link, self._waiting = self._hashed.link(), False
+
+    def finish(self) -> Seal:
+        """Seal the chain and write the index: then the file is whole.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self.flush()
+        digest, signer = self._link or b"", self._signer
+        seal = Seal(digest) if signer is None else Seal(digest, signer.public, signer.sign(digest))
+        self._writer.add_metadata(form.SEAL, seal.metadata())
+        self._writer.finish()
+        self._hashed.flush()
+        return seal

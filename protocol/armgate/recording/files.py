@@ -1,0 +1,55 @@
+"""Access to the files of a recording, which may come from anywhere.
+
+Links in a run's folder are never followed, devices and pipes are never read, and files are written anew.
+"""
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import mkstemp
+from typing import BinaryIO
+
+from armgate.recording.errors import ForeignError
+
+_READ = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a file for reading.
+
+    Raises:
+        ForeignError: It is a symbolic link, a device, a pipe or a folder.
+        OSError: It cannot be read.
+    """
+    try:
+        descriptor = os.open(path, _READ)
+    except OSError as error:
+        if path.is_symlink():
+            raise ForeignError(path, "a symbolic link; expected the file itself") from error
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise ForeignError(path, "neither a file nor a folder; expected a recording")
+    return os.fdopen(descriptor, "rb")
+
+
+@contextmanager
+def written_anew(path: Path) -> Iterator[BinaryIO]:
+    """Write a file beside its place and put it there when it is complete; a link at that place is replaced.
+
+    Raises:
+        OSError: It cannot be written; what was there before stays.
+    """
+    descriptor, name = mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fchmod(stream.fileno(), 0o644)
+            os.fsync(stream.fileno())
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise

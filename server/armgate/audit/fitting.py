@@ -1,0 +1,68 @@
+"""Events that a cell can have: a gate takes only these, and a recording may hold others."""
+
+import math
+from collections.abc import Sequence
+from typing import assert_never
+
+from armgate.cell.cell import Cell
+from armgate.cell.events import (
+    Command,
+    GateEvent,
+    LeaseChange,
+    LinkChange,
+    PlanAnswer,
+    Reset,
+    Stop,
+    Tick,
+)
+
+_MOST = 1 << 53
+
+
+def misfit(cell: Cell, event: GateEvent) -> str | None:
+    """Return why this cell cannot have had an event; None if it can."""
+    named = () if isinstance(event, Reset) else event.robots if isinstance(event, Stop) else (event.robot,)
+    return _unknown(cell, named) or _numbers(cell, event)
+
+
+def _numbers(cell: Cell, event: GateEvent) -> str | None:
+    match event:
+        case Tick():
+            found = _tick(cell, event)
+        case Command():
+            found = _whole(event.seq, event.based_on, event.fence)
+        case PlanAnswer():
+            found = _whole(event.key.resets, event.key.target)
+        case LeaseChange():
+            found = _whole(event.fence or 0) or _share(event.speed)
+        case Reset():
+            found = _whole(event.stop)
+        case LinkChange() | Stop():
+            found = None
+        case _:
+            assert_never(event)
+    return found
+
+
+def _unknown(cell: Cell, names: Sequence[str]) -> str | None:
+    known = {robot.name for robot in cell.robots}
+    return next((f"there is no robot {name[:60]!r}" for name in names if name not in known), None)
+
+
+def _tick(cell: Cell, event: Tick) -> str | None:
+    n = cell.robot(event.robot).model.n
+    for name in ("q", "setpoint", "increment"):
+        values = getattr(event, name)
+        if len(values) != n or not all(map(math.isfinite, values)):
+            return f"{name}: expected {n} numbers"
+    return _whole(event.tick, event.index) or (
+        None if math.isfinite(event.time) else "time: expected a number"
+    )
+
+
+def _whole(*numbers: int) -> str | None:
+    return next((f"{number} is out of range" for number in numbers if abs(number) > _MOST), None)
+
+
+def _share(speed: float) -> str | None:
+    return None if 0.0 <= speed <= 1.0 else f"speed {speed}: expected 0 to 1"

@@ -1,0 +1,21 @@
+"""Damaged and hostile recordings: one clear error or a result, never a traceback; bounded memory and time."""
+
+import os
+
+import pytest
+
+from .damage import Content, tried, whole
+
+COUNT = int(os.environ.get("DAMAGED", "48"))
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory):
+    return Content(whole(tmp_path_factory.mktemp("whole")))
+
+
+@pytest.mark.parametrize("share", range(4))
+def test_every_tool_reads_or_refuses_what_is_damaged(content, share):
+    for seed in range(share, COUNT, 4):
+        tools = ("open", "replay", "explain", "recover", "view") + (("report",) if seed % 8 == 0 else ())
+        assert tried(content, seed, tools) == []

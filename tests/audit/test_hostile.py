@@ -1,0 +1,280 @@
+"""Recordings made to do harm: bounded memory, no links followed, only packed files read, one clear error."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from base64 import b64encode
+
+import pytest
+import yaml
+import zstandard
+from mcap.records import Chunk
+from mcap.writer import Writer
+
+from armgate.audit.build import recorded_cell
+from armgate.audit.errors import AuditError
+from armgate.audit.recovering import recovered
+from armgate.audit.reporting import page
+from armgate.recording import DamagedError, ForeignError, Header, Recording, Sink
+from support import records
+
+from .damage import NAME, Content, attempt, whole
+
+MEMORY = 1 << 30
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory):
+    return Content(whole(tmp_path_factory.mktemp("whole")))
+
+
+@pytest.fixture(scope="module")
+def header(tmp_path_factory):
+    return Recording.open(whole(tmp_path_factory.mktemp("header"))).header
+
+
+def with_header(folder, header):
+    with (folder / NAME).open("xb", buffering=0) as stream:
+        Sink(stream, header).close()
+    return folder
+
+
+def command(*arguments, memory=None):
+    def limited():
+        if memory is not None:
+            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+
+    return subprocess.run(
+        [sys.executable, "-m", "armgate.apps", *map(str, arguments)], check=False, capture_output=True,
+        text=True,         preexec_fn=limited, timeout=120, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+
+
+def refused(ended):
+    """It ended with one line of error."""
+    assert ended.returncode in (1, 2)
+    assert "Traceback" not in ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1
+    return ended.stderr
+
+
+# --- memory -----------------------------------------------------------------------------------------------
+
+
+def bomb(file, told, size=1 << 32, form="zstd"):
+    """A chunk of zeros, of which it tells a size."""
+    data = b""
+    if form == "zstd":
+        packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
+        parts = [packer.compress(bytes(1 << 24)) for _ in range(size >> 24)]
+        data = b"".join([*parts, packer.flush()])
+    chunk = Chunk(form, data, 1, 0, 0, told)
+    writer = Writer(file)
+    writer.start(profile="armgate", library="bomb")
+    builder = writer._Writer__record_builder
+    chunk.write(builder)
+    file.write(builder.end())
+    writer.finish()
+
+
+@pytest.mark.parametrize("told", [1 << 32, 1000, 0, (1 << 64) - 1])
+def test_a_bomb_is_refused_within_bounded_memory(tmp_path, told):
+    with (tmp_path / NAME).open("wb") as file:
+        bomb(file, told)
+    assert (tmp_path / NAME).stat().st_size < 1_000_000
+    assert "damaged" in refused(command("report", tmp_path, memory=MEMORY))
+    with pytest.raises(DamagedError):
+        recovered(tmp_path)
+
+
+def test_a_bomb_of_zeros_behind_a_header_is_refused(tmp_path, header):
+    file = tmp_path / NAME
+    with_header(tmp_path, header)
+    with (tmp_path / "bomb").open("wb") as stream:
+        bomb(stream, 1 << 31, 1 << 31)
+    start = (tmp_path / "bomb").read_bytes()
+    chunk = start[start.index(b"\x06", 8) :]
+    data = file.read_bytes()
+    end = data.index(b"\x0f\x04" + bytes(7))  # the end of the data
+    file.write_bytes(data[:end] + chunk[: 9 + int.from_bytes(chunk[1:9], "little")] + data[end:])
+    assert "no armgate writes that" in refused(command("report", tmp_path, memory=MEMORY))
+
+
+def test_a_plan_of_a_billion_increments_is_refused_at_once(tmp_path, content):
+    messages = list(content.messages)
+    for at, one in enumerate(messages):
+        if b'"over"' in one.data:
+            value = json.loads(one.data)
+            next(out for out in value["outputs"] if "plan" in out)["plan"]["then"] = 10**9
+            messages[at] = type(one)(**vars(one) | {"data": json.dumps(value).encode()})
+            break
+    content.write(tmp_path / NAME, messages, 1 << 14)
+    began = time.monotonic()
+    with pytest.raises(DamagedError, match="a plan of 1000000000 increments"):
+        page(Recording.open(tmp_path))
+    assert time.monotonic() - began < 20.0
+
+
+# --- links and devices ------------------------------------------------------------------------------------
+
+
+def test_a_link_in_the_place_of_the_report_is_replaced_and_its_target_stays(tmp_path):
+    folder, target = tmp_path / "run", tmp_path / "precious"
+    folder.mkdir()
+    target.write_text("precious")
+    records.write(folder)
+    (folder / "report.html").symlink_to(target)
+    ended = command("report", folder)
+    assert ended.returncode == 0, ended.stderr
+    assert target.read_text() == "precious"
+    assert not (folder / "report.html").is_symlink()
+    assert "<html" in (folder / "report.html").read_text()
+
+
+def test_links_in_the_place_of_recovery_files_are_not_followed(tmp_path):
+    folder, target = tmp_path / "run", tmp_path / "precious"
+    folder.mkdir()
+    target.write_text("precious")
+    file = records.write(folder, close=False)
+    for name in (f".{file.name}.recovering", f"{file.name}.damaged", f".{file.name}"):
+        (folder / name).symlink_to(target)
+    assert command("recover", folder).returncode == 0
+    assert target.read_text() == "precious"
+
+
+@pytest.mark.parametrize("target", ["elsewhere", "/dev/zero", "/etc/passwd", "nowhere"])
+@pytest.mark.parametrize("tool", ["open", "recover"])
+def test_a_recording_that_is_a_link_is_refused(tmp_path, tool, target):
+    records.write(tmp_path).rename(tmp_path / "elsewhere")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / NAME).symlink_to(tmp_path / target)
+    with pytest.raises(ForeignError, match="symbolic link"):
+        recovered(folder) if tool == "recover" else Recording.open(folder)
+
+
+def test_a_pipe_or_a_device_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / NAME)
+    for path in (tmp_path, tmp_path / NAME, "/dev/zero"):
+        with pytest.raises(ForeignError, match="neither a file nor a folder"):
+            Recording.open(type(tmp_path)(path))
+
+
+# --- the packed configuration -----------------------------------------------------------------------------
+
+
+def changed(header, **files):
+    packed = {name: b64encode(data).decode() for name, data in files.items()}
+    return header.model_copy(update={"files": header.files | packed})
+
+
+def config(header, change):
+    tree = yaml.safe_load(header.file("config.yaml"))
+    change(tree)
+    return changed(header, **{"config.yaml": yaml.safe_dump(tree).encode()})
+
+
+def urdf(tree, value):
+    tree["robots"]["A"]["urdf"] = value
+
+
+def mesh(tree, value):
+    tree["surroundings"]["post"]["shape"] = {"mesh": {"file": value}}
+
+
+def package(tree, value):
+    tree["robots"]["A"]["meshes"]["packages"] = {"p": value}
+
+
+PLACES = (
+    "/etc/shadow",
+    "/dev/zero",
+    "../config.yaml",
+    "/proc/self/environ",
+    "file:///etc/passwd",
+    "a\0b",
+    "none",
+)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("how", [urdf, mesh, package])
+def test_the_configuration_may_name_packed_files_only(header, how, place):
+    with pytest.raises(AuditError, match=r"is not packed with it|configuration"):
+        recorded_cell(config(header, lambda tree: how(tree, place)))
+
+
+@pytest.mark.parametrize("place", [*PLACES, "package://p/etc/passwd"])
+def test_a_description_may_name_packed_files_only(header, place):
+    mesh_ = b'<collision><geometry><mesh filename="%s"/></geometry></collision>' % place.encode()
+    more = b'<link name="more">%s</link><link' % mesh_.replace(b"\0", b"&#1;")
+    text = header.file("A.urdf").replace(b"<link", more, 1)
+    with pytest.raises(AuditError, match=r"is not packed with it|A.urdf|XML"):
+        recorded_cell(changed(header, **{"A.urdf": text}))
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/x", "../x", "..", ".", "", "a\0b", ".hidden", "a\nb", "x" * 300, "a/b"]
+)
+def test_a_packed_file_has_a_plain_name(header, name):
+    with pytest.raises(AuditError, match="expected a plain name"):
+        recorded_cell(changed(header, **{name: b"x"}))
+
+
+# --- one clear error --------------------------------------------------------------------------------------
+
+
+def crafted(folder, change, header):
+    """A recording with another header, whatever it is."""
+    value = json.loads(header.model_dump_json())
+    change(value)
+    base = Content(with_header(folder, header) / NAME)
+    one = base.messages[0]
+    base.messages[0] = type(one)(**vars(one) | {"data": json.dumps(value).encode()})
+    base.write(folder / NAME, base.messages, 1 << 20)
+    return folder
+
+
+CRAFTED = {
+    "bad base64": lambda h: h["files"].update({"config.yaml": "%%%"}),
+    "bad asset": lambda h: h["assets"].update({"x": "a"}),
+    "a NUL in a name": lambda h: h["files"].update({"a\0b": ""}),
+    "no robots": lambda h: h["description"].update(robots=[]),
+    "no description": lambda h: h.update(description={}),
+    "no files": lambda h: h.update(files={}),
+    "an early time": lambda h: h.update(origin_ns=-1),
+    "a late time": lambda h: h.update(origin_ns=10**21),
+    "a robot without a name": lambda h: h["description"]["robots"][0].pop("name"),
+    "texts for numbers": lambda h: h["description"].update(stop_distance="x"),
+}
+
+
+@pytest.mark.parametrize("what", CRAFTED)
+def test_a_crafted_header_gives_one_clear_error(tmp_path, header, what):
+    crafted(tmp_path, CRAFTED[what], header)
+    outcomes = {tool: attempt(tool, tmp_path) for tool in ("replay", "view", "report")}
+    assert ("refused", None) in outcomes.values()
+    assert {outcome for outcome, _ in outcomes.values()} <= {"refused", "read"}
+
+
+def test_names_are_no_formulas(tmp_path):
+    value = records.header().model_dump()
+    with (tmp_path / NAME).open("xb", buffering=0) as stream:
+        sink = Sink(stream, Header(**value | {"cell": "$\\frac{"}))
+        for k in range(20):
+            for time_, item in records.tick_items(k):
+                sink.put(item, time_)
+        sink.close()
+    content = Content(tmp_path / NAME)
+    crooked = [
+        type(one)(**vars(one) | {"data": one.data.replace(b'"s":{', b'"$\\\\frac{ \\u202e\\u001b[2J _":{')})
+        for one in content.messages
+    ]
+    content.write(tmp_path / NAME, crooked, 1 << 20)
+    text = page(Recording.open(tmp_path))
+    assert "Signals" in text
+    assert "\u202e" not in text
+    assert "\x1b" not in text

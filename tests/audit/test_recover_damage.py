@@ -1,0 +1,112 @@
+"""Recovery of damaged files: all that can be read is kept, and what is lost is said and marked."""
+
+import random
+
+import pytest
+
+from armgate.audit.recovering import recovered
+from armgate.recording import Gap, IncompleteError, Recording, Step
+from armgate.recording.scan import scan
+from support import records
+from support.clients import run
+
+
+def ticks(folder):
+    items = [item for _, item in Recording.open(folder).items()]
+    return [item.event.tick for item in items if isinstance(item, Step)]
+
+
+def gaps(folder):
+    return [item for _, item in Recording.open(folder).items() if isinstance(item, Gap)]
+
+
+def damaged(folder, change, count=200, **how):
+    """A recording of so many ticks, whose bytes were changed, with the places of its chunks."""
+    folder.mkdir(exist_ok=True)
+    file = records.write(folder, range(count), **how)
+    chunks, data = scan(file).chunks, bytearray(file.read_bytes())
+    change(data, chunks)
+    file.write_bytes(data)
+    return file
+
+
+TAILS = {
+    "zeros": bytes,
+    "garbage": lambda n: random.Random(3).randbytes(n),
+    "ones": lambda n: b"\xff" * n,
+    "magic": lambda n: (b"\x89MCAP0\r\n" * n)[:n],
+}
+
+
+@pytest.mark.parametrize("tail", TAILS)
+@pytest.mark.parametrize("length", [1, 9, 40, 2000])
+@pytest.mark.parametrize("instead", [True, False], ids=["over the end", "behind the end"])
+def test_a_bad_tail_is_cut_off_as_if_the_file_ended_there(tmp_path, tail, length, instead):
+    bad = TAILS[tail](length)
+
+    def over(data, _):
+        data[len(data) - instead * length :] = bad
+
+    file = damaged(tmp_path / "bad", over, close=False)
+    data = file.read_bytes()
+    cut = damaged(tmp_path / "cut", lambda data, _: None, close=False)
+    cut.write_bytes(data[: len(data) - length])
+    recovered(tmp_path / "bad")
+    recovered(tmp_path / "cut")
+    assert ticks(tmp_path / "bad") == ticks(tmp_path / "cut") != []
+    assert gaps(tmp_path / "bad") == []
+
+
+def flip(offset):
+    def change(data, chunks):
+        data[chunks[5].offset + offset] ^= 0x55
+
+    return change
+
+
+@pytest.mark.parametrize("close", [True, False])
+@pytest.mark.parametrize(
+    "change", [flip(100), flip(-1), flip(-9), flip(-5), flip(20), flip(30)],
+    ids=["data", "length", "kind", "longer", "size", "compression"],
+)  # fmt: skip
+def test_a_damaged_chunk_in_the_middle_is_skipped_and_marked(tmp_path, close, change):
+    file = damaged(tmp_path, change, close=close)
+    before = file.read_bytes()
+    (one,) = recovered(tmp_path)
+    # Chunk 0 is the header, each further one holds eight ticks.
+    assert ticks(tmp_path) == [k for k in range(200) if k // 8 != 4]
+    (gap,) = gaps(tmp_path)
+    assert gap.records == one.result.lost >= 24
+    assert one.original.read_bytes() == before
+    with pytest.raises(IncompleteError, match="were lost at"):
+        list(Recording.open(tmp_path).steps())
+
+
+def test_damage_that_hits_no_message_loses_none(tmp_path):
+    def index(data, chunks):
+        data[chunks[5].end : chunks[5].end + 4] = b"\x00\x00\x00\x00"
+
+    damaged(tmp_path, index)
+    (one,) = recovered(tmp_path)
+    assert (one.result.lost, one.original, gaps(tmp_path)) == (0, None, [])
+    assert ticks(tmp_path) == list(range(200))
+
+
+def test_two_damaged_places_leave_two_gaps(tmp_path):
+    def two(data, chunks):
+        for k in (3, 4, 9):
+            data[chunks[k].offset + 80] ^= 0xFF
+
+    damaged(tmp_path, two)
+    recovered(tmp_path)
+    assert len(gaps(tmp_path)) == 2
+
+
+async def test_the_command_says_what_was_lost(tmp_path):
+    damaged(tmp_path, flip(100))
+    status, said, _ = await run("recover", tmp_path)
+    assert status == 0
+    assert "more were lost to damage, which a gap marks" in said
+    assert "kept as recording-0001.mcap.damaged" in said
+    status, said, _ = await run("recover", tmp_path)
+    assert (status, said.strip().endswith("whole already")) == (0, True)
