@@ -248,6 +248,34 @@ def head_on(apart: float = 1.2, periods=(0.004, 0.012), tolerance: float = 0.0, 
     return build({"left": left, "right": right}, **changes)
 
 
+def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
+    """A boom of 2 m with a short wrist, measured with noise; walls on both sides and a ball in front."""
+    along = (0.0, 1.5707963267948966, 0.0)
+    joints = [
+        joint(-1, lower=-1.2, upper=1.2, speed=1.0,
+              bodies=(body("capsule", 0.04, 1.9, xyz=(1.0, 0, 0), rpy=along),)),
+        joint(0, xyz=(2.05, 0, 0), speed=2.0,
+              bodies=(body("capsule", 0.03, 0.2, xyz=(0.15, 0, 0), rpy=along),)),
+    ]  # fmt: skip
+    robot = {"urdf": urdf(joints), "start": [0.2, 0.3], "q_tolerance": tolerance, "lag_window": window}
+    around = {
+        "left": {"shape": {"box": [2.0, 0.1, 1.0]}, "xyz": [1.2, 1.4, 0], "rpy": [0, 0, 0.4]},
+        "right": {"shape": {"box": [2.0, 0.1, 1.0]}, "xyz": [1.2, -1.4, 0], "rpy": [0, 0, -0.4]},
+        "ball": {"shape": {"sphere": 0.1}, "xyz": [2.6, 0.0, 0]},
+    }
+    return build({"A": robot}, **({"surroundings": around, "response": "slow"} | changes))
+
+
+def lever(start: float = 0.2, tolerance: float = 0.0, **changes: Any) -> Cell:
+    """A slide of 0.8 m behind a turning joint, and balls that its tip reaches only if it is out too far."""
+    robot = {"urdf": slide(), "start": [0.0, start, 0.0], "q_tolerance": tolerance}
+    around = {
+        f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [1.7 * np.cos(a), 1.7 * np.sin(a), 0]}
+        for k, a in enumerate((-2.1, -0.9, 0.8, 2.0))
+    }
+    return build({"A": robot}, surroundings=around, **({"stop_distance": 0.05} | changes))
+
+
 def claw() -> str:
     """An arm of three joints with a forked mesh and a cone at its end."""
     along = (0.0, 1.5707963267948966, 0.0)
@@ -290,5 +318,5 @@ def mesh(**changes: Any) -> Cell:
 
 SCENES: dict[str, Callable[..., Cell]] = {
     "demo": demo, "planar": planar, "duel": duel, "wire": wire, "corner": corner, "tree": tree,
-    "mesh": mesh,
+    "mesh": mesh, "boom": boom, "lever": lever,
 }  # fmt: skip

@@ -320,6 +320,7 @@ def test_a_plan_after_none_replaces_none(way):
         hands.rest(0, count=2)
         hands.ask((STEP,))
         hands.play()
+        hands.rest(0)
         (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
         assert hands.gate.step(Reset(stop.id, "x"))[0].accepted
     hands.ask((STEP,))

@@ -66,17 +66,13 @@ def test_each_tick_reserves_from_what_was_measured():
     assert repr(s.main.occupied) == repr(s.occupancy_to(s.end, s.brake))
 
 
-@pytest.mark.parametrize("residue", [False, True])
-def test_an_answer_raises_what_is_proven_unless_there_is_a_residue(residue):
+def test_an_answer_raises_what_is_proven():
     hands = pair()
-    if residue:
-        stopped_behind(hands)
-        hands.rest(0, (hands.q[0][0] + STEP / 2,))  # on its way still
     hands.ask((-STEP,), answer=None)
-    kept, staged = hands.kept(), hands.gate._reservations._staged[0]
+    staged = hands.gate._reservations._staged[0]
     staged += 0.01  # as if the new way were proven to be farther
     hands.gate.step(PlanAnswer("left", hands.held[0].key, True))
-    assert hands.kept() == (kept if residue else staged.min())
+    assert hands.kept() == staged.min()
 
 
 def test_what_waits_for_an_answer_is_no_better_than_what_is_proven_anew():
@@ -96,23 +92,39 @@ def test_a_link_that_rebased_nearer_is_proven_there():
     assert hands.kept() == hands.kept(1) == pytest.approx(before - 0.01, abs=1e-6)
 
 
-def test_a_rebase_reserves_both_ways_until_rest():
+def test_a_rebase_reserves_both_ways_until_the_link_has_it():
     hands = pair()
     x = stopped_behind(hands)
-    s = in_step(hands, 2)
-    assert repr(s.main.occupied) == repr(s.occupancy_to((x,), (0.0,)))
+    s = in_step(hands, 1)
+    assert s.main.occupied.nodes == ((x + STEP,), (x,))
     hands.rest()
-    in_step(hands, 1)
+    assert in_step(hands, 1).main.occupied.nodes == ((x,),)
 
 
-def test_the_residue_counts_for_what_is_proven_too():
+def test_the_old_setpoint_counts_for_what_is_proven_too():
     hands = pair()
     before = hands.kept()
     x = stopped_behind(hands)
-    hands.rest(0, (x + STEP / 2,))  # on its way still
+    assert before - STEP - 1e-8 <= hands.kept() <= before - STEP + 1e-8
+    hands.rest(0, (x + STEP / 2,))  # it was on its way still
     hands.ask((-STEP,))
-    in_step(hands, 2)
-    assert hands.kept() <= before - STEP + 1e-8
+    in_step(hands, 1)
+    assert hands.kept() <= before - STEP / 2 + 1e-8
+
+
+@pytest.mark.parametrize("count", [1, 50])
+def test_a_link_that_rebases_again_and_again_holds_one_way_only(count):
+    """What a decision costs does not grow with them, and what is proven does not fall."""
+    hands = pair()
+    hands.ask((STEP,))
+    hands.play()
+    (x,), before = hands.q[0], hands.kept()
+    for k in range(count):
+        hands.tick[0] += 1
+        now, moving = hands.tick[0] * T, (x - STEP * 0.9**k,)
+        hands.gate.step(Tick("left", hands.tick[0], now, moving, (x,), (0.0,), rebased=True))
+        in_step(hands, 1)
+    assert hands.kept() == pytest.approx(before, abs=1e-8)
 
 
 def test_what_strayed_is_told_from_the_nearest_of_the_ways():

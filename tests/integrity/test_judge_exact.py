@@ -184,7 +184,7 @@ def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
     s, judge = hands.gate._robots[0], hands.gate._judge
     new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
     assert judge._step(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
-    s.residue = (s.main,)
+    s.next = s.main
     assert judge._step(s, new) is None
 
 

@@ -192,7 +192,7 @@ def test_a_retreat_begins_at_rest():
     retreat = rig.gate._judge._retreat
     assert len(retreat._floor) == 3
     retreat._floor.clear()
-    rig.gate._robots[0].moved = 1e-3
+    rig.gate._robots[0].last = (1e-3, 0.0, 0.0)
     assert rig.command(0, (-5e-4, -5e-4, -5e-4)).outcome is Outcome.REFUSED
 
 
@@ -245,9 +245,9 @@ def test_who_may_not_go_yet_for_it_still_moves_does_not_go_first():
     rig.step()
     for _ in range(5):
         rig.step()
-    rig.gate._robots[0].moved = 1e-3
+    rig.gate._robots[0].last = (1e-3, 0.0)
     assert rig.command(0, AWAY["fast"]).outcome is Outcome.REFUSED
-    rig.gate._robots[0].moved = 0.0
+    rig.gate._robots[0].last = (0.0, 0.0)
     assert rig.command(1, AWAY["slow"]).outcome is not Outcome.REFUSED
 
 

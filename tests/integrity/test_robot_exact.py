@@ -22,26 +22,60 @@ def tick(state, setpoint, q=None, time=None):
     state.take_tick(Tick("fast", number, 0.012 * number if time is None else time, q, setpoint, NOT), q)
 
 
-def test_how_far_it_moved_is_told_by_its_worst_joint_from_the_second_tick_on():
-    state = cart()
-    tick(state, (0.5, 0.0))
-    assert state.moved == 0.0
-    tick(state, (0.75, 0.125))
-    assert state.moved == 0.25
-    tick(state, (0.75, -0.375))
-    assert state.moved == 0.5
-
-
 @pytest.mark.parametrize(
-    ("tolerance", "moved", "rests"),
+    ("tolerance", "off", "rests"),
     [(0.0, 0.5e-6, True), (0.0, 1e-6, True), (0.0, 1.5e-6, False),
-     (0.25, 0.25, True), (0.25, 0.26, False), (0.25, 1e-7, True)],
+     (0.25, 0.25, True), (0.25, 0.25 + 0.9e-6, True), (0.25, 0.25 + 1.1e-6, False)],
 )  # fmt: skip
-def test_it_rests_if_it_moves_no_more_than_its_measurement_may_err(tolerance, moved, rests):
+def test_it_rests_if_it_is_measured_within_the_tolerance_of_its_setpoint(tolerance, off, rests):
     state = cart(tolerance=tolerance)
-    tick(state, NOT)
-    tick(state, NOT, (0.0, moved))
+    tick(state, NOT, (0.0, 0.5))
+    assert not state.resting
+    tick(state, NOT, (0.0, off))
     assert state.resting == rests
+
+
+def test_it_rests_where_it_stands_off_its_setpoint():
+    state = cart()
+    for off, rests in ((0.5, False), (0.5, True), (0.4, False), (0.4 + 1e-6, True)):
+        tick(state, NOT, (0.0, off))
+        assert state.resting == rests
+
+
+def test_it_does_not_rest_at_the_tick_that_moves_its_setpoint():
+    state = cart()
+    tick(state, NOT)
+    state.take_tick(Tick("fast", 1, 0.012, NOT, (1e-7, 0.0), (1e-7, 0.0)), NOT)
+    assert not state.resting
+    tick(state, (1e-7, 0.0))
+    assert state.resting
+
+
+@pytest.mark.parametrize(("since", "rests"), [(0.3, False), (0.499, False), (0.5, True), (0.6, True)])
+def test_a_delayed_robot_rests_once_its_window_has_passed(since, rests):
+    """Out and back: it is measured at its setpoint, and has yet to go out."""
+    state = cart(window=0.5)
+    tick(state, NOT, time=0.0)
+    tick(state, (1.0, 0.0), NOT, time=0.9)
+    tick(state, NOT, time=1.0)
+    tick(state, NOT, time=1.0 + since)
+    assert state.resting == rests
+
+
+def test_it_rests_at_its_first_tick_where_its_setpoint_is():
+    for window in (0.0, 0.5):
+        state = cart(window)
+        tick(state, (0.5, 0.0))
+        assert state.resting
+
+
+def test_it_does_not_rest_with_a_plan_under_way():
+    """The link may take the plan at any time: a reset now would leave it playing what nobody knows of."""
+    state = cart()
+    tick(state, NOT)
+    assert state.resting
+    state.pending = Plan("fast", PlanKey("s", 0, 1, -1), 1, (NOT,))
+    assert not state.resting
 
 
 def test_it_does_not_rest_while_any_joint_has_way_left():
@@ -87,13 +121,61 @@ def test_who_is_inside_has_the_limits_of_the_configuration():
     assert state.limits_now() == state.bounds
 
 
-def test_without_a_lag_window_no_setpoint_is_kept():
+def test_without_a_lag_window_a_setpoint_is_kept_from_a_rebase_to_the_next_tick():
     state = cart()
     for x in (0.0, 0.1, 0.2):
         tick(state, (x, 0.0))
-        state.rebase()
         assert list(state.history) == []
-    assert state.occupancy_to((0.2, 0.0), NOT).tube == NOT
+        state.rebase((x + 0.05, 0.0))
+        assert list(state.history) == [(math.inf, (x, 0.0))]
+    assert state.occupancy_to((0.25, 0.0), NOT).tube == NOT
+
+
+def test_a_rebase_to_the_same_setpoint_leaves_nothing_to_reserve():
+    state = cart(window=0.5)
+    tick(state, NOT)
+    state.rebase(NOT)
+    assert (list(state.history), state.resets) == ([], 1)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_a_joint_keeps_its_setpoint_unless_it_stands_off_by_more_than_the_tolerance(tolerance):
+    state = cart(tolerance=tolerance)
+    tick(state, (0.5, 0.25), (0.5 + 0.5 * tolerance, 0.5))
+    assert state.stand() == (0.5, 0.5)
+    tick(state, (0.5, 0.25), (0.5 - tolerance, 0.25 + tolerance))
+    assert state.stand() == (0.5, 0.25)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("faulted", "setpoint", "q", "stands"),
+    [
+        (False, 1.5, 2.005, 2.0),  # the limit is 2.0, the tolerance 0.01
+        (False, 1.5, 2.5, 2.0),
+        (False, 2.25, 2.5, 2.25),  # outside already: not farther
+        (False, 2.25, 2.125, 2.125),
+        (True, 1.5, 2.005, 2.0),
+        (True, 1.5, 2.5, 2.5),  # pushed there
+        (True, 1.5, 1.75, 1.75),
+    ],
+)
+def test_a_reset_leads_no_joint_out_of_its_limits(faulted, setpoint, q, stands, side):
+    state = cart(tolerance=0.01)
+    state.faulted = faulted
+    tick(state, (0.0, side * setpoint), (0.0, side * q))
+    assert state.stand() == (0.0, side * stands)
+
+
+def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that():
+    state = cart()
+    tick(state, (2.5, 0.0))
+    tick(state, (2.25, 0.0))
+    assert state.outside == (NOT, (0.25, 0.0))
+    state.faulted, state.strayed = True, 0.5
+    tick(state, (2.25, 0.0), (2.75, 0.0))
+    state.rebase(state.stand())
+    assert (state.q, state.strayed, state.outside) == ((2.75, 0.0), 0.0, (NOT, (0.75, 0.0)))
 
 
 def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
@@ -111,9 +193,9 @@ def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoi
     state = cart(window=0.5)
     tick(state, NOT, time=0.0)
     tick(state, (1.0, 0.0), NOT, time=0.25)
-    state.rebase()
+    state.rebase(NOT)
     assert (state.setpoint, state.played, state.resets) == (NOT, -1, 1)
     assert (math.inf, (1.0, 0.0)) in state.history
-    assert state.occupancy_to(NOT, NOT).tube[0] == 1.0
+    assert state.occupancy_to(NOT, NOT).nodes == ((1.0, 0.0), NOT)
     tick(state, NOT, time=0.5)
     assert (0.5, (1.0, 0.0)) in state.history  # as long as the window from the tick that heard of it

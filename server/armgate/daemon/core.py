@@ -83,7 +83,8 @@ class Core:
         self.ending = False
         self.on_state: OnState | None = None
         self.leasing = Leasing(Leases(self.robots, server.lease_ttl), self.peers, self._lease_changed)
-        self._tolerance = {robot.name: robot.q_tolerance for robot in cell.robots}
+        # Two measurements of a robot that stands differ by up to twice the tolerance.
+        self._noise = {robot.name: 2.0 * robot.q_tolerance for robot in cell.robots}
         self._links: tuple[ClockedLink | RemoteLink, ...] = tuple(links)
         self._runner = runner
         self._now = now
@@ -157,7 +158,7 @@ class Core:
     def at_rest(self) -> bool:
         """Whether no robot has anything left to play, nor was measured to move at its last tick."""
         return not any(link.remaining for link in self._links) and all(
-            moved <= self._tolerance[robot] for robot, moved in self._moved.items()
+            moved <= self._noise[robot] for robot, moved in self._moved.items()
         )
 
     @property

@@ -11,7 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armgate.cell.events import Command, GateEvent, GateOutput, Joints, Plan, Point, Stopped, Verdict
+from armgate.cell.events import (
+    Command,
+    GateEvent,
+    GateOutput,
+    Joints,
+    Plan,
+    Point,
+    Rebase,
+    Reset,
+    ResetAnswer,
+    Stopped,
+    Verdict,
+)
 from armgate.integrity.braking import stop_increments
 from armgate.integrity.certificate import Budget
 from armgate.integrity.gate import Gate
@@ -86,6 +98,8 @@ class GateBeside(Gate):
             slot, waiting = s.slot, s.pending
             outputs = self.step(event)
             self._follow_command(s, slot, waiting, recorded)
+        elif isinstance(event, Reset):
+            outputs = self._reset_beside(event, recorded)
         else:
             outputs = self.step(event)
         self._follow_stops(before, outputs, recorded)
@@ -103,6 +117,31 @@ class GateBeside(Gate):
                 self._reservations.drop(s)
             if plan is not None:
                 self._reservations.stage(s, plan, self._as_played(s, plan))
+
+    def _reset_beside(self, event: Reset, recorded: Sequence[GateOutput]) -> list[GateOutput]:
+        """Answer a reset by these rules, then lift or keep the stop as was done then."""
+        stopped = dict(self._stops)
+        before = [(s.setpoint, s.resets, list(s.stops)) for s in self._robots]
+        outputs = self.step(event)
+        lifted = any(isinstance(output, ResetAnswer) and output.accepted for output in recorded)
+        if not lifted:
+            self._stops = stopped
+            for s, (setpoint, resets, stops) in zip(self._robots, before, strict=True):
+                s.setpoint, s.resets, s.stops = setpoint, resets, stops
+            return outputs
+        for index in self._stops.pop(event.stop, ()):
+            self._robots[index].stops.remove(event.stop)
+        for rebase in (output for output in recorded if isinstance(output, Rebase)):
+            self._rebase_as(rebase)
+        return outputs
+
+    def _rebase_as(self, rebase: Rebase) -> None:
+        s = self._of(rebase.robot)
+        if (s.setpoint, s.resets) != (rebase.setpoint, rebase.resets):
+            s.rebase(rebase.setpoint)
+            s.resets = rebase.resets
+            self._reservations.hold_plan(s)
+            self._reservations.renew(s)
 
     def _as_played(self, s: RobotState, plan: Plan) -> Decision:
         """The recorded plan with what can be said of it at once; the rest is proven where it matters."""

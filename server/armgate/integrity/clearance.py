@@ -22,7 +22,7 @@ from armgate.cell.events import Joints
 from armgate.integrity.bounds import KeptBounds
 from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.compiled import screen_of
-from armgate.integrity.groups import ChainGroup, Group, groups_of
+from armgate.integrity.groups import ChainGroup, Group, bounded, groups_of
 from armgate.integrity.question import Binding, Found, Question, halves, middle, ordered, segments
 from armgate.integrity.screen import MARGIN, robot_pairs
 from armgate.integrity.swept import Array, Index, Space, Swept
@@ -51,17 +51,28 @@ class Clearance:
         self.cell = cell
         self.space = Space(cell)
         self.certifier = Certifier(cell)
-        self.groups = tuple(groups_of(self.space, i) for i in range(len(cell.robots)))
+        self.groups = [groups_of(self.space, i) for i in range(len(cell.robots))]
         pairs = [robot_pairs(gs, r.model.n) for gs, r in zip(self.groups, cell.robots, strict=True)]
         self.screen = screen_of(self.space, pairs, compiled)
         self.pairs_of = tuple(own.ids for own in pairs)
-        self._place = tuple({int(p): (g, k) for g in gs for k, p in enumerate(g.ids)} for gs in self.groups)
+        self._place = [_places(gs) for gs in self.groups]
         self.limits = np.array([p.limit for p in cell.pairs])
         self.limits_of = tuple(self.limits[ids] for ids in self.pairs_of)
         self.bound = KeptBounds(self.pairs_of)
         self.watch()
         self.held: list[list[Swept]] = [[] for _ in cell.robots]
         self._n = np.tile(np.array([0.0, 0.0, 1.0]), (len(cell.pairs), 1))
+
+    def fit(self, robot: int, places: Sequence[Joints], room: float) -> None:
+        """Have motion bounds that hold for a robot within ``room`` of these positions, and of those between.
+
+        What is kept stays: it was proven where the bounds held.
+        """
+        if self.space.fit(robot, places, room):
+            self.groups[robot] = bounded(self.space, robot, self.groups[robot])
+            self._place[robot] = _places(self.groups[robot])
+            n = self.cell.robots[robot].model.n
+            self.screen.replace(robot, robot_pairs(self.groups[robot], n))
 
     def growth(self, robot: int, step: Array) -> Array:
         """Returns by how much each of a robot's pairs can close when its joints move by ``step``."""
@@ -102,7 +113,8 @@ class Clearance:
     def survey(self, robot: int) -> None:
         """Proves all pairs of a robot's held occupancies anew: at the start, or if what was held is void."""
         self.watch()
-        self.bound.put(robot, np.concatenate([self._proven(robot, group) for group in self.groups[robot]]))
+        proven = [self._proven(robot, group) for group in self.groups[robot]]
+        self.bound.put(robot, np.concatenate([*proven, np.zeros(0)]))
         for pair in self.below(robot):
             if self.known(pair):
                 self.prove_held(robot, pair, Budget(_SURVEY_BUDGET))
@@ -263,3 +275,8 @@ class Clearance:
     def keep_n(self, group: Group, k: int, n: Array) -> None:
         """Keeps a better direction for a group's k-th pair."""
         self._n[group.ids[k]] = n * group.sign[k]
+
+
+def _places(groups: Sequence[Group]) -> dict[int, tuple[Group, int]]:
+    """The group of each pair and its place there."""
+    return {int(pair): (group, k) for group in groups for k, pair in enumerate(group.ids)}

@@ -48,7 +48,8 @@ class CompiledScreen(Screen):
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
         prepare()
-        self.pairs = tuple(pairs)
+        self.pairs = list(pairs)
+        self._space = space
         self._kernels = _kernels()
         self._cell = pack_cell(space)
         self._own = [_pack_pairs(own) for own in pairs]
@@ -59,6 +60,12 @@ class CompiledScreen(Screen):
         R, t = (np.repeat(x, _ROWS, axis=0) for x in (space.static.R, space.static.t))
         self._nodes = (R, t, np.zeros((_ROWS, bodies)), count)
         space.place_with(self._placer(space.cell))
+
+    def replace(self, robot: int, own: RobotPairs) -> None:
+        """Take other motion bounds for a robot's pairs."""
+        super().replace(robot, own)
+        self._cell = (*self._cell[:4], *_bounds(self._space))
+        self._own[robot] = _pack_pairs(own)
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Notes what a robot holds; written down when somebody looks."""
@@ -136,13 +143,19 @@ def pack_cell(space: Space) -> tuple[Any, ...]:
     robots["joints"], robots["bodies"] = [m.n for m in models], [len(m.bodies) for m in models]
     robots["joint"][1:] = np.cumsum(robots["joints"])[:-1]
     robots["body"][1:] = np.cumsum(robots["bodies"])[:-1]
-    widest = max(m.n for m in models)
-    motion, bend = np.zeros((len(cell.bodies), widest)), np.zeros((len(cell.bodies), widest, widest))
-    for i, m in enumerate(models):
-        mine = slice(robots["body"][i], robots["body"][i] + len(m.bodies))
-        motion[mine, : m.n], bend[mine, : m.n, : m.n] = space.motion[i], space.bend[i]
     joints = np.concatenate([_pack_joints(m) for m in models])
-    return robots, joints, _pack_bodies(space), _corners(space), motion, bend
+    return robots, joints, _pack_bodies(space), _corners(space), *_bounds(space)
+
+
+def _bounds(space: Space) -> tuple[Array, Array]:
+    """Motion and bend bounds of all bodies of the cell, as wide as the robot with most joints."""
+    models = [r.model for r in space.cell.robots]
+    bodies, widest, first = len(space.cell.bodies), max(m.n for m in models), 0
+    motion, bend = np.zeros((bodies, widest)), np.zeros((bodies, widest, widest))
+    for i, m in enumerate(models):
+        mine, first = slice(first, first + len(m.bodies)), first + len(m.bodies)
+        motion[mine, : m.n], bend[mine, : m.n, : m.n] = space.motion[i], space.bend[i]
+    return motion, bend
 
 
 def _pack_joints(model: RobotModel) -> Records:

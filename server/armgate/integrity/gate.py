@@ -103,11 +103,7 @@ class Gate:
         strayed = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
         if settled is None and fault is None:
             fault = f"{s.name} measured {strayed:.4g} rad or m off its stop path"
-        if event.rebased:
-            s.residue = s.reserved
         s.take_tick(event, event.q if settled is None else settled)
-        if s.resting:
-            s.residue = ()
         self._reservations.hold_plan(s)
         if event.rebased:
             self._reservations.renew(s)
@@ -243,12 +239,20 @@ class Gate:
         return out + [self._rebase(s) for s in robots if not s.stops]
 
     def _rebase(self, s: RobotState) -> Rebase:
-        """The setpoint becomes the measured q; what was proven of a robot that faulted is proven anew."""
-        s.rebase()
-        self._reservations.hold_plan(s)
+        """Let the setpoints begin where the robot stands, as far as that keeps what is proven.
+
+        What was proven of a robot that faulted is void: it is proven anew at what was measured.
+        """
+        setpoint = s.stand()
         if s.faulted:
+            s.rebase(setpoint)
             s.faulted = False
+            self._judge.forget(s.index)
+            self._reservations.hold_plan(s)
             self._reservations.renew(s)
+        else:
+            s.rebase(setpoint if self._reservations.prove_stand(s, setpoint) else s.setpoint)
+            self._reservations.hold_plan(s)
         return Rebase(s.name, s.setpoint, s.resets)
 
     def _link(self, event: LinkChange) -> list[GateOutput]:

@@ -4,7 +4,8 @@ The two sides of a pair move at their own time, so for one direction each is bou
 of one chain move together: their pair is seen from the nearer body, where only the joints between them move.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,17 +126,38 @@ def _build(
     shape_mine = np.array([at[id(m[1])] for m in members], dtype=np.intp)
     shape_theirs = np.array([at[id(m[2])] for m in members], dtype=np.intp)
     theirs = shape_theirs if other is None else np.array([m[2].index for m in members], dtype=np.intp)
-    chain = cell.robots[robot].model.chain
-    motion = space.motion[robot][mine]
-    if other == robot:
-        between = (chain[theirs] & ~chain[mine]).astype(np.float64)
-        motion = space.motion[robot][theirs] * between if chained else motion + space.motion[robot][theirs]
     common = (
         other, ids, mine, theirs,
         np.array([m[3] for m in members]),
         np.array([cell.pairs[k].limit for k in ids]),
-        shape_mine, shape_theirs, space.rows[shape_mine], space.rows[shape_theirs], motion,
+        shape_mine, shape_theirs, space.rows[shape_mine], space.rows[shape_theirs],
     )  # fmt: skip
     if not chained:
-        return Group(*common)
-    return ChainGroup(*common, space.bend[robot][theirs] * between[:, :, None] * between[:, None, :])
+        return Group(*common, _growth(space, robot, other, mine, theirs))
+    return ChainGroup(*common, *_between(space, robot, mine, theirs))
+
+
+def bounded(space: Space, robot: int, groups: Sequence[Group]) -> tuple[Group, ...]:
+    """Return a robot's groups with its present motion bounds."""
+    return tuple(_bounded(space, robot, group) for group in groups)
+
+
+def _bounded(space: Space, robot: int, group: Group) -> Group:
+    if isinstance(group, ChainGroup):
+        growth, bend = _between(space, robot, group.mine, group.theirs)
+        return replace(group, growth=growth, bend=bend)
+    return replace(group, growth=_growth(space, robot, group.other, group.mine, group.theirs))
+
+
+def _growth(space: Space, robot: int, other: int | None, mine: Index, theirs: Index) -> Array:
+    """R of the robot's bodies, (P, n); of both where the robot is the other side, too."""
+    motion = space.motion[robot][mine]
+    return motion + space.motion[robot][theirs] if other == robot else motion
+
+
+def _between(space: Space, robot: int, mine: Index, theirs: Index) -> tuple[Array, Array]:
+    """R (P, n) and G (P, n, n) of the outer bodies, for the joints between both bodies of a pair only."""
+    chain = space.cell.robots[robot].model.chain
+    between = (chain[theirs] & ~chain[mine]).astype(np.float64)
+    bend = space.bend[robot][theirs] * between[:, :, None] * between[:, None, :]
+    return space.motion[robot][theirs] * between, bend

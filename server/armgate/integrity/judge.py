@@ -64,6 +64,10 @@ class Judge:
             self._retreat.claim(state, decision.beta > 0.0)
         return decision
 
+    def forget(self, robot: int) -> None:
+        """Forget what a robot's retreat had reached: it was found elsewhere."""
+        self._retreat.forget(robot)
+
     def _clear(self, wish: Wish, state: RobotState, demand: Demand) -> Decision:
         """Tries the wish; in ``slow`` mode also less of it."""
         budget = Budget(BUDGET)

@@ -33,6 +33,7 @@ class NearestPairs:
         self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
+        self._motion: list[Array | None] = [None] * len(clearance.cell.robots)
         self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
 
     def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
@@ -65,16 +66,22 @@ class NearestPairs:
         }
 
     def _follow(self, robot: int, q: Joints | None) -> None:
-        """Lowers the bounds of a robot's pairs by what it moved; finds them where it is seen first."""
+        """Lower the bounds of a robot's pairs by what it moved.
+
+        They are found anew when it is seen first, and when its motion bounds have changed.
+        """
         last, self._last[robot] = self._last[robot], q
         if q is None or q == last:
             return
+        motion, before = self._clearance.space.motion[robot], self._motion[robot]
+        if motion is not before:
+            last, self._motion[robot] = None, motion
         self._still[robot] = self._clearance.space.still(robot, q)
         ids = self._clearance.pairs_of[robot]
         if last is not None:
             self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
             return
-        margin = self._margin[ids]
+        margin = np.full(len(ids), np.inf)
         self._measure(robot, np.arange(len(ids)), margin)
         self._margin[ids] = margin
 

@@ -6,11 +6,15 @@ old and the new, and every kept bound is the lower of both.
 
 import numpy as np
 
-from armgate.cell.events import Plan
+from armgate.cell.events import Joints, Plan
+from armgate.integrity.certificate import Budget
 from armgate.integrity.clearance import Clearance
 from armgate.integrity.judge import Decision
 from armgate.integrity.robot import Reserved, RobotState
 from armgate.integrity.swept import Array
+
+_BUDGET = 64
+"""Engine evaluations that a reset may cost for each robot whose setpoint it moves."""
 
 
 class Reservations:
@@ -23,6 +27,7 @@ class Reservations:
 
     def hold_plan(self, s: RobotState) -> None:
         """Reserves what the robot may still pass along the held plan."""
+        self._clearance.fit(s.index, s.places, s.room)
         occupied = s.occupancy_to(s.end, s.brake)
         s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
         self._hold(s)
@@ -44,7 +49,7 @@ class Reservations:
         s.main, s.next = s.next or s.main, None
         self._hold(s)
         staged = self._staged.pop(s.index, None)
-        if staged is not None and not s.residue:
+        if staged is not None:
             self._clearance.bound.put(s.index, staged)
 
     def drop(self, s: RobotState) -> None:
@@ -57,6 +62,23 @@ class Reservations:
         """Proves a robot's pairs anew where what was proven is void; also for what waits for an answer."""
         self._clearance.survey(s.index)
         self._lower_staged(s.index, self._clearance.bound.of(s.index))
+
+    def prove_stand(self, s: RobotState, setpoint: Joints) -> bool:
+        """Prove that a robot at rest may take another setpoint, and keep what is proven; False if it may not.
+
+        Every pair must keep its limit, or what is proven of it where that is less.
+        """
+        if setpoint == s.setpoint:
+            return True
+        c = self._clearance
+        swept = c.space.sweep(s.index, s.occupancy_at(setpoint))
+        need = np.minimum(c.limits_of[s.index], c.bound.of(s.index))
+        judged = c.judge(s.index, swept, None, need, Budget(_BUDGET))
+        if judged.binding is not None:
+            return False
+        c.bound.put(s.index, judged.lb)
+        self._lower_staged(s.index, judged.lb)
+        return True
 
     def _lower_staged(self, robot: int, lb: Array) -> None:
         """What waits for an answer holds for what else is reserved too: the lower of both, pair by pair."""

@@ -83,6 +83,11 @@ class Retreat:
         else:
             self._claim.pop(state.index, None)
 
+    def forget(self, robot: int) -> None:
+        """Forget the floors of a robot's pairs: what it had reached is not where it was found."""
+        for pair in self._clearance.pairs_of[robot].tolist():
+            self._floor.pop(pair, None)
+
     def widens(self, state: RobotState, end: Joints, violated: tuple[Binding, ...]) -> bool:
         """Says whether at least one violated margin, of a joint or of a pair, is proven wider at ``end``."""
         low, high = state.outside

@@ -12,10 +12,8 @@ from armgate.cell.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
 from armgate.integrity.lag import LargestIncrements, Stray, larger, memory, stray_of
 from armgate.integrity.limits import StepBounds
 from armgate.integrity.occupancy import Occupancy, occupancy
+from armgate.integrity.rest import STILL, Stillness, within
 from armgate.integrity.swept import Swept
-
-_STILL = 1e-6
-"""A robot that moves less in a tick rests, rad or m: a lag's last exponential part never quite ends."""
 
 _SAME_TIME = 1e-9
 """Rounding of times, s."""
@@ -48,20 +46,22 @@ class RobotState:
         last: Increment played at the last tick.
         held: The plan that the link plays; ``played`` is the index of its last increment played, −1 for none.
         pending: A plan that the link has not answered yet.
-        main: The occupancy along the held plan; ``next`` along the pending one; ``residue`` what a rebased
-            robot may still pass until it rests.
+        stillness: How long it was measured in one place.
+        changed: When its link last reported another setpoint, s.
+        main: The occupancy along the held plan; ``next`` along the pending one.
         unheard: Its link was lost or faulted, and its clock has not spoken since: it is not known to rest.
         strayed: By how much a faulted robot was found off its stop path in all.
         outside: By how much each joint may still be beyond its limits (lower, upper): a start outside,
             ratcheted back.
         slot: The tick that a command was judged for already.
-        history: Setpoints that a robot with transport delay may still follow, each with the time until which
-            it was in force (infinite: until the next tick).
+        history: Setpoints of the past that the robot may still follow: those of the lag window, and the one
+            before a rebase. Each with the time until which it was in force (infinite: until the next tick).
     """
 
     robot: Robot
     index: int
     bounds: StepBounds
+    stillness: Stillness
     largest: LargestIncrements
     stray: Stray | None = None
     link: LinkState = LinkState.WAITING
@@ -71,7 +71,7 @@ class RobotState:
     q: Joints = ()
     setpoint: Joints = ()
     last: Joints = ()
-    moved: float = 0.0
+    changed: float = -math.inf
     held: Plan | None = None
     played: int = -1
     pending: Plan | None = None
@@ -85,7 +85,6 @@ class RobotState:
     outside: tuple[Joints, Joints] = ((), ())
     main: Reserved | None = None
     next: Reserved | None = None
-    residue: tuple[Reserved, ...] = ()
     strayed: float = 0.0
     history: deque[tuple[float, Joints]] = field(default_factory=deque)
     applied_seq: int | None = None
@@ -124,13 +123,17 @@ class RobotState:
     @property
     def reserved(self) -> tuple[Reserved, ...]:
         """Everything that is reserved for the robot."""
-        return tuple(r for r in (self.main, self.next) if r is not None) + self.residue
+        return tuple(r for r in (self.main, self.next) if r is not None)
 
     @property
     def resting(self) -> bool:
-        """Nothing is left to play, and the measured q has come to rest."""
-        still = not self.unheard and not any(any(u) for u in self.remaining)
-        return still and self.pending is None and self.moved <= max(self.robot.q_tolerance, _STILL)
+        """True if nothing is left to play, no plan is under way, and the measured q has come to rest."""
+        if self.unheard or self.pending is not None or any(map(any, (self.last, *self.remaining))):
+            return False
+        if self.time < self.changed + self.robot.lag_window - _SAME_TIME:
+            return False
+        room = self.robot.q_tolerance + STILL
+        return self.stillness.reached or within(self.measured, self.setpoint, room)
 
     def limits_now(self) -> StepBounds:
         """Returns the bounds, widened where the robot started outside and has not come back yet."""
@@ -142,6 +145,19 @@ class RobotState:
         upper = tuple(x + (o + JOINT_SLACK if o else 0.0) for x, o in zip(b.upper, high, strict=True))
         return StepBounds(b.names, lower, upper, b.speed, b.accel, b.decel)
 
+    @property
+    def places(self) -> list[Joints]:
+        """Positions whose hull, widened by ``room``, holds every position that the robot may have or pass."""
+        return [self.measured, self.q, self.setpoint, self.end, *(q for _, q in self.history)]
+
+    @property
+    def room(self) -> float:
+        """How far the robot may be from the hull of ``places``, in every joint, rad or m."""
+        room = self.robot.q_tolerance + self.strayed + JOINT_SLACK
+        if self.stray is None:
+            return room
+        return room + max(self.stray.of(larger(self.largest.largest, self.bounds.speed))[0])
+
     def occupancy_to(self, end: Joints, increment: Joints) -> Occupancy:
         """Return the occupancy from the measured q over the setpoint to ``end``.
 
@@ -149,12 +165,21 @@ class RobotState:
             end: The end of the stop.
             increment: The first of the increments that lead there: no joint has a larger one after it.
         """
-        past = [q for _, q in self.history]
-        tolerance = self.robot.q_tolerance + self.strayed
+        return self._cover(self.setpoint, end, [q for _, q in self.history], increment)
+
+    def occupancy_at(self, setpoint: Joints) -> Occupancy:
+        """Return the occupancy after a rebase to ``setpoint``, until the link has it."""
+        past = [*(q for _, q in self.history), self.setpoint]
+        return self._cover(setpoint, setpoint, past, _between(self.setpoint, setpoint))
+
+    def _cover(self, setpoint: Joints, end: Joints, past: list[Joints], increment: Joints) -> Occupancy:
+        first, tolerance = self.q, self.robot.q_tolerance + self.strayed
+        if past and first == setpoint:  # the way from the farthest setpoint of the past covers it tighter
+            first = max(past, key=lambda q: math.dist(q, setpoint))
         if self.stray is None:
-            return occupancy(self.q, self.setpoint, end, past, tolerance)
+            return occupancy(first, setpoint, end, past, tolerance)
         unlike = self.stray.of(larger(self.largest.largest, increment))
-        return occupancy(self.q, self.setpoint, end, past, tolerance, unlike)
+        return occupancy(first, setpoint, end, past, tolerance, unlike)
 
     @property
     def off_companion(self) -> Joints:
@@ -167,34 +192,62 @@ class RobotState:
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
+        if self.tick >= 0 and event.setpoint != self.setpoint:
+            self.changed = event.time
+        self.stillness.note(event.q)
         if self.stray is not None:
             self.largest.add(_between(self.setpoint or event.q, event.setpoint))
-        self.moved = _farthest(event.q, self.measured) if self.tick >= 0 else 0.0
         self.tick, self.time, self.unheard = event.tick, event.time, False
         self.measured, self.q = event.q, settled
         self.setpoint, self.last = event.setpoint, event.increment
         self.outside = self._ratchet()
 
     def _remember(self, event: Tick) -> None:
-        """Keeps the setpoints that a robot with the declared transport delay may still be on its way to."""
+        """Keep the setpoints of the past that the robot may still be on its way to."""
         window = self.robot.lag_window
         if window <= 0.0 or self.tick < 0:
+            self.history.clear()
             return
         self.history.append((event.time, self.setpoint))
         past = [(min(until, event.time), q) for until, q in self.history]
         self.history = deque((until, q) for until, q in past if until >= event.time - window - _SAME_TIME)
 
-    def rebase(self) -> None:
-        """The setpoint becomes the measured q; a delayed robot may still be on its way to the old one."""
-        if self.robot.lag_window > 0.0:
+    def stand(self) -> Joints:
+        """Return the setpoint after a reset: where the robot stands.
+
+        A joint that is measured within the tolerance of its setpoint keeps it: noise must not move it, reset
+        by reset. A joint inside its limits is not led out of them by what the measurement may err by.
+        """
+        tolerance = self.robot.q_tolerance + STILL
+        at = self.measured if self.faulted else self.q
+        near = [abs(m - s) <= tolerance for m, s in zip(self.measured, self.setpoint, strict=True)]
+        inside = self._inside(at, tolerance)
+        return tuple(s if keep else x for s, keep, x in zip(self.setpoint, near, inside, strict=True))
+
+    def _inside(self, q: Joints, tolerance: float) -> Joints:
+        """Return ``q`` with the joints beyond their limits taken back to them, or to the setpoint outside.
+
+        Of a robot that faulted only those that are beyond by no more than the tolerance: it may be anywhere.
+        """
+        inside = []
+        for x, s, lower, upper in zip(q, self.setpoint, self.bounds.lower, self.bounds.upper, strict=True):
+            limited = min(max(x, min(lower, s)), max(upper, s))
+            inside.append(x if self.faulted and abs(limited - x) > tolerance else limited)
+        return tuple(inside)
+
+    def rebase(self, setpoint: Joints) -> None:
+        """Drop the plan and take another setpoint; until the link has it, the robot follows the old one.
+
+        What a robot that faulted had strayed and had reached on its way back into its limits is void.
+        """
+        if setpoint != self.setpoint:
             self.history.append((math.inf, self.setpoint))
+            self.largest.add(_between(self.setpoint, setpoint))
         self.held, self.played, self.resets = None, -1, self.resets + 1
-        self.largest.add(_between(self.setpoint, self.measured))
-        self.setpoint, self.last, self.q = self.measured, self.zeros, self.measured
-        # Until the link has heard of it, the robot is on its way to the old setpoint. What was reserved for
-        # one that faulted is void.
-        residue = () if self.faulted else self.reserved
-        self.slot, self.residue, self.strayed = self.tick, residue, 0.0
+        self.setpoint, self.last, self.slot = setpoint, self.zeros, self.tick
+        if self.faulted:
+            self.q, self.strayed, self.outside = self.measured, 0.0, ((), ())
+            self.outside = self._ratchet()
 
     def _ratchet(self) -> tuple[Joints, Joints]:
         low = tuple(max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True))
@@ -222,7 +275,8 @@ def robot_state(robot: Robot, index: int) -> RobotState:
         decel=row(robot.deceleration * T * T),
     )
     largest = LargestIncrements(memory(robot), robot.model.n)
-    return RobotState(robot, index, bounds, largest, stray_of(robot))
+    stillness = Stillness(robot.q_tolerance, T)
+    return RobotState(robot, index, bounds, stillness, largest, stray_of(robot))
 
 
 def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
@@ -234,7 +288,3 @@ def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
 
 def _between(a: Joints, b: Joints) -> Joints:
     return tuple([y - x for x, y in zip(a, b, strict=True)])
-
-
-def _farthest(a: Joints, b: Joints) -> float:
-    return max((abs(x - y) for x, y in zip(a, b, strict=True)), default=0.0)

@@ -74,8 +74,12 @@ class Screen:
     """
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
-        self.pairs = tuple(pairs)
+        self.pairs = list(pairs)
         self._table = _Table(space)
+
+    def replace(self, robot: int, own: RobotPairs) -> None:
+        """Take other motion bounds for a robot's pairs."""
+        self.pairs[robot] = own
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Notes what a robot holds."""

@@ -2,12 +2,16 @@
 
 Between two nodes q and q + δ each point x of a body strays from its chord by at most K/8 with
 K = Σ_ij |δ_i||δ_j|·G_ij, G_ij bounding |∂²x/∂q_i∂q_j|; the tube e adds Σ_j R_j·e_j, R_j bounding |∂x/∂q_j|.
-Both bounds hold for every q, so for a fixed direction n and *every* position in the occupancy
+so for a fixed direction n and *every* position in the occupancy
 
     n·x ≤ max over the nodes of n·x + K/8 + Σ_j R_j e_j.
+
+R and G hold for every q if all prismatic joints are nearer to the base than the revolute ones. A prismatic
+joint behind a revolute one is a lever whose length changes: there they hold for a `Range`, and are computed
+anew for a robot that is found outside of it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +22,7 @@ from armgate.cell.cell import Cell
 from armgate.cell.events import Joints
 from armgate.cell.motion import bend_bounds, motion_bounds
 from armgate.integrity.occupancy import Occupancy
+from armgate.integrity.range import Range
 from armgate.integrity.support import Rows, support, support_table
 
 Array = NDArray[np.float64]
@@ -88,17 +93,37 @@ class Swept:
 
 
 class Space:
-    """The cell's bodies as numbers: support parameters and motion bounds, and sweeps of occupancies."""
+    """The cell's bodies as numbers: support parameters and motion bounds, and sweeps of occupancies.
+
+    Attributes:
+        ranges: The positions of each robot for which its motion bounds hold.
+    """
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
         self.rows = support_table([b.shape for b in cell.bodies])
-        ranges = [(np.minimum(r.lower, r.start), np.maximum(r.upper, r.start)) for r in cell.robots]
-        self.motion = [motion_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
-        self.bend = [bend_bounds(r.model, *lu) for r, lu in zip(cell.robots, ranges, strict=True)]
+        self.ranges = [Range.of(r) for r in cell.robots]
+        self.motion = [motion_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
+        self.bend = [bend_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
         self.static = self._static()
         self._place: Place = lambda robot, q: cell.robots[robot].model.body_placements(q)
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
+
+    def fit(self, robot: int, nodes: Sequence[Joints], room: float) -> bool:
+        """Compute a robot's motion bounds anew if it may be outside of their range; True if that was needed.
+
+        Args:
+            robot: Its index.
+            nodes: Positions that it may have.
+            room: How far it may be from them, in every joint, rad or m.
+        """
+        fitted = self.ranges[robot].fitted(nodes, room)
+        if fitted is self.ranges[robot]:
+            return False
+        model = self.cell.robots[robot].model
+        self.ranges[robot] = fitted
+        self.motion[robot], self.bend[robot] = (f(model, *fitted.ends) for f in (motion_bounds, bend_bounds))
+        return True
 
     def place_with(self, place: Place) -> None:
         """Has bodies placed by another form of the same kinematics."""

@@ -36,7 +36,7 @@ class Berth:
     def __init__(self, link: DrivenLink, start: str, tolerance: float, settling: float) -> None:
         self._link = link
         self._start = start
-        self._tolerance = max(tolerance, _STILL)
+        self._noise = max(2.0 * tolerance, _STILL)  # two measurements of a robot that stands differ by that
         self._settling = settling
         self._change = LinkChange(link.robot, LinkState.WAITING, "the robot has not spoken yet")
         self._resets = 0
@@ -121,7 +121,7 @@ class Berth:
     def _note(self, tick: Tick) -> None:
         before, self._last = self._last, tick
         moved = 0.0 if before is None else max(abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
-        if self._link.remaining or any(tick.increment) or moved > self._tolerance:
+        if self._link.remaining or any(tick.increment) or moved > self._noise:
             self._still_since = None
         elif self._still_since is None:
             self._still_since = tick.time
