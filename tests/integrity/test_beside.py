@@ -243,3 +243,21 @@ def test_of_two_stops_the_one_that_was_raised_is_kept_with_its_number():
     assert_followed(both, way=False)
     assert (both.beside._stops.of(0), both.beside._stops.of(1)) == ([stopped.id], [])
     assert np.isfinite(both.beside._clearance.bound[0])
+
+
+@pytest.mark.parametrize("stricter", [0, 1])
+def test_a_reset_is_followed_whoever_would_have_taken_it(stricter):
+    """One of them has not heard of the robot since its link was lost."""
+    hands, both = followed(1.0)
+    (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
+    both.gate._robots[0].unheard, both.beside._robots[0].unheard = stricter == 1, stricter == 0
+    accepted = hands.gate.step(Reset(stop.id, "x"))[0].accepted
+    assert (accepted, both.now[0].accepted) == ((False, True) if stricter == 1 else (True, False))
+    for gate in (both.gate, both.beside):
+        gate._robots[0].unheard = False
+    assert_followed(both)
+    hands.ask((STEP,), answer=None)
+    assert_followed(both)
+    hands.rest(0)
+    assert hands.gate.step(Reset(stop.id, "x"))[0].accepted == (stricter == 1)
+    assert_followed(both)

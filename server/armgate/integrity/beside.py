@@ -99,7 +99,7 @@ class GateBeside(Gate):
             outputs = self.step(event)
             self._follow_command(s, slot, waiting, recorded)
         elif isinstance(event, Reset):
-            outputs = self._reset_beside(event, recorded)
+            outputs = self._reset_beside(event, before, recorded)
         else:
             outputs = self.step(event)
         self._follow_stops(before, outputs, recorded)
@@ -118,19 +118,19 @@ class GateBeside(Gate):
             if plan is not None:
                 self._reservations.stage(s, plan, self._as_played(s, plan))
 
-    def _reset_beside(self, event: Reset, recorded: Sequence[GateOutput]) -> list[GateOutput]:
+    def _reset_beside(self, event: Reset, stopped: Stops, recorded: Sequence[GateOutput]) -> list[GateOutput]:
         """Answer a reset by these rules, then lift or keep the stop as was done then."""
-        stopped = dict(self._stops)
-        before = [(s.setpoint, s.resets, list(s.stops)) for s in self._robots]
+        before = [(s.setpoint, s.resets, s.slot) for s in self._robots]
         outputs = self.step(event)
         lifted = any(isinstance(output, ResetAnswer) and output.accepted for output in recorded)
-        if not lifted:
+        stop = self._stops.find(event.stop)
+        if lifted and stop is not None:
+            self._stops.lift(stop)
+        elif not lifted:
             self._stops = stopped
-            for s, (setpoint, resets, stops) in zip(self._robots, before, strict=True):
-                s.setpoint, s.resets, s.stops = setpoint, resets, stops
-            return outputs
-        for index in self._stops.pop(event.stop, ()):
-            self._robots[index].stops.remove(event.stop)
+            for s, kept in zip(self._robots, before, strict=True):
+                s.setpoint, s.resets, s.slot = kept
+        self._note_stops(self._robots)
         for rebase in (output for output in recorded if isinstance(output, Rebase)):
             self._rebase_as(rebase)
         return outputs
