@@ -13,7 +13,8 @@ class Pipe:
     def __init__(self, room=10**9, limit=100):
         self.taken = []
         self.room = room
-        self.outbox = Outbox(self.write, limit)
+        self.reads = True
+        self.outbox = Outbox(self.write, limit, lambda: self.reads)
 
     def write(self, frame):
         self.taken.append(frame)
@@ -43,8 +44,20 @@ def test_a_slow_client_gets_every_verdict_and_each_robots_newest_state():
         pipe.outbox.put_states({"B": b"b%d" % number})
     assert pipe.taken == [b"v0"]
     pipe.drain(room=100)
-    assert pipe.taken == [b"v0", b"v1", b"v2", b"v3", b"v4", b"a4", b"b4"]
+    assert pipe.taken == [b"v0", b"v1", b"v2", b"v3", b"v4", b"a4b4"]
     assert pipe.outbox.empty
+
+
+def test_states_wait_for_a_client_that_does_not_read_and_answers_do_not():
+    pipe = Pipe()
+    pipe.reads = False
+    pipe.outbox.put_states({"A": b"a1", "B": b"b1"})
+    pipe.outbox.put_states({"A": b"a2"})
+    pipe.outbox.put(b"v1")
+    assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1"], True)
+    pipe.reads = True
+    pipe.outbox.write_states()
+    assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1", b"a2b1"], False)
 
 
 def test_too_many_unread_answers_are_an_overflow_and_states_are_none():

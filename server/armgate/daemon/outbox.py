@@ -17,11 +17,13 @@ class Outbox:
     Args:
         write: Hands a frame to the transport.
         limit: How many bytes of answers and verdicts may wait.
+        reads: Returns True if the client reads: only then are states written.
     """
 
-    def __init__(self, write: Callable[[bytes], None], limit: int) -> None:
+    def __init__(self, write: Callable[[bytes], None], limit: int, reads: Callable[[], bool]) -> None:
         self._write = write
         self._limit = limit
+        self._reads = reads
         self._queue: deque[bytes] = deque()
         self._queued = 0
         self._states: dict[str, bytes] = {}
@@ -53,10 +55,19 @@ class Outbox:
 
     def put_states(self, frames: Mapping[str, bytes]) -> None:
         """Send the states at a tick of these robots, each in place of one that still waits."""
-        if self._paused:
-            self._states.update(frames)
-        elif frames:
+        self._states.update(frames)
+        self.write_states()
+
+    def write_states(self) -> None:
+        """Write the states that wait, if the client reads."""
+        if self._states and not self._paused and self._reads():
+            frames, self._states = self._states, {}
             self._write(b"".join(frames.values()))
+
+    @property
+    def states_wait(self) -> bool:
+        """True if states wait for the client to read, and the transport would take them."""
+        return bool(self._states) and not self._paused
 
     def pause(self) -> None:
         """The transport's buffer is full: let everything wait."""
@@ -70,5 +81,4 @@ class Outbox:
             frame = self._queue.popleft()
             self._queued -= len(frame)
             self._write(frame)
-        while self._states and not self._paused:
-            self._write(self._states.pop(next(iter(self._states))))
+        self.write_states()

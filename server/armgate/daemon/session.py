@@ -1,11 +1,11 @@
 """One client's connection: bytes to messages, and what it is sent."""
 
 import asyncio
-import socket
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from armgate.daemon.allowance import Allowance
+from armgate.daemon.line import Line
 from armgate.daemon.listener import Place
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
@@ -28,8 +28,11 @@ from armgate.protocol import messages as m
 _LINGER = 1.0
 """How long a client may take to read the last message, s."""
 
-_BUFFER = 256 * 1024
-"""Bytes that the transport may hold before frames wait in the outbox."""
+_LOOK = 0.02
+"""Time between two looks at a client for which states wait, s."""
+
+_WATCH = 5.0
+"""Time between two looks whether the client's system still answers, s."""
 
 _ROOM = 16 * 1024
 """Bytes that are read at once: asyncio's own 256 KiB are memory that the system makes anew each time."""
@@ -49,9 +52,6 @@ _EVICTED = "no hello came while others waited for the place; say hello at once a
 
 _BYTES = 2048
 """Bytes that count as one more message."""
-
-_TCP = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
-_USER_TIMEOUT_MS = 20_000
 
 
 class Desk(Protocol):
@@ -121,8 +121,11 @@ class Session(asyncio.BufferedProtocol, Place):
         self._desk = desk
         self._connection = Connection(Side.SERVER, dialects)
         self._room = memoryview(bytearray(_ROOM))
-        self._outbox = Outbox(self._write, send_buffer)
+        self._outbox = Outbox(self._write, send_buffer, self._reads)
         self._transport: asyncio.Transport
+        self._line: Line
+        self._looking: asyncio.TimerHandle | None = None
+        self._watching: asyncio.TimerHandle | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._turns = turns
         self._allowance = allowance
@@ -155,8 +158,9 @@ class Session(asyncio.BufferedProtocol, Place):
         """A client connected."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        transport.set_write_buffer_limits(high=_BUFFER)
-        _keep_alive(transport.get_extra_info("socket"))
+        transport.set_write_buffer_limits(high=0)  # what waits waits in the outbox
+        self._line = Line(transport.get_extra_info("socket"))
+        self._watch_on()
         host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
         self.address = f"{host}:{port}"
         self._guarded(self._desk.opened, self)
@@ -200,18 +204,33 @@ class Session(asyncio.BufferedProtocol, Place):
         self._closing = True
         if self._pause is not None:
             self._pause.cancel()
+        for timer in (self._looking, self._watching):
+            if timer is not None:
+                timer.cancel()
         self._leave(self._overflow or ("connection lost" if exc is None else str(exc)))
         self._tell_closed()
 
     def pause_writing(self) -> None:
-        """The client reads slowly."""
+        """Let everything wait: the kernel takes no more."""
         self._outbox.pause()
 
     def resume_writing(self) -> None:
-        """The client has caught up."""
+        """Write what waits: the kernel takes it again."""
         self._outbox.resume()
+        self._look_later()
         if self._closing:
             self._write_eof()
+
+    def _watch(self) -> None:
+        """End the connection if the client's system has vanished; a client that only does not read stays."""
+        if self._line.vanished():
+            self._overflow = f"no answer from {self.address}"
+            self.abort()
+        else:
+            self._watch_on()
+
+    def _watch_on(self) -> None:
+        self._watching = asyncio.get_running_loop().call_later(_WATCH, self._watch)
 
     def identify(self, identity: str) -> None:
         """Count in this identity's limits and turns from now on."""
@@ -245,6 +264,21 @@ class Session(asyncio.BufferedProtocol, Place):
             self._outbox.put_states(
                 {state.state.robot: self._connection.send(state.state, state.frame) for state in states}
             )
+            self._look_later()
+
+    def _reads(self) -> bool:
+        return self._transport.is_closing() or self._line.has_room()
+
+    def _look_later(self) -> None:
+        """Look again whether the client reads, if states wait for that."""
+        if self._looking is None and self._outbox.states_wait:
+            self._looking = asyncio.get_running_loop().call_later(_LOOK, self._look)
+
+    def _look(self) -> None:
+        self._looking = None
+        if not self._closing:
+            self._outbox.write_states()
+            self._look_later()
 
     def hold(self) -> None:
         """Let states, and what of answers may wait, wait until as many `let_go` followed: they go as one."""
@@ -408,11 +442,3 @@ class Session(asyncio.BufferedProtocol, Place):
             function(*arguments)
         except Exception as error:
             self._desk.failed(error)
-
-
-def _keep_alive(sock: socket.socket) -> None:
-    """Find out within half a minute that a peer has vanished without a word."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for option, value in _TCP:
-        sock.setsockopt(socket.IPPROTO_TCP, option, value)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _USER_TIMEOUT_MS)
