@@ -110,10 +110,11 @@ def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, A
     """Writes series, metrics and pictures."""
     from armgate.apps.demo.plots import draw  # noqa: PLC0415
     from armgate.apps.stack.folder import write_metrics, write_series  # noqa: PLC0415
+    from armgate.apps.stack.judge import account  # noqa: PLC0415
     from armgate.apps.stack.metrics import columns, compute  # noqa: PLC0415
 
     seen = watch.seen
-    metrics = compute(seen, watch.cell.stop_distance, watch.wall, complete)
+    metrics = compute(seen, watch.cell.stop_distance, watch.wall, complete, account(folder))
     write_series(folder, seen.rows)
     write_metrics(folder, metrics)
     return metrics, draw(columns(seen.rows), metrics, folder)

@@ -30,7 +30,8 @@ def summary(metrics: Mapping[str, Any], folder: Path, pictures: Sequence[Path]) 
     written = (
         f"{folder}: metrics.json, series.csv, {len(pictures)} pictures, recording, configuration and logs"
     )
-    return Group(Text(), table, *robots, _pace(metrics), *notes, Text(written, style="dim"))
+    judged = [Text(f"monitor: {metrics['monitor']['summary']}")] if metrics.get("monitor") else []
+    return Group(Text(), table, *robots, *judged, _pace(metrics), *notes, Text(written, style="dim"))
 
 
 def _claims(metrics: Mapping[str, Any]) -> list[tuple[str, bool | None, str]]:

@@ -12,6 +12,7 @@ from armgate.apps.experiment.scene import Scene
 from armgate.apps.experiment.trials import Trial
 from armgate.apps.lead.path import format_path
 from armgate.apps.stack.folder import write_metrics, write_series
+from armgate.apps.stack.judge import account
 from armgate.apps.stack.metrics import compute
 from armgate.apps.stack.nursery import Nursery
 from armgate.apps.stack.processes import Crew
@@ -45,7 +46,7 @@ def play(
     if not ended.complete:
         return None
     watch = ended.watch
-    figures = compute(watch.seen, watch.cell.stop_distance, watch.wall, complete=True)
+    figures = compute(watch.seen, watch.cell.stop_distance, watch.wall, complete=True, judged=account(folder))
     entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, watch.seen)}
     write_series(folder, watch.seen.rows)
     write_metrics(folder, entry)

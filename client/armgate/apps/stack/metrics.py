@@ -18,6 +18,8 @@ SETTLED = 1.0
 """How long the angle error has to stay in its band for the transient to be over, s."""
 LONGEST_TRANSIENT = 5.0
 """After this time the transient counts as over in any case, s."""
+_JUDGED = ("states", "positions", "missed", "violations", "findings", "smallest", "summary")
+"""What of the monitor's account goes into the metrics."""
 
 
 def columns(rows: list[tuple[float, ...]]) -> dict[str, Array]:
@@ -67,7 +69,13 @@ def verdict_table(counts: Mapping[str, int]) -> dict[str, Any]:
     return table
 
 
-def compute(seen: Observation, stop_distance: float, wall: float, complete: bool) -> dict[str, Any]:
+def compute(
+    seen: Observation,
+    stop_distance: float,
+    wall: float,
+    complete: bool,
+    judged: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     """The content of ``metrics.json``.
 
     Args:
@@ -75,6 +83,7 @@ def compute(seen: Observation, stop_distance: float, wall: float, complete: bool
         stop_distance: The distance that the gate keeps to others and surroundings, m.
         wall: Time that passed by the wall clock while the states were observed, s.
         complete: Whether the path was run to its end.
+        judged: What the monitor wrote.
     """
     series = columns(seen.rows)
     over = transient_end(series["time_s"], series["angle_error_rad"])
@@ -94,6 +103,7 @@ def compute(seen: Observation, stop_distance: float, wall: float, complete: bool
         "realtime_factor": seen.elapsed / wall if wall > 0.0 else None,
         "states_missed": seen.missed,
         "warnings": seen.warnings,
+        "monitor": None if judged is None else {key: judged[key] for key in _JUDGED},
     }
     metrics["holds"] = promises(metrics)
     return metrics

@@ -14,6 +14,7 @@ import typer
 from armgate.apps.errors import AppError
 from armgate.apps.stack.causes import cause_of, died, stops_in
 from armgate.apps.stack.child import INTERRUPTED
+from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, watching
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.apps.stack.robots import KRC, SERVER, Robots
@@ -58,6 +59,8 @@ class Plan:
         record: The folder that the daemon records into; None for none.
         robots: What holds the robots, and stands in for them; None: the daemon does.
         view: Whether a viewer shows the run.
+        monitor: True if the run is watched by a second judge: by the clock live, in lock-step afterwards, by
+            the recording.
     """
 
     configs: Sequence[Path]
@@ -68,6 +71,7 @@ class Plan:
     record: Path | None = None
     robots: Robots | None = None
     view: bool = False
+    monitor: bool = True
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -161,6 +165,10 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
         )
         reader.start()
         _until_ready(crew, watch)
+        if plan.monitor and not plan.lockstep:
+            # Never in real time, either: it must delay no tick.
+            crew.launch(MONITOR, watching(address, plan.configs, plan.record), priority=ORDINARY)
+            _printed(crew, MONITOR, WATCHING)
         if plan.view:
             # Never in real time: a viewer must not take turns from the robots' processes.
             crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
@@ -168,7 +176,9 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             crew.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
         complete, failure = _watched(crew, plan, watch, show)
         reader.join(REST_TIME)
-    return Ended(watch, complete, failure)
+    if plan.monitor and plan.lockstep and plan.record is not None and complete:
+        failure = audit(crew, plan.record)
+    return Ended(watch, complete and failure is None, failure)
 
 
 def _watched(
@@ -253,6 +263,8 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
     if isinstance(event, Printed | Exited) and event.name == VIEWER:
         _tell_of_viewer(crew, event)
         return True
+    if isinstance(event, Printed) and event.name == MONITOR and (error := finding(event)) is not None:
+        raise error
     if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
         raise died(crew, cause_of(crew, event))
     return not isinstance(event, Asked)
@@ -260,7 +272,7 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
 
 def _needed(name: str) -> bool:
     """Return True for a child that has to run until the run ends it."""
-    return name in (DAEMON, SERVER) or name.startswith(KRC)
+    return name in (DAEMON, SERVER, MONITOR) or name.startswith(KRC)
 
 
 def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
@@ -272,17 +284,19 @@ def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
 
 
 def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
-    """End everything in order: participants slow to rest, then the viewer, daemon, KRCs and robot server.
+    """End everything in order: participants slow to rest, then monitor, viewer, daemon, KRCs, robot server.
 
     Returns:
         The failure of the run: the given one, or that of the first child that did not end well.
     """
     crew.send(signal.SIGINT, *plan.names)
     crew.wait(plan.names, REST_TIME)
-    for name in (VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
+    for name in (MONITOR, VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
         crew.send(signal.SIGTERM, name)
         crew.wait([name], REST_TIME)
     while (event := crew.next(0.0)) is not None:
+        if failure is None and isinstance(event, Printed) and event.name == MONITOR:
+            failure = finding(event)
         if failure is None and isinstance(event, Exited) and event.name != VIEWER:
             failure = died(crew, event) if event.status not in _ASKED else None
     left = [name for name in crew.running() if name != VIEWER]

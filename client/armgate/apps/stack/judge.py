@@ -1,0 +1,60 @@
+"""The second judge of a run: ``armgate monitor``, live by the clock, on the recording in lock-step.
+
+In lock-step time waits for nobody but the participants, so a client that looks on could miss states, and its
+stop would come at another step each time. The recording holds every state.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from armgate.apps.errors import AppError
+from armgate.apps.stack.processes import Crew, Exited, Printed
+
+MONITOR = "monitor"
+WATCHING = re.compile(r"^armgate: monitor: (watching .+)$")
+VIOLATED = re.compile(r"^armgate: monitor: (violated: .+)$")
+AUDIT_TIME = 600.0
+"""How long the audit of a recording may take, s."""
+
+
+def watching(address: str, configs: Sequence[Path], folder: Path | None) -> list[str]:
+    """Return what starts the live monitor, after ``armgate``."""
+    return ["monitor", address, *map(str, configs), *_written(folder)]
+
+
+def _written(folder: Path | None) -> list[str]:
+    return [] if folder is None else ["--json", str(_file(folder))]
+
+
+def _file(folder: Path) -> Path:
+    return folder / "monitor.json"
+
+
+def finding(event: Printed) -> AppError | None:
+    """Return the error that a line of the monitor means, None for any other line."""
+    match = VIOLATED.match(event.text)
+    return None if match is None else AppError(f"the monitor found a rule broken: {match[1]}")
+
+
+def audit(crew: Crew, folder: Path) -> AppError | None:
+    """Audit the recording of a run that has ended; return the error that it means."""
+    crew.launch(MONITOR, ["monitor", str(folder), *_written(folder)], priority=0)
+    found: AppError | None = None
+    while (event := crew.next(AUDIT_TIME)) is not None:
+        if isinstance(event, Printed) and event.name == MONITOR:
+            found = found or finding(event)
+        elif isinstance(event, Exited) and event.name == MONITOR:
+            failed = AppError(f"the monitor ended ({event.status}): {' '.join(crew.tail(MONITOR)[-1:])}")
+            return found or (failed if event.status else None)
+    return AppError(f"the audit took longer than {AUDIT_TIME:g} s; see {crew.log(MONITOR)}")
+
+
+def account(folder: Path | None) -> Mapping[str, Any] | None:
+    """Return what the monitor of a run wrote, None if it wrote nothing."""
+    if folder is None or not _file(folder).is_file():
+        return None
+    found: Mapping[str, Any] = json.loads(_file(folder).read_text(encoding="utf-8"))
+    return found
