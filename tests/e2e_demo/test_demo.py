@@ -104,8 +104,14 @@ def test_lock_step_from_any_folder_leaves_everything_in_its_own(tmp_path: Path) 
         assert (verdicts["limited"], verdicts["refused"]) == ({}, {})
     names = {file.name for file in out.iterdir()}
     pictures = {"angle_error.png", "distance_error.png", "leader_position.png", "clearance.png"}
-    assert names == pictures | {"metrics.json", "series.csv", "config.yaml", "logs", "recording-0001.mcap"}
-    assert {file.name for file in (out / "logs").iterdir()} == {"daemon.log", "leader.log", "follower.log"}
+    data = {"metrics.json", "series.csv", "config.yaml", "recording-0001.mcap", "monitor.json"}
+    assert names == pictures | data | {"logs"}
+    logs = {"daemon.log", "leader.log", "follower.log", "monitor.log"}
+    assert {file.name for file in (out / "logs").iterdir()} == logs
+    judged = metrics["monitor"]
+    assert (judged["violations"], judged["missed"]) == (0, {})
+    assert judged["states"] >= sum(metrics["ticks"].values())  # every state, not only those seen here
+    assert f"monitor: {judged['summary']}" in done.stdout
     with (out / "series.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == metrics["ticks"]["FR"] + 1 - int(rows[0]["time_s"] != "0")

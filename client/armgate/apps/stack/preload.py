@@ -6,7 +6,10 @@ from armgate.apps.cli import commands
 from armgate.control.compiled import prepare
 
 LIBRARIES = ("msgpack", "pydantic", "pinocchio", "coal", "fcl", "yaml", "asyncio", "ssl")
-OURS = ("armgate.apps.follow.loop", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell", "armgate.monitor.audit", "armgate.monitor.live")
+OURS = (
+    "armgate.apps.follow.loop", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell",
+    "armgate.monitor.audit",
+)  # fmt: skip
 
 for name in (*LIBRARIES, *OURS):
     importlib.import_module(name)
