@@ -412,6 +412,10 @@ def distances_too_large(patch):
     )  # fmt: skip
 
 
+def states_wait_for_what_was_said_ahead(patch):
+    patch.setattr(Session, "flush", lambda self: None)
+
+
 def who_is_faster_is_seen(patch):
     turns = count()
     around(
@@ -484,6 +488,7 @@ WRONG = {
     "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
     "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
     "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
+    "states wait for what was said ahead": (states_wait_for_what_was_said_ahead, "LCK-15/ahead", "session"),
     "who is faster is seen": (who_is_faster_is_seen, "LCK-12/faster", "session"),
     "every start the same": (every_start_the_same, "HEL-11/anew", "session"),
     "types of its own": (types_of_its_own, "EVO-4/unnamed", "session"),

@@ -106,6 +106,10 @@ class Denial:
 class Leases:
     """The leases of all robots of a cell.
 
+    A server that was stalled has messages to read that came in time. So a lease ends by ``heard``, the time
+    up to which everything that clients sent has been read, and is renewed from ``now``. If only ``now`` is
+    given, both are the same.
+
     Args:
         robots: Their names.
         ttl: Time to live of a lease without a sign of life from its holder, s.
@@ -145,7 +149,15 @@ class Leases:
         return min((grant.expires for grant in self._grants.values()), default=None)
 
     def acquire(
-        self, robot: str, session: str, role: Role, *, takeover: bool, speed: float, now: float
+        self,
+        robot: str,
+        session: str,
+        role: Role,
+        *,
+        takeover: bool,
+        speed: float,
+        now: float,
+        heard: float | None = None,
     ) -> Grant | Denial:
         """Gives the lease, if the robot is free, the session's own, or an operator takes it over."""
         if robot not in self._states:
@@ -158,12 +170,12 @@ class Leases:
             return Denial(ErrorCode.FORBIDDEN, f"only an operator can take {robot} over, not a {role}")
         if self._states[robot] is LeaseState.STOPPED:
             return Denial(ErrorCode.STOPPED, f"{robot} is stopped; an operator must reset the stop first")
-        return self._grant(robot, session, takeover, speed, now)
+        return self._grant(robot, session, takeover, speed, now, now if heard is None else heard)
 
-    def renew(self, session: str, now: float) -> None:
+    def renew(self, session: str, now: float, heard: float | None = None) -> None:
         """The session gave a sign of life: its leases that have not expired live on."""
         for grant in self.held_by(session):
-            if now < grant.expires:
+            if (now if heard is None else heard) < grant.expires:
                 self._move(grant.robot, LeaseEvent.RENEW)
                 self._grants[grant.robot] = replace(grant, expires=now + self.ttl)
 
@@ -206,10 +218,12 @@ class Leases:
     def _silent(self) -> str:
         return f"no sign of life from its holder for {self.ttl:g} s"
 
-    def _grant(self, robot: str, session: str, takeover: bool, speed: float, now: float) -> Grant | Denial:
+    def _grant(
+        self, robot: str, session: str, takeover: bool, speed: float, now: float, heard: float
+    ) -> Grant | Denial:
         displaced = None
         held = self._grants.get(robot)
-        if held is not None and now >= held.expires:
+        if held is not None and heard >= held.expires:
             displaced, held = self._lose(robot, LeaseEvent.EXPIRE, self._silent), None
         if held is None:
             event = LeaseEvent.ACQUIRE

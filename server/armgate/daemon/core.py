@@ -7,7 +7,7 @@ from armgate.cell import events
 from armgate.cell.cell import Cell
 from armgate.daemon import translate
 from armgate.daemon.board import Board, Newest
-from armgate.daemon.leasing import Leasing
+from armgate.daemon.leasing import LeaseTime, Leasing
 from armgate.daemon.library import Library
 from armgate.daemon.log import Log
 from armgate.daemon.peer import Peer, answer
@@ -39,6 +39,8 @@ OnState = Callable[
 
 _OURSELVES = "daemon"
 
+_NEVER = LeaseTime(0.0, 0.0)
+
 Defer = Callable[[Peer, Callable[[], None]], None]
 """Calls a function on behalf of a peer, when it is that peer's turn."""
 
@@ -57,6 +59,7 @@ class Core:
         defer: Calls a function when it is a peer's turn. With it, peers that hold no robot are sent states
             in their turn, so that a command in between does not wait for all of them. If their turn has not
             come when the next state is due, that one replaces it.
+        heard: Daemon time up to which everything that clients sent has been read, s; ``now`` if not given.
 
     Attributes:
         peers: The sessions by id.
@@ -75,6 +78,7 @@ class Core:
         log: Log,
         *,
         defer: Defer | None = None,
+        heard: Callable[[], float] | None = None,
     ) -> None:
         server = cell.config.server
         self.robots = tuple(robot.name for robot in cell.robots)
@@ -96,6 +100,7 @@ class Core:
         self._ticks: dict[str, events.Tick] = {}
         self._moved: dict[str, float] = {}
         self._defer = defer
+        self._heard = now if heard is None else heard
         self._unshown: dict[str, dict[str, Newest]] = {}
 
     # --- time ---------------------------------------------------------------------------------------------
@@ -162,9 +167,9 @@ class Core:
         )
 
     @property
-    def _lease_time(self) -> float:
+    def _lease_time(self) -> LeaseTime:
         # In lock-step the barrier finds out who is silent; how fast virtual time passes ends no lease.
-        return 0.0 if self._lockstep else self._now()
+        return _NEVER if self._lockstep else LeaseTime(self._now(), self._heard())
 
     # --- sessions -----------------------------------------------------------------------------------------
 

@@ -1,11 +1,26 @@
 """Leases in force: told to the gate and to those who lose one."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from armgate.cell.events import LeaseChange
 from armgate.daemon.peer import Peer, answer
 from armgate.protocol import Denial, ErrorCode, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseTime:
+    """Time for leases.
+
+    Attributes:
+        now: Daemon time, s: leases are renewed from here.
+        heard: Everything that clients had sent by then has been read: leases end by this.
+    """
+
+    now: float
+    heard: float
+
 
 NOBODY = -1
 """A fence that no lease has: a command with it is refused."""
@@ -45,10 +60,16 @@ class Leasing:
         """The sessions that hold a robot."""
         return self._leases.sessions
 
-    def acquire(self, peer: Peer, request: m.Acquire, now: float) -> None:
+    def acquire(self, peer: Peer, request: m.Acquire, time: LeaseTime) -> None:
         """Give the lease and answer, or raise the error to answer."""
         granted = self._leases.acquire(
-            request.robot, peer.id, peer.role, takeover=request.takeover, speed=request.speed, now=now
+            request.robot,
+            peer.id,
+            peer.role,
+            takeover=request.takeover,
+            speed=request.speed,
+            now=time.now,
+            heard=time.heard,
         )
         if isinstance(granted, Denial):
             raise RemoteProtocolError(granted.code, self._denied(request.robot, granted), about="acquire")
@@ -57,29 +78,29 @@ class Leasing:
         self._change(LeaseChange(granted.robot, granted.fence, granted.speed))
         peer.say(self._lease(request, granted.robot, granted.fence, "held", speed=granted.speed))
 
-    def release(self, peer: Peer, request: m.Release, now: float) -> None:
+    def release(self, peer: Peer, request: m.Release, time: LeaseTime) -> None:
         """Take the lease back and answer, or raise the error to answer."""
-        ended = self._leases.release(request.robot, peer.id, request.fence, now)
+        ended = self._leases.release(request.robot, peer.id, request.fence, time.heard)
         if isinstance(ended, Denial):
             raise RemoteProtocolError(ended.code, ended.text, about="release")
         self._change(LeaseChange(request.robot, None))
         peer.say(self._lease(request, request.robot, request.fence, "released"))
 
-    def fence(self, peer: Peer, command: m.Command, now: float) -> int:
+    def fence(self, peer: Peer, command: m.Command, time: LeaseTime) -> int:
         """The fence to judge a command by: the one that it names, but only from the robot's holder.
 
         A guessed number gives nobody a robot.
         """
-        self.expire(now)
+        self.expire(time)
         return command.fence if command.robot in self.held_by(peer.id) else NOBODY
 
-    def renew(self, peer: Peer, now: float) -> None:
+    def renew(self, peer: Peer, time: LeaseTime) -> None:
         """The session gave a sign of life."""
-        self._leases.renew(peer.id, now)
+        self._leases.renew(peer.id, time.now, time.heard)
 
-    def expire(self, now: float) -> None:
+    def expire(self, time: LeaseTime) -> None:
         """End the leases whose holders were silent for too long."""
-        self._lost(self._leases.expire(now))
+        self._lost(self._leases.expire(time.heard))
 
     def leave(self, peer: Peer) -> None:
         """The session is gone: its robots are free."""

@@ -60,7 +60,7 @@ class Line:
     def vanished(self) -> bool:
         """Return True if the peer has not answered for `_GIVE_UP`, now and when this was last called.
 
-        Linux's TCP_USER_TIMEOUT would also end a connection whose peer answers, but reads nothing for so long.
+        Linux's TCP_USER_TIMEOUT would also end a connection whose peer answers, but does not read.
         """
         info = _HEAD.unpack_from(self._sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _HEAD.size))
         unanswered = info[_UNACKED] and info[_LAST_ACK] > info[_LAST_DATA] + 1000 * _ANSWER

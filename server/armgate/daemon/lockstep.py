@@ -226,6 +226,9 @@ class Lockstep:
         finally:
             for peer in (*hushed.values(), *taking_part, *onlookers):
                 peer.let_go()
+            # A session that is being read is held on, and may have said its last word for the next step.
+            for peer in (*taking_part, *onlookers):
+                peer.flush()
         for peer in taking_part:
             if self._takes_part(peer):
                 self._hush(peer)

@@ -53,6 +53,9 @@ class Peer(Protocol):
     def let_go(self) -> None:
         """The opposite of `hold`."""
 
+    def flush(self) -> None:
+        """Write what waits because of `hold`, though it is held on."""
+
     def end(self, message: Message) -> None:
         """Send a last message and close."""
 

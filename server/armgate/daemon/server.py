@@ -20,6 +20,7 @@ from armgate.daemon.allowance import Allowance, Allowances, Rates
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
+from armgate.daemon.heard import Heard
 from armgate.daemon.library import BODY_EXACT, STOP_REPLACES
 from armgate.daemon.listener import Listener
 from armgate.daemon.lockstep import Lockstep
@@ -143,7 +144,8 @@ class Daemon:
         runner = GateRunner(judge, {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
         defer = None if lockstep else self._show_later
-        self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer)
+        heard = Heard(self._pace.now, lambda: self._turns.holders_wait)
+        self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer, heard=heard)
         self._periods = dict(zip((link.robot for link in links), periods, strict=True))
         self._links = links
         self._cell, self._recorder = cell, recorder

@@ -290,6 +290,10 @@ class Session(asyncio.BufferedProtocol, Place):
         if not self._holds:
             self._write_held()
 
+    def flush(self) -> None:
+        """Write what waits because of `hold`, though it is held on."""
+        self._write_held()
+
     def end(self, message: m.Message) -> None:
         """Send a last message and close."""
         self.say(message)

@@ -78,6 +78,11 @@ class Turns:
         self._others = Lane(_OTHERS, clock)
         self._armed = False
 
+    @property
+    def holders_wait(self) -> bool:
+        """True if a session that holds a robot waits for its turn."""
+        return self._holders.waiting
+
     def now(self, identity: str, holder: bool, work: Work) -> None:
         """Do work at once if this turn has time for it, else queue it."""
         lane = self._lane(holder)

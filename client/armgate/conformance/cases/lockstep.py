@@ -135,6 +135,27 @@ async def _(trial: Trial) -> None:
         await second.shown(step + 1)
 
 
+@case(
+    "LCK-15/ahead",
+    "One participant passes; the other sends its passes for this step and the next in one write",
+    "The states of the step that ended come at once, before the next step ends",
+    also=("LCK-5",),
+)
+async def _(trial: Trial) -> None:
+    first, second = await both(trial)
+    for _ in range(3):
+        step = first.step
+        second.pass_()
+        await second.wire.in_step()
+        first.wire.say({"type": "pass", "step": step}, {"type": "pass", "step": step + 1})
+        await first.shown(step + 1)
+        await second.shown(step + 1)
+        check(first.step == step + 1, f"step {first.step} was shown before both were done with {step + 1}")
+        second.pass_()
+        await first.shown(step + 2)
+        await second.shown(step + 2)
+
+
 @case("LCK-3/left", "One participant says bye; the other passes", "The step ends without the one that left")
 async def _(trial: Trial) -> None:
     first, second = await both(trial)
