@@ -15,12 +15,14 @@ from armgate.apps.follow.beside import Beside, Side
 from armgate.apps.follow.loop import FollowLoop, Progress, Wish, chase, tell_changes
 from armgate.apps.interrupt import Interrupt, interrupt
 from armgate.apps.robots import floor_of
+from armgate.apps.sharing import Sharing
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
-from armgate.client import Description, Entry, Nearest, Tick
+from armgate.client import Description, Entry, Nearest, Refused, Tick
 from armgate.client.tick import State
 from armgate.control.nearness import NearPair
+from armgate.protocol.messages import Error
 
 T = 0.012
 
@@ -63,11 +65,15 @@ class Connection:
         self.description = Description.model_validate_json(json.dumps(text, default=float))
         self.built = built
         self.shared: list[tuple[str, Any]] = []
+        self.lines: list[str] = []
+        self.refusal: Refused | None = None
 
     def urdf(self, name: str) -> str:
         return self.built.robot(name).urdf
 
     def signal(self, name: str, value: Any, *, more: bool = False) -> None:
+        if self.refusal is not None:
+            raise self.refusal
         self.shared.append((name, value))
 
 
@@ -78,6 +84,7 @@ class Held:
         self.q, self.leader = built.robot("FR").start.copy(), built.robot("GR").start.copy()
         self.progress, self.zoom = progress, zoom or (lambda tick: None)
         self.sent: list[np.ndarray] = []
+        self.owner = "l"
 
     def ticks(self) -> Any:
         for tick in range(2000):
@@ -87,14 +94,17 @@ class Held:
 
     def state(self, tick: int) -> State:
         common = {"tick": tick, "time": T * tick}
-        told = {"lead.progress": self.progress(tick), "operator.distance": self.zoom(tick)}
+        shared = {"lead.progress": self.progress(tick), "operator.distance": self.zoom(tick)}
         signals = {
-            name: {"owner": "l", "value": (value,), "time": 0.0}
-            for name, value in told.items()
+            name: {"owner": self.owner, "value": (value,), "time": 0.0}
+            for name, value in shared.items()
             if value is not None
         }
         q, leader = tuple(self.q.tolist()), tuple(self.leader.tolist())
-        entries = ({"robot": "FR", "q": q, "setpoint": q, **common}, {"robot": "GR", "q": leader, **common})
+        entries = (
+            {"robot": "FR", "q": q, "setpoint": q, **common},
+            {"robot": "GR", "q": leader, "holder": "l", **common},
+        )
         return State.model_validate({"robot": "FR", "entries": entries, "signals": signals, **common})
 
     def send(self, dq: list[float]) -> None:
@@ -108,11 +118,14 @@ def chased(
     wish: Interrupt | None = None,
     duration: float | None = None,
     zoom: Any = None,
+    owner: str = "l",
 ) -> Any:
     cell, robot = Connection(built), Held(built, progress, zoom)
+    robot.owner = owner
     loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
     try:
-        ended = chase(cell, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
+        sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
+        ended = chase(sharing, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
     except AppError as error:
         ended = str(error)
     return ended, cell, robot
@@ -215,10 +228,49 @@ def test_a_leader_that_leaves_early_is_told_at_rest(built: BuiltCell) -> None:
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
 
 
+def told(owner: str, value: float) -> Any:
+    return SimpleNamespace(owner=owner, value=(value,))
+
+
 def test_progress_before_the_leader_came() -> None:
     watched = Progress()
-    assert watched.ending(SimpleNamespace(signals={})) is None  # type: ignore[arg-type]
+    assert watched.ending(None, None) is None
     assert not watched.left
+
+
+def test_only_the_holder_of_the_leaders_robot_tells_the_progress(built: BuiltCell) -> None:
+    watched = Progress()
+    for foreign in (0.5, 1.0, 1e300):
+        assert watched.ending(told("stranger", foreign), "leader") is None
+    assert watched.ending(told("stranger", 1.0), None) is None
+    assert watched.ending(told("leader", 0.4), "leader") is None
+    assert watched.ending(told("leader", 0.5), None) is None  # it has just given its robot back
+    assert (watched.value, watched.left) == (0.5, False)
+    assert watched.ending(told("stranger", 1.0), None) == "the leader is gone"
+    assert watched.left
+    ended, _, _ = chased(built, lambda tick: 1.0, duration=0.6, owner="stranger")
+    assert ended == "time is over, at rest"
+
+
+@pytest.mark.parametrize("strange", [-1.0, 1.0000001, 1e300])
+def test_a_progress_that_cannot_be_leaves_the_last_one(strange: float) -> None:
+    watched = Progress()
+    assert watched.ending(told("leader", 0.4), "leader") is None
+    assert watched.ending(told("leader", strange), "leader") is None
+    assert watched.value == 0.4
+    assert watched.ending(told("leader", 1.0), "leader") == "the leader's path is done"
+
+
+@pytest.mark.parametrize("code", ["signal_owned", "too_many_signals", "forbidden"])
+def test_refused_signals_are_told_once_and_end_nothing(built: BuiltCell, code: str) -> None:
+    cell, robot = Connection(built), Held(built, lambda tick: None)
+    cell.refusal = Refused(Error(code=code, text="no", fatal=False))
+    loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
+    sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
+    ended = chase(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
+    assert ended == "time is over, at rest"
+    (line,) = cell.lines
+    assert line.startswith("some signals are not shared")
 
 
 def test_robots_that_cannot_do_it_are_named(built: BuiltCell) -> None:
@@ -240,8 +292,9 @@ def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
 
 def test_only_what_is_new_is_shared(built: BuiltCell) -> None:
     cell: Any = Connection(built)
-    told = tell_changes(cell, {"a": (1.0,), "b": (2.0,)}, {})
-    tell_changes(cell, {"a": (1.0,), "b": (3.0,)}, told)
+    sharing = Sharing(cell, cell.lines.append)
+    known = tell_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
+    tell_changes(sharing, {"a": (1.0,), "b": (3.0,)}, known)
     assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]
 
 

@@ -14,6 +14,7 @@ from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import read_path
 from armgate.apps.reach.goal import GAINS, Arm, Goal, away_from_surroundings, build, target
 from armgate.apps.reach.loop import Done, Steps, Watch, drive, write_motion
+from armgate.apps.sharing import Sharing
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.cell.placement import Placement, rotation_from_rpy
@@ -105,7 +106,9 @@ class Told:
 def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, Told]:
     told = Told()
     options = {"tolerance": 1e-3, "duration": 30.0, **change}
-    return drive(told, held, arm, options.pop("wish", Interrupt()), **options), told
+    return drive(
+        Sharing(told, lambda line: None), held, arm, options.pop("wish", Interrupt()), **options
+    ), told
 
 
 START = np.radians([0.0, 45.0, 45.0])

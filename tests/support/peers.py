@@ -16,7 +16,7 @@ class Peer:
 
     def __init__(self, id_, name, role="controller"):
         self.id, self.name, self.role = id_, name, role
-        self.identity = "here"
+        self.identity, self.token_name = "here", None
         self.robots = self.subscription = None
         self.heard = []
         self.ended = False

@@ -5,6 +5,7 @@ from typing import Any
 
 from armgate.cell import events
 from armgate.cell.cell import Cell
+from armgate.cell.config import ServerConfig, SignalRuleConfig
 from armgate.daemon import translate
 from armgate.daemon.board import Board, Newest
 from armgate.daemon.leasing import LeaseTime, Leasing
@@ -12,7 +13,7 @@ from armgate.daemon.library import Library
 from armgate.daemon.log import Log
 from armgate.daemon.peer import Peer, answer
 from armgate.daemon.runner import GateRunner, Told
-from armgate.daemon.signals import Signals
+from armgate.daemon.signals import Reserved, Sharer, Signals
 from armgate.links import ClockedLink
 from armgate.links.remote.client import RemoteEvent, RemoteLink
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
@@ -94,7 +95,7 @@ class Core:
         self._now = now
         self._lockstep = lockstep
         self._log = log
-        self._signals = Signals(server.signal_rate)
+        self._signals = _signals(server)
         self._board = Board(self.robots)
         self._library = Library(cell, lockstep)
         self._ticks: dict[str, events.Tick] = {}
@@ -249,7 +250,8 @@ class Core:
                 self.check_command(message)
                 self.judge(peer, message)
             case m.Signal():
-                self._signals.set(peer.id, peer.name, message.name, message.value, self._now())
+                sharer = Sharer(peer.id, peer.name, peer.role, peer.token_name)
+                self._signals.set(sharer, message.name, message.value, self._now())
                 peer.say(answer(m.Signaled, message, name=message.name))
             case m.Acquire():
                 self.leasing.acquire(peer, message, self._lease_time)
@@ -393,6 +395,15 @@ class Core:
 
     def _entry(self, robot: str) -> m.Entry:
         return translate.entry(robot, self._runner.view(robot), self.leasing.holder(robot))
+
+
+def _signals(server: ServerConfig) -> Signals:
+    rules = {"operator.": SignalRuleConfig(role="operator")} | server.signals
+    reserved = {
+        prefix: Reserved(rule.role == "operator", None if rule.clients is None else frozenset(rule.clients))
+        for prefix, rule in rules.items()
+    }
+    return Signals(server.signal_rate, server.signals_per_client, reserved)
 
 
 def _newer(waiting: dict[str, Newest], newer: dict[str, Newest]) -> dict[str, Newest]:

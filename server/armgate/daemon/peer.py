@@ -41,6 +41,10 @@ class Peer(Protocol):
     """The robots that it may command, None: all."""
     subscription: Subscription | None
 
+    @property
+    def token_name(self) -> str | None:
+        """Name of its token, None without one."""
+
     def say(self, message: Message, frame: bytes | None = None) -> None:
         """Send a message that may not be dropped; its frame is given if it is encoded already."""
 

@@ -516,7 +516,7 @@ class Daemon:
             outbound=OUTBOUND_LIMIT,
             max_age_ticks=self._max_age,
             lease_ttl=self._settings.lease_ttl,
-            signals=m.MAX_SIGNALS,
+            signals=self._settings.signals_per_client,
             signal_rate=self._settings.signal_rate,
         )
         return answer(

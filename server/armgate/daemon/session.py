@@ -148,6 +148,11 @@ class Session(asyncio.BufferedProtocol, Place):
         return bool(self.id)
 
     @property
+    def token_name(self) -> str | None:
+        """Name of the client's token, None without one."""
+        return None if self.token is None else self.token.name
+
+    @property
     def unread(self) -> int:
         """How many bytes wait here for a client that reads slowly."""
         return self._outbox.size

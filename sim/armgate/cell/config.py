@@ -287,6 +287,18 @@ class TlsConfig(Part):
     client_ca: str | None = None
 
 
+class SignalRuleConfig(Part):
+    """Clients that may set the signals under a prefix.
+
+    Attributes:
+        role: The least role.
+        clients: Names of clients (of their tokens, if the server has tokens); None: all.
+    """
+
+    role: Literal["controller", "operator"] = "controller"
+    clients: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
+
+
 class ServerConfig(Part):
     """Where and how the daemon serves; port 0 takes any free one.
 
@@ -300,6 +312,9 @@ class ServerConfig(Part):
         max_connections_per_address: How many of them from one address.
         connection_rate: How many connections are taken in per second on average; others wait.
         signal_rate: How many signals a client may send per second on average.
+        signals_per_client: How many signals a client (all clients with one token) may have.
+        signals: Who may set the signals whose names begin with a prefix; ``operator.`` is for operators
+            unless it is named here.
         message_rate: How many messages of a client are read per second on average; others wait. Not in
             lock-step.
         message_rate_per_identity: The same for all clients with one token (without tokens: at one address).
@@ -323,6 +338,8 @@ class ServerConfig(Part):
     max_connections_per_address: Annotated[int, Field(ge=1, le=4096)] = 64
     connection_rate: Annotated[float, Field(gt=0.0)] = 100.0
     signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
+    signals_per_client: Annotated[int, Field(ge=1, le=64)] = 32
+    signals: Annotated[dict[Name, SignalRuleConfig], Field(max_length=64)] = {}
     message_rate: Annotated[float, Field(gt=0.0)] = 2000.0
     message_rate_per_identity: Annotated[float, Field(gt=0.0)] = 3000.0
     message_rate_per_address: Annotated[float, Field(gt=0.0)] = 4000.0

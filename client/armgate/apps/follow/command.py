@@ -50,6 +50,7 @@ def follow(
     from armgate.apps.errors import UsageError  # noqa: PLC0415
     from armgate.apps.follow.loop import FollowLoop, Wish, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
+    from armgate.apps.sharing import Sharing  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
     from armgate.control.compiled import prepare  # noqa: PLC0415
 
@@ -60,7 +61,7 @@ def follow(
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
         wanted = Wish(distance, lag, focus=focus, predict=predict)
         loop = FollowLoop.build(cell, robot, leader, wanted)
-        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest"])
+        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest", "holder"])
         with cell.acquire(robot) as arm:
-            ended = chase(cell, arm, loop, wish, duration)
+            ended = chase(Sharing(cell, typer.echo), arm, loop, wish, duration)
     typer.echo(f"{robot}: {ended}")

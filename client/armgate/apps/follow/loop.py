@@ -10,7 +10,8 @@ from armgate.apps.follow.beside import Beside, Side
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.robots import bounds_of, described, floor_of, model_of
-from armgate.client import Cell, Robot, RobotDescription, Tick
+from armgate.apps.sharing import Sharing
+from armgate.client import Cell, Robot, RobotDescription, SignalValue, Tick
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import camera_law
 from armgate.control.follower import Follower, FollowStep, Situation
@@ -122,6 +123,10 @@ class FollowLoop:
         tool = None if self.wish.focus is None else self._tool(leader)
         return Answer(self.follower.step(now), played, distance, focus, near, tool)
 
+    def told(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
+        """Return the signal of the leader's progress, and the name of the client that holds its robot."""
+        return tick.signals.get("lead.progress"), tick.entry(self.leader.name).holder
+
     def _distance(self, tick: Tick) -> float:
         """The wanted view distance: while there is an operator, the last of theirs that makes sense."""
         told = tick.signals.get("operator.distance")
@@ -182,7 +187,7 @@ class Answer:
         }
 
 
-def chase(cell: Cell, robot: Robot, loop: FollowLoop, wish: Interrupt, duration: float | None) -> str:
+def chase(sharing: Sharing, robot: Robot, loop: FollowLoop, wish: Interrupt, duration: float | None) -> str:
     """Follows until the leader is done, the time is over, or somebody asks to end; then slows to rest.
 
     Returns:
@@ -202,10 +207,12 @@ def chase(cell: Cell, robot: Robot, loop: FollowLoop, wish: Interrupt, duration:
         answer = loop.step(tick)
         if ending is not None and np.all(np.abs(answer.played) < AT_REST):
             break
-        told = tell_changes(cell, answer.signals(), told)
+        told = tell_changes(sharing, answer.signals(), told)
         if ending is None:
             over = duration is not None and tick.time - begin >= duration
-            ending = "interrupted" if wish.asked else "time is over" if over else watched.ending(tick)
+            ending = (
+                "interrupted" if wish.asked else "time is over" if over else watched.ending(*loop.told(tick))
+            )
         robot.send((answer.step.dq if ending is None else loop.bounds.braked(answer.played)).tolist())
     if watched.left:
         raise AppError(
@@ -218,30 +225,42 @@ def chase(cell: Cell, robot: Robot, loop: FollowLoop, wish: Interrupt, duration:
 class Progress:
     """What is known of the leader's path.
 
+    Only what the holder of the leader's robot shares counts, and only from 0 to 1: any client may take the
+    signal's name first.
+
     Attributes:
         value: The newest progress, 0 to 1.
-        left: Whether the leader is gone although its path was not done.
+        left: True if the leader is gone although its path was not done.
     """
 
     value: float = 0.0
     left: bool = False
-    _seen: bool = False
+    _owner: str | None = None
 
-    def ending(self, tick: Tick) -> str | None:
-        """Why to end, None to go on. A leader that never tells its progress is followed without end."""
-        told = tick.signals.get("lead.progress")
-        if told is None:
-            self.left = self._seen
-            return "the leader is gone" if self._seen else None
-        self._seen, self.value = True, told.value[0]
+    def ending(self, told: SignalValue | None, holder: str | None) -> str | None:
+        """Return why to end, None to go on. A leader that never shares its progress is followed without end.
+
+        Args:
+            told: The signal of the progress.
+            holder: Name of the client that holds the leader's robot.
+        """
+        if told is not None and told.owner == holder:
+            self._owner = holder
+        if self._owner is None:
+            return None
+        if told is None or told.owner != self._owner:
+            self.left = True
+            return "the leader is gone"
+        if 0.0 <= told.value[0] <= 1.0:
+            self.value = told.value[0]
         return "the leader's path is done" if self.value >= 1.0 else None
 
 
 def tell_changes(
-    cell: Cell, values: dict[str, tuple[float, ...]], told: dict[str, tuple[float, ...]]
+    sharing: Sharing, values: dict[str, tuple[float, ...]], told: dict[str, tuple[float, ...]]
 ) -> dict[str, tuple[float, ...]]:
-    """Shares what is new; what was told before stays known to everybody."""
+    """Share what is new; return what is shared now."""
     for name, value in values.items():
         if told.get(name) != value:
-            cell.signal(name, value, more=True)
+            sharing.share(name, value)
     return {**told, **values}

@@ -10,6 +10,7 @@ from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import RecordedPath
 from armgate.apps.lead.playback import REACHED, Playback
 from armgate.apps.lead.shaping import Bounds
+from armgate.apps.sharing import Sharing
 from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
 
 TOLD_EVERY = 4
@@ -83,7 +84,7 @@ def drive(
         Lost: The lease was lost or the robot stopped.
         ConnectionLost: The daemon is gone.
     """
-    last, settled, held = LastIncrement(), 0, False
+    last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, tell)
     for count, tick in enumerate(robot.ticks()):
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
@@ -94,7 +95,7 @@ def drive(
         if settled * playback.period > SETTLE:
             return f"{playback.end:.1f} s of the path played, at rest"
         if count % TOLD_EVERY == 0 or settled == 1:
-            cell.signal("lead.progress", playback.progress, more=True)
+            sharing.share("lead.progress", playback.progress)
         dq = playback.brake(played) if wish.asked else playback.step(setpoint, played)
         held = _tell_held(robot.send(dq.tolist()), playback, held, tell)
     raise AssertionError("ticks end only by an exception")

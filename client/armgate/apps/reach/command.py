@@ -86,6 +86,7 @@ def reach(
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.apps.reach.goal import Goal, build  # noqa: PLC0415
     from armgate.apps.reach.loop import drive, write_motion  # noqa: PLC0415
+    from armgate.apps.sharing import Sharing  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
     from armgate.control.redundancy.reach import Method, Tuning  # noqa: PLC0415
 
@@ -103,7 +104,7 @@ def reach(
         arm = build(cell, robot, goal)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
         with cell.acquire(robot) as held:
-            done = drive(cell, held, arm, wish, tolerance=tolerance, duration=duration)
+            done = drive(Sharing(cell, typer.echo), held, arm, wish, tolerance=tolerance, duration=duration)
     if out is not None:
         write_motion(out, arm.robot, done.setpoints)
     done.check(robot)

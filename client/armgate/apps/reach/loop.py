@@ -11,7 +11,8 @@ from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import format_path
 from armgate.apps.reach.goal import Arm
-from armgate.client import Cell, Robot, RobotDescription, Verdict
+from armgate.apps.sharing import Sharing
+from armgate.client import Robot, RobotDescription, Verdict
 from armgate.control.bounds import IncrementBounds
 
 Array = NDArray[np.float64]
@@ -122,7 +123,9 @@ class Steps:
         return float((np.abs(increment) / self.bounds.step).max())
 
 
-def drive(cell: Cell, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: float, duration: float) -> Done:
+def drive(
+    sharing: Sharing, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: float, duration: float
+) -> Done:
     """Drives until the target is reached and the objectives are at rest, or it cannot be; then comes to rest.
 
     Raises:
@@ -145,7 +148,7 @@ def drive(cell: Cell, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: flo
         controller = controller or arm.controller(setpoint)
         answer = controller.velocity(setpoint)
         error = float(np.linalg.norm(answer.error))
-        cell.signal("reach.error", error, more=True)
+        sharing.share("reach.error", error)
         ended = ("interrupted", None) if wish.asked else watch.update(tick.time, error, steps.pace(played))
         dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
         watch.take(robot.send(dq.tolist()))

@@ -12,6 +12,7 @@ COLUMNS = (
     "leader_x_m", "leader_y_m", "leader_z_m",
 )  # fmt: skip
 NAN = float("nan")
+_NOWHERE = (NAN, NAN, NAN)
 _SEVERITY = {"admitted": 0.0, "limited": 1.0, "refused": 2.0}
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 
@@ -112,10 +113,8 @@ class Observation:
             found = state.signals.get(name)
             return NAN if found is None else found.value[0]
 
-        focus = state.signals.get("follow.focus")
-        place = (NAN, NAN, NAN) if focus is None else focus.value[:3]
-        apart = state.signals.get("follow.leader")
-        leader = place if apart is None else apart.value[:3]
+        place = _point(state, "follow.focus") or _NOWHERE
+        leader = _point(state, "follow.leader") or place
         return (
             state.time - self.first_time, value("follow.angle_error"), value("follow.distance_error"),
             value("follow.distance"), *place, clearance, value("follow.repulsion"), value("lead.progress"),
@@ -149,3 +148,9 @@ def same_robot(pair: tuple[str, str]) -> bool:
     """Whether both bodies belong to one robot (``FR/link_2``, ``FR/link_5``)."""
     a, b = (name.partition("/") for name in pair)
     return bool(a[1]) and a[0] == b[0] and bool(b[1])
+
+
+def _point(state: State, name: str) -> tuple[float, ...] | None:
+    """Return a signal that is a place; None if there is none, or it is something else."""
+    found = state.signals.get(name)
+    return None if found is None or len(found.value) != len(_NOWHERE) else found.value

@@ -18,6 +18,8 @@ LINES = 6
 """How many of the smallest clearances are drawn."""
 GHOST: looks.RGB = (120, 60, 200)
 ELLIPSOID: looks.RGB = (60, 130, 220)
+_POINT = 3
+"""Numbers of a signal that is a place."""
 SPEED = 0.12
 """Length that the ellipsoid gives to 1 m/s at joint speeds of length 1, m."""
 THIN = 0.004
@@ -98,9 +100,10 @@ class Overlays:
     def _draw_camera(self, state: State, poses: Poses) -> None:
         robot, shown = self._scene.camera_robot, self.shown["camera"]
         focus = state.signals.get("follow.focus")
-        self._focus.visible = shown and focus is not None
-        if focus is not None:
-            self._focus.position = focus.value[:3]
+        known = focus is not None and len(focus.value) == _POINT
+        self._focus.visible = shown and known
+        if focus is not None and known:
+            self._focus.position = focus.value
         q = None if robot is None else q_of(state, robot.name)
         self._frustum.visible = shown and q is not None
         if robot is not None and q is not None and robot.described.camera is not None:

@@ -34,5 +34,5 @@ def zoom(
     if not low <= start <= high:
         raise UsageError(f"expected --low ≤ --start ≤ --high, got {low:g}, {start:g} and {high:g} m")
     own = login(token_file, ca, cert, key)
-    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
+    with interrupt() as wish, connect(address, name=name, role="operator", **own) as cell:
         share(cell, Wishes(low, high, start, rate, seed), wish, duration)

@@ -256,6 +256,9 @@ async def _(trial: Trial) -> None:
 
 # --- signals ----------------------------------------------------------------------------------------------
 
+_SIGNALS = 64
+"""Signals that a state can hold."""
+
 
 async def shown(trial: Trial, name: str) -> Fields | None:
     """A signal as the next states of a new observer show it."""
@@ -352,6 +355,38 @@ async def _(trial: Trial) -> None:
         check(answer["type"] == "signaled", f"signal {i} of {limit}: {answer}")
     await wire.refused("signal", "too_many_signals", name=trial.name("more"), value=[0.0])
     await wire.answered("signal", "signaled", name=trial.name("s0"), value=[9.0])
+
+
+@case(
+    "SIG-9/operator",
+    "As controller, set a signal whose name begins with operator.",
+    "forbidden, not fatal; no signal",
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.client()
+    name = f"operator.{trial.name('reserved')}"
+    await wire.refused("signal", "forbidden", name=name, value=[1.0])
+    check(await shown(trial, name) is None, "the signal is shown")
+
+
+@case(
+    "SIG-11/all",
+    f"From two sessions, set more signals than {_SIGNALS} together",
+    f"Not more than {_SIGNALS} are taken over; too_many_signals then, not fatal",
+)
+async def _(trial: Trial) -> None:
+    taken = 0
+    for who in ("one", "other"):
+        wire = await trial.client("controller", who)
+        for i in range(_SIGNALS + 1):
+            answer = await wire.ask("signal", name=trial.name(f"{who}{i}"), value=[float(i)])
+            if answer.get("code") == "signal_rate":
+                raise Skip("signals may come too slowly to fill the table")
+            if answer.get("code") == "too_many_signals":
+                break
+            taken += 1
+    check(answer.get("code") == "too_many_signals", f"{taken} signals were taken over")
+    check(taken <= _SIGNALS, f"{taken} signals were taken over")
 
 
 @case(
