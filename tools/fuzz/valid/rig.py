@@ -40,6 +40,7 @@ class Client:
         self.name: str = name
         self.role: m.Role = role
         self.identity = "memory"
+        self.token_name: str | None = None
         self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
         self.expects = Expectations(rig.knowledge(), exact=True)
