@@ -45,6 +45,8 @@ def failing(error: BaseException) -> Callable[[], None]:
         (UsageError("no such robot"), 2, "armgate: no such robot\n"),
         (ConfigError("demo.yaml:3: name: missing"), 2, "armgate: demo.yaml:3: name: missing\n"),
         (ConnectionLost("nobody listens"), 1, "armgate: nobody listens\n"),
+        (ConnectionLost("fire\x1b[2J\nout"), 1, "armgate: fire\\x1b[2J\\nout\n"),
+        (AppError("\x1b]0;x\x07\nlast lines"), 1, "armgate: \\x1b]0;x\\x07\nlast lines\n"),
         (BadArgument("address 'x': no port"), 2, "armgate: address 'x': no port\n"),
         (FileNotFoundError(2, "No such file or directory", "a.yaml"), 1, "armgate: a.yaml: No such file"),
         (ModuleNotFoundError("x", name="pinocchio"), 1, "run: pip install 'armgate[cell]'"),

@@ -9,6 +9,7 @@ import pytest
 from armgate.audit.recovering import recovered
 from armgate.daemon.record_file import RecordFile
 from armgate.daemon.recorder import Recorder
+from armgate.daemon.turn_recorder import TurnRecorder
 from armgate.recording import Gap, LogLine, Recording, Step
 from support import records
 
@@ -147,7 +148,7 @@ def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room
     assert os.strerror(errno.ENOSPC) in recorder.trouble
     assert "recording-0001.mcap" in recorder.trouble
     (one,) = recovered(tmp_path)
-    assert (one.what, one.dropped) == ("recovered", 0)
+    assert (one.what, one.result.dropped, one.result.lost) == ("recovered", 0, 0)
     ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
     assert ticks == list(range(len(ticks)))
 
@@ -155,3 +156,60 @@ def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room
 def test_no_room_for_the_beginning_is_an_error_at_once(tmp_path):
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
         Recorder(tmp_path, create=full_after(50)).begin(records.header(), lambda: 0.5)
+
+
+@pytest.mark.parametrize("at", ["index", "last chunk", "fsync"])
+@pytest.mark.parametrize("kind", [Recorder, TurnRecorder])
+async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
+    tmp_path, at, kind, monkeypatch
+):
+    full, descriptors = [], []
+
+    def write(descriptor, data):
+        if full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return os.write(descriptor, data)
+
+    class Full(RecordFile):
+        @classmethod
+        def create(cls, path, header):
+            descriptors.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
+            return cls(path, descriptors[0], header, write)
+
+        def close(self):
+            if at == "index":
+                self.flush()
+            if at == "fsync":
+                monkeypatch.setattr(os, "fsync", failing)
+            else:
+                full.append(True)
+            return super().close()
+
+    def failing(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    recorder = kind(tmp_path, create=Full.create, flush=10.0)
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, range(50))
+    recorder.close()
+    assert recorder.ended_early
+    assert recorder.seal is None
+    assert os.strerror(errno.ENOSPC) in recorder.trouble
+    with pytest.raises(OSError, match=os.strerror(errno.EBADF)):
+        os.fstat(descriptors[0])
+    monkeypatch.undo()
+    (one,) = recovered(tmp_path)
+    ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
+    assert ticks == list(range(0 if at == "last chunk" else 50))
+    assert one.what == "recovered"
+
+
+def test_a_disk_that_does_not_answer_at_the_end_is_told(tmp_path):
+    Blocked.gate.clear()
+    recorder = Recorder(tmp_path, create=Blocked.create)
+    recorder.begin(records.header(), lambda: 0.5)
+    feed(recorder, [0])
+    recorder.close(timeout=0.05)
+    assert "not written within 0.05 s" in recorder.trouble
+    assert recorder.ended_early
+    Blocked.gate.set()

@@ -1,8 +1,13 @@
 """Figures of a running daemon; and a recording that is required, on a disk that is full."""
 
 import asyncio
+import errno
 import json
+import os
+import resource
 import sys
+
+import pytest
 
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
@@ -74,7 +79,7 @@ async def watched(tmp_path, recording):
         if process.returncode is None:
             process.kill()
             await process.communicate()
-    assert process.returncode == 0
+    assert process.returncode == 1
     assert (await run("recover", out))[0] == 0
     assert (await run("replay", out))[0] == 0
     return warned, after
@@ -89,3 +94,16 @@ async def test_a_full_disk_is_survived_and_told(tmp_path):
 async def test_where_recording_is_required_the_robots_rest_without_it(tmp_path):
     _, after = await watched(tmp_path, "{required: true}")
     assert all(entry.stops for entry in after.entries)
+
+
+@pytest.mark.parametrize("required", ["true", "false"])
+async def test_a_disk_that_fills_exactly_at_the_end_is_reported(tmp_path, required):
+    file, out = tmp_path / "arms.yaml", tmp_path / "run"
+    file.write_text(arms_yaml(recording=f"{{required: {required}}}"))
+    async with Process.serving(file, "--record", out) as daemon:
+        size = (out / "recording-0001.mcap").stat().st_size
+        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (size, size))
+        daemon.signal()
+        status, log = await daemon.end()
+    assert status == 1
+    assert any(os.strerror(errno.EFBIG) in line["text"] for line in log if line["event"] == "recording")

@@ -76,7 +76,7 @@ def mortal(death):
             self.flush()
             if death.where == "closing" and death.ending:
                 death.writes = 1
-            super().close()
+            return super().close()
 
     return Mortal.create
 

@@ -91,7 +91,7 @@ def main(arguments: Iterable[str] | None = None) -> NoReturn:
         text = explain(error)
         if text is None:
             raise
-        print(f"armgate: {text}", file=sys.stderr)  # noqa: T201
+        print(f"armgate: {_shown(error, text)}", file=sys.stderr)  # noqa: T201
         sys.exit(exit_status(error))
     sys.exit(0)
 
@@ -106,6 +106,14 @@ def explain(error: Exception) -> str | None:
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}" if error.filename else str(error)
     return None
+
+
+def _shown(error: Exception, text: str) -> str:
+    """A text of a peer in one line; findings in a configuration stand on a line each."""
+    from armgate.cell.text import printable, printable_lines  # noqa: PLC0415
+    from armgate.client.errors import ClientError  # noqa: PLC0415
+
+    return printable(text) if isinstance(error, ClientError) else printable_lines(text)
 
 
 def exit_status(error: Exception) -> int:

@@ -119,15 +119,22 @@ def _recovery(one: "Recovered") -> str:
     return text if one.original is None else f"{text}; the damaged file is kept as {one.original.name}"
 
 
+def _say(text: str) -> None:
+    """Print one line, whatever the recording holds."""
+    from armgate.cell.text import printable  # noqa: PLC0415
+
+    typer.echo(printable(text))
+
+
 def _tell_replay(outcome: "Outcome") -> None:
     if outcome.foreign:
-        typer.echo(f"another kind of machine than the recording's ({'; '.join(outcome.foreign)}):")
+        _say(f"another kind of machine than the recording's ({'; '.join(outcome.foreign)}):")
         typer.echo(f"numbers are compared to {outcome.tolerance:g} rad or m, not bit for bit")
     how = "to the last bit" if outcome.tolerance is None else f"within {outcome.tolerance:g}"
     same = outcome.events - outcome.count
     typer.echo(f"{same} of {outcome.events} events ({outcome.verdicts} commands) answered the same {how}")
     for time, event, differing in outcome.differing:
-        typer.echo(f"  {time:.3f} s, {type(event).__name__.lower()}: {'; '.join(differing[:3])}")
+        _say(f"  {time:.3f} s, {type(event).__name__.lower()}: {'; '.join(differing[:3])}")
     if outcome.count > len(outcome.differing):
         typer.echo(f"  … and {outcome.count - len(outcome.differing)} more")
 
@@ -140,12 +147,12 @@ def _tell_changes(outcome: "Outcome", settings: list[str]) -> None:
     )
     typer.echo("(each judged where the robots were then: they would have gone on differently)")
     for (robot, was, now), count in tally(outcome.changes).most_common():
-        typer.echo(f"  {robot}: {was} → {now}: {count}")
+        _say(f"  {robot}: {was} → {now}: {count}")
     for time, stop in outcome.stops[:_LISTED]:
-        typer.echo(f"  {time:.3f} s: {', '.join(stop.robots)} would be stopped: {stop.reason}")
+        _say(f"  {time:.3f} s: {', '.join(stop.robots)} would be stopped: {stop.reason}")
     runs = spans(outcome.changes)
     for span in runs[:_LISTED]:
-        typer.echo(f"  {_span(span)}")
+        _say(f"  {_span(span)}")
     if len(runs) > _LISTED:
         typer.echo(f"  … and {len(runs) - _LISTED} more such stretches")
 

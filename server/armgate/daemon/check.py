@@ -5,10 +5,12 @@ from collections import Counter
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Nearest
 from armgate.cell.link_config import RsiLinkConfig
+from armgate.cell.text import printable
 from armgate.daemon.library import Library
 from armgate.integrity import start_clearances
 from armgate.links.rsi import Setup, setup_of
@@ -30,7 +32,7 @@ def report(cell: Cell, console: Console | None = None) -> int:
     links = [_rsi(setup_of(cell, one)) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
     Library(cell, lockstep=False)
     nearest = start_clearances(cell)
-    console.print(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
+    console.print(Text(printable(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")))
     for robot in cell.robots:
         console.print(_joints(robot))
     for line in links:
@@ -39,7 +41,7 @@ def report(cell: Cell, console: Console | None = None) -> int:
     console.print(_clearances(nearest))
     faults = [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
     for fault in faults:
-        console.print(f"[red]{fault}[/red]")
+        console.print(Text(printable(fault), style="red"))
     if not faults:
         console.print("start: within all limits and distances")
     return 1 if faults else 0
@@ -52,14 +54,14 @@ def _rsi(setup: Setup) -> str:
 
 
 def _joints(robot: Robot) -> Table:
-    title = f"{robot.name}: {robot.model.n} joints, period {robot.period * 1000:g} ms"
+    title = Text(f"{robot.name}: {robot.model.n} joints, period {robot.period * 1000:g} ms")
     table = Table("joint", "kind", "lower", "upper", "speed /s", "acc. /s²", "dec. /s²", "start", title=title)
     for index, joint in enumerate(robot.model.joints):
         columns = (
             robot.lower, robot.upper, robot.velocity, robot.acceleration, robot.deceleration, robot.start,
         )  # fmt: skip
         shown = [_quantity(float(values[index]), joint.kind) for values in columns]
-        table.add_row(joint.name, joint.kind, *shown)
+        table.add_row(Text(printable(joint.name)), joint.kind, *shown)
     return table
 
 
@@ -80,7 +82,9 @@ def _pairs(cell: Cell) -> Table:
 def _clearances(nearest: list[Nearest]) -> Table:
     table = Table("nearest at the start", "distance", "limit", title="clearance")
     for one in nearest[:_SHOWN]:
-        table.add_row(" – ".join(one.pair), f"{one.distance * 1000:.1f} mm", f"{one.limit * 1000:g} mm")
+        table.add_row(
+            Text(printable(" – ".join(one.pair))), f"{one.distance * 1000:.1f} mm", f"{one.limit * 1000:g} mm"
+        )
     return table
 
 

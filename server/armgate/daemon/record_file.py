@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from armgate.recording import Header, Item, Sink
+from armgate.recording.chain import Seal, Signer
 
 
 class _Stream:
@@ -47,28 +48,33 @@ class RecordFile:
     """
 
     def __init__(
-        self, path: Path, descriptor: int, header: Header, write: Callable[[int, bytes], int] = os.write
+        self,
+        path: Path,
+        descriptor: int,
+        header: Header,
+        write: Callable[[int, bytes], int] = os.write,
+        signer: Signer | None = None,
     ) -> None:
         self.path = path
         self.header = header
         self._descriptor = descriptor
         self._good = 0
         try:
-            self._sink = Sink(_Stream(descriptor, write), header)
+            self._sink = Sink(_Stream(descriptor, write), header, signer)
         except OSError:
             self.abandon()
             raise
         self._good = self._sink.size
 
     @classmethod
-    def create(cls, path: Path, header: Header) -> "RecordFile":
-        """Makes the file.
+    def create(cls, path: Path, header: Header, signer: Signer | None = None) -> "RecordFile":
+        """Make the file; ``signer`` signs its seal.
 
         Raises:
             OSError: It is there already, or cannot be written.
         """
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-        return cls(path, os.open(path, flags, 0o644), header)
+        return cls(path, os.open(path, flags, 0o644), header, signer=signer)
 
     @property
     def size(self) -> int:
@@ -92,15 +98,18 @@ class RecordFile:
         self._sink.flush()
         self._good = self._sink.size
 
-    def close(self) -> None:
-        """Makes the file whole.
+    def close(self) -> Seal:
+        """Make the file whole; return the end of its hash chain.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: It cannot be written; some file systems report a full disk only here.
         """
         self.flush()
-        self._sink.close()
-        self._release()
+        seal = self._sink.close()
+        os.fsync(self._descriptor)
+        descriptor, self._descriptor = self._descriptor, -1
+        os.close(descriptor)
+        return seal
 
     def abandon(self) -> None:
         """Cuts off what was only half written, and writes no more."""

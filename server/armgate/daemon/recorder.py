@@ -16,6 +16,7 @@ from armgate.cell.events import GateEvent, GateOutput, Tick
 from armgate.daemon.record_file import RecordFile
 from armgate.protocol import messages as m
 from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
+from armgate.recording.chain import Seal
 
 FLUSH = 0.12
 """What a killed daemon may lose at most, s, beside what the thread was late."""
@@ -53,6 +54,9 @@ class Recorder:
         create: Makes a part, from its path and header.
         clock: The thread's time, s, of any clock that does not go back.
         pause: Waits for some seconds of it.
+
+    Attributes:
+        seal: End of the hash chain of the file that was closed last.
     """
 
     def __init__(
@@ -81,7 +85,8 @@ class Recorder:
         self._now: Callable[[], float] = lambda: 0.0
         self._header: Header
         self._part: RecordFile
-        self._begun = False
+        self._begun = self._ended = False
+        self.seal: Seal | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self, header: Header, now: Callable[[], float]) -> None:
@@ -105,6 +110,11 @@ class Recorder:
         self._thread.start()
 
     # --- from the event loop ------------------------------------------------------------------------------
+
+    @property
+    def ended_early(self) -> bool:
+        """Return True if writing failed: what happened since then is not recorded."""
+        return self._failure is not None
 
     @property
     def trouble(self) -> str | None:
@@ -155,6 +165,8 @@ class Recorder:
         if self._thread is not None:
             self._queue.append(None)
             self._thread.join(timeout)
+            if self._thread.is_alive():
+                self._failure = f"{self._part.path}: not written within {timeout:g} s"
             self._thread = None
 
     def _put(self, at: float, item: Item | StateAt) -> None:
@@ -175,7 +187,7 @@ class Recorder:
 
     def _write(self) -> None:
         self._guarded(self._write_on)
-        while self._failure is not None and self._next() is not None:
+        while not self._ended and self._next() is not None:  # it has failed: count what comes
             self._lost += 1
 
     def _write_on(self) -> None:
@@ -184,7 +196,8 @@ class Recorder:
             if not self._queue:
                 self._pause(_POLL)
             elif (queued := self._queue.popleft()) is None:
-                self._part.close()
+                self._ended = True
+                self._close_part()
                 return
             else:
                 self._put_into_file(*queued)
@@ -200,7 +213,7 @@ class Recorder:
 
     # --- the file -----------------------------------------------------------------------------------------
 
-    def _guarded(self, work: Callable[[], None]) -> None:
+    def _guarded(self, work: Callable[[], object]) -> None:
         """Does it; if that fails, the recording has ended."""
         try:
             work()
@@ -219,9 +232,12 @@ class Recorder:
             self._turn()
 
     def _turn(self) -> None:
-        self._part.close()
-        header = self._part.header
-        self._part = self._open(header.model_copy(update={"part": header.part + 1}))
+        previous, header = self._close_part().digest.hex(), self._part.header
+        self._part = self._open(header.model_copy(update={"part": header.part + 1, "previous": previous}))
+
+    def _close_part(self) -> Seal:
+        self.seal = self._part.close()
+        return self.seal
 
     def _open(self, header: Header) -> RecordFile:
         return self._create(self.folder / part_name(header.part), header)

@@ -183,8 +183,7 @@ class Daemon:
         self._notifier.close()
         if self._metrics is not None:
             await asyncio.to_thread(self._metrics.close)
-        if self._recorder is not None:
-            self._recorder.close()
+        self._close_recording()
         return self._status
 
     async def _open(self, host: str) -> int:
@@ -360,6 +359,19 @@ class Daemon:
             "unread_bytes_of_one": max(unread, default=0),
         }
         return {**recorder, "log": self._log.depth, **clients}
+
+    def _close_recording(self) -> None:
+        """Close the recording; a disk that is full only now is noticed here."""
+        recorder = self._recorder
+        if recorder is None:
+            return
+        self._log.also = None
+        recorder.close()
+        if recorder.seal is not None:
+            self._log.info("recording.closed", folder=str(recorder.folder), sha256=recorder.seal.digest.hex())
+        if recorder.ended_early or (recorder.required and recorder.trouble):
+            self._log.error("recording", text=recorder.trouble)
+            self._status = 1
 
     def _heed_recorder(self) -> None:
         recorder = self._recorder

@@ -7,6 +7,8 @@ from urllib.request import urlopen
 
 import typer
 
+from armgate.cell.text import printable
+
 
 class StatusError(Exception):
     """No figures are to be had there."""
@@ -21,12 +23,12 @@ def status(
     from prometheus_client.parser import text_string_to_metric_families  # noqa: PLC0415
 
     for family in text_string_to_metric_families(_fetched(port)):
-        typer.echo(family.documentation)
+        typer.echo(printable(family.documentation))
         if family.type == "histogram":
             typer.echo(f"  {_histogram(family.samples)}")
             continue
         for sample in family.samples:
-            typer.echo(f"  {_label(sample.labels)}: {sample.value:g}")
+            typer.echo(printable(f"  {_label(sample.labels)}: {sample.value:g}"))
 
 
 def _label(labels: Mapping[str, str]) -> str:

@@ -26,7 +26,7 @@ class TurnRecorder(Recorder):
             self._flushing.cancel()
             self._flushing = None
         if self._failure is None:
-            self._guarded(self._part.close)
+            self._guarded(self._close_part)
 
     def _start(self) -> None:
         self._loop = asyncio.get_running_loop()

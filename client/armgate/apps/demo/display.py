@@ -11,6 +11,7 @@ from rich.text import Text
 
 from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 from armgate.apps.stack.observation import Observation, same_robot
+from armgate.cell.text import printable
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31
@@ -28,10 +29,10 @@ def picture(seen: Observation, cell: Description, factor: float | None) -> Rende
     parts: list[RenderableType] = [
         _robots(seen, cell), Text(), _gate(seen), *_bound(seen), Text(), _camera(seen), _path(seen),
     ]  # fmt: skip
-    parts += [Text(f"! {text}", style="yellow") for text in seen.warnings[-3:]]
+    parts += [Text(f"! {printable(text)}", style="yellow") for text in seen.warnings[-3:]]
     mode = "lock-step" if cell.lockstep else "by the clock"
     speed = "" if factor is None else f" · {factor:.1f} × real time"
-    title = f"armgate · {cell.name} · {seen.elapsed:.1f} s {mode}{speed}"
+    title = Text(f"armgate · {printable(cell.name)} · {seen.elapsed:.1f} s {mode}{speed}")
     return Panel(Group(*parts), title=title, title_align="left", border_style="cyan", padding=(0, 1))
 
 
@@ -54,7 +55,7 @@ def _robots(seen: Observation, cell: Description) -> Table:
     table = _table("robot", "tick", "driven by", "q")
     units = {robot.name: [joint.unit for joint in robot.joints] for robot in cell.robots}
     for entry in seen.entries:
-        holder = entry.holder or Text(entry.link or "–", style="dim")
+        holder = Text(printable(entry.holder)) if entry.holder else Text(entry.link or "–", style="dim")
         q = _position(entry.q or (), units.get(entry.robot, []))
         table.add_row(Text(entry.robot, style="bold"), str(entry.tick), holder, q)
     return table
@@ -118,7 +119,8 @@ def _bound(seen: Observation) -> list[Text]:
     """What bound the newest command of a robot, in words."""
     return [
         Text(
-            f"{entry.robot} {entry.verdict.outcome}: {entry.verdict.text or entry.verdict.cause}", style="dim"
+            printable(f"{entry.robot} {entry.verdict.outcome}: {entry.verdict.text or entry.verdict.cause}"),
+            style="dim",
         )
         for entry in seen.entries
         if entry.verdict is not None and entry.verdict.cause

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.cell.text import printable
 
 
 def follow(
@@ -63,5 +64,9 @@ def follow(
         loop = FollowLoop.build(cell, robot, leader, wanted)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest", "holder"])
         with cell.acquire(robot) as arm:
-            ended = chase(Sharing(cell, typer.echo), arm, loop, wish, duration)
-    typer.echo(f"{robot}: {ended}")
+            ended = chase(Sharing(cell, _echo), arm, loop, wish, duration)
+    _echo(f"{robot}: {ended}")
+
+
+def _echo(text: str) -> None:
+    typer.echo(printable(text))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.cell.text import printable
 
 if TYPE_CHECKING:
     from armgate.apps.interrupt import Interrupt
@@ -65,7 +66,7 @@ def lead(
         run = _after(str(pursue), robot, tool_speed)
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
-        typer.echo(run(cell, wish))
+        typer.echo(printable(run(cell, wish)))
 
 
 Run = Callable[["Cell", "Interrupt"], str]
@@ -83,7 +84,7 @@ def _along(path: Path, robot: str | None, duration: float | None) -> Run:
         cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
         playback = Playback(recorded, bounds_of(described), duration)
         with cell.acquire(described.name) as arm:
-            return f"{described.name}: {drive(cell, arm, playback, wish, typer.echo)}"
+            return f"{described.name}: {drive(cell, arm, playback, wish, _echo)}"
 
     return run
 
@@ -93,10 +94,14 @@ def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: 
     from armgate.apps.lead.inputs import find  # noqa: PLC0415
 
     hand = Hand(find(by), robot, mode, speed)
-    return lambda cell, wish: drive_by_hand(cell, hand, wish, typer.echo)
+    return lambda cell, wish: drive_by_hand(cell, hand, wish, _echo)
 
 
 def _after(target: str, robot: str | None, speed: float) -> Run:
     from armgate.apps.lead.pursuit import pursue  # noqa: PLC0415
 
-    return lambda cell, wish: pursue(cell, robot, target, speed, wish, typer.echo)
+    return lambda cell, wish: pursue(cell, robot, target, speed, wish, _echo)
+
+
+def _echo(text: str) -> None:
+    typer.echo(printable(text))

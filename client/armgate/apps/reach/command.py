@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.cell.text import printable
 
 
 class MethodName(StrEnum):
@@ -108,4 +109,4 @@ def reach(
     if out is not None:
         write_motion(out, arm.robot, done.setpoints)
     done.check(robot)
-    typer.echo(f"{robot}: {done.text}")
+    typer.echo(printable(f"{robot}: {done.text}"))

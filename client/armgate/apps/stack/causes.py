@@ -9,6 +9,7 @@ from typing import Any
 from armgate.apps.errors import AppError
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.processes import Crew, Exited
+from armgate.cell.text import printable
 
 _TOGETHER = 1.0
 """Longest time between the end of a child by a signal and the ends of those that lost it, s."""
@@ -50,9 +51,10 @@ def stops_in(log: Path) -> str:
     """
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
     stops = [event for line in lines if (event := _event(line)).get("event") == "stopped"]
-    return "".join(
-        f"\n  {', '.join(stop['robots'])} stopped by {stop['by']}: {stop['reason']}" for stop in stops[:_MOST]
+    texts = (
+        f"{', '.join(stop['robots'])} stopped by {stop['by']}: {stop['reason']}" for stop in stops[:_MOST]
     )
+    return "".join(f"\n  {printable(text)}" for text in texts)
 
 
 def _event(line: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, watching
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.apps.stack.robots import KRC, SERVER, Robots
+from armgate.cell.text import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
@@ -278,9 +279,9 @@ def _needed(name: str) -> bool:
 def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
     """A run goes on without its viewer."""
     if isinstance(event, Printed):
-        typer.echo(event.text)
+        typer.echo(printable(event.text))
     elif event.status != 0:
-        typer.echo(f"the run goes on without a viewer: {' '.join(crew.tail(VIEWER)[-1:])}")
+        typer.echo(f"the run goes on without a viewer: {printable(' '.join(crew.tail(VIEWER)[-1:]))}")
 
 
 def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:

@@ -3,6 +3,7 @@
 import fcntl
 import os
 import socket
+import stat
 import struct
 import tempfile
 from contextlib import suppress
@@ -12,6 +13,7 @@ from typing import IO
 _CREDENTIALS = struct.Struct("3i")
 _LONGEST = 107
 """Bytes that Linux takes as the name of such a socket."""
+_LOCK = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 class SocketError(Exception):
@@ -21,9 +23,13 @@ class SocketError(Exception):
 
 
 def default_path(cell: str) -> Path:
-    """Where a cell's robot server listens unless told otherwise."""
-    folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    return Path(folder) / f"armgate-{os.getuid()}-{cell}.sock"
+    """Return the path at which a cell's robot server listens by default."""
+    return _own_folder() / f"{cell}.sock"
+
+
+def _own_folder() -> Path:
+    """Return this user's folder for sockets: others cannot put links or files into it."""
+    return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"armgate-{os.getuid()}"
 
 
 def listen(path: Path) -> tuple[socket.socket, IO[str]]:
@@ -36,6 +42,8 @@ def listen(path: Path) -> tuple[socket.socket, IO[str]]:
         SocketError: Another robot server listens there, or it cannot be listened on.
     """
     _check_length(path)
+    if path.parent == _own_folder():
+        _make_own(path.parent)
     lock = _locked(path.with_name(path.name + ".lock"))
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     before = os.umask(0o177)
@@ -84,12 +92,33 @@ def peer_uid(sock: socket.socket) -> int:
     return int(uid)
 
 
+def _make_own(folder: Path) -> None:
+    """Make the folder, or check that it is ours alone: anybody may have made it before.
+
+    Raises:
+        SocketError: It is not.
+    """
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise SocketError(f"cannot make {folder}: {error.strerror}; name another --socket") from error
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        text = "expected a folder of this user with mode 0700"
+        raise SocketError(f"{folder}: {text}; remove it, or name another --socket")
+
+
 def _locked(path: Path) -> IO[str]:
     try:
-        lock = path.open("a")
-        path.chmod(0o600)
+        lock = os.fdopen(os.open(path, _LOCK, 0o600), "a")
     except OSError as error:
-        raise SocketError(f"cannot write {path}: {error.strerror}; name another --socket") from error
+        why = "is a symbolic link" if path.is_symlink() else error.strerror
+        raise SocketError(f"cannot write {path}: {why}; remove it, or name another --socket") from error
+    found = os.fstat(lock.fileno())
+    if not stat.S_ISREG(found.st_mode) or found.st_uid != os.getuid():
+        lock.close()
+        raise SocketError(f"{path}: expected a file of this user; remove it, or name another --socket")
+    os.fchmod(lock.fileno(), 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from armgate.cell.text import printable
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
@@ -105,9 +107,9 @@ def check(
 
 def _tell(setup: "Setup", survey: "Survey") -> None:
     for line in survey.report():
-        typer.echo(line)
+        typer.echo(printable(line))
     for problem in survey.problems:
-        typer.echo(f"WRONG: {problem}")
+        typer.echo(printable(f"WRONG: {problem}"))
     if survey.problems or not survey.sources:
         count = len(survey.problems)
         raise CheckFailedError(f"{count} thing(s) do not fit" if count else "nothing came")

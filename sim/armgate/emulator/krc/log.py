@@ -21,5 +21,5 @@ class Log:
     def __call__(self, level: str, event: str, text: str, **fields: object) -> None:
         """One note."""
         record = {"time": round(self._now(), 6), "level": level, "event": event, "text": text, **fields}
-        self._stream.write(json.dumps(record, ensure_ascii=False) + "\n")
+        self._stream.write(json.dumps(record) + "\n")
         self._stream.flush()
