@@ -338,24 +338,71 @@ async def test_a_flood_is_read_a_few_messages_at_each_turn(slow):
     await asyncio.sleep(0)
     slow.session.data_received(pings(slow, 30))
     assert heard(slow) == [*range(8)]
-    assert not slow.transport.reading
     await asyncio.sleep(0)
     assert len(heard(slow)) == 16
-    await until(lambda: slow.transport.reading)
+    await until(lambda: len(heard(slow)) == 30)
     assert heard(slow) == [*range(30)]
 
 
-async def test_while_a_turn_is_waited_for_no_more_is_read_than_one_piece(slow):
+async def test_while_a_turn_is_waited_for_no_more_is_read_than_a_bound(slow):
     slow.hello()
     slow.transport.reading = True
-    slow.session.data_received(pings(slow, 3))  # this turn's time went to the hello
+    data = pings(slow, 2000)
+    slow.session.data_received(data[:100])  # this turn's time went to the hello
     assert heard(slow) == []
+    slow.session.data_received(data[100:200])
     assert slow.transport.reading
-    slow.session.data_received(b"")
+    slow.session.data_received(data[200:])
     assert not slow.transport.reading
-    await asyncio.sleep(0)
-    assert heard(slow) == [0, 1, 2]
-    assert slow.transport.reading
+    await until(lambda: slow.transport.reading)
+    assert 0 < len(heard(slow)) < 2000
+    await until(lambda: len(heard(slow)) == 2000)
+    assert heard(slow) == [*range(2000)]
+
+
+@pytest.fixture
+async def bounded():
+    """A session that is read at 100 messages per second."""
+    rates = Rates(client=100.0, identity=1e6, address=1e6, in_all=1e6)
+    line = Line(allowance=Allowance(Allowances(rates, monotonic), "127.0.0.1"))
+    yield line
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
+def stops(line):
+    return [message.reason for message in line.desk.told if isinstance(message, m.Stop)]
+
+
+async def test_a_stop_overtakes_the_pings_before_it(bounded):
+    line = bounded
+    line.hello()
+    stop = line.client.send(m.Stop(reason="now"))
+    data = pings(line, 6000) + stop + pings(line, 10)
+    for at in range(0, len(data), 16384):
+        line.session.data_received(data[at : at + 16384])
+    await until(lambda: stops(line) == ["now"], turns=100)
+    assert len(heard(line)) < 100
+    assert line.transport.reading
+
+
+async def test_not_more_stops_overtake_than_a_bound(bounded):
+    line = bounded
+    line.hello()
+    line.session.data_received(pings(line, 100) + line.client.send(m.Stop(reason="again")) * 100)
+    for _ in range(100):
+        await asyncio.sleep(0)
+    assert len(stops(line)) == 20
+
+
+async def test_beyond_a_bound_nothing_is_read_ahead(bounded):
+    line = bounded
+    line.hello()
+    data = pings(line, 20_000)
+    line.session.data_received(data[: 250 * 1024])
+    assert line.transport.reading
+    line.session.data_received(data[250 * 1024 : 300 * 1024])
+    assert not line.transport.reading
 
 
 async def test_a_request_for_much_takes_a_whole_turn(slow):
@@ -374,7 +421,7 @@ async def test_what_comes_meanwhile_keeps_its_place(line):
     line.session.data_received(first)
     line.session.data_received(second)
     assert len(heard(line)) == 8
-    await until(lambda: line.transport.reading)
+    await until(lambda: len(heard(line)) == 11)
     assert heard(line) == [*range(11)]
 
 
@@ -418,8 +465,7 @@ async def test_more_messages_than_the_rate_allows_wait():
     for _ in range(3):
         await asyncio.sleep(0)
     assert len(heard(line)) in (8, 16)  # the burst of 10, and what was begun
-    assert not line.transport.reading
-    await until(lambda: line.transport.reading, turns=10**7)
+    await until(lambda: len(heard(line)) == 30, turns=10**7)
     assert heard(line) == [*range(30)]
     line.session.connection_lost(None)
     line.transport.socket.close()

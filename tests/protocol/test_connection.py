@@ -385,3 +385,84 @@ def test_byte_by_byte_equals_whole(talk):
 @given(st.binary(max_size=200))
 def test_garbage_from_the_first_byte(stream):
     assert run(stream, lambda s: [s]) == run(stream, single)
+
+
+# --- stops ahead of their turn ----------------------------------------------------------------------------
+
+
+def pushed(*messages):
+    """A server that has been sent these, and has read nothing of them."""
+    client, server = connection(Side.CLIENT, State.READY), connection(Side.SERVER, State.READY)
+    server.push(b"".join(x if isinstance(x, bytes) else client.send(x) for x in messages))
+    return server
+
+
+def popped(server):
+    return list(iter(server.pop, None))
+
+
+PING, STOP = m.Ping(time=1.0), m.Stop(reason="now")
+
+
+@pytest.mark.parametrize(("before", "after"), [(0, 0), (1, 0), (0, 1), (50, 50), (3000, 0)])
+def test_a_stop_is_taken_ahead_and_the_others_keep_their_order(before, after):
+    first = [m.Ping(time=float(i)) for i in range(before)]
+    last = [m.Ping(time=float(i)) for i in range(after)]
+    server = pushed(*first, STOP, *last)
+    taken = [server.overtake() for _ in range(50)]
+    assert [x for x in taken if x is not None] == [STOP]
+    assert popped(server) == first + last
+
+
+def test_several_stops_are_taken_in_their_order_also_while_others_are_read():
+    stops = [m.Stop(reason=f"{i}") for i in range(3)]
+    server = pushed(PING, stops[0], PING, stops[1], PING, stops[2], PING)
+    assert server.overtake() == stops[0]
+    assert server.pop() == PING
+    assert [server.overtake(), server.overtake(), server.overtake()] == [*stops[1:], None]
+    assert popped(server) == [PING] * 3
+
+
+@pytest.mark.parametrize("cut", range(1, 25))
+def test_a_stop_that_is_not_complete_yet_waits(cut):
+    data = connection(Side.CLIENT, State.READY).send(STOP)
+    server = pushed(PING, data[:cut])
+    assert server.overtake() is None
+    assert not server.may_overtake  # until more comes there is nothing to look at
+    server.push(data[cut:])
+    assert server.overtake() == STOP
+    assert popped(server) == [PING]
+
+
+@pytest.mark.parametrize(
+    "wall", [frame(b"\xc1"), encode(m.Bye()), frame(b"\x80" + b"x"), b"\x00\x00\x00\x00", b"\xff\xff\xff\xff"]
+)
+def test_nothing_is_taken_from_behind_a_bye_or_a_fatal_fault(wall):
+    server = pushed(PING, wall, STOP)
+    assert [server.overtake() for _ in range(3)] == [None] * 3
+    assert server.pop() == PING
+
+
+@pytest.mark.parametrize(
+    "packed", [b"\x82\xa4type\xd9\x04stop\xa2id\x01", b"\x83\xa3new\x01\xa4type\xa4stop\xa6reason\xa0"]
+)
+def test_any_encoding_of_a_stop_is_one(packed):
+    assert isinstance(pushed(PING, frame(packed)).overtake(), m.Stop)
+
+
+@pytest.mark.parametrize("other", [m.Signal(name="stop", value=(1.0,)), m.Stop.model_construct(robot="")])
+def test_what_only_names_a_stop_or_is_none_keeps_its_turn(other):
+    server = pushed(PING, encode(other), STOP)
+    assert server.overtake() == STOP
+    first, second = popped(server)
+    assert first == PING
+    assert second == other or isinstance(second, Refusal)
+
+
+def test_before_the_welcome_and_for_a_client_nothing_is_taken():
+    server = connection(Side.SERVER, State.AWAIT_HELLO)
+    server.push(encode(STOP))
+    assert server.overtake() is None
+    client = connection(Side.CLIENT, State.READY)
+    client.push(encode(m.Stopped(stop=1, robots=(), reason="", by="c")))
+    assert client.overtake() is None

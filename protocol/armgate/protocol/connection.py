@@ -23,10 +23,10 @@ from enum import Enum
 from functools import cache
 
 from armgate.protocol import versions as v
-from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode
+from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode, unpack
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
-from armgate.protocol.messages import Command, Error, Hello, Message, Request, Welcome
+from armgate.protocol.messages import Command, Error, Hello, Message, Request, Stop, Welcome
 
 
 class Side(Enum):
@@ -55,6 +55,10 @@ class ConnectionState(Enum):
     """A fatal fault was found in what the peer sent: nothing more is read, the fatal error may be sent."""
     CLOSED = "closed"
 
+
+_STOP = b"stop"
+_LOOKED_AT = 128
+"""Messages that one call looks at in search of a stop."""
 
 _State = ConnectionState
 Key = tuple[ConnectionState, Side, str]
@@ -135,6 +139,7 @@ class Connection:
         server = role is Side.SERVER
         self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
         self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
+        self._in_order = not server
 
     def receive(self, data: bytes) -> list[Message | Refusal]:
         """Takes bytes from the peer and returns what they complete, in order.
@@ -163,6 +168,43 @@ class Connection:
             return None if payload is None else self._accept(payload)
         except ProtocolError as error:
             return self._refuse(error)
+
+    @property
+    def may_overtake(self) -> bool:
+        """True if there may be a ``stop`` among the messages that `overtake` has not looked at yet."""
+        return self.state is ConnectionState.READY and not self._in_order and self._decoder.may_hold(_STOP)
+
+    def overtake(self) -> Stop | None:
+        """Take a complete ``stop`` from behind other unread messages, ahead of its turn; None: there is none.
+
+        Nothing is taken from behind a ``bye`` or a fatal fault. Each call looks at a bounded number of
+        messages, at none of them twice.
+        """
+        if not self.may_overtake:
+            return None
+        for _ in range(_LOOKED_AT):
+            payload = self._decoder.look_ahead()
+            if payload is None:
+                return None
+            message = self._read_ahead(payload)
+            if message is not None:
+                self._decoder.take_seen(len(payload))
+                return message
+            if self._in_order:
+                return None
+        return None
+
+    def _read_ahead(self, payload: bytes) -> Stop | None:
+        """Return the stop in a payload; note if nothing behind this payload may be taken ahead of it."""
+        try:
+            fields = unpack(payload, self._max_array)
+            kind = fields.get("type")
+            self._in_order = kind in ("bye", "hello")
+            message = decode(payload, self._dialect.client, self._max_array) if kind == "stop" else None
+            return message if isinstance(message, Stop) else None
+        except ProtocolError as error:
+            self._in_order = error.fatal
+            return None
 
     def receive_eof(self) -> list[Message | Refusal]:
         """The peer sends no more: the connection is closed; a frame that was cut off is a refusal."""

@@ -31,6 +31,7 @@ class FrameDecoder:
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._buffer = bytearray()
+        self._seen = 0  # bytes of whole frames at the buffer's beginning that were looked at ahead
         self._needed = HEADER  # bytes to wait for; more once the length of a frame is read
         self._error: RemoteProtocolError | None = None
 
@@ -74,8 +75,38 @@ class FrameDecoder:
                 return None
         payload = bytes(memoryview(self._buffer)[HEADER : self._needed])
         del self._buffer[: self._needed]
+        self._seen = max(0, self._seen - self._needed)
         self._needed = HEADER
         return payload
+
+    def may_hold(self, word: bytes) -> bool:
+        """Return True if a complete frame was not looked at yet, and these bytes stand there or behind it."""
+        return self._unseen_end() is not None and self._buffer.find(word, self._seen) >= 0
+
+    def look_ahead(self) -> bytes | None:
+        """Return the next complete payload that was not looked at yet, and leave it; None if there is none.
+
+        A frame of a length that is not accepted ends the search: ``pop`` will find it.
+        """
+        end = self._unseen_end()
+        if end is None:
+            return None
+        begin, self._seen = self._seen + HEADER, end
+        return bytes(memoryview(self._buffer)[begin:end])
+
+    def _unseen_end(self) -> int | None:
+        begin = self._seen + HEADER
+        length = int.from_bytes(self._buffer[self._seen : begin], "big")
+        end = begin + length
+        return end if 0 < length <= self.limit and end <= len(self._buffer) else None
+
+    def take_seen(self, length: int) -> None:
+        """Take the payload, of this length, that ``look_ahead`` returned last: ``pop`` will not give it."""
+        begin = self._seen - HEADER - length
+        del self._buffer[begin : self._seen]
+        self._seen = begin
+        if not begin:
+            self._needed = HEADER
 
     def _check(self, length: int) -> None:
         if 0 < length <= self.limit:

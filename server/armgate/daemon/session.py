@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from armgate.daemon.allowance import Allowance
+from armgate.daemon.bucket import Bucket
 from armgate.daemon.line import Line
 from armgate.daemon.listener import Place
 from armgate.daemon.outbox import Outbox, Overflow
@@ -49,6 +50,12 @@ _COSTS: dict[type[object], float] = {
 """Messages that count as more than one: their answers are large, or go to all clients."""
 
 _EVICTED = "no hello came while others waited for the place; say hello at once after connecting"
+
+_AHEAD = 256 * 1024
+"""Bytes of a client that are kept while it waits for its turn, to find a stop among them."""
+
+_STOPS = 20.0
+"""Stops of a client that are acted on ahead of its other messages, per second and at once."""
 
 _BYTES = 2048
 """Bytes that count as one more message."""
@@ -130,7 +137,8 @@ class Session(asyncio.BufferedProtocol, Place):
         self._turns = turns
         self._allowance = allowance
         self._bytes = 0
-        self._reading = self._ended = self._lost = False
+        self._overtaking = Bucket(_STOPS, _STOPS, 0.0)
+        self._reading = self._searching = self._ended = self._lost = False
         self._pause: asyncio.TimerHandle | None = None
         self._closing = self._told_gone = self._told_closed = False
         self._overflow = ""
@@ -184,7 +192,7 @@ class Session(asyncio.BufferedProtocol, Place):
             self._connection.push(data)
             self._bytes += len(data)
             if self._reading:
-                self._transport.pause_reading()  # enough waits for this session's turn
+                self._read_ahead()
             else:
                 self._reading = True
                 self._ask_for_turn(self._turns.now)
@@ -334,8 +342,6 @@ class Session(asyncio.BufferedProtocol, Place):
         privileged = self._desk.privileged(self)
         wait = 0.0 if self._allowance is None else self._allowance.reserve(privileged)
         if wait:
-            # Not reading from the socket meanwhile makes the client wait, instead of keeping what it sends.
-            self._transport.pause_reading()
             self._pause = asyncio.get_running_loop().call_later(wait, self._resume)
         else:
             give(self.identity, privileged, self._read)
@@ -351,7 +357,7 @@ class Session(asyncio.BufferedProtocol, Place):
         if self._allowance is not None:
             self._allowance.spend(cost - 1.0, self._desk.privileged(self))
         if more:
-            self._transport.pause_reading()
+            self._read_ahead()
             self._ask_for_turn(self._turns.later)
             return
         self._reading = False
@@ -359,6 +365,30 @@ class Session(asyncio.BufferedProtocol, Place):
             self._end_of_stream()
         else:
             self._transport.resume_reading()
+
+    def _read_ahead(self) -> None:
+        """Act on a stop that waits behind other messages, and keep what comes up to a bound, to find one.
+
+        Beyond the bound the socket is not read, which makes the client wait.
+        """
+        if self._connection.buffered > (_ROOM if self._allowance is None else _AHEAD):
+            self._transport.pause_reading()
+        else:
+            self._transport.resume_reading()
+        if not self._searching and self._allowance is not None and self._connection.may_overtake:
+            self._searching = True
+            self._turns.later(self.identity, self._desk.privileged(self), self._search)
+
+    def _search(self) -> None:
+        """Search a few of the messages that wait for a stop, and act on it."""
+        self._searching = False
+        if self._closing or not self._overtaking.take(asyncio.get_running_loop().time()):
+            return
+        if (stop := self._connection.overtake()) is None:
+            self._overtaking.spend(-1.0)
+        else:
+            self._guarded(self._hear, stop)
+        self._read_ahead()
 
     def _end_of_stream(self) -> None:
         if not self._closing:
