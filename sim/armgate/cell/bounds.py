@@ -1,5 +1,6 @@
 """Bounds and start of one robot: the URDF's limits with the configuration's tighter ones over them."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.config import CellConfig, JointConfig
+from armgate.cell.findings import Findings
 from armgate.cell.gantry import GANTRY_JOINTS
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.cell.model import Joint, RobotModel
@@ -40,18 +42,23 @@ class JointBounds:
 
 
 def joint_bounds(config: CellConfig, robot: str, model: RobotModel) -> JointBounds:
-    """The bounds of a robot.
+    """Return the bounds of a robot.
 
     Raises:
-        ConfigError: An unknown joint, a wrong unit, or a bound that is not tighter than the URDF's.
+        ConfigError: An unknown joint, a wrong unit, or a bound that is not tighter than the URDF's; a line
+            for each.
     """
-    given = config.robots[robot].joints
-    names = [joint.name for joint in model.joints]
-    for name in given:
-        if name not in names:
-            text = f"robot {robot} has no joint {name!r}; expected one of {', '.join(names)}"
-            raise config.error(("robots", robot, "joints", name), text)
-    rows = [tuple(_of_joint(config, robot, joint)) for joint in model.joints]
+    names, findings = [joint.name for joint in model.joints], Findings()
+    for name in config.robots[robot].joints:
+        with findings.collecting():
+            if name not in names:
+                text = f"robot {robot} has no joint {name!r}; expected one of {', '.join(names)}"
+                raise config.error(("robots", robot, "joints", name), text)
+    rows = []
+    for joint in model.joints:
+        with findings.collecting():
+            rows.append(tuple(_of_joint(config, robot, joint)))
+    findings.check()
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     for column in columns:
         column.setflags(write=False)
@@ -61,7 +68,7 @@ def joint_bounds(config: CellConfig, robot: str, model: RobotModel) -> JointBoun
 
 
 def start_position(config: CellConfig, robot: str, model: RobotModel) -> Array:
-    """Where a robot starts; outside its limits is allowed (the gate then lets it retreat only).
+    """Return the start position; outside its limits is allowed (the gate then admits retreat only).
 
     Raises:
         ConfigError: Another number of values than joints, or a wrong unit.
@@ -70,10 +77,11 @@ def start_position(config: CellConfig, robot: str, model: RobotModel) -> Array:
     if len(start) != model.n:
         names = ", ".join(joint.name for joint in model.joints)
         raise config.error(path, f"{len(start)} values; expected {model.n}, one for each of {names}")
-    values = [
-        _value(config, (*path, i), given, joint, "")
-        for i, (given, joint) in enumerate(zip(start, model.joints, strict=True))
-    ]
+    values, findings = [], Findings()
+    for i, (given, joint) in enumerate(zip(start, model.joints, strict=True)):
+        with findings.collecting():
+            values.append(_value(config, (*path, i), given, joint, ""))
+    findings.check()
     array = np.array(values)
     array.setflags(write=False)
     return array
@@ -117,15 +125,19 @@ def _of_joint(config: CellConfig, robot: str, joint: Joint) -> Iterator[float]:
     velocity = _velocity(config, path, own, joint)
     yield velocity
     ramp = _gantry_acceleration(config, robot, joint) or velocity / RAMP
-    yield (
-        ramp
-        if own.acceleration is None
-        else _positive(config, (*path, "acceleration"), own.acceleration, joint)
-    )
-    if own.deceleration is not None:
-        yield _positive(config, (*path, "deceleration"), own.deceleration, joint)
+    if own.acceleration is None:
+        yield min(ramp, joint.acceleration)
     else:
-        yield np.inf if "deceleration" in own.model_fields_set else ramp
+        yield _ramp(config, (*path, "acceleration"), own.acceleration, joint, joint.acceleration)
+    if own.deceleration is not None:
+        yield _ramp(config, (*path, "deceleration"), own.deceleration, joint, joint.deceleration)
+    elif "deceleration" not in own.model_fields_set:
+        yield min(ramp, joint.deceleration)
+    elif math.isinf(joint.deceleration):
+        yield math.inf
+    else:
+        text = f"no bound is looser than the URDF's {joint.deceleration:g}; expected the same or less"
+        raise config.error((*path, "deceleration"), text)
 
 
 def _check_limits(config: CellConfig, path: Path_, joint: Joint, lower: float, upper: float) -> None:
@@ -155,10 +167,13 @@ def _gantry_acceleration(config: CellConfig, robot: str, joint: Joint) -> float 
     return gantry.acceleration if gantry is not None and joint.name in GANTRY_JOINTS else None
 
 
-def _positive(config: CellConfig, path: Path_, given: Quantity, joint: Joint) -> float:
+def _ramp(config: CellConfig, path: Path_, given: Quantity, joint: Joint, most: float) -> float:
+    """Return an acceleration or deceleration that is at most the URDF's."""
     value = _value(config, path, given, joint, "/s²")
     if value <= 0.0:
         raise config.error(path, f"{value:g} is not possible; expected more than 0")
+    if value > most:
+        raise config.error(path, f"{value:g} is looser than the URDF's {most:g}; expected the same or less")
     return value
 
 

@@ -16,12 +16,20 @@ from armgate.cell.bounds import joint_bounds, joint_lags, lag_difference, start_
 from armgate.cell.config import CellConfig, RobotConfig
 from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
-from armgate.cell.gantry import add_body, add_frame, add_gantry
+from armgate.cell.findings import Findings
+from armgate.cell.gantry import GANTRY_LINKS, add_body, add_frame, add_gantry
 from armgate.cell.model import RobotModel
 from armgate.cell.names import whole_name
-from armgate.cell.pairs import Body, Pair, PairKind, collect_bodies, collect_pairs
+from armgate.cell.pairs import (
+    Body,
+    Pair,
+    PairKind,
+    collect_bodies,
+    collect_pairs,
+    collect_surroundings,
+)
 from armgate.cell.source import Path_
-from armgate.cell.urdf import parse_xml, read_urdf
+from armgate.cell.urdf import parse_xml, plain_origins, read_robot, unique_bodies
 
 __all__ = ["Body", "Cell", "Pair", "PairKind", "Robot", "build_cell"]
 
@@ -120,26 +128,66 @@ class Cell:
 
 
 def build_cell(config: CellConfig) -> Cell:
-    """Builds the cell: reads the URDFs, adds gantries, frames and bodies, and checks what needs the models.
+    """Build the cell: read the URDFs, add gantries, frames and bodies, and check what needs the models.
+
+    Meshes are cut last, which may take minutes: all else is checked before.
 
     Raises:
-        ConfigError: A URDF is refused, or a value does not fit its robot; the text names file, line and key.
+        ConfigError: A URDF is refused, or a value does not fit its robot; a line for each finding, with file,
+            line and key.
     """
-    robots = tuple(_robot(config, name) for name in config.robots)
+    if _has_meshes(config):
+        _built(config, outline=True)
+    return _built(config, outline=False)
+
+
+def _has_meshes(config: CellConfig) -> bool:
+    shapes = [own.shape for own in config.surroundings.values()]
+    shapes += [body.shape for own in config.robots.values() for body in own.bodies.values()]
+    paths = map(config.urdf_path, config.robots)
+    return any(shape.mesh is not None for shape in shapes) or any(map(_mentions_mesh, paths))
+
+
+def _mentions_mesh(path: Path) -> bool:
+    try:
+        return b"<mesh" in path.read_bytes()
+    except OSError:  # reported where it is read
+        return False
+
+
+def _built(config: CellConfig, outline: bool) -> Cell:
+    """Build the cell; in the outline small bodies stand in for meshes."""
+    findings, robots = Findings(), []
+    for name in config.robots:
+        with findings.collecting():
+            robots.append(_robot(config, name, outline))
+    surroundings = collect_surroundings(config, outline, findings)
+    findings.check()
     models = [robot.model for robot in robots]
-    bodies = collect_bodies(config, models)
+    bodies = collect_bodies(config, models, surroundings)
     pairs = collect_pairs(config, models, bodies)
-    return Cell(config.name, config, robots, bodies, pairs, _hash(config, robots, bodies))
+    return Cell(config.name, config, tuple(robots), bodies, pairs, _hash(config, tuple(robots), bodies))
 
 
-def _robot(config: CellConfig, name: str) -> Robot:
-    own = config.robots[name]
-    urdf = _composed(config, name)
-    with _blaming(config, ("robots", name, "urdf")):
-        model = RobotModel.from_urdf(urdf, own.base.placement)
-    _check_frames(config, name, model)
-    bounds = joint_bounds(config, name, model)
-    lags = joint_lags(config, name, model)
+def _robot(config: CellConfig, name: str, outline: bool) -> Robot:
+    """Build one robot.
+
+    Raises:
+        ConfigError: A line for each finding.
+    """
+    findings, own = Findings(), config.robots[name]
+    arm = _parsed(config, name)
+    _check_frames(config, name, arm, findings)
+    with findings.collecting():
+        urdf = _composed(config, name, arm, outline)
+        with _blaming(config, ("robots", name, "urdf")):
+            model = RobotModel.from_urdf(urdf, own.base.placement)
+        with findings.collecting():
+            bounds = joint_bounds(config, name, model)
+        with findings.collecting():
+            lags = joint_lags(config, name, model)
+        start = start_position(config, name, model)
+    findings.check()
     return Robot(
         name=name,
         model=model,
@@ -150,9 +198,9 @@ def _robot(config: CellConfig, name: str) -> Robot:
         velocity=bounds.velocity,
         acceleration=bounds.acceleration,
         deceleration=bounds.deceleration,
-        start=start_position(config, name, model),
-        lags=lags,
+        start=start,
         lag_window=own.lag_window,
+        lags=lags,
         lag_difference=lag_difference(config, name, lags),
         q_tolerance=own.q_tolerance,
         tool=own.tool,
@@ -161,7 +209,7 @@ def _robot(config: CellConfig, name: str) -> Robot:
     )
 
 
-def _composed(config: CellConfig, name: str) -> str:
+def _parsed(config: CellConfig, name: str) -> ET.Element:
     path, key = config.urdf_path(name), ("robots", name, "urdf")
     try:
         text = path.read_text(encoding="utf-8")
@@ -169,22 +217,28 @@ def _composed(config: CellConfig, name: str) -> str:
         raise config.error(key, f"{path} cannot be read: {error.strerror}; expected a URDF file") from error
     except UnicodeDecodeError as error:
         raise config.error(key, f"{path} is not UTF-8; expected a URDF file") from error
-    try:
-        robot = parse_xml(text)
+    with _blaming(config, key, f"{path}: "):
+        return parse_xml(text)
+
+
+def _composed(config: CellConfig, name: str, robot: ET.Element, outline: bool) -> str:
+    path, key = config.urdf_path(name), ("robots", name, "urdf")
+    with _blaming(config, key, f"{path}: "):
+        unique_bodies(robot)
+        read_robot(robot, meshes=True)
+        plain_origins(robot)
         if robot.find("link/collision/geometry/mesh") is not None:
-            _inline_meshes(config, name, robot, path.parent)
-        read_urdf(ET.tostring(robot, encoding="unicode"))
-    except ModelError as error:
-        raise config.error(key, f"{path}: {error}") from error
-    _add_parts(config, name, robot)
+            _inline_meshes(config, name, robot, path.parent, outline)
+        read_robot(robot)
+    _add_parts(config, name, robot, outline)
     ET.indent(robot)
     return ET.tostring(robot, encoding="unicode")
 
 
-def _inline_meshes(config: CellConfig, name: str, robot: ET.Element, folder: Path) -> None:
+def _inline_meshes(config: CellConfig, name: str, robot: ET.Element, folder: Path, outline: bool) -> None:
     from armgate.cell.mesh.urdf import inline_meshes  # noqa: PLC0415  (most cells have no meshes)
 
-    inline_meshes(robot, folder, config.robots[name].meshes, _packages(config, name))
+    inline_meshes(robot, folder, config.robots[name].meshes, _packages(config, name), outline)
 
 
 def _packages(config: CellConfig, name: str) -> dict[str, Path]:
@@ -193,36 +247,46 @@ def _packages(config: CellConfig, name: str) -> dict[str, Path]:
     return {package: config.file((*key, package), folder) for package, folder in given.items()}
 
 
-def _add_parts(config: CellConfig, name: str, robot: ET.Element) -> None:
-    """Adds gantry, frames and bodies, one by one so that an error can name the one to blame."""
-    own, key = config.robots[name], ("robots", name)
+def _add_parts(config: CellConfig, name: str, robot: ET.Element, outline: bool) -> None:
+    """Add gantry, frames and bodies, one by one so that an error names the right one."""
+    own, key, findings = config.robots[name], ("robots", name), Findings()
     if own.gantry is not None:
-        with _blaming(config, (*key, "gantry")):
+        with findings.collecting(), _blaming(config, (*key, "gantry")):
             add_gantry(robot, own.gantry)
     for frame, frame_config in own.frames.items():
-        with _blaming(config, (*key, "frames", frame)):
+        with findings.collecting(), _blaming(config, (*key, "frames", frame)):
             add_frame(robot, frame, frame_config)
     for body, body_config in own.bodies.items():
-        with _blaming(config, (*key, "bodies", body)):
+        with findings.collecting(), _blaming(config, (*key, "bodies", body)):
             folder = config.file((*key, "bodies", body, "shape", "mesh", "file"), "")
-            parts = parts_of_shape(body_config.shape, folder, _packages(config, name))
+            parts = parts_of_shape(body_config.shape, folder, _packages(config, name), outline)
             add_body(robot, body, body_config, parts)
+    findings.check()
 
 
 @contextmanager
-def _blaming(config: CellConfig, path: Path_) -> Iterator[None]:
+def _blaming(config: CellConfig, path: Path_, before: str = "") -> Iterator[None]:
+    """Turn each line of a ModelError into a finding about the value under ``path``."""
     try:
         yield
     except ModelError as error:
-        raise config.error(path, str(error)) from error
+        findings = Findings()
+        for line in str(error).splitlines():
+            with findings.collecting():
+                raise config.error(path, f"{before}{line}") from error
+        findings.check()
 
 
-def _check_frames(config: CellConfig, name: str, model: RobotModel) -> None:
+def _check_frames(config: CellConfig, name: str, arm: ET.Element, findings: Findings) -> None:
+    """Check that tool and camera are links of the arm, of the gantry or configured frames."""
     own = config.robots[name]
+    links = [link.get("name", "") for link in arm.findall("link")]
+    known = [*links, *(GANTRY_LINKS if own.gantry is not None else ()), *own.frames]
     for key, frame in (("tool", own.tool), ("camera", own.camera)):
-        if frame is not None and frame not in model.frame_names:
-            known = ", ".join(model.frame_names)
-            raise config.error(("robots", name, key), f"there is no frame {frame!r}; expected one of {known}")
+        if frame is not None and frame not in known:
+            with findings.collecting():
+                text = f"there is no frame {frame!r}; expected one of {', '.join(known)}"
+                raise config.error(("robots", name, key), text)
 
 
 def _hash(config: CellConfig, robots: tuple[Robot, ...], bodies: tuple[Body, ...]) -> str:

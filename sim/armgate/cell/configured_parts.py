@@ -10,13 +10,16 @@ if TYPE_CHECKING:
     from armgate.cell.config import ShapeConfig
 
 
-def parts_of_shape(shape: "ShapeConfig", folder: Path, packages: Mapping[str, Path]) -> tuple[Part, ...]:
-    """The parts of a configured shape: itself, or those that a mesh is cut into.
+def parts_of_shape(
+    shape: "ShapeConfig", folder: Path, packages: Mapping[str, Path], outline: bool = False
+) -> tuple[Part, ...]:
+    """Return the parts of a configured shape: itself, or those that a mesh is cut into.
 
     Args:
         shape: The shape.
         folder: Where relative file names count from.
         packages: Folders for ``package://``.
+        outline: Read a mesh without cutting it: a stand-in takes the place of its parts.
 
     Raises:
         ModelError: A mesh cannot be used; the text names its file.
@@ -26,4 +29,4 @@ def parts_of_shape(shape: "ShapeConfig", folder: Path, packages: Mapping[str, Pa
     from armgate.cell.mesh.files import locate  # noqa: PLC0415  (most cells have no meshes)
     from armgate.cell.mesh.parts import how, parts_of  # noqa: PLC0415
 
-    return parts_of(locate(shape.mesh.file, folder, packages), shape.mesh.scale, how(shape.mesh))
+    return parts_of(locate(shape.mesh.file, folder, packages), shape.mesh.scale, how(shape.mesh), outline)

@@ -8,10 +8,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from armgate.cell.errors import ConfigError
+from armgate.cell.findings import joined
 from armgate.cell.names import NAME_TEXT
 from armgate.cell.source import Node, Path_, finding
-
-MAX_FINDINGS = 10
 
 _TEXTS = {
     "missing": "the key is missing; expected it here",
@@ -45,11 +44,8 @@ def explained(error: ValidationError, tree: Node, model: type[BaseModel]) -> Con
         for detail, path in zip(details, paths, strict=True)
     ]
     findings.sort(key=lambda each: (str(each.file), each.line))
-    lines = [str(each) for each in findings[:MAX_FINDINGS]]
-    if len(findings) > MAX_FINDINGS:
-        lines.append(f"… and {len(findings) - MAX_FINDINGS} more")
     first = findings[0]
-    return ConfigError("\n".join(lines), first.file, first.line, first.path)
+    return ConfigError(joined(map(str, findings)), first.file, first.line, first.path)
 
 
 def _path(detail: ErrorDetails, tree: Node) -> Path_:

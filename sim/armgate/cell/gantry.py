@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from armgate.cell.errors import ModelError
 from armgate.cell.parts import Part, add_parts
 from armgate.cell.shapes import Box
-from armgate.cell.urdf import Urdf, number_text, read_urdf, write_body
+from armgate.cell.urdf import Urdf, number_text, read_robot, write_body
 
 if TYPE_CHECKING:
     from armgate.cell.config import BodyConfig, FrameConfig, GantryConfig, Pose
@@ -76,7 +76,7 @@ def add_gantry(robot: ET.Element, gantry: "GantryConfig") -> None:
 
 def _check(robot: ET.Element) -> Urdf:
     """Names can collide with the arm's: the reader's own rules find that."""
-    return read_urdf(ET.tostring(robot, encoding="unicode"))
+    return read_robot(robot)
 
 
 # --- the gantry's bodies: boxes (name, size, centre) in the frames of their links -------------------------

@@ -4,6 +4,7 @@ The one place of this package that calls pinocchio. World frame means: the robot
 A model keeps pinocchio's work space, so one object must not be used by two threads at once.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -21,13 +22,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joint:
-    """One moving joint; limits in rad or m, speed per s, from the URDF."""
+    """One moving joint; limits in rad or m, per s, per s², from the URDF; inf: the URDF has no such limit."""
 
     name: str
     kind: Literal["revolute", "prismatic"]
     lower: float
     upper: float
     velocity: float
+    acceleration: float = math.inf
+    deceleration: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,8 @@ class RobotModel:
 
 
 def _joint(joint: Any) -> Joint:
-    return Joint(joint.name, joint.kind, joint.lower, joint.upper, joint.velocity)
+    limits = (joint.lower, joint.upper, joint.velocity, joint.acceleration, joint.deceleration)
+    return Joint(joint.name, joint.kind, *limits)
 
 
 def _move_root(pin_model: Any, base: Placement) -> None:

@@ -8,9 +8,9 @@ from typing import Literal
 from armgate.cell.config import CellConfig
 from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
+from armgate.cell.findings import Findings
 from armgate.cell.model import ModelBody, RobotModel
 from armgate.cell.names import MAX_NAME, part_name, whole_name
-from armgate.cell.parts import Part
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
 
@@ -50,12 +50,32 @@ class Pair:
     kind: PairKind
 
 
-def collect_bodies(config: CellConfig, models: Sequence[RobotModel]) -> tuple[Body, ...]:
-    """The bodies of all robots, robot by robot, then the surroundings.
+@dataclass(frozen=True)
+class StandingPart:
+    """A part of one of the surroundings: its name and its place in the world."""
+
+    whole: str
+    name: str
+    shape: Shape
+    placement: Placement
+
+
+def collect_surroundings(config: CellConfig, outline: bool, findings: Findings) -> tuple[StandingPart, ...]:
+    """Return the parts of all surroundings; what cannot be used goes into the findings."""
+    parts: list[StandingPart] = []
+    for name in config.surroundings:
+        with findings.collecting():
+            parts += _standing(config, name, outline)
+    return tuple(parts)
+
+
+def collect_bodies(
+    config: CellConfig, models: Sequence[RobotModel], surroundings: Sequence[StandingPart]
+) -> tuple[Body, ...]:
+    """Return the bodies of all robots, robot by robot, then the surroundings.
 
     Raises:
-        ConfigError: A robot's and its body's name are too long together, a name stands for two bodies, or a
-            mesh of the surroundings cannot be used.
+        ConfigError: A robot's and its body's name are too long together, or a name stands for two bodies.
     """
     bodies = []
     for robot, (name, model) in enumerate(zip(config.robots, models, strict=True)):
@@ -63,27 +83,27 @@ def collect_bodies(config: CellConfig, models: Sequence[RobotModel]) -> tuple[Bo
             full = f"{name}/{body.name}"
             _check_length(config, ("robots", name), full)
             bodies.append(Body(full, robot, index, body.shape, body.placement))
-    taken, index = {body.name for body in bodies}, 0
-    for name in config.surroundings:
-        for body_name, part, placement in _standing(config, name):
-            if body_name in taken:
-                raise config.error(("surroundings", name), f"{body_name!r} is the name of a robot's body too")
-            bodies.append(Body(body_name, None, index, part.shape, placement))
-            index += 1
+    taken = {body.name for body in bodies}
+    for index, part in enumerate(surroundings):
+        if part.name in taken:
+            raise config.error(
+                ("surroundings", part.whole), f"{part.name!r} is the name of a robot's body too"
+            )
+        bodies.append(Body(part.name, None, index, part.shape, part.placement))
     return tuple(bodies)
 
 
-def _standing(config: CellConfig, name: str) -> Iterator[tuple[str, Part, Placement]]:
-    """The parts of one of the surroundings: their names and places in the world."""
+def _standing(config: CellConfig, name: str, outline: bool) -> Iterator[StandingPart]:
     own, key = config.surroundings[name], ("surroundings", name)
     try:
-        parts = parts_of_shape(own.shape, config.file((*key, "shape", "mesh", "file"), ""), {})
+        parts = parts_of_shape(own.shape, config.file((*key, "shape", "mesh", "file"), ""), {}, outline)
     except ModelError as error:
         raise config.error(key, str(error)) from error
     for number, part in enumerate(parts, start=1):
         body_name = part_name(name, number, len(parts))
         _check_length(config, key, body_name)
-        yield body_name, part, Placement(own.placement.R, own.placement.apply(part.at))
+        placement = Placement(own.placement.R, own.placement.apply(part.at))
+        yield StandingPart(name, body_name, part.shape, placement)
 
 
 def _check_length(config: CellConfig, key: tuple[str, str], name: str) -> None:

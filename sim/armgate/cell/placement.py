@@ -1,5 +1,6 @@
 """Rigid placements (SE(3)) for code that has to do without pinocchio."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -84,6 +85,15 @@ class Placement:
         """Points given in B, (3,) or (…, 3), as seen from A, m."""
         moved: Array = np.asarray(points, dtype=np.float64) @ self.R.T + self.t
         return moved
+
+    def rpy(self) -> tuple[float, float, float]:
+        """Return the rotation as URDF's roll, pitch, yaw [rad]; roll is 0 where only their sum counts."""
+        R = self.R
+        level = math.hypot(R[0, 0], R[1, 0])
+        pitch = math.atan2(-R[2, 0], level)
+        if level < 1e-9:
+            return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
+        return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
     def xyzw(self) -> tuple[float, float, float, float]:
         """The rotation as a unit quaternion (x, y, z, w) with w ≥ 0.

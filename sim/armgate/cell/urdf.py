@@ -1,16 +1,18 @@
-"""Reads a robot description (URDF) strictly: what is not supported is refused by name, never mangled.
+"""Strict reader of robot descriptions (URDF): what is not supported is refused by name, never mangled.
 
 Supported: trees of ``revolute``, ``prismatic`` and ``fixed`` joints, and collision bodies of
 ``<sphere radius>``, ``<box size>``, ``<cylinder radius length>`` and, beyond the standard,
 ``<capsule radius length>`` (the length without its caps, axis along z), ``<cone radius length>`` (its tip at
 +length/2) and ``<convex vertices radius>`` (the hull of points "x y z x y z …", thickened). A ``<mesh>`` is
 cut into ``<convex>`` bodies before (``armgate.cell.mesh.urdf``), so that the text needs no other files.
-Visuals, inertias and everything else that a gate does not need are ignored.
+``urdf_words`` says which elements and attributes are read and which are ignored; all others are refused.
+All findings of a description are reported together.
 """
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +20,10 @@ from armgate.cell.errors import ModelError
 from armgate.cell.names import NAME_TEXT, is_name, is_part_name, whole_name
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Convex, Shape, shape_from
+from armgate.cell.urdf_words import VERSIONS, unread
+from armgate.cell.urdf_xml import parse_xml, place
+
+__all__ = ["Urdf", "UrdfBody", "UrdfJoint", "parse_xml", "read_robot", "read_urdf"]
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
 _KINDS: dict[str, JointKind] = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
@@ -27,12 +33,18 @@ _SIZES = {
     "cylinder": ("radius", "length"),
     "cone": ("radius", "length"),
 }
+_UNIT = 1e-3
+"""Largest deviation of a quaternion's length from 1."""
+
 _SHAPES = "sphere, capsule, cylinder, box, cone, mesh or convex"
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: its frame is ``origin`` in the frame of the parent link; limits in rad or m, and per s."""
+    """A joint: its frame is ``origin`` in the frame of the parent link; limits in rad or m, per s, per s².
+
+    ``acceleration`` and ``deceleration`` are inf if the description has none.
+    """
 
     name: str
     kind: JointKind
@@ -43,6 +55,8 @@ class UrdfJoint:
     lower: float
     upper: float
     velocity: float
+    acceleration: float = math.inf
+    deceleration: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -66,64 +80,163 @@ class Urdf:
     bodies: tuple[UrdfBody, ...]
 
 
-def parse_xml(text: str) -> ET.Element:
-    """The ``<robot>`` element of a URDF text.
+class _Findings:
+    """Findings of one description, to be raised together."""
 
-    Raises:
-        ModelError: No XML, a document type (entities could blow it up), or no ``<robot>``.
-    """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ModelError("a document type or entities are not allowed in a URDF; remove <!DOCTYPE …>")
-    try:
-        root = ET.fromstring(text)  # noqa: S314  (entities are refused above)
-    except (ET.ParseError, ValueError) as error:
-        raise ModelError(f"not well-formed XML: {error}") from error
-    if root.tag != "robot":
-        raise ModelError(f"the outer element is <{root.tag}>; expected <robot>")
-    return root
+    def __init__(self, texts: Iterable[str]) -> None:
+        self.texts = list(texts)
+
+    @contextmanager
+    def collecting(self, element: ET.Element) -> Iterator[None]:
+        """Take up a ModelError about an element."""
+        try:
+            yield
+        except ModelError as error:
+            self.texts.append(f"{place(element)}{error}")
+
+    def check(self) -> None:
+        """Raise all findings as one ModelError, a line each."""
+        if self.texts:
+            raise ModelError("\n".join(dict.fromkeys(self.texts)))
 
 
 def read_urdf(text: str) -> Urdf:
-    """Reads a URDF text.
+    """Read a URDF text, see ``read_robot``."""
+    return read_robot(parse_xml(text))
+
+
+def read_robot(root: ET.Element, meshes: bool = False) -> Urdf:
+    """Read a ``<robot>`` element.
+
+    Args:
+        root: The element.
+        meshes: Accept ``<mesh>``, and leave its bodies out.
 
     Raises:
-        ModelError: It is malformed or holds something that is not supported; the text names the element.
+        ModelError: It is malformed or holds something that is not supported; a line for each finding, with
+            the line of the file and the name of the element.
     """
-    root = parse_xml(text)
-    links = tuple(_name(element, "link") for element in root.findall("link"))
-    _refuse_doubles("link", links)
-    joints = tuple(_joint(element, links) for element in root.findall("joint"))
-    _refuse_doubles("joint", (joint.name for joint in joints))
-    bodies = tuple(body for element in root.findall("link") for body in _bodies(element))
-    _refuse_doubles("body", (body.name for body in bodies))
-    wholes = {whole_name(body.name) for body in bodies if body.name != whole_name(body.name)}
-    _refuse_doubles("body", [*wholes, *(body.name for body in bodies if body.name in wholes)])
+    findings = _Findings(unread(root))
+    with findings.collecting(root):
+        _check_version(root)
+    links, joints, bodies = (
+        _links(root, findings),
+        _joints(root, findings),
+        _all_bodies(root, meshes, findings),
+    )
+    findings.check()
     return Urdf(root.get("name", ""), _root_link(links, joints), links, joints, bodies)
 
 
+def _check_version(root: ET.Element) -> None:
+    version = root.get("version", VERSIONS[0])
+    if version not in VERSIONS:
+        raise ModelError(f"version {version!r} of URDF is not known; expected one of {', '.join(VERSIONS)}")
+    turned = [
+        *root.iterfind("joint/origin[@quat_xyzw]"), *root.iterfind("link/collision/origin[@quat_xyzw]"),
+    ]  # fmt: skip
+    if turned and version == VERSIONS[0]:
+        raise ModelError(
+            f'{place(turned[0])}quat_xyzw needs <robot version="1.1">: other programs ignore it in this file'
+        )
+
+
+def _links(root: ET.Element, findings: _Findings) -> tuple[str, ...]:
+    names: list[str] = []
+    for element in root.findall("link"):
+        with findings.collecting(element):
+            names.append(_new(_name(element, "link"), "link", names))
+    return tuple(names)
+
+
+def _joints(root: ET.Element, findings: _Findings) -> tuple[UrdfJoint, ...]:
+    links = [element.get("name", "") for element in root.findall("link")]
+    names: list[str] = []
+    joints = []
+    for element in root.findall("joint"):
+        with findings.collecting(element):
+            names.append(_new(_name(element, "joint"), "joint", names))
+            joints.append(_joint(element, links))
+    return tuple(joints)
+
+
+def _all_bodies(root: ET.Element, meshes: bool, findings: _Findings) -> tuple[UrdfBody, ...]:
+    names: dict[str, bool] = {}
+    bodies = []
+    for link in root.findall("link"):
+        for name, element in collisions(link):
+            with findings.collecting(element):
+                _check_body_name(link.get("name", ""), name, names)
+                if not (meshes and element.find("geometry/mesh") is not None):
+                    bodies.append(_body(link.get("name", ""), name, element))
+    return tuple(bodies)
+
+
+def _check_body_name(link: str, name: str, names: dict[str, bool]) -> None:
+    """Refuse a name that is none, occurs twice, or is that of a body and that of a body in parts."""
+    if not is_part_name(name):
+        raise ModelError(f"link {link!r}: a body cannot be called {name!r}; expected {NAME_TEXT}")
+    whole = whole_name(name)
+    if name in names or names.get(whole, name != whole) != (name != whole):
+        raise ModelError(f"body {whole!r} occurs twice; expected every name once")
+    names[name] = names[whole] = name != whole
+
+
+def _new(name: str, what: str, names: Iterable[str]) -> str:
+    if name in names:
+        raise ModelError(f"{what} {name!r} occurs twice; expected every name once")
+    return name
+
+
 def kinematics_only(text: str) -> str:
-    """The same URDF with bare links and the joints' kinematics, as other parsers take it.
+    """Return the same URDF with bare links and the joints' kinematics, as other parsers read it.
 
     They know no ``<capsule>``, stumble over inertias and insist on a name and on effort limits.
     """
     robot = parse_xml(text)
-    robot.set("name", robot.get("name") or "robot")
-    for element in list(robot):
-        if element.tag not in {"link", "joint"}:
-            robot.remove(element)
-        for child in list(element):
-            if element.tag == "link" or child.tag not in {"parent", "child", "origin", "axis", "limit"}:
-                element.remove(child)
-    for limit in robot.iter("limit"):
-        limit.set("effort", "0")
-    return ET.tostring(robot, encoding="unicode")
+    plain_origins(robot)
+    bare = ET.Element("robot", name=robot.get("name") or "robot")
+    for element in [*robot.findall("link"), *robot.findall("joint")]:
+        own = ET.SubElement(bare, element.tag, element.attrib)
+        for child in element if element.tag == "joint" else ():
+            if child.tag in {"parent", "child", "origin", "axis"}:
+                own.append(child)
+            elif child.tag == "limit":
+                bounds = {key: child.get(key, "0") for key in ("lower", "upper", "velocity")}
+                ET.SubElement(own, "limit", bounds, effort="0")
+    return ET.tostring(bare, encoding="unicode")
+
+
+def plain_origins(robot: ET.Element) -> None:
+    """Replace the quaternions of joints and collisions by roll, pitch, yaw, which every program reads.
+
+    Raises:
+        ModelError: A quaternion is refused.
+    """
+    for element in [*robot.findall("joint"), *robot.findall("link/collision")]:
+        origin = element.find("origin")
+        if origin is not None and "quat_xyzw" in origin.attrib:
+            _, rpy = origin_of(element, element.tag)
+            del origin.attrib["quat_xyzw"]
+            origin.set("rpy", number_text(rpy))
+
+
+def unique_bodies(robot: ET.Element) -> None:
+    """Name every collision, and put the link's name before names that several links use."""
+    named = [(link, name, element) for link in robot.findall("link") for name, element in collisions(link)]
+    links: dict[str, set[str]] = {}
+    for link, name, _ in named:
+        links.setdefault(name, set()).add(link.get("name", ""))
+    for link, name, element in named:
+        element.set("name", name if len(links[name]) == 1 else f"{link.get('name', '')}.{name}")
 
 
 def _root_link(links: tuple[str, ...], joints: tuple[UrdfJoint, ...]) -> str:
     if not links:
         raise ModelError("there is no <link>; expected at least one")
-    children = [joint.child for joint in joints]
-    _refuse_doubles("child link", children)
+    children: list[str] = []
+    for joint in joints:
+        children.append(_new(joint.child, "child link", children))
     roots = [link for link in links if link not in children]
     if not roots:
         raise ModelError("every link is the child of a joint: the joints form a loop; expected a tree")
@@ -143,14 +256,6 @@ def _refuse_loops(root: str, links: tuple[str, ...], joints: tuple[UrdfJoint, ..
     lost = [link for link in links if link not in reached]
     if lost:
         raise ModelError(f"links {', '.join(lost)} are not connected to {root}: their joints form a loop")
-
-
-def _refuse_doubles(what: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise ModelError(f"{what} {name!r} occurs twice; expected every name once")
-        seen.add(name)
 
 
 def _name(element: ET.Element, what: str) -> str:
@@ -184,16 +289,24 @@ def numbers(
 
 
 def origin_of(element: ET.Element, where: str) -> tuple[list[float], list[float]]:
-    """The ``<origin>`` in an element: xyz [m] and rpy [rad].
+    """Return the ``<origin>`` in an element: xyz [m] and rpy [rad].
 
     Raises:
-        ModelError: It holds something else than numbers; the text begins with ``where``.
+        ModelError: It holds something else than numbers, or two rotations; the text begins with ``where``.
     """
     origin = element.find("origin")
     if origin is None:
         return [0.0] * 3, [0.0] * 3
     zeros = "0 0 0"
-    return numbers(origin, "xyz", 3, where, zeros), numbers(origin, "rpy", 3, where, zeros)
+    xyz = numbers(origin, "xyz", 3, where, zeros)
+    if "quat_xyzw" not in origin.attrib:
+        return xyz, numbers(origin, "rpy", 3, where, zeros)
+    if "rpy" in origin.attrib:
+        raise ModelError(f"{where}: <origin> has rpy and quat_xyzw; expected one of them")
+    x, y, z, w = numbers(origin, "quat_xyzw", 4, where)
+    if abs(math.hypot(x, y, z, w) - 1.0) > _UNIT:
+        raise ModelError(f"{where}: quat_xyzw of length {math.hypot(x, y, z, w):g}; expected length 1")
+    return xyz, list(Placement.from_quaternion(xyz, (x, y, z, w)).rpy())
 
 
 def _origin(element: ET.Element, where: str) -> Placement:
@@ -203,7 +316,7 @@ def _origin(element: ET.Element, where: str) -> Placement:
 # --- joints -----------------------------------------------------------------------------------------------
 
 
-def _joint(element: ET.Element, links: tuple[str, ...]) -> UrdfJoint:
+def _joint(element: ET.Element, links: Sequence[str]) -> UrdfJoint:
     name = _name(element, "joint")
     where = f"joint {name!r}"
     kind = _joint_kind(element, where)
@@ -226,7 +339,7 @@ def _joint_kind(element: ET.Element, where: str) -> JointKind:
     raise ModelError(f"{where}: type {kind!r} is not supported; {hint}")
 
 
-def _joint_link(element: ET.Element, end: str, links: tuple[str, ...], where: str) -> str:
+def _joint_link(element: ET.Element, end: str, links: Sequence[str], where: str) -> str:
     found = element.find(end)
     link = None if found is None else found.get("link")
     if link is None:
@@ -245,7 +358,7 @@ def _axis(element: ET.Element, where: str) -> tuple[float, float, float]:
     return x / norm, y / norm, z / norm
 
 
-def _limits(element: ET.Element, where: str) -> tuple[float, float, float]:
+def _limits(element: ET.Element, where: str) -> tuple[float, float, float, float, float]:
     limit = element.find("limit")
     if limit is None:
         raise ModelError(f"{where}: lacks <limit lower=… upper=… velocity=…/>")
@@ -256,26 +369,34 @@ def _limits(element: ET.Element, where: str) -> tuple[float, float, float]:
         raise ModelError(f"{where}: lower limit {lower:g} is not below the upper limit {upper:g}")
     if velocity <= 0.0:
         raise ModelError(f"{where}: velocity limit {velocity:g}; expected more than 0")
-    return lower, upper, velocity
+    return lower, upper, velocity, *_ramps(limit, where)
+
+
+def _ramps(limit: ET.Element, where: str) -> tuple[float, float]:
+    """Return acceleration and deceleration; the second one defaults to the first, without both it is inf."""
+    ramps = []
+    for attribute in ("acceleration", "deceleration"):
+        if attribute in limit.attrib:
+            (value,) = numbers(limit, attribute, 1, where)
+            if value <= 0.0:
+                raise ModelError(f"{where}: {attribute} limit {value:g}; expected more than 0")
+            ramps.append(value)
+        else:
+            ramps.append(ramps[0] if ramps else math.inf)
+    return ramps[0], ramps[1]
 
 
 # --- bodies -----------------------------------------------------------------------------------------------
 
 
 def collisions(link: ET.Element) -> list[tuple[str, ET.Element]]:
-    """The collision elements of a link with the names of their bodies.
-
-    Raises:
-        ModelError: A name is not possible.
-    """
-    name, named = _name(link, "link"), []
-    for number, element in enumerate(link.findall("collision"), start=1):
-        # A link may have several nameless collisions; the first takes the link's name.
-        body = element.get("name", name if number == 1 else f"{name}_{number}")
-        if not is_part_name(body):
-            raise ModelError(f"link {name!r}: a body cannot be called {body!r}; expected {NAME_TEXT}")
-        named.append((body, element))
-    return named
+    """Return the collision elements of a link with the names of their bodies, unchecked."""
+    # A link may have several nameless collisions; the first takes the link's name.
+    name = link.get("name", "")
+    return [
+        (element.get("name", name if number == 1 else f"{name}_{number}"), element)
+        for number, element in enumerate(link.findall("collision"), start=1)
+    ]
 
 
 def write_body(link: ET.Element, name: str, shape: Shape, xyz: Iterable[float], rpy: Iterable[float]) -> None:
@@ -298,12 +419,9 @@ def number_text(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _bodies(link: ET.Element) -> list[UrdfBody]:
-    bodies, name = [], link.get("name", "")
-    for body, element in collisions(link):
-        where = f"link {name!r}, body {body!r}"
-        bodies.append(UrdfBody(body, name, _shape(element, where), _origin(element, where)))
-    return bodies
+def _body(link: str, name: str, element: ET.Element) -> UrdfBody:
+    where = f"link {link!r}, body {name!r}"
+    return UrdfBody(name, link, _shape(element, where), _origin(element, where))
 
 
 def _shape(element: ET.Element, where: str) -> Shape:

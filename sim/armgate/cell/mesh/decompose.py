@@ -54,15 +54,20 @@ def cut(mesh: Mesh, how: Cut) -> tuple[Convex, ...]:
     Raises:
         ModelError: The surface is not closed (``parts`` only).
     """
+    check_closed(mesh, how)
     if how.method == "hull":
         return (_body(mesh.vertices, mesh.slack, how),)
-    if mesh.open_edges:
+    pieces = _together(_pieces(mesh, how))
+    return tuple(_body(points, mesh.slack, how) for points in pieces)
+
+
+def check_closed(mesh: Mesh, how: Cut) -> None:
+    """Raise a ModelError if the surface must be closed for this cut, and is not."""
+    if how.method != "hull" and mesh.open_edges:
         raise ModelError(
             f"the surface is not closed: {mesh.open_edges} edges belong to an odd number of triangles, so it "
             f"encloses nothing; mend the mesh, or take its convex hull (method: hull)"
         )
-    pieces = _together(_pieces(mesh, how))
-    return tuple(_body(points, mesh.slack, how) for points in pieces)
 
 
 def _body(points: Array, slack: float, how: Cut) -> Convex:

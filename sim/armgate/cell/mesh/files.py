@@ -69,6 +69,10 @@ def locate(uri: str, folder: Path, packages: Mapping[str, Path]) -> Path:
     Raises:
         ModelError: There is no such package or file, or the URI is of another kind.
     """
+    if "$(" in uri or "${" in uri:
+        raise ModelError(
+            f"{uri}: left over from xacro; expand the file first: xacro ROBOT.urdf.xacro > ROBOT.urdf"
+        )
     scheme, colon, rest = uri.partition("://")
     if not colon:
         path = folder / uri

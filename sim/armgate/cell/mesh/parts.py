@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh.decompose import Cut, cut
-from armgate.cell.mesh.files import read_mesh
+from armgate.cell.mesh.decompose import Cut, check_closed, cut
+from armgate.cell.mesh.files import Mesh, read_mesh
 from armgate.cell.parts import Part
-from armgate.cell.shapes import Convex
+from armgate.cell.shapes import Convex, Sphere
 
 if TYPE_CHECKING:
     from armgate.cell.config import MeshOptions
@@ -21,19 +21,27 @@ def how(options: "MeshOptions") -> Cut:
     return Cut(options.method, options.threshold, options.max_parts, options.max_vertices)
 
 
-def parts_of(file: Path, scale: Scale, how: Cut) -> tuple[Part, ...]:
-    """The convex bodies that together contain the mesh in a file with all that it encloses.
+_STAND_IN = (Part(Sphere(1e-3)),)
+
+
+def parts_of(file: Path, scale: Scale, how: Cut, outline: bool = False) -> tuple[Part, ...]:
+    """Return the convex bodies that together contain the mesh in a file with all that it encloses.
 
     Args:
         file: STL, OBJ, PLY or OFF.
         scale: What its coordinates are multiplied with to be in m.
         how: How to cut.
+        outline: Read the file, but do not cut the mesh: return a small sphere instead.
 
     Raises:
         ModelError: The file cannot be used; the text names it.
     """
     try:
-        return _parts(file.read_bytes(), file.suffix.lower().removeprefix("."), scale, how)
+        data, suffix = file.read_bytes(), file.suffix.lower().removeprefix(".")
+        if outline:
+            check_closed(_mesh(data, suffix, scale), how)
+            return _STAND_IN
+        return _parts(data, suffix, scale, how)
     except OSError as error:
         raise ModelError(f"mesh {file} cannot be read: {error.strerror}") from error
     except ModelError as error:
@@ -42,7 +50,12 @@ def parts_of(file: Path, scale: Scale, how: Cut) -> tuple[Part, ...]:
         raise ModelError(f"mesh {file}: {error}; meshes need pip install 'armgate[cell]'") from error
 
 
+@lru_cache(maxsize=64)
+def _mesh(data: bytes, suffix: str, scale: Scale) -> Mesh:
+    return read_mesh(data, suffix, scale)
+
+
 @lru_cache(maxsize=64)  # robots of one kind share their meshes
 def _parts(data: bytes, suffix: str, scale: Scale, how: Cut) -> tuple[Part, ...]:
-    bodies = cut(read_mesh(data, suffix, scale), how)
+    bodies = cut(_mesh(data, suffix, scale), how)
     return tuple(Part(*Convex.centred(body.vertices, body.radius)) for body in bodies)

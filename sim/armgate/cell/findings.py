@@ -1,0 +1,37 @@
+"""Errors that are collected, so that one run reports all of them."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+from armgate.cell.errors import ConfigError
+
+MAX_FINDINGS = 10
+
+
+def joined(lines: Iterable[str]) -> str:
+    """Return the first findings, a line each, and how many more there are."""
+    every = list(dict.fromkeys(lines))
+    more = [f"… and {len(every) - MAX_FINDINGS} more"] if len(every) > MAX_FINDINGS else []
+    return "\n".join(every[:MAX_FINDINGS] + more)
+
+
+class Findings:
+    """Collects errors of a configuration."""
+
+    def __init__(self) -> None:
+        self._errors: list[ConfigError] = []
+
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Take up a ConfigError and go on after the block."""
+        try:
+            yield
+        except ConfigError as error:
+            self._errors.append(error)
+
+    def check(self) -> None:
+        """Raise all errors as one ConfigError; file, line and path are those of the first one."""
+        if self._errors:
+            first = self._errors[0]
+            text = joined(line for error in self._errors for line in str(error).splitlines())
+            raise ConfigError(text, first.file, first.line, first.path)

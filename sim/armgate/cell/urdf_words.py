@@ -1,0 +1,117 @@
+"""Vocabulary of robot descriptions: what is read, and what is ignored. All else is refused by name.
+
+docs/configuration.md lists what is ignored; a test holds the list against ``FORMS``.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from armgate.cell.urdf_xml import place
+
+VERSIONS = ("1.0", "1.1", "1.2")
+_XACRO = "http://www.ros.org/wiki/xacro", "http://wiki.ros.org/xacro", "http://ros.org/wiki/xacro"
+
+
+@dataclass(frozen=True)
+class Form:
+    """What may stand in an element.
+
+    Attributes:
+        attributes: Attributes that are read.
+        once: Elements that are read, at most one of each.
+        many: Elements that are read, any number.
+        ignored: Elements that are ignored with all that they hold.
+        ignored_attributes: Attributes that are ignored.
+    """
+
+    attributes: tuple[str, ...] = ()
+    once: tuple[str, ...] = ()
+    many: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    ignored_attributes: tuple[str, ...] = ()
+
+
+FORMS: dict[str, Form] = {
+    "robot": Form(
+        ("name", "version"),
+        many=("link", "joint"),
+        ignored=(
+            "material", "transmission", "gazebo", "ros2_control", "sensor", "mujoco",
+            "drake:collision_filter_group",
+        ),
+    ),
+    "link": Form(("name",), many=("collision",), ignored=("visual", "inertial", "contact")),
+    "collision": Form(
+        ("name",),
+        once=("origin", "geometry"),
+        ignored=("material", "verbose", "contact_coefficients", "drake:proximity_properties"),
+    ),
+    "geometry": Form(many=("sphere", "box", "cylinder", "capsule", "cone", "convex", "mesh")),
+    "joint": Form(
+        ("name", "type"),
+        once=("parent", "child", "origin", "axis", "limit", "mimic"),
+        ignored=("calibration", "dynamics", "safety_controller", "drake:controller_gains"),
+    ),
+    "origin": Form(("xyz", "rpy", "quat_xyzw")),
+    "parent": Form(("link",)),
+    "child": Form(("link",)),
+    "axis": Form(("xyz",)),
+    "limit": Form(
+        ("lower", "upper", "velocity", "acceleration", "deceleration"), ignored_attributes=("effort", "jerk")
+    ),
+    "mimic": Form(("joint", "multiplier", "offset")),
+    "sphere": Form(("radius",)),
+    "box": Form(("size",)),
+    "cylinder": Form(("radius", "length")),
+    "capsule": Form(("radius", "length")),
+    "cone": Form(("radius", "length")),
+    "convex": Form(("vertices", "radius")),
+    "mesh": Form(("filename", "scale"), ignored=("drake:declare_convex",)),
+}  # fmt: skip
+
+
+def unread(robot: ET.Element) -> Iterator[str]:
+    """Yield a finding for everything in a ``<robot>`` element that is neither read nor ignored knowingly."""
+    prefixes = {"xacro"} | {
+        key.partition(":")[2] for key, uri in robot.attrib.items() if uri.rstrip("/") in _XACRO
+    }
+    for element in robot.iter():
+        prefix, colon, _ = element.tag.partition(":")
+        if colon and prefix in prefixes:
+            yield (
+                f"{place(element)}<{element.tag}> is left over from xacro; expand the file first: "
+                f"xacro ROBOT.urdf.xacro > ROBOT.urdf"
+            )
+    yield from _unread(robot, "", prefixes)
+
+
+def _unread(element: ET.Element, owner: str, prefixes: set[str]) -> Iterator[str]:
+    form, tag = FORMS[element.tag], element.tag
+    if tag in ("link", "joint"):
+        owner = f"{tag} {element.get('name')!r}: "
+    where = f"{place(element)}{owner}"
+    for key in element.attrib:
+        known = (*form.attributes, *form.ignored_attributes)
+        if key not in known and key != "xmlns" and not key.startswith(("xmlns:", "xml:")):
+            expected = f"expected {', '.join(known)}" if known else "expected none"
+            yield f"{where}the attribute {key!r} of <{tag}> is not supported; {expected}"
+    if any((text or "").strip() for text in (element.text, *(child.tail for child in element))):
+        yield f"{where}text in <{tag}>; expected elements and attributes only"
+    yield from _unread_children(element, owner, prefixes)
+
+
+def _unread_children(element: ET.Element, owner: str, prefixes: set[str]) -> Iterator[str]:
+    form, tag, seen = FORMS[element.tag], element.tag, set()
+    for child in element:
+        where = f"{place(child)}{owner}"
+        if child.tag in form.ignored or child.tag.partition(":")[0] in prefixes:
+            continue
+        if child.tag in form.once and child.tag in seen:
+            yield f"{where}<{child.tag}> occurs again in <{tag}>; expected it once"
+        elif child.tag in (*form.once, *form.many):
+            seen.add(child.tag)
+            yield from _unread(child, owner, prefixes)
+        elif tag != "geometry":  # an unknown shape is refused where shapes are read
+            known = ", ".join((*form.once, *form.many, *form.ignored)) or "nothing"
+            yield f"{where}<{child.tag}> in <{tag}> is not supported; expected {known}"

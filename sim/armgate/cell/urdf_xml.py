@@ -1,0 +1,86 @@
+"""XML of robot descriptions: elements that know their line, and no document types.
+
+Namespaces are not resolved: ``drake:acceleration`` stays a name with a prefix, declared or not, so that the
+reader can refuse it by this name.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from typing import NoReturn
+from xml.parsers import expat
+
+from armgate.cell.errors import ModelError
+
+MAX_CHARACTERS = 32 * 1024 * 1024
+_MAX_DEPTH = 64
+
+
+class Element(ET.Element):
+    """An element of a file.
+
+    Attributes:
+        line: Where it begins, counted from 1.
+    """
+
+    line: int
+
+
+def place(element: ET.Element) -> str:
+    """Return ``line 12: `` for an element of a file, nothing for an element that the program added."""
+    line = getattr(element, "line", None)
+    return "" if line is None else f"line {line}: "
+
+
+def parse_xml(text: str) -> ET.Element:
+    """Return the ``<robot>`` element of a URDF text.
+
+    Raises:
+        ModelError: The text is no XML, has a document type (entities could blow it up), or no ``<robot>``.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise ModelError(f"{len(text)} characters; expected at most {MAX_CHARACTERS}")
+    builder = _Builder()
+    try:
+        root = builder.built(text)
+    except expat.ExpatError as error:
+        raise ModelError(f"not well-formed XML: {error}") from error
+    except UnicodeEncodeError as error:
+        raise ModelError("not well-formed XML: a character that UTF-8 cannot hold") from error
+    if root.tag != "robot":
+        raise ModelError(f"the outer element is <{root.tag}>; expected <robot>")
+    return root
+
+
+class _Builder:
+    """Builds the tree of one text."""
+
+    def __init__(self) -> None:
+        self._parser = expat.ParserCreate()
+        self._parser.buffer_text = True
+        self._tree = ET.TreeBuilder(element_factory=Element)
+        self._depth = 0
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.CharacterDataHandler = self._tree.data
+        self._parser.StartDoctypeDeclHandler = self._refuse
+
+    def built(self, text: str) -> ET.Element:
+        self._parser.Parse(text, True)
+        return self._tree.close()
+
+    def _start(self, tag: str, attributes: Mapping[str, str]) -> None:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise ModelError(
+                f"line {self._parser.CurrentLineNumber}: elements nested deeper than {_MAX_DEPTH}"
+            )
+        element = self._tree.start(tag, dict(attributes))
+        assert isinstance(element, Element)
+        element.line = self._parser.CurrentLineNumber
+
+    def _end(self, tag: str) -> None:
+        self._depth -= 1
+        self._tree.end(tag)
+
+    def _refuse(self, *_: object) -> NoReturn:
+        raise ModelError("a document type or entities are not allowed in a URDF; remove <!DOCTYPE …>")
