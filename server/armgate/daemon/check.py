@@ -1,4 +1,4 @@
-"""What ``armgate check`` prints: robots, links, joints, pairs, and how clear the start is."""
+"""Report of ``armgate check``: robots, links, joints, pairs, warnings, and clearances at the start."""
 
 import math
 from collections import Counter
@@ -10,12 +10,20 @@ from rich.text import Text
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.events import Nearest
 from armgate.cell.link_config import RsiLinkConfig
+from armgate.cell.remarks import remarks
 from armgate.cell.text import printable
 from armgate.daemon.library import Library
 from armgate.integrity import start_clearances
 from armgate.links.rsi import Setup, setup_of
 
 _SHOWN = 8
+_FAULTS = 64
+
+REMEDY = (
+    "the gate admits only motion away from these; change start or base, lower stop_distance or "
+    "self_distance, or "
+    "name pairs that touch by construction in ignore_pairs"
+)
 
 
 def report(cell: Cell, console: Console | None = None) -> int:
@@ -32,19 +40,34 @@ def report(cell: Cell, console: Console | None = None) -> int:
     links = [_rsi(setup_of(cell, one)) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
     Library(cell, lockstep=False)
     nearest = start_clearances(cell)
-    console.print(Text(printable(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")))
+
+    def say(text: str, style: str = "") -> None:
+        console.print(Text(printable(text), style=style), soft_wrap=True)
+
+    say(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
     for line in links:
-        console.print(line)
+        say(line)
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
-    faults = [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
-    for fault in faults:
-        console.print(Text(printable(fault), style="red"))
-    if not faults:
-        console.print("start: within all limits and distances")
+    for text in remarks(cell):
+        say(f"warning: {text}", style="yellow")
+    faults = start_faults(cell, nearest)
+    for fault in faults[:_FAULTS]:
+        say(fault, style="red")
+    if len(faults) > _FAULTS:
+        say(f"… and {len(faults) - _FAULTS} more", style="red")
+    if faults:
+        say(REMEDY, style="red")
+    else:
+        say("start: within all limits and distances")
     return 1 if faults else 0
+
+
+def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
+    """Return a line for each joint that starts outside its limits, and for each pair that is too close."""
+    return [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
 
 
 def _rsi(setup: Setup) -> str:
@@ -71,6 +94,11 @@ def _quantity(value: float, kind: str) -> str:
     return f"{math.degrees(value):.1f}°" if kind == "revolute" else f"{value * 1000:.0f} mm"
 
 
+def _apart(distance: float, word: str) -> str:
+    mm = round(distance * 1000, 1)
+    return f"overlap of {-mm:.1f} mm" if mm < 0.0 else f"{mm + 0.0:.1f} mm{word}"
+
+
 def _pairs(cell: Cell) -> Table:
     counts = Counter((pair.kind, pair.limit) for pair in cell.pairs)
     table = Table("pairs", "count", "kept apart by", title=f"{len(cell.bodies)} bodies")
@@ -83,15 +111,15 @@ def _clearances(nearest: list[Nearest]) -> Table:
     table = Table("nearest at the start", "distance", "limit", title="clearance")
     for one in nearest[:_SHOWN]:
         table.add_row(
-            Text(printable(" – ".join(one.pair))), f"{one.distance * 1000:.1f} mm", f"{one.limit * 1000:g} mm"
+            Text(printable(" – ".join(one.pair))), _apart(one.distance, ""), f"{one.limit * 1000:g} mm"
         )
     return table
 
 
 def _outside(robot: Robot) -> list[str]:
     return [
-        f"{robot.name}: joint {joint.name} starts at {value:.4f}, outside its limits "
-        f"{lower:.4f} to {upper:.4f}"
+        f"{robot.name}: joint {joint.name} starts at {_quantity(value, joint.kind)}, outside its limits "
+        f"{_quantity(lower, joint.kind)} to {_quantity(upper, joint.kind)}"
         for joint, value, lower, upper in zip(
             robot.model.joints, robot.start, robot.lower, robot.upper, strict=True
         )
@@ -101,8 +129,8 @@ def _outside(robot: Robot) -> list[str]:
 
 def _too_close(nearest: list[Nearest]) -> list[str]:
     return [
-        f"{' – '.join(one.pair)}: {one.distance * 1000:.1f} mm apart at the start; the distance to keep is "
-        f"{one.limit * 1000:g} mm"
+        f"{' – '.join(one.pair)}: {_apart(one.distance, ' apart')} at the start; the "
+        f"distance to keep is {one.limit * 1000:g} mm"
         for one in nearest
         if one.distance < one.limit
     ]

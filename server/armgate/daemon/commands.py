@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from armgate.cell.cell import Cell
     from armgate.cell.config import CellConfig, ServerConfig
     from armgate.daemon.access import Keys
+    from armgate.daemon.log import Log
+
+_TOLD = 16
+"""How many faults of the start are logged."""
 
 Configs = Annotated[
     list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
@@ -178,6 +182,7 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
         from armgate.integrity import Gate  # noqa: PLC0415
 
     log = Log(sys.stderr)
+    _warn(cell, log)
     tell_strange(keys.tokens or (), [robot.name for robot in cell.robots], log)
     try:
         recorder = recorder_of(cell.config, record)
@@ -195,6 +200,19 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
         raise ServeError(text) from error
     finally:
         log.close()
+
+
+def _warn(cell: "Cell", log: "Log") -> None:
+    """Log what ``armgate check`` warns of, and why commands will be refused from the start."""
+    from armgate.cell.remarks import remarks  # noqa: PLC0415
+    from armgate.daemon.check import REMEDY, start_faults  # noqa: PLC0415
+    from armgate.integrity import start_clearances  # noqa: PLC0415
+
+    for text in remarks(cell):
+        log.warning("remark", text=text)
+    faults = start_faults(cell, start_clearances(cell))
+    if faults:
+        log.warning("start", faults=faults[:_TOLD], more=max(0, len(faults) - _TOLD), remedy=REMEDY)
 
 
 def _announce(host: str, port: int) -> None:

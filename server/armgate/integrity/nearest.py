@@ -5,6 +5,7 @@ again of the engine until the lowest is a fresh one: then no pair can be nearer 
 pairs cost anything.
 """
 
+from bisect import insort
 from collections.abc import Sequence
 from math import isfinite
 
@@ -64,6 +65,23 @@ class NearestPairs:
         return {
             int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if isfinite(margin[k])
         }
+
+    def exact(self, robot: int, measured: Sequence[Joints], count: int) -> dict[int, Nearest]:
+        """Return, by index, the ``count`` nearest pairs and all below their limits, all of them tight."""
+        for i, q in enumerate(measured):
+            self._follow(i, q)
+        ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
+        left, tight = self._margin.take(ids), [np.inf] * count
+        proofs: dict[int, Proof] = {}
+        while len(proofs) < len(ids):
+            k = int(left.argmin())
+            if left[k] >= max(0.0, tight[count - 1]):
+                break  # what is left cannot be nearer than its bound says
+            proofs[k] = self._refresh(robot, int(ids[k]))
+            self._margin[ids[k]] = proofs[k].lb - limits[k]
+            insort(tight, float(self._margin[ids[k]]))
+            left[k] = np.inf
+        return {int(ids[k]): self._told(robot, int(ids[k]), proof) for k, proof in proofs.items()}
 
     def _follow(self, robot: int, q: Joints | None) -> None:
         """Lower the bounds of a robot's pairs by what it moved.
@@ -137,8 +155,13 @@ def _first(margin: Array, count: int) -> Index:
     return np.asarray(lowest[np.argsort(margin[lowest], kind="stable")])
 
 
-def start_clearances(cell: Cell) -> list[Nearest]:
-    """Returns the clearances at the start positions, nearest first: the nearest pairs of each robot."""
+def start_clearances(cell: Cell, count: int = 16) -> list[Nearest]:
+    """Return true distances at the start positions, by margin: all below their limits, and the nearest.
+
+    Args:
+        cell: The cell.
+        count: At least so many pairs of each robot.
+    """
     clearance = Clearance(cell, compiled=False)  # asked once: not worth loading a compiler
     start = [tuple(float(x) for x in r.start) for r in cell.robots]
     for i, q in enumerate(start):
@@ -148,5 +171,5 @@ def start_clearances(cell: Cell) -> list[Nearest]:
     nearest = NearestPairs(clearance)
     found: dict[int, Nearest] = {}
     for i in range(len(start)):
-        found |= nearest.find(i, start, _REFRESHES)
+        found |= nearest.exact(i, start, count)
     return sorted(found.values(), key=lambda n: n.distance - n.limit)

@@ -16,7 +16,7 @@ from armgate.cell.bounds import joint_bounds, joint_lags, lag_difference, start_
 from armgate.cell.config import CellConfig, RobotConfig
 from armgate.cell.configured_parts import parts_of_shape
 from armgate.cell.errors import ModelError
-from armgate.cell.findings import Findings
+from armgate.cell.findings import MAX_FINDINGS, Findings
 from armgate.cell.gantry import GANTRY_LINKS, add_body, add_frame, add_gantry
 from armgate.cell.model import RobotModel
 from armgate.cell.names import whole_name
@@ -162,7 +162,7 @@ def _built(config: CellConfig, outline: bool) -> Cell:
         with findings.collecting():
             robots.append(_robot(config, name, outline))
     surroundings = collect_surroundings(config, outline, findings)
-    findings.check()
+    findings.check(MAX_FINDINGS)
     models = [robot.model for robot in robots]
     bodies = collect_bodies(config, models, surroundings)
     pairs = collect_pairs(config, models, bodies)

@@ -8,11 +8,12 @@ from armgate.cell.errors import ConfigError
 MAX_FINDINGS = 10
 
 
-def joined(lines: Iterable[str]) -> str:
+def joined(lines: Iterable[str], most: int | None = MAX_FINDINGS) -> str:
     """Return the first findings, a line each, and how many more there are."""
     every = list(dict.fromkeys(lines))
-    more = [f"… and {len(every) - MAX_FINDINGS} more"] if len(every) > MAX_FINDINGS else []
-    return "\n".join(every[:MAX_FINDINGS] + more)
+    if most is None or len(every) <= most:
+        return "\n".join(every)
+    return "\n".join([*every[:most], f"… and {len(every) - most} more"])
 
 
 class Findings:
@@ -29,9 +30,13 @@ class Findings:
         except ConfigError as error:
             self._errors.append(error)
 
-    def check(self) -> None:
-        """Raise all errors as one ConfigError; file, line and path are those of the first one."""
+    def check(self, most: int | None = None) -> None:
+        """Raise all errors as one ConfigError; file, line and path are those of the first one.
+
+        Args:
+            most: Lines of text; None: all of them, for another collection.
+        """
         if self._errors:
             first = self._errors[0]
-            text = joined(line for error in self._errors for line in str(error).splitlines())
-            raise ConfigError(text, first.file, first.line, first.path)
+            lines = [line for error in self._errors for line in str(error).splitlines()]
+            raise ConfigError(joined(lines, most), first.file, first.line, first.path)
