@@ -8,11 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
 from typing import Any
 
-from prometheus_client import CollectorRegistry, Histogram, disable_created_metrics, start_http_server
+from prometheus_client import (
+    CONTENT_TYPE_LATEST,
+    CollectorRegistry,
+    Histogram,
+    disable_created_metrics,
+    generate_latest,
+)
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from armgate.cell.events import Command, GateEvent, GateOutput
+from armgate.daemon.exposition import Exposition
 from armgate.daemon.runner import Judge
 from armgate.integrity import RobotView
 from armgate.protocol import messages as m
@@ -36,7 +43,7 @@ class Metrics(Collector):
         self._late = self._histogram("armgate_tick_lateness_seconds", "How late ticks were heard of")
         self._decision = self._histogram("armgate_decision_seconds", "What judging a command took")
         self._registry.register(self)
-        self._server: Any = None
+        self._exposition: Exposition | None = None
 
     def _histogram(self, name: str, text: str) -> Histogram:
         return Histogram(name, text, registry=self._registry, buckets=_SECONDS)
@@ -50,14 +57,15 @@ class Metrics(Collector):
         Raises:
             OSError: It cannot be listened on.
         """
-        self._server, _ = start_http_server(port, "127.0.0.1", self._registry)
-        return int(self._server.server_port)
+        exposition = Exposition(lambda: generate_latest(self._registry), CONTENT_TYPE_LATEST)
+        port = exposition.open(port)
+        self._exposition = exposition
+        return port
 
     def close(self) -> None:
         """Serve no more."""
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
+        if self._exposition is not None:
+            self._exposition.close()
 
     def show(self, entries: Sequence[m.Entry]) -> None:
         """Take the newest state."""
