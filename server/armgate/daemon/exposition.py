@@ -40,7 +40,7 @@ class Exposition:
     def __init__(self, page: Callable[[], bytes], content_type: str) -> None:
         self._page = page
         self._content_type = content_type
-        self._open: dict[asyncio.Task[None], None] = {}
+        self._open: dict[asyncio.Task[None], socket.socket] = {}
         self._socket: socket.socket
         self._loop: asyncio.AbstractEventLoop
         self._serving: asyncio.Task[None]
@@ -85,20 +85,22 @@ class Exposition:
                     continue
                 self._seat(taken)
         finally:
-            for task in tuple(self._open):
+            open_ = dict(self._open)
+            for task in open_:
                 task.cancel()
-            await asyncio.gather(*self._open, return_exceptions=True)
+            await asyncio.gather(*open_, return_exceptions=True)
+            for taken in open_.values():
+                taken.close()
 
     def _seat(self, taken: socket.socket) -> None:
         task = self._loop.create_task(self._answer(taken))
-        task.add_done_callback(lambda done: self._leave(done, taken))
-        self._open[task] = None
+        task.add_done_callback(self._leave)
+        self._open[task] = taken
         if len(self._open) > _OPEN:
             next(iter(self._open)).cancel()
 
-    def _leave(self, task: asyncio.Task[None], taken: socket.socket) -> None:
-        self._open.pop(task, None)
-        taken.close()
+    def _leave(self, task: asyncio.Task[None]) -> None:
+        self._open.pop(task).close()
 
     async def _answer(self, taken: socket.socket) -> None:
         with contextlib.suppress(OSError, TimeoutError):
