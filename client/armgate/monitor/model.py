@@ -28,7 +28,7 @@ RAMP = 0.25
 
 _ROBOT_KEYS = (
     "urdf", "base", "gantry", "frames", "bodies", "tool", "camera", "start", "period", "joints", "meshes",
-    "ignore_pairs", "lag_window", "q_tolerance", "link",
+    "ignore_pairs", "lag_window", "lag_difference", "q_tolerance", "link",
 )  # fmt: skip
 _CELL_KEYS = (
     "armgate", "name", "stop_distance", "self_distance", "response", "max_age_ticks", "robots",

@@ -79,11 +79,12 @@ class Motion:
         """Return True if the setpoint begins anew: a stop was lifted or the link came back, at q."""
         if not (before.stops - sample.stops) and before.ready and sample.ready:
             return False
-        reach = 2.0 * self.robot.q_tolerance + tol.STEP
+        inside = np.clip(before.q, self.robot.lower, self.robot.upper)
+        starts = np.stack([before.q, sample.q, before.setpoint, inside])
+        off = np.abs(sample.setpoint - starts).min(axis=0)
         jump = np.abs(sample.setpoint - before.setpoint)
-        at_rest = min(float(np.abs(sample.setpoint - q).max()) for q in (before.q, sample.q, before.setpoint))
-        self.moved = bool(jump.max() > tol.REBASED * self.robot.q_tolerance + tol.STEP)
-        return at_rest <= reach
+        self.moved = bool(jump.max() > tol.REBASED * self.robot.q_tolerance + tol.STILL)
+        return bool(off.max() <= 2.0 * self.robot.q_tolerance + tol.STILL)
 
     def _begin(self, before: Sample | None, sample: Sample) -> None:
         """Start anew at a position that no increment led to."""

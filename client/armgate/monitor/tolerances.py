@@ -24,6 +24,9 @@ RATE = 1e-3
 END = 1e-5
 """A reported end of a stop may differ from the computed one by this much, rad or m."""
 
+STILL = 2e-6
+"""A robot at rest moves less than this in a tick, rad or m."""
+
 REBASED = 3.0
 """A setpoint that a reset moves by more than this many errors of the measurement was moved on purpose."""
 
