@@ -16,7 +16,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -106,6 +106,9 @@ bench-view: $(VENV)/.tested  ## measure what a viewer with a browser costs the d
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
+
+bench-monitor: $(VENV)/.installed  ## measure what the monitor costs, and whether ticks come later for it
+	@$(BIN)/python benchmarks/bench_monitor.py $(ARGS)
 
 bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)

@@ -42,6 +42,7 @@ class Account:
         violations: How many findings there were.
         findings: The first of them.
         smallest: By kind of pairs.
+        share: CPU time of the live watch by time on the wall; 0 of an audit.
     """
 
     states: int = 0
@@ -51,6 +52,7 @@ class Account:
     violations: int = 0
     findings: list[Finding] = field(default_factory=list)
     smallest: dict[Kind, Smallest] = field(default_factory=dict)
+    share: float = 0.0
 
 
 class Monitor:

@@ -62,12 +62,15 @@ class Watch:
         Raises:
             MonitorError: The connection is lost.
         """
+        wall, cpu = time.monotonic(), time.process_time()
         try:
             self._connection.subscribe(fields=FIELDS)
             while not ended():
                 self._listen(ended)
         except ClientError as error:
             raise MonitorError(f"the cell is not watched any more: {error}") from error
+        finally:
+            self.account.share = (time.process_time() - cpu) / max(time.monotonic() - wall, 1e-9)
 
     def _listen(self, ended: Callable[[], bool]) -> None:
         """Judge states until none comes for the time of the silence, or ``ended``."""

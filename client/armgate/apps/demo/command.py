@@ -36,6 +36,7 @@ def demo(
         float | None, typer.Option(min=0.1, metavar="S", help="Play only the first S seconds of the path.")
     ] = None,
     no_view: Annotated[bool, typer.Option("--no-view", help="Open no viewer.")] = False,
+    no_monitor: Annotated[bool, typer.Option("--no-monitor", help="Run without the monitor.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the run; runs/<time> if none is named.")
     ] = None,
@@ -52,7 +53,7 @@ def demo(
     (folder / "config.yaml").write_text(dump_config(resolved), encoding="utf-8")
     robots = robots_of(resolved, configs, folder)
     view = not (no_view or lockstep) and _has_viewer()
-    _run(replace(plan, record=folder, robots=robots, view=view), folder)
+    _run(replace(plan, record=folder, robots=robots, view=view, monitor=not no_monitor), folder)
 
 
 def _has_viewer() -> bool:

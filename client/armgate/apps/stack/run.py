@@ -26,7 +26,7 @@ DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
-PRIORITIES = {"controller": 10, "daemon": 11, "robots": 12}
+PRIORITIES = {"monitor": 9, "controller": 10, "daemon": 11, "robots": 12}
 """Of real-time processes by the wall clock: the nearer to the robots, the higher.
 
 Participants that load their libraries would take a KRC of the same priority its turn for 0.1 s.
@@ -167,8 +167,8 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
         reader.start()
         _until_ready(crew, watch)
         if plan.monitor and not plan.lockstep:
-            # Never in real time, either: it must delay no tick.
-            crew.launch(MONITOR, watching(address, plan.configs, plan.record), priority=ORDINARY)
+            command = watching(address, plan.configs, plan.record)
+            crew.launch(MONITOR, command, priority=plan.priority("monitor"))
             _printed(crew, MONITOR, WATCHING)
         if plan.view:
             # Never in real time: a viewer must not take turns from the robots' processes.

@@ -1,0 +1,90 @@
+"""What the monitor costs: its share of a core in the demo by the clock, and what it changes in the ticks.
+
+Usage: bench_monitor.py [SECONDS]. The demo runs with the monitor and without it, in turn; the lateness of the
+ticks is the daemon's own histogram, read while the demo runs. An audit of the recording follows.
+"""
+
+import json
+import re
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from report import Row, report
+
+SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
+PORT = 7493
+BUCKET = re.compile(r'^armgate_tick_lateness_seconds_bucket\{.*le="([^"]+)".*\} (\S+)$', re.MULTILINE)
+
+
+def scrape() -> dict[float, float]:
+    """Ticks by upper bound of their lateness, s; empty while nothing is served."""
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/metrics", timeout=1.0) as page:
+            text = page.read().decode()
+    except OSError:
+        return {}
+    counts: dict[float, float] = {}
+    for bound, count in BUCKET.findall(text):
+        counts[float(bound)] = counts.get(float(bound), 0.0) + float(count)
+    return counts
+
+
+def quantile(counts: dict[float, float], share: float) -> float:
+    """The bound, ms, below which this share of the ticks is; between two bounds by proportion."""
+    total, below, before = max(counts.values()), 0.0, 0.0
+    for bound, count in sorted(counts.items()):
+        if count >= share * total:
+            inside = (share * total - below) / max(count - below, 1.0)
+            return 1e3 * (before + inside * ((before if bound == float("inf") else bound) - before))
+        before, below = bound, count
+    return 1e3 * before
+
+
+def demo(folder: Path, *options: str) -> tuple[dict, dict[float, float]]:
+    """Figures of a demo, and the lateness of its ticks."""
+    overlay = folder / "metrics.yaml"
+    overlay.write_text(f"armgate: 1\nmetrics: {{port: {PORT}}}\n", encoding="utf-8")
+    command = [sys.executable, "-m", "armgate.apps", "demo", "--no-view", "--links", str(overlay)]
+    command += ["--duration", str(SECONDS), "--out", str(folder / "run"), *options]
+    counts: dict[float, float] = {}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as child:
+        while child.poll() is None:
+            counts = scrape() or counts
+            time.sleep(0.5)
+    if child.returncode:
+        sys.exit("the demo failed: see above")
+    return json.loads((folder / "run" / "metrics.json").read_text(encoding="utf-8")), counts
+
+
+def main() -> None:
+    with TemporaryDirectory(prefix="armgate-") as a, TemporaryDirectory(prefix="armgate-") as b:
+        _, without = demo(Path(b), "--no-monitor")
+        metrics, counts = demo(Path(a))
+        judged = json.loads((Path(a) / "run" / "monitor.json").read_text(encoding="utf-8"))
+        start = time.perf_counter()
+        audit = [sys.executable, "-m", "armgate.apps", "monitor", str(Path(a) / "run")]
+        subprocess.run(audit, check=True, stdout=subprocess.DEVNULL)
+        audited = time.perf_counter() - start
+    late = quantile(counts, 0.99), quantile(without, 0.99)
+    report(
+        "monitor",
+        [
+            Row("demo by the clock, share of a core", 100.0 * judged["share"], "%", 20.0),
+            Row("demo by the clock, violations", judged["violations"], "1", 0.0),
+            Row("demo by the clock, states missed", sum(judged["missed"].values()), "1", 0.0),
+            Row("demo by the clock, states checked", judged["states"], "1"),
+            Row("p99 of the ticks' lateness, more than without", late[0] - late[1], "ms", 0.5),
+            Row("p99 of the ticks' lateness, with the monitor", late[0], "ms"),
+            Row("p99 of the ticks' lateness, without it", late[1], "ms"),
+            Row("late commands, with the monitor", metrics["late_commands"], "1", 0.0),
+            Row("audit of the recording, a state", 1e3 * audited / judged["states"], "ms"),
+        ],
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Starts inside a margin, beyond a limit, and in penetration: no alarm on the way out, one on the way deeper."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armgate.cell import events as e
+from monitor.test_planted_faults import DOWN, TOGETHER
+from monitor.watched import ARM, GANTRY, Watched, demo
+
+UP = {ARM: np.radians([0, -94, 108, 0, -5.5, 0])}
+NEAR_FLOOR = np.radians([0, 33.5, -33.5, 0, 90, 0])
+"""The camera's housing is about 30 mm above the floor."""
+
+IN_FLOOR = np.radians([0, 34.5, -31.0, 0, 90, 0])
+BEYOND = np.radians([187, -94, 108, 0, -5.5, 0])
+
+
+def started(folder: Path, start, **fault) -> Watched:
+    watched = Watched(demo(ARM), folder, start={ARM: list(start)}, **fault)
+    watched.rest(3)
+    assert watched.findings == []
+    return watched
+
+
+@pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
+def test_a_way_out_raises_no_alarm(tmp_path, start):
+    watched = started(tmp_path, start)
+    assert watched.monitor.account.retreats >= 1
+    assert watched.toward(UP, 200) == []
+    assert np.allclose(watched.runner.view(ARM).setpoint, UP[ARM], atol=0.2)
+    assert watched.monitor._floors == {}  # a margin that was left is held like any other
+
+
+@pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
+def test_a_way_deeper_is_found(tmp_path, start):
+    """The gate believes in a distance so small that it sees no violation, or in a lower floor."""
+    watched = started(tmp_path, start, wrong=lambda t: t["surroundings"]["floor"].update(xyz=[1.5, 0, -0.5]))
+    found = watched.toward({ARM: start + np.radians([0, 0, 3, 0, 0, 0])}, 60)
+    assert {f.kind for f in found} == {"clearance"}
+    # From inside the floor another body comes too near before the first one has gone much deeper.
+    assert ("the retreat began" in found[0].text) == (start is NEAR_FLOOR)
+
+
+def test_a_start_beyond_a_limit_may_come_back_only(tmp_path):
+    watched = started(tmp_path, BEYOND)
+    assert watched.toward(UP, 60) == []
+
+
+def test_a_joint_that_goes_farther_beyond_its_limit_is_found(tmp_path):
+    def wide(tree):
+        file = Path(tree["robots"][ARM]["urdf"])
+        (tmp_path / "wide.urdf").write_text(file.read_text().replace("3.2288591161895095", "6.0"))
+        tree["robots"][ARM]["urdf"] = str(tmp_path / "wide.urdf")
+
+    watched = started(tmp_path, BEYOND, wrong=wide)
+    found = watched.toward({ARM: BEYOND + np.radians([2, 0, 0, 0, 0, 0])}, 60)
+    assert [(f.kind, f.joint) for f in found] == [("limit", "A1")]
+
+
+def test_a_robot_that_is_pushed_and_reset_retreats_again(tmp_path):
+    """Moved by hand into a margin: that is found once; after the reset the way out raises no alarm."""
+    watched = Watched(demo(ARM), tmp_path)
+    watched.toward(DOWN, 130)
+    watched.rest(60)
+    assert watched.findings == []
+    pushed = tuple(np.add(watched.runner.view(ARM).setpoint, [0.0, 0.02, 0.0, 0.0, 0.0, 0.0]))
+    watched.noise = lambda _robot, _q: pushed
+    watched.rest(60)
+    assert {f.kind for f in watched.findings} == {"stray", "clearance"}
+    told = watched.runner.feed(e.Reset(watched.runner.view(ARM).stops[0], "t"))
+    assert told[0].accepted
+    watched.links[ARM]._robot._q = pushed
+    watched.noise = None
+    watched.runner.feed(e.LeaseChange(ARM, 1))
+    watched.findings.clear()
+    watched.rest(5)
+    assert watched.toward(UP, 120) == []
+    assert watched.verdicts[-1].outcome != "refused"
+
+
+def test_two_robots_inside_a_margin_move_apart(tmp_path):
+    """The gate lets them go one at a time."""
+    watched = Watched(demo(ARM, GANTRY), tmp_path)
+    watched.toward(TOGETHER, 260)
+    watched.rest(60)
+    start = {name: watched.runner.view(name).setpoint for name in (ARM, GANTRY)}
+    nearer = {**start, GANTRY: (start[GANTRY][0] - 0.02, *start[GANTRY][1:])}
+    again = Watched(demo(ARM, GANTRY), tmp_path, start=nearer)
+    again.rest(3)
+    assert again.monitor.account.retreats >= 1
+    away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *nearer[GANTRY][3:]]}
+    assert again.toward(away, 150) == []
+    assert again.monitor._floors == {}
