@@ -16,6 +16,9 @@ from tempfile import TemporaryDirectory
 from report import Row, report
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
+ROUNDS = 2
+"""With and without the monitor in turn; the better lateness of each counts: other programs only add to it."""
+
 PORT = 7493
 BUCKET = re.compile(r'^armgate_tick_lateness_seconds_bucket\{.*le="([^"]+)".*\} (\S+)$', re.MULTILINE)
 
@@ -61,15 +64,19 @@ def demo(folder: Path, *options: str) -> tuple[dict, dict[float, float]]:
 
 
 def main() -> None:
+    late: dict[bool, list[float]] = {True: [], False: []}
     with TemporaryDirectory(prefix="armgate-") as a, TemporaryDirectory(prefix="armgate-") as b:
-        _, without = demo(Path(b), "--no-monitor")
-        metrics, counts = demo(Path(a))
+        for _ in range(ROUNDS):
+            _, counts = demo(Path(b), "--no-monitor")
+            late[False].append(quantile(counts, 0.99))
+            metrics, counts = demo(Path(a))
+            late[True].append(quantile(counts, 0.99))
         judged = json.loads((Path(a) / "run" / "monitor.json").read_text(encoding="utf-8"))
         start = time.perf_counter()
         audit = [sys.executable, "-m", "armgate.apps", "monitor", str(Path(a) / "run")]
         subprocess.run(audit, check=True, stdout=subprocess.DEVNULL)
         audited = time.perf_counter() - start
-    late = quantile(counts, 0.99), quantile(without, 0.99)
+    with_, without = min(late[True]), min(late[False])
     report(
         "monitor",
         [
@@ -77,9 +84,9 @@ def main() -> None:
             Row("demo by the clock, violations", judged["violations"], "1", 0.0),
             Row("demo by the clock, states missed", sum(judged["missed"].values()), "1", 0.0),
             Row("demo by the clock, states checked", judged["states"], "1"),
-            Row("p99 of the ticks' lateness, more than without", late[0] - late[1], "ms", 0.5),
-            Row("p99 of the ticks' lateness, with the monitor", late[0], "ms"),
-            Row("p99 of the ticks' lateness, without it", late[1], "ms"),
+            Row("p99 of the ticks' lateness, more than without", with_ - without, "ms", 0.5),
+            Row("p99 of the ticks' lateness, with the monitor", with_, "ms"),
+            Row("p99 of the ticks' lateness, without it", without, "ms"),
             Row("late commands, with the monitor", metrics["late_commands"], "1", 0.0),
             Row("audit of the recording, a state", 1e3 * audited / judged["states"], "ms"),
         ],

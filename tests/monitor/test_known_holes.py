@@ -20,7 +20,7 @@ from monitor.watched import ARM, Tree, Watched, demo
 NOISE = 1e-4
 
 
-# --- resets at rest, under noise within the tolerance -----------------------------------------------------------
+# --- resets at rest, under noise within the tolerance -----------------------------------------------------
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_resets_under_noise_raise_no_alarm(tmp_path, goal, joint):
     assert reset_under_noise(tmp_path, goal, joint, 150).findings == []
 
 
-# --- a start beyond the limit of a sliding joint behind a turning one -------------------------------------------
+# --- a start beyond the limit of a sliding joint behind a turning one -------------------------------------
 
 
 URDF = """<robot name="slide">
@@ -112,7 +112,7 @@ def test_a_retreat_from_beyond_a_limit_raises_no_alarm(tmp_path, distance):
     assert any(verdict.outcome != "refused" for verdict in watched.verdicts)
 
 
-# --- a link that plays other increments than the plan has -------------------------------------------------------
+# --- a link that plays other increments than the plan has -------------------------------------------------
 
 
 def test_a_link_that_plays_other_increments_under_the_right_key_is_found(tmp_path, monkeypatch):

@@ -56,18 +56,26 @@ class Account:
 
 
 class Monitor:
-    """Judges a cell from the states of its robots."""
+    """Judges a cell from the states of its robots.
 
-    def __init__(self, cell: Cell, silence: float = tol.SILENCE) -> None:
+    Args:
+        cell: The cell.
+        silence: A robot without a state for so long is silent, s.
+        measured_every: The smallest clearances are those of every n-th tick; limits count at all.
+    """
+
+    def __init__(self, cell: Cell, silence: float = tol.SILENCE, measured_every: int = 1) -> None:
         self.cell = cell
         self.account = Account()
         self._silence = silence
+        self._measured_every = measured_every
         self._index = {robot.name: r for r, robot in enumerate(cell.robots)}
         self._motions = [Motion(robot) for robot in cell.robots]
         self._clearances = Clearances(cell)
         self._floors: dict[int, float] = {}
         self._seen: set[frozenset[int]] = set()
         self._silent: set[int] = set()
+        self._measured: set[int] = set()
         self._open: set[tuple[str, str]] = set()
         self._bodies = {body.name: i for i, body in enumerate(cell.bodies) if not body.meshed}
 
@@ -152,7 +160,9 @@ class Monitor:
 
     def _pairs(self, robot: int, sample: Sample, moved: bool) -> list[Finding]:
         found = []
-        judged = {near.pair: near for near in self._clearances.check(robot)}
+        measure = (sample.tick + robot) % self._measured_every == 0 or robot not in self._measured
+        self._measured.add(robot)
+        judged = {near.pair: near for near in self._clearances.check(robot, measure=measure)}
         self._note_smallest(sample)
         for pair in [pair for pair in self._floors if pair not in judged and self._concerns(pair, robot)]:
             del self._floors[pair]
@@ -247,11 +257,10 @@ class Monitor:
         return {robot for robot in robots if robot is not None}
 
     def _measuring_slack(self, a: str, b: str) -> float:
-        ids = {self._bodies[a], self._bodies[b]}
-        for index, pair in enumerate(self.cell.pairs):
-            if {pair.a, pair.b} == ids:
-                return sum(self._clearances.lever(index, robot) for robot in self._robots_of(index))
-        return 0.0
+        pair = self._clearances.pair_of(self._bodies[a], self._bodies[b])
+        if pair is None:
+            return 0.0
+        return sum(self._clearances.lever(pair, robot) for robot in self._robots_of(pair))
 
     # --- findings -----------------------------------------------------------------------------------------
 

@@ -23,6 +23,9 @@ BACKLOG = 10_000
 LOOK = 0.1
 """After so long without a state the silence is looked at, s."""
 
+MEASURED_EVERY = 8
+"""At one of so many ticks of a robot the smallest clearances are measured: it costs more than all else."""
+
 BETWEEN_STOPS = 1.0
 """A cell is stopped again after this time at the earliest, s."""
 
@@ -45,7 +48,7 @@ class Watch:
         self._tell = tell
         self._stopped = -BETWEEN_STOPS
         model = build(read_files(configs), orders_of(cell.description))
-        self._monitor = Monitor(model, silence)
+        self._monitor = Monitor(model, silence, MEASURED_EVERY)
         for note in model.notes:
             tell(f"note: {note}")
         tell(beginning(model))

@@ -171,6 +171,9 @@ class Motion:
         return np.maximum(np.stack([self.robot.lower - poses, poses - self.robot.upper]), 0.0)
 
     def _limits(self, sample: Sample, poses: Array) -> Iterator[Finding]:
+        inside = np.all(poses >= self.robot.lower) and np.all(poses <= self.robot.upper)
+        if inside and not self.outside.any():
+            return
         excess = self._excess(poses)
         slack = np.array([tol.JOINT + 2.0 * self.robot.q_tolerance, tol.JOINT, tol.JOINT, tol.JOINT])
         allowed = np.where(self.outside > 0.0, self.outside + tol.JOINT_SLACK, 0.0)
