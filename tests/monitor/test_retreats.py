@@ -1,4 +1,4 @@
-"""Starts inside a margin, in penetration or beyond a limit: no alarm on the way out, one on the way deeper."""
+"""Starts inside a margin, in penetration, beyond a limit: no alarm on the way out, one on the way deeper."""
 
 from pathlib import Path
 
