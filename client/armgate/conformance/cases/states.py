@@ -275,7 +275,7 @@ async def _(trial: Trial) -> None:
 
 @case(
     "STA-9/stops",
-    "Stop the robot twice, lift one, lift the other",
+    "Stop the robot twice, for two reasons; lift one, lift the other",
     "stops lists exactly what is in force",
     also=("STA-15", "STP-3", "STP-7", "STP-12"),
 )
@@ -286,7 +286,9 @@ async def _(trial: Trial) -> None:
     async def shown() -> list[int]:
         return sorted(entry(await later(wire, trial.robot), trial.robot)["stops"])
 
-    stops = [(await wire.answered("stop", "stopped", robot=trial.robot))["stop"] for _ in range(2)]
+    stops = [
+        (await wire.answered("stop", "stopped", robot=trial.robot, reason=reason))["stop"] for reason in "ab"
+    ]
     check(stops[0] < stops[1], f"the ids were {stops}")
     check(await shown() == stops, "stops are not those told")
     await trial.rested()
