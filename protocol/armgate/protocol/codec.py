@@ -17,6 +17,7 @@ import msgpack
 from pydantic import ValidationError
 
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, RemoteProtocolError, as_name
+from armgate.protocol.faults import Bounds, expected_form, fault_in, offset_of
 from armgate.protocol.framing import HEADER, OUTBOUND_LIMIT, frame
 from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message
 
@@ -88,7 +89,7 @@ def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: in
     try:
         return model.model_validate(fields)
     except ValidationError as error:
-        raise _invalid(kind, fields, error) from None
+        raise _invalid(kind, fields, error, payload, max_array) from None
 
 
 def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
@@ -112,18 +113,15 @@ def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
             max_map_len=MAX_MAP,
             max_ext_len=0,
         )
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
-        raise _malformed(
-            f"not within the bounds of msgpack here: {str(error) or type(error).__name__}"
-        ) from None
-    if not isinstance(value, dict):
-        raise _malformed(f"expected a map, got {_kind(value)}")
-    _check_depth(value)
+    except (ValueError, msgpack.UnpackException, RecursionError):
+        value = None
+    if not isinstance(value, dict) or _is_deep(value):
+        raise RemoteProtocolError(ErrorCode.MALFORMED, fault_in(payload, _bounds(max_array)))
     return value
 
 
-def _malformed(text: str) -> RemoteProtocolError:
-    return RemoteProtocolError(ErrorCode.MALFORMED, text[:200])
+def _bounds(max_array: int) -> Bounds:
+    return Bounds(depth=MAX_DEPTH, map=MAX_MAP, array=max_array, text=MAX_STR, binary=MAX_CHUNK)
 
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
@@ -139,27 +137,34 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"extension type {code} is not accepted")
 
 
-def _check_depth(value: dict[str, Any]) -> None:
+def _is_deep(value: dict[str, Any]) -> bool:
     # Level by level: most items are numbers, and this is the cheapest way past them.
     level: list[Any] = [value]
     for _ in range(MAX_DEPTH):
         level = [item for part in level for item in _items(part) if type(item) in _CONTAINERS]
         if not level:
-            return
-    raise _malformed(f"nested deeper than {MAX_DEPTH}")
+            return False
+    return True
 
 
 def _items(part: Any) -> Iterable[Any]:
     return part.values() if type(part) is dict else part
 
 
-def _invalid(kind: str, fields: dict[str, Any], error: ValidationError) -> RemoteProtocolError:
-    problems = error.errors(include_url=False, include_context=False)
-    first = problems[0]
-    where = kind + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in first["loc"])
-    text = f"{where}: {first['msg'][:160]}"
-    if first["type"] != "missing":
-        text += f"; got {_kind(first['input']) if _SECRET in first['loc'] else _shown(first['input'])}"
+def _invalid(
+    kind: str, fields: dict[str, Any], error: ValidationError, payload: bytes, max_array: int
+) -> RemoteProtocolError:
+    problems = error.errors(include_url=False)
+    first, path = problems[0], problems[0]["loc"]
+    text = kind + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
+    if first["type"] == "missing":
+        text += ": is missing"
+    else:
+        given = first["input"]
+        text += f": expected {expected_form(first['type'], first.get('ctx', {}))}"
+        text += f"; got {_kind(given) if _SECRET in path else _shown(given)}"
+        if (offset := offset_of(payload, path, _bounds(max_array))) is not None:
+            text += f" at byte {offset}"
     if len(problems) > 1:
         text += f" (and {len(problems) - 1} more)"
     seq = _count(fields.get("seq"), 63) if kind == "command" else None
