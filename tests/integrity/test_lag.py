@@ -11,7 +11,7 @@ from armgate.cell.config import load_config
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.integrity.lag import LargestIncrements, memory, stray_of
 from integrity import scenes
-from integrity.rig import Rig
+from integrity.rig import Rig, Traffic
 
 DEMO = scenes.CONFIGS / "demo.yaml"
 
@@ -163,3 +163,21 @@ def test_the_tube_does_not_cost_a_robot_at_full_speed_its_way():
     """5 % declared: no more commands are refused than without a difference, but for a few."""
     without, declared = (runs(unlike(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
     assert declared.accepted > without.accepted - 0.03
+
+
+# --- stamps -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_late_stamps_fault_no_robot_whose_delay_is_declared(seed):
+    """15 ms of delay in periods of 12 ms, ticks stamped up to 0.8 periods late, ways with corners."""
+    cell = scenes.crossing(window=0.015, periods=(0.012, 0.012))
+    rig = Rig(cell, seed, delay=(0.015, 0.0), traffic=Traffic(jitter=0.8), stops=0.0)
+    way = np.zeros(2)
+
+    def corners(rig, i):
+        if rig.rng.random() < 0.3:
+            way[:] = 0.012 * rig.rng.choice((0.05, 0.1, 0.5)) * np.array([rig.rng.uniform(-1, 1), 0.3])
+        return way if i == 0 else None
+
+    assert rig.run(corners, 600).violations == []

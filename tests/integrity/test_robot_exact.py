@@ -179,14 +179,23 @@ def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that
 
 
 def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
-    """To the rounding of times, and no longer."""
-    state = cart(window=0.5)
+    """To the rounding of times, and no longer: a clock may be faster than its period says."""
+    state = cart(window=0.012)
     tick(state, (1.0, 0.0))
-    edge = 1.0 - 0.5 - 1e-9
-    kept = [(edge, (0.2, 0.0)), (0.5, (0.3, 0.0))]
-    state.history.extend([(math.nextafter(edge, 0.0), (0.1, 0.0)), *kept])
+    edge = 1.0 - 0.012 - 1e-9
+    recent = [(0.999, (0.3, 0.0))]
+    kept = [(edge, (0.2, 0.0)), (0.99, (0.25, 0.0))]
+    state.history.extend([(math.nextafter(edge, 0.0), (0.1, 0.0)), *kept, *recent])
     tick(state, (1.5, 0.0), time=1.0)
-    assert list(state.history) == [*kept, (1.0, (1.0, 0.0))]
+    assert list(state.history) == [*kept, *recent, (1.0, (1.0, 0.0))]
+
+
+@pytest.mark.parametrize(("window", "ticks"), [(0.001, 2), (0.012, 2), (0.015, 3), (0.024, 3), (0.025, 4)])
+def test_a_setpoint_counts_for_the_ticks_of_the_window_and_one_more_whenever_they_are_stamped(window, ticks):
+    state = cart(window=window)
+    for k in range(8):
+        tick(state, (0.1 * k, 0.0), time=10.0 * k)
+    assert [q[0] for _, q in state.history] == pytest.approx([0.1 * k for k in range(7)][-ticks:])
 
 
 def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoint():

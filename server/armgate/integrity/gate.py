@@ -38,14 +38,13 @@ from armgate.integrity.clearance import Clearance
 from armgate.integrity.judge import Decision, Judge
 from armgate.integrity.nearest import NearestPairs
 from armgate.integrity.occupancy import deviation, settle_measured
+from armgate.integrity.played import contradiction, unreadable
 from armgate.integrity.reservations import Reservations
 from armgate.integrity.robot import RobotState, robot_state
 from armgate.integrity.stops import FAULT, LINK, MET, StopCause, Stops
 from armgate.integrity.view import RobotView, view_of
 
 _NEAREST = 3
-_SAME = 1e-9
-"""How far the link's setpoint may differ from the gate's own sum, rad or m: rounding only."""
 
 
 class Gate:
@@ -95,6 +94,9 @@ class Gate:
 
     def _tick(self, event: Tick) -> list[GateOutput]:
         s = self._of(event.robot)
+        wrong = unreadable(s, event)
+        if wrong is not None:
+            return self._not_heard(s, wrong)
         if s.tick < 0:
             return self._first_tick(s, event)
         fault = self._resolve(s, event)
@@ -118,6 +120,11 @@ class Gate:
         self._report(s)
         return []
 
+    def _not_heard(self, s: RobotState, why: str) -> list[GateOutput]:
+        """Stops a robot whose tick says nothing of it; what was reserved for it stays."""
+        known, s.unheard = s.unheard, True
+        return [] if known else [self._raise_stop([s], why, "gate", LINK)]
+
     def _resolve(self, s: RobotState, event: Tick) -> str | None:
         """Follows what the link played; returns what contradicts it, None if nothing does."""
         if s.pending is not None:
@@ -126,21 +133,14 @@ class Gate:
             elif event.tick >= s.pending.key.target:
                 s.late += not event.rebased  # its answer will find nothing pending
                 self._reservations.drop(s)
-        if event.rebased:
+        wrong = contradiction(s, event)
+        if event.rebased or event.plan is None:
             s.held, s.played = None, -1
-            return None
-        if event.plan is None:
-            s.held, s.played = None, -1
-        elif s.held is None or event.plan != s.held.key or event.index != s.played + 1:
-            return f"{s.name}'s link plays a plan that the gate has not given it"
-        else:
+        elif wrong is None and s.held is not None:
             s.played = event.index
             if event.index == 0:
                 s.applied_seq = s.held.seq
-        expected = tuple(q + u for q, u in zip(s.setpoint, event.increment, strict=True))
-        if any(abs(a - b) > _SAME for a, b in zip(expected, event.setpoint, strict=True)):
-            return f"{s.name}'s link reports a setpoint that its increments do not add up to"
-        return None
+        return wrong
 
     def _report(self, s: RobotState) -> None:
         measured = [r.measured if r.tick >= 0 else None for r in self._robots]

@@ -18,6 +18,9 @@ from armgate.integrity.swept import Swept
 _SAME_TIME = 1e-9
 """Rounding of times, s."""
 
+_SAME = 1e-9
+"""How far the link's setpoint may differ from the gate's own sum, rad or m: rounding only."""
+
 JOINT_SLACK = 1e-4
 """How far a joint that starts outside its limits may fall back in all, rad or m."""
 
@@ -42,7 +45,8 @@ class RobotState:
         stray: By how much of them axes that lag differently may leave the hull of the setpoints; None: alike.
         measured: The measured q, as reported.
         q: The measured q that the occupancy starts from (rounding taken off).
-        setpoint: Commanded position q_ref.
+        setpoint: Commanded position q_ref: the gate's own sum of the increments.
+        before: The setpoint before the last increment or rebase.
         last: Increment played at the last tick.
         held: The plan that the link plays; ``played`` is the index of its last increment played, −1 for none.
         pending: A plan that the link has not answered yet.
@@ -70,6 +74,7 @@ class RobotState:
     measured: Joints = ()
     q: Joints = ()
     setpoint: Joints = ()
+    before: Joints = ()
     last: Joints = ()
     changed: float = -math.inf
     held: Plan | None = None
@@ -199,7 +204,9 @@ class RobotState:
             self.largest.add(_between(self.setpoint or event.q, event.setpoint))
         self.tick, self.time, self.unheard = event.tick, event.time, False
         self.measured, self.q = event.q, settled
-        self.setpoint, self.last = event.setpoint, event.increment
+        own = tuple(map(add, self.setpoint or event.setpoint, event.increment))
+        self.before, self.last = self.setpoint, event.increment
+        self.setpoint = own if same(own, event.setpoint) else event.setpoint
         self.outside = self._ratchet()
 
     def _remember(self, event: Tick) -> None:
@@ -210,7 +217,14 @@ class RobotState:
             return
         self.history.append((event.time, self.setpoint))
         past = [(min(until, event.time), q) for until, q in self.history]
-        self.history = deque((until, q) for until, q in past if until >= event.time - window - _SAME_TIME)
+        # By ticks and by time: stamps jitter, and a clock may be faster than its period says.
+        earliest, recent = event.time - window - _SAME_TIME, len(past) - self._delay
+        self.history = deque(one for k, one in enumerate(past) if k >= recent or one[0] >= earliest)
+
+    @property
+    def _delay(self) -> int:
+        """For how many ticks a setpoint is under way: the lag window, and a tick more for jitter."""
+        return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME) + 1
 
     def stand(self) -> Joints:
         """Return the setpoint after a reset: where the robot stands.
@@ -244,6 +258,7 @@ class RobotState:
             self.history.append((math.inf, self.setpoint))
             self.largest.add(_between(self.setpoint, setpoint))
         self.held, self.played, self.resets = None, -1, self.resets + 1
+        self.before = self.setpoint
         self.setpoint, self.last, self.slot = setpoint, self.zeros, self.tick
         if self.faulted:
             self.q, self.strayed, self.outside = self.measured, 0.0, ((), ())
@@ -284,6 +299,11 @@ def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
     for u in increments:
         setpoint = tuple(map(add, setpoint, u))
     return setpoint
+
+
+def same(a: Joints, b: Joints) -> bool:
+    """Return True if two positions are the same to rounding; those of another length never are."""
+    return len(a) == len(b) and all(abs(x - y) <= _SAME for x, y in zip(a, b, strict=True))
 
 
 def _between(a: Joints, b: Joints) -> Joints:
