@@ -52,18 +52,23 @@ class Rig:
     def __init__(
         self, folder, profile="krc4-rsi3", *, gantry=False, cycle=None, timeout=100, precision=6,
         peer_file=None, ipoc=1000, start="d1", limits=WIDE, monitor=None, krc_mode=None, krc_timeout=None,
+        aspos="stands", cell_precision=None,
         **link,
     ):  # fmt: skip
         kind = PROFILES[profile] if cycle is None else PROFILES[profile].in_cycle(cycle)
         self.period, self.time = kind.cycle, 100.0
         link.setdefault("timeout", timeout)
+        if cell_precision is not None:
+            link["precision"] = cell_precision
         self.cell = build_cell(load_config([cell_text(folder, gantry=gantry, cycle=kind.cycle, **link)]))
         robot = self.cell.robots[0]
         self.notes, self.log = [], Sheet()
         self.setup = setup_of(self.cell, robot)
         self.link = RsiLink(self.setup, start, self.notes.append)
         mode = Mode(krc_mode or link.get("mode", "absolute"))
-        context = Context(mode, precision, krc_timeout or timeout, limits, monitor or limits)
+        context = Context(
+            mode, precision, krc_timeout or timeout, limits, monitor or limits, aspos == "moves"
+        )
         text = peer_file or (folder / "krc.xml").read_text()
         self.krc = Controller(
             kind, context, read_ethernet(text.encode()),
@@ -121,10 +126,24 @@ class Rig:
     def begin(self):
         """The program starts, and the link becomes ready."""
         self.operate("start")
-        self.cycles(30)
-        assert self.state == "ready", (self.notes, self.changes)
+        self.until_ready()
         self.take_lease()
         return self
+
+    def until_ready(self, cycles=600):
+        """The link synchronises: telegrams agree, and the probe proves the KRC's mode."""
+        for _ in range(cycles):
+            if self.state == "ready":
+                return
+            self.cycle()
+        assert self.state == "ready", (self.notes, self.changes)
+
+    def synchronise(self, cycles=600, **how):
+        """Cycles until the link has come to a verdict."""
+        for _ in range(cycles):
+            self.cycle(**how)
+            if self.state not in ("waiting", "synchronising"):
+                return
 
     def take_lease(self):
         self.fence += 1

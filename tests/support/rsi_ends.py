@@ -22,8 +22,7 @@ def rearm(rig):
     rig.cycles(120)
     assert rig.link.state.value != "ready"
     assert rig.reset(), rig.gate.view("R")
-    rig.cycles(30)
-    assert rig.state == "ready", rig.changes
+    rig.until_ready()
     rig.take_lease()
     before = rig.krc_setpoint
     rig.drive(20, *SLOW)

@@ -14,7 +14,7 @@ from armgate.cell.remarks import remarks
 from armgate.cell.text import printable
 from armgate.daemon.library import Library
 from armgate.integrity import start_clearances
-from armgate.links.rsi import Setup, setup_of
+from armgate.links.rsi import Setup, setup_of, warnings_of
 
 _SHOWN = 8
 _FAULTS = 64
@@ -73,7 +73,8 @@ def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
 def _rsi(setup: Setup) -> str:
     axes = ", ".join(f"{axis.name} {axis.joint}" for axis in setup.axes)
     host, port = setup.listen
-    return f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
+    line = f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
+    return "\n".join([line, *(f"{setup.robot}: warning: {text}" for text in warnings_of(setup))])
 
 
 def _joints(robot: Robot) -> Table:

@@ -63,6 +63,8 @@ class RsiLinkConfig(Part):
         krc: Address from which its telegrams come.
         listen: ADDRESS:PORT to listen on; None: as the KRC's file says.
         mode: As in RSI_ON: a value is the whole offset, or is added in every cycle.
+        reference: Position from which corrections count: ``programmed`` (ASPos), or, if the KRC does not send
+            it, ``measured`` (AIPos of the resting robot when the KRC's program begins).
         axes: Axes that are not as usual: prismatic joints are E1…, the others A1…, one by one.
         precision: Decimals of the values in telegrams.
         timeout: The Timeout of the KRC's Ethernet object: at this Delay the link gives up.
@@ -82,6 +84,7 @@ class RsiLinkConfig(Part):
     krc: Annotated[str, AfterValidator(_address)]
     listen: Annotated[str, AfterValidator(_endpoint)] | None = None
     mode: Literal["absolute", "relative"] = "absolute"
+    reference: Literal["programmed", "measured"] = "programmed"
     axes: dict[AxisName, RsiAxisConfig] = {}
     precision: Annotated[int, Field(ge=0, le=9)] = 6
     timeout: Annotated[int, Field(ge=1)] = 10

@@ -31,7 +31,7 @@ def test_profile_and_cycle():
 
 
 def test_the_context():
-    context = setup.context_of("relative", 3, 100, "A=170,E=2000", "A=171,E=2001")
+    context = setup.context_of("relative", 3, 100, "A=170,E=2000", "A=171,E=2001", "moves")
     assert (context.mode, context.precision, context.timeout) == (Mode.RELATIVE, 3, 100)
     assert (context.limits["A4"], context.monitor["E6"]) == (170.0, 2001.0)
     with pytest.raises(KrcError, match="mode 'both'; expected absolute or relative"):

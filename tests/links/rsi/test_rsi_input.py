@@ -36,11 +36,9 @@ class TestConfigurations:
 
     def test_tags(self, tmp_path):
         peer = krc_file(SEND, tuple(tag.replace("AK", "Other") for tag in SIX))
-        rig = Rig(tmp_path, peer_file=peer).begin()
-        rig.drive(10, *SLOW)
-        rig.cycles(360)
-        assert rig.state == "faulted"
-        assert "other tags" in rig.changes[-1].reason
+        rig = Rig(tmp_path, peer_file=peer)
+        assert "A1 is not measured to follow" in self.ends(rig)
+        assert rig.krc_state == "running"  # it is answered by zeros
 
     def test_axiscorr_that_cuts_in_silence(self, tmp_path):
         rig = Rig(tmp_path, limits=Limits(1.0)).begin()
@@ -65,32 +63,6 @@ class TestConfigurations:
         assert rig.krc_state == "broken_off"
         assert rig.state == "lost"
         start_anew(rig)
-
-    def test_relative_in_the_cell_and_absolute_on_the_krc(self, tmp_path):
-        """Each increment is taken for the whole way: the robot falls back to where it began."""
-        rig = Rig(tmp_path, peer_file=krc_file(SEND, SIX), mode="relative", krc_mode="absolute").begin()
-        rig.drive(60, *SLOW)
-        rig.cycles(360)
-        assert rig.state == "faulted"
-        assert "another mode" in rig.changes[-1].reason
-        assert rig.krc_setpoint == pytest.approx(rig.cell.robots[0].start, abs=1e-6)
-
-    def test_absolute_in_the_cell_and_relative_on_the_krc(self, tmp_path):
-        """The whole way is added in every cycle: the gate sees it, and then the KRC is answered no more."""
-        rig = Rig(tmp_path, krc_mode="relative", timeout=10).begin()
-        rig.drive(60, *(0.04 * u for u in SLOW))  # any faster, and the drives give up
-        rig.cycles(400)
-        assert "off its stop path" in rig.stops[0].reason
-        assert "another mode" in rig.changes[1].reason
-        assert rig.krc_state == "broken_off"
-        assert abs(rig.krc_setpoint[0]) < 0.5
-
-    def test_an_axis_that_turns_the_other_way(self, tmp_path):
-        rig = Rig(tmp_path, axes="{A1: {joint: A1, sent: -1.0}}").begin()
-        rig.drive(60, *SLOW)
-        rig.cycles(120)
-        assert "off its stop path" in rig.stops[0].reason
-        assert abs(rig.krc_setpoint[0]) < 0.012
 
     def test_another_krcs_address(self, tmp_path):
         rig = Rig(tmp_path, krc="192.168.1.21")
@@ -191,5 +163,4 @@ class TestTheForm:
         rig.cycle()
         assert not rig.replies
         assert rig.link.refused["short"] == 1
-        rig.cycles(30)
-        assert rig.state == "ready"
+        rig.until_ready()

@@ -117,10 +117,10 @@ def test_a_simulator_with_instantaneous_joints_and_numbers_from_zero(tmp_path):
         place.append(values_of(rig.replies[-1], "AK"))
 
     rig.operate("start")
-    for _ in range(30):
+    for _ in range(200):
         rig.cycle(edit=edit)
         follow()
-    assert rig.state == "ready"
+    assert rig.state == "ready", rig.changes
     rig.take_lease()
     for _ in range(60):
         assert rig.command(0.004, 0.0, 0.0, 0.0, 0.0, 0.0).outcome != "refused"

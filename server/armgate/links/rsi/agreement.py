@@ -34,6 +34,7 @@ class Agreement:
         self._since: float | None = None
         self._first = 0.0
         self._count = 0
+        self._decimals = 0
 
     def take(self, commanded: Commanded, q: Joints, clean: bool, now: float) -> str | None:
         """A telegram more.
@@ -67,13 +68,19 @@ class Agreement:
                 return f"{axis.name} is at {at:.2f} {axis.unit}, and should be at {should:.2f}"
         return None
 
-    def hints(self, telegram: Telegram) -> list[str]:
-        """Known mistakes that show in a telegram."""
+    def hints(self, telegram: Telegram, ended: bool) -> list[str]:
+        """Return known mistakes that show in a telegram.
+
+        Args:
+            telegram: The telegram.
+            ended: True if it is the last one: the robot has been moved, so that decimals that a KRC prints
+                show, even if it prints none that are zero.
+        """
         found = []
-        decimals = telegram.decimals()
-        if self._count >= _TELEGRAMS and decimals < min(self._setup.precision, 3):
+        self._decimals = max(self._decimals, telegram.decimals())
+        if ended and self._decimals < min(self._setup.precision, 3):
             found.append(
-                f"the KRC sends {decimals} decimal(s), the cell says {self._setup.precision}: "
+                f"the KRC sends {self._decimals} decimal(s), the cell says {self._setup.precision}: "
                 "set Precision in the KRC's Ethernet object"
             )
         for axis, value, low, high in zip(

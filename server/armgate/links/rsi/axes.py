@@ -33,6 +33,16 @@ class Axis:
         return "mm" if self.linear else "deg"
 
     @property
+    def received(self) -> float:
+        """Factor of the configuration on what the KRC sends."""
+        return 1.0 / (self.shown * self.read)
+
+    @property
+    def sending(self) -> float:
+        """Factor of the configuration on what is sent to the KRC."""
+        return self.sent / self.shown
+
+    @property
     def shown(self) -> float:
         """From rad or m to that unit."""
         return 1000.0 if self.linear else math.degrees(1.0)

@@ -33,6 +33,11 @@ class Commanded:
         """The commanded position, rad or m."""
         self._total = self._total_before = self._rest
 
+    @property
+    def offset(self) -> Joints:
+        """Commanded distance from the reference, rad or m."""
+        return tuple([q - origin for q, origin in zip(self.setpoint, self.reference, strict=True)])
+
     def settle(self, follows: Follows, paused: bool) -> bool:
         """Learn from a telegram which position the KRC holds; it is the setpoint from now on.
 
@@ -64,7 +69,7 @@ class Commanded:
             self.setpoint = tuple([q + u for q, u in zip(self.setpoint, increment, strict=True)])
             self._total = tuple(
                 [
-                    round(factor * (q - origin), _DECIMALS)
+                    round(factor * (q - origin), _DECIMALS) + 0.0  # never -0.0
                     for factor, q, origin in zip(self._factors, self.setpoint, self.reference, strict=True)
                 ]
             )

@@ -6,14 +6,34 @@
 
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from armgate.links.rsi.axes import A_AXES, E_AXES
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 65536
 """Longest file that is read, bytes."""
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_CHANNELS = 64
+"""Numbers that INDX may have."""
+_TYPES = ("BOOL", "STRING", "LONG", "DOUBLE")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+_TECH = r"Tech\.(C[1-6]|T[2-6])"
+_REFUSED = "Tech.T1"
+_KNOWN = {
+    "SEND": re.compile(rf"RIst|RSol|A[IS]Pos|E[IS]Pos|MACur|MECur|Delay|{_TECH}"),
+    "RECEIVE": re.compile(rf"EStr|{_TECH}"),
+}
+"""Names of what a KRC fills in or reads itself."""
+_EXAMPLES = {"SEND": "DEF_AIPos", "RECEIVE": "DEF_EStr"}
+_SPREAD = {
+    **dict.fromkeys(("RIst", "RSol"), ("X", "Y", "Z", "A", "B", "C")),
+    **dict.fromkeys(("AIPos", "ASPos", "MACur"), A_AXES),
+    **dict.fromkeys(("EIPos", "ESPos", "MECur"), E_AXES),
+    "Delay": ("D",),
+}
+"""Attributes of such values."""
 
 
 class EthernetError(ValueError):
@@ -28,13 +48,20 @@ class Received:
         tag: Name of its XML element.
         attribute: Name of its attribute, empty for a text.
         type: BOOL, STRING, LONG or DOUBLE.
-        hold: HOLDON: it keeps its last value where none came.
+        hold: HOLDON: it keeps its last value if none came.
+        internal: True if the KRC reads it itself, as EStr.
     """
 
     tag: str
     attribute: str
     type: str
     hold: bool
+    internal: bool = False
+
+    @property
+    def name(self) -> str:
+        """As a TAG writes it."""
+        return f"{self.tag}.{self.attribute}" if self.attribute else self.tag
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +73,7 @@ class Ethernet:
         port: PORT: where it listens.
         sentype: SENTYPE: how replies call themselves.
         only_send: ONLYSEND: replies are not read.
-        sent: Tags that the KRC sends, without ``DEF_``.
+        sent: Values that the KRC fills in itself, without ``DEF_``.
         received: Values that it takes, in order.
     """
 
@@ -74,25 +101,107 @@ def load_ethernet(path: Path) -> Ethernet:
 
 
 def read_ethernet(data: bytes) -> Ethernet:
-    """The contents of a file.
+    """Return the contents of a file.
+
+    Everything is refused that a KRC would refuse at RSI_ON, or that would make telegrams unreadable.
 
     Raises:
         EthernetError: It is no such file.
     """
     try:
-        # The file is a person's: comments are left out, as far as they can be told from what is refused.
-        root = read_xml(_COMMENT.sub(b"", data), LIMIT)
+        root = read_xml(data, LIMIT, comments=True)
     except XmlError as error:
         raise EthernetError(str(error)) from error
     if root.tag != "ROOT":
         raise EthernetError(f"the outer element is <{root.tag}>; expected <ROOT>")
-    host, port, sentype = (_config(root, key) for key in ("IP_NUMBER", "PORT", "SENTYPE"))
+    host, port, sentype, only = (_config(root, k) for k in ("IP_NUMBER", "PORT", "SENTYPE", "ONLYSEND"))
     if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
         raise EthernetError(f"PORT {port!r}; expected a number from 1 to 65535")
-    only_send = _flag(root.findtext("CONFIG/ONLYSEND", "FALSE").strip(), "ONLYSEND")
-    sent = tuple(one.get("TAG", "").removeprefix("DEF_") for one in root.iterfind("SEND/ELEMENTS/ELEMENT"))
-    received = tuple(map(_received, root.iterfind("RECEIVE/ELEMENTS/ELEMENT")))
-    return Ethernet(host, int(port), sentype, only_send, sent, received)
+    protocol = root.findtext("CONFIG/PROTOCOL", "").strip() or "UDP"
+    if protocol.upper() != "UDP":
+        raise EthernetError(f"PROTOCOL {protocol!r}; expected UDP, or no PROTOCOL: TCP is not supported")
+    only_send = _flag(only, "ONLYSEND")
+    sent = [_value(one, "SEND") for one in _elements(root, "SEND")]
+    received = [_value(one, "RECEIVE") for one in _elements(root, "RECEIVE")]
+    if not received and not only_send:
+        raise EthernetError("RECEIVE has no <ELEMENT>; expected one for each axis, as AK.A1")
+    for section, values in (("SEND", sent), ("RECEIVE", received)):
+        _refuse_repeated(f"{section}:", [name for value in values for name in value.names])
+    tags = tuple(value.name for value in sent if value.internal)
+    return Ethernet(host, int(port), sentype, only_send, tags, tuple(v.received for v in received))
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """One <ELEMENT>."""
+
+    name: str
+    type: str
+    internal: bool
+    hold: bool
+
+    @property
+    def names(self) -> list[str]:
+        """Values that it stands for."""
+        spread = _SPREAD.get(self.name) if self.internal else None
+        if self.internal and self.name.startswith("Tech."):
+            return [f"{self.name}{number}" for number in range(1, 11)]
+        return [self.name] if spread is None else [f"{self.name}.{part}" for part in spread]
+
+    @property
+    def received(self) -> Received:
+        """The same as a value that the KRC takes."""
+        tag, _, attribute = self.name.partition(".")
+        return Received(tag, attribute, self.type, self.hold, self.internal)
+
+
+def _elements(root: ET.Element, section: str) -> list[ET.Element]:
+    found = list(root.iterfind(f"{section}/ELEMENTS/ELEMENT"))
+    numbers = []
+    for element in found:
+        index = element.get("INDX", "")
+        if index == "INTERNAL":
+            continue
+        if not (index.isascii() and index.isdigit() and 1 <= int(index) <= _CHANNELS):
+            tag = element.get("TAG", "")
+            raise EthernetError(
+                f"{section}: {tag}: INDX={index!r}; expected INTERNAL or a number from 1 to {_CHANNELS}"
+            )
+        numbers.append(str(int(index)))
+    _refuse_repeated(f"{section}: INDX", numbers)
+    return found
+
+
+def _value(element: ET.Element, section: str) -> _Value:
+    tag, type_ = element.get("TAG", ""), element.get("TYPE", "")
+    internal = element.get("INDX") == "INTERNAL"
+    name = tag.removeprefix("DEF_") if internal else tag
+    group, dot, attribute = name.partition(".")
+    for part in (group, attribute) if dot else (group,):
+        if not _NAME.fullmatch(part):
+            raise EthernetError(
+                f"{section}: TAG={tag!r}: {part!r} is no name of XML, which begins with a letter; expected "
+                f"one like AK.A1"
+            )
+    if group == "IPOC":
+        raise EthernetError(f"{section}: {tag}: every telegram has IPOC anyway; remove the element")
+    if type_ not in _TYPES:
+        raise EthernetError(f"{section}: {tag}: TYPE={type_!r}; expected one of {', '.join(_TYPES)}")
+    if internal and name == _REFUSED:
+        raise EthernetError(f"{section}: {tag}: a KRC refuses it at RSI_ON (RSIBad); expected T2 to T6")
+    if internal and not (tag.startswith("DEF_") and _KNOWN[section].fullmatch(name)):
+        raise EthernetError(
+            f"{section}: {tag} has INDX=INTERNAL, and is nothing that a KRC has in {section}; expected a "
+            f"number, or a name like {_EXAMPLES[section]}"
+        )
+    hold = _flag(element.get("HOLDON", "0"), f"{section}: {tag}: HOLDON")
+    return _Value(name, type_, internal, hold)
+
+
+def _refuse_repeated(where: str, names: list[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise EthernetError(f"{where} {name} occurs {count} times; expected each once")
 
 
 def _config(root: ET.Element, key: str) -> str:
@@ -100,12 +209,6 @@ def _config(root: ET.Element, key: str) -> str:
     if not text:
         raise EthernetError(f"<CONFIG><{key}> is missing or empty")
     return text
-
-
-def _received(element: ET.Element) -> Received:
-    tag, _, attribute = element.get("TAG", "").removeprefix("DEF_").partition(".")
-    hold = _flag(element.get("HOLDON", "0"), f"RECEIVE: {tag}: HOLDON")
-    return Received(tag, attribute, element.get("TYPE", ""), hold)
 
 
 def _flag(text: str, where: str) -> bool:

@@ -8,15 +8,16 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
+from armgate.cell.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.link import LinkEvent
 from armgate.links.player import PlanPlayer, Played
 from armgate.links.rsi.agreement import Agreement
 from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.remarks import Remarks
-from armgate.links.rsi.run import NEW_RUN, Run
+from armgate.links.rsi.run import NEW_RUN, UNKNOWN, Run
 from armgate.links.rsi.sequence import Follows, Order, Sequence
-from armgate.links.rsi.setup import Address, Setup
+from armgate.links.rsi.setup import Address, Setup, warnings_of
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
@@ -52,7 +53,7 @@ class RsiLink:
         self._state = State.WAITING
         self._run: Run | None = None
         self._agreement = Agreement(setup)
-        self._reader = TelegramReader(setup.axes)
+        self._reader = TelegramReader(setup.axes, programmed=setup.programmed)
         self._rebased = False
         self._rest_since = 0.0
         self._events: list[LinkEvent] = []
@@ -94,7 +95,7 @@ class RsiLink:
         self._player.rebase(rebase.resets)
         self._rebased = True
         if self._go(Event.REARMED):
-            self._agreement.begin()
+            self._synchronise(self._run)
 
     # --- the KRC's side -----------------------------------------------------------------------------------
 
@@ -148,57 +149,89 @@ class RsiLink:
         ipoc, delay = run.sequence.ipoc, run.sequence.delay
         paused = self._state not in ARMED and now - run.time > self._setup.silence
         follows = run.sequence.place(telegram.ipoc, telegram.delay)
+        if follows.order is Order.TWICE and telegram.delay > delay:
+            return self._again(run, telegram, now)
         if follows.order is Order.TWICE or (follows.order is Order.OLD and not paused):
             self._remarks.refuse(follows.order.value)
             return Answer(None, self._told())
         continues = telegram.delay >= delay and run.continues(telegram, follows, paused, now)
         if continues is False:
             return self._begin(telegram, source, now)
-        doubt = run.doubt() if continues is None else None
         if follows.order is not Order.NEXT:
             self._contradict(f"the IPOC jumped from {ipoc} to {telegram.ipoc}")
+        if continues is None:
+            self._object(run, UNKNOWN, silent=not self._setup.relative)
+        if follows.order is not Order.NEXT:
             return self._jumped(run, telegram, now)
-        if doubt is not None:
-            self._contradict(doubt)
         return self._next(run, telegram, follows, paused, now)
+
+    def _again(self, run: Run, telegram: Telegram, now: float) -> Answer:
+        """The KRC sends a telegram again because no reply came: repeat the reply. It has held the robot."""
+        late = telegram.delay - run.sequence.delay
+        run.sequence.delay, run.time = telegram.delay, now
+        self._remarks.hint(
+            f"the KRC sent IPOC {telegram.ipoc} again, Delay {telegram.delay}: repeat the reply, it was lost"
+        )
+        self._held(run, late)
+        objection = run.objection or run.too_late()
+        if objection is not None:
+            self._contradict(objection)
+        return Answer(run.reply, self._told())
 
     def _begin(self, telegram: Telegram, source: Address, now: float) -> Answer:
         """RSI_ON: the corrections count from the programmed position, where the robot has to be."""
-        if self._run is not None and self._state in ARMED:
+        if self._run is not None and self._state in TAKING:
             self._lose("the KRC's program began anew")
-        sequence, reference = Sequence(telegram.ipoc, telegram.delay), telegram.programmed
+        sequence = Sequence(telegram.ipoc, telegram.delay)
+        reference = telegram.programmed if self._setup.programmed else telegram.q
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
-        run = Run(self._setup, source[:2], sequence, commanded, telegram.q, reference, now)
+        probe = Probe(self._setup)
+        run = Run(self._setup, source[:2], sequence, commanded, telegram.q, telegram.programmed, now, probe)
         self._run, self._rebased = run, self._player.tick >= 0
         self._player.drop()
-        if self._go(Event.HEARD):
-            self._agreement.begin()
-        run.objection = self._agreement.misplaced(reference, telegram.q)
-        if run.objection is not None:
-            self._contradict(run.objection)
+        self._go(Event.HEARD)
+        self._synchronise(run)
+        for warning in warnings_of(self._setup):
+            self._remarks.hint(warning)
+        misplaced = self._agreement.misplaced(reference, telegram.q)
+        if misplaced is not None:
+            self._object(run, misplaced, silent=True)
         return self._answer(run, telegram, now)
+
+    def _synchronise(self, run: Run | None) -> None:
+        """Begin to gather evidence; what was proven of a run's mode stays proven."""
+        self._agreement.begin()
+        if run is not None:
+            run.agreed = False
+            run.probe.begin()
 
     # --- a telegram of the run ----------------------------------------------------------------------------
 
     def _next(self, run: Run, telegram: Telegram, follows: Follows, paused: bool, now: float) -> Answer:
         disturbed = bool(follows.late or follows.missed)
-        unknown = run.settle(follows, paused)
+        # An unproven absolute KRC holds one of two corrections of the probe: both are below the tolerance.
+        known = run.commanded.settle(follows, paused) or not (run.proven or self._setup.relative)
         if disturbed or paused:
             self._held(run, max(follows.late, follows.missed))
         else:
             run.row = 0
         run.accepted |= follows.late == 0
+        if not known:
+            self._object(run, UNKNOWN, silent=not self._setup.relative)
         objection = (
-            unknown or run.jumped(telegram.q, follows.missed + 1) or (run.too_late() if disturbed else None)
+            run.objection
+            or run.jumped(telegram.q, follows.missed + 1)
+            or (run.too_late() if disturbed else None)
         )
         if objection is not None:
             self._contradict(objection)
-        self._agree(run, telegram, not disturbed, now)
+        self._agree(run, telegram, follows, now)
         return self._answer(run, telegram, now)
 
     def _jumped(self, run: Run, telegram: Telegram, now: float) -> Answer:
         """The numbers go on from elsewhere. What the KRC holds is only known if the robot rested."""
-        run.settle(Follows(Order.JUMP, missed=0, late=2), paused=True)
+        if not run.commanded.settle(Follows(Order.JUMP, missed=0, late=2), paused=True):
+            self._object(run, UNKNOWN, silent=not self._setup.relative)
         run.sequence = Sequence(telegram.ipoc, telegram.delay)
         self._held(run, 0)
         return self._answer(run, telegram, now)
@@ -210,41 +243,65 @@ class RsiLink:
         self._rebased = True
         self._go(Event.HELD)
 
-    def _agree(self, run: Run, telegram: Telegram, clean: bool, now: float) -> None:
-        """Whether all agrees while synchronising, and whether the robot is where it should be at rest."""
+    def _agree(self, run: Run, telegram: Telegram, follows: Follows, now: float) -> None:
+        """Judge whether all agrees while synchronising, and whether a resting robot is where it should be."""
         if self._state is State.SYNCHRONISING:
-            if run.objection is not None:
-                self._contradict(run.objection)
-                return
-            verdict = self._agreement.take(run.commanded, telegram.q, clean, now)
-            for hint in self._agreement.hints(telegram):
-                self._remarks.hint(hint)
+            verdict = self._evidence(run, telegram, follows, now)
             if verdict == "":
                 run.sequence.learning = False
+                run.proven = True
                 self._rest_since = now
                 self._ready()
+            elif verdict is not None and run.agreed:
+                self._object(run, verdict)
             elif verdict is not None:
                 self._contradict(verdict)
         elif self._state is State.READY and now - self._rest_since > _SETTLED:
             astray = self._agreement.astray(run.commanded.setpoint, telegram.q)
             if astray is not None:
                 # What the KRC makes of replies is not what is meant by them: no further one can be right.
-                run.objection = f"{astray}: {_WHY}"
-                self._contradict(run.objection)
+                self._object(run, f"{astray}: {_WHY}")
+
+    def _evidence(self, run: Run, telegram: Telegram, follows: Follows, now: float) -> str | None:
+        """Return "" if telegrams agree and the probe proves the mode, else a text, None while it is open."""
+        clean = not (follows.late or follows.missed)
+        verdict = None
+        if not run.agreed:
+            clean = not self._anchored(run, telegram.q) and clean
+            verdict = self._agreement.take(run.commanded, telegram.q, clean, now)
+            run.agreed = verdict == ""
+        if run.agreed and not run.proven:
+            verdict = run.probe.take(telegram.q, run.commanded.offset, follows, now)
+        for hint in self._agreement.hints(telegram, verdict is not None):
+            self._remarks.hint(hint)
+        return verdict
+
+    def _anchored(self, run: Run, q: Joints) -> bool:
+        """Let corrections count from a measured position, as long as none was sent; True if it moves."""
+        if self._setup.programmed or run.proven or not run.probe.moved(run.commanded.reference, q):
+            return False
+        run.commanded = Commanded(self._setup.axes, q, self._setup.relative)
+        self._rebased = True
+        return True
+
+    def _object(self, run: Run, reason: str, *, silent: bool = False) -> None:
+        """Nothing moves any more in this run; if ``silent``, no reply is known to hold the robot either."""
+        run.objection, run.silent = reason, run.silent or silent
+        self._remarks.tell(reason) if self._state not in ARMED else self._contradict(reason)
 
     def _answer(self, run: Run, telegram: Telegram, now: float) -> Answer:
         """Play what this tick is due, answer, and tell."""
         played, moves = self._play()
-        values = run.commanded.step(played.increment)
-        silent = run.objection is not None
-        reply = None if silent else self._setup.writer.write(values, telegram.ipoc)
+        increment = played.increment if run.proven else self._probed(run)
+        values = run.commanded.step(increment)
+        run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
         tick = Tick(
             robot=self._setup.robot,
             tick=self._player.tick,
             time=now,
             q=telegram.q,
             setpoint=run.commanded.setpoint,
-            increment=(0.0,) * len(telegram.q) if played.increment is None else played.increment,
+            increment=(0.0,) * len(telegram.q) if increment is None else increment,
             plan=played.key,
             index=played.index,
             rebased=self._rebased,
@@ -253,7 +310,16 @@ class RsiLink:
         self._rebased = False
         if moves:
             self._rest_since = now
-        return Answer(reply, self._told(tick))
+        return Answer(run.reply, self._told(tick))
+
+    def _probed(self, run: Run) -> Joints | None:
+        """Return the probe's increment, None if there is none; refuted or disturbed, it leads back."""
+        commanded = run.commanded
+        going = self._state is State.SYNCHRONISING and run.agreed and run.objection is None
+        target = run.probe.target(commanded.reference, commanded.setpoint, going)
+        if run.silent or target == commanded.setpoint:
+            return None
+        return tuple([new - old for new, old in zip(target, commanded.setpoint, strict=True)])
 
     def _play(self) -> tuple[Played, bool]:
         if self._rebased:

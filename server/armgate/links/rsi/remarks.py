@@ -20,6 +20,10 @@ class Remarks:
         self._noted: set[str] = set()
         self.refused: Counter[str] = Counter()
 
+    def tell(self, text: str) -> None:
+        """Report an event, each time."""
+        self._note(f"{self._robot}: {text}")
+
     def hint(self, text: str) -> None:
         """Something that somebody should know."""
         self._once(text, text)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from armgate.cell.events import Joints
 from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
@@ -11,7 +12,7 @@ from armgate.links.rsi.telegram import Telegram
 NEW_RUN = 3
 """So many cycles without a telegram there are, at least, between two runs."""
 
-_UNKNOWN = "what the KRC holds is not known, so it is not answered any more: start its program anew"
+UNKNOWN = "it is not known what the KRC holds: start its program anew"
 _JUMP = 1.5
 """A joint that is measured to move so much faster than it can has jumped."""
 
@@ -28,7 +29,12 @@ class Run:
         q: Measured last.
         programmed: As the last telegram has it.
         time: Of the last telegram, s.
-        objection: Why it is not answered: what would be held is not known, or not believed.
+        probe: Proof of the KRC's mode, axes and scales.
+        agreed: True once telegrams have agreed with the configuration since the link was armed.
+        proven: True once the probe has ended well.
+        objection: Reason why nothing moves any more until the program starts anew.
+        silent: True if no reply is known to hold the robot: then the KRC is not answered.
+        reply: Sent last.
         accepted: Whether the KRC has taken a reply.
         row: Late cycles in a row.
     """
@@ -40,15 +46,21 @@ class Run:
     q: Joints
     programmed: Joints
     time: float
+    probe: Probe
+    agreed: bool = False
+    proven: bool = False
     objection: str | None = None
+    silent: bool = False
+    reply: bytes | None = None
     accepted: bool = False
     row: int = 0
 
     def continues(self, telegram: Telegram, follows: Follows, paused: bool, now: float) -> bool | None:
-        """Whether a telegram from the run's own port belongs to it: a new run may use the port again.
+        """Return True if a telegram from the run's own port belongs to it: a new run may use the port again.
 
-        A new run's program holds another position. Where that is the same, as the robot was led back to it,
-        the robot is measured there, and not where the old run had commanded it to be.
+        The program of a new run usually holds another position. If it is the same one, because the robot was
+        led back to it, the robot is measured there, and not where the old run had commanded it to be. A
+        program whose position moves along with the corrections, or is not sent, proves nothing.
 
         Args:
             telegram: The telegram.
@@ -57,32 +69,23 @@ class Run:
             now: Time, s.
 
         Returns:
-            None where that cannot be told.
+            True, False, or None if that is unknown.
         """
         commanded, gap = self.commanded, now - self.time > NEW_RUN * self.setup.period
         counted = follows.order is Order.NEXT and follows.late - follows.missed in (0, 1)
         if counted and not follows.missed and not gap:
             return True
-        # A simulator whose programmed position moves along says nothing by it.
-        if telegram.programmed != self.programmed == commanded.reference:
+        stands = self.programmed == commanded.reference
+        if stands and telegram.programmed != self.programmed:
             return False
         if counted and (follows.late or not paused):
             return True
+        if commanded.setpoint == commanded.reference:
+            return False  # nothing is lost by a new run: its corrections are zeros, too
         here, there = (self._away(telegram.q, one) for one in (commanded.setpoint, commanded.reference))
-        if here <= min(there, 1.0):
+        if stands and here <= min(there, 1.0):
             return True
-        return False if there <= 1.0 else None
-
-    def doubt(self) -> str:
-        """It is not answered any more; why."""
-        self.objection = _UNKNOWN
-        return _UNKNOWN
-
-    def settle(self, follows: Follows, paused: bool) -> str | None:
-        """Learn from a telegram what the KRC holds, as `Commanded.settle`; why it falls silent, if so."""
-        if self.commanded.settle(follows, paused):
-            return None
-        return self.doubt()
+        return False if there <= 1.0 and (stands or here > 1.0) else None
 
     def jumped(self, q: Joints, cycles: int) -> str | None:
         """Which axis is measured to have jumped in so many cycles, if one is."""

@@ -1,5 +1,6 @@
 """All that an RSI link is built with, and how it follows from a cell's configuration."""
 
+import ipaddress
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,8 @@ from typing import TYPE_CHECKING
 from armgate.cell.events import Joints
 from armgate.cell.link_config import RsiLinkConfig
 from armgate.links.rsi.axes import AXES, Axis, axes_of
-from armgate.links.rsi.ethernet import Ethernet, EthernetError, load_ethernet
+from armgate.links.rsi.ethernet import Ethernet, EthernetError, Received, load_ethernet
+from armgate.links.rsi.probe import shape_of
 from armgate.links.rsi.telegram import LONGEST_REPLY, ReplyWriter
 
 if TYPE_CHECKING:  # what a robot model needs takes time to load
@@ -29,10 +31,14 @@ class Setup:
         lower: Joint limits.
         upper: Joint limits.
         speed: Largest speeds, per s.
+        acceleration: Largest accelerations and decelerations, the smaller one of both, per s².
+        lag: Time constant with which the measured position follows, s.
         tolerance: How far each resting joint may be from where it should be.
         reach: How far AXISCORR lets each joint be corrected; inf: not known.
         writer: Writes replies.
         relative: Whether corrections are added up.
+        programmed: True if corrections count from ASPos, False if from AIPos of the resting robot.
+        unsent: Values that the KRC takes and that no reply carries.
         precision: Decimals of the values in telegrams.
         timeout: At this Delay the link gives up.
         late_in_a_row: At so many late cycles in a row too.
@@ -47,10 +53,14 @@ class Setup:
     lower: Joints
     upper: Joints
     speed: Joints
+    acceleration: Joints
+    lag: float
     tolerance: Joints
     reach: Joints
     writer: ReplyWriter
     relative: bool
+    programmed: bool
+    unsent: tuple[str, ...]
     precision: int
     timeout: int
     late_in_a_row: int
@@ -81,16 +91,20 @@ def setup_of(cell: "Cell", robot: "Robot") -> Setup:
         lower=_row(robot.lower),
         upper=_row(robot.upper),
         speed=_row(robot.velocity),
+        acceleration=tuple(map(min, _row(robot.acceleration), _row(robot.deceleration))),
+        lag=own.lag,
         tolerance=tuple(own.length_tolerance if axis.linear else own.angle_tolerance for axis in axes),
         reach=reach,
         writer=ReplyWriter(ethernet, axes),
         relative=own.mode == "relative",
+        programmed=own.reference == "programmed",
+        unsent=_unsent(ethernet),
         precision=own.precision,
         timeout=own.timeout,
         late_in_a_row=own.late_in_a_row,
         silence=own.silence,
         krc=own.krc,
-        listen=_listen(own, ethernet),
+        listen=_listen(cell.config, robot.name, own, ethernet),
     )
     _check(cell, robot, setup)
     return setup
@@ -131,7 +145,7 @@ def _ethernet(config: "CellConfig", robot: str, own: RsiLinkConfig, axes: tuple[
     except EthernetError as error:
         raise config.error(key, str(error)) from error
     objection = (
-        _sent_objection(ethernet, axes)
+        _sent_objection(ethernet, axes, own.reference == "programmed")
         or _received_objection(ethernet, axes, own.mode == "relative")
         or _length_objection(ReplyWriter(ethernet, axes), len(axes))
     )
@@ -140,17 +154,23 @@ def _ethernet(config: "CellConfig", robot: str, own: RsiLinkConfig, axes: tuple[
     return ethernet
 
 
-def _sent_objection(ethernet: Ethernet, axes: tuple[Axis, ...]) -> str | None:
+def _sent_objection(ethernet: Ethernet, axes: tuple[Axis, ...], programmed: bool) -> str | None:
     if ethernet.only_send:
         return "ONLYSEND is TRUE: the KRC would not read replies; expected FALSE"
     kinds = {axis.name[0] for axis in axes}
-    wanted = ["Delay", *(tag for kind, tags in _POSITIONS.items() if kind in kinds for tag in tags)]
+    held = [tags for kind, tags in _POSITIONS.items() if kind in kinds]
+    wanted = ["Delay", *(tag for tags in held for tag in (tags if programmed else tags[:1]))]
     missing = [f"DEF_{tag}" for tag in wanted if tag not in ethernet.sent]
-    return f"SEND lacks {', '.join(missing)}; expected them in it" if missing else None
+    if not missing:
+        return None
+    option = ""
+    if all(tag[5] == "S" for tag in missing):  # DEF_ASPos, DEF_ESPos
+        option = ", or in the cell link.reference: measured (corrections count from the measured position)"
+    return f"SEND lacks {', '.join(missing)}; expected them in it{option}"
 
 
 def _received_objection(ethernet: Ethernet, axes: tuple[Axis, ...], relative: bool) -> str | None:
-    corrections = [e for e in ethernet.received if e.attribute in AXES and e.type == "DOUBLE"]
+    corrections = _corrections(ethernet)
     names = [element.attribute for element in corrections]
     for axis in axes:
         if names.count(axis.name) != 1:
@@ -188,9 +208,25 @@ def _reach(own: RsiLinkConfig, axes: tuple[Axis, ...]) -> Joints:
     return tuple(given.get(a.name, given.get(a.name[0], default)) / abs(a.sent) for a in axes)
 
 
-def _listen(own: RsiLinkConfig, ethernet: Ethernet) -> Address:
+def _corrections(ethernet: Ethernet) -> list[Received]:
+    return [one for one in ethernet.received if one.attribute in AXES and one.type == "DOUBLE"]
+
+
+def _unsent(ethernet: Ethernet) -> tuple[str, ...]:
+    """Values that the KRC takes for zero from the beginning, and for which zero may mean something."""
+    carried = _corrections(ethernet)
+    others = [one for one in ethernet.received if one not in carried]
+    return tuple(one.name for one in others if one.tag != "RKorr" and one.name not in ("EStr", "Stop"))
+
+
+def _listen(config: "CellConfig", robot: str, own: RsiLinkConfig, ethernet: Ethernet) -> Address:
     if own.listen is None:
-        return ethernet.host, ethernet.port
+        try:
+            return str(ipaddress.ip_address(ethernet.host)), ethernet.port
+        except ValueError:
+            key = ("robots", robot, "link", "ethernet")
+            text = f"IP_NUMBER {ethernet.host!r} is no address; expected this PC's one, or link.listen"
+            raise config.error(key, f"{own.ethernet}: {text}") from None
     host, _, port = own.listen.rpartition(":")
     return host.strip("[]"), int(port)
 
@@ -213,3 +249,17 @@ def _check(cell: "Cell", robot: "Robot", setup: Setup) -> None:
             f"expected q_tolerance to be no smaller than that, or a higher Precision on the KRC"
         )
         raise cell.config.error((*key, "q_tolerance"), text)
+    invisible = shape_of(setup).objection(setup.axes, setup.precision)
+    if invisible is not None:
+        raise cell.config.error((*key, "link", "precision"), invisible)
+
+
+def warnings_of(setup: Setup) -> list[str]:
+    """Return what in the KRC's file works, but perhaps not as its author means it."""
+    if not setup.unsent:
+        return []
+    names = ", ".join(setup.unsent)
+    return [
+        f"RECEIVE declares {names}, which armgate never sends: the KRC reads 0 (an override of 0 %, if it is "
+        "connected to one); remove it from RECEIVE and from the signal flow unless 0 is meant"
+    ]

@@ -25,7 +25,7 @@ class Survey:
     def __init__(self, setup: Setup, foot: Foot) -> None:
         self._setup = setup
         self._signs = Signs(setup, foot)
-        self._reader = TelegramReader(setup.axes)
+        self._reader = TelegramReader(setup.axes, programmed=setup.programmed)
         self._times: list[float] = []
         self._ipocs: list[int] = []
         self._q: list[tuple[float, ...]] = []

@@ -17,8 +17,11 @@ LIMIT = 4096
 LONGEST_REPLY = 1024
 """More a KRC does not take, bytes."""
 _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
-_DELAY = re.compile(r"[0-9]{1,10}")
+_DELAY = re.compile(r"([0-9]{1,10})(\.0*)?")
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_NOT_READ = (
+    "which is not supported: expected AIPos, ASPos, Delay and IPOC directly in <Rob>, as RSI sends them"
+)
 _FREE = re.compile(rb'="([-+.0-9]{1,32})"')
 _MEASURED, _PROGRAMMED = ("AIPos", "EIPos"), ("ASPos", "ESPos")
 _IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
@@ -28,7 +31,7 @@ class TelegramError(Exception):
     """A datagram is no telegram of a KRC; says why.
 
     Attributes:
-        kind: A word for counting: ``xml``, ``root``, ``ipoc``, ``element``, ``value``.
+        kind: A word for counting: ``xml``, ``root``, ``form``, ``ipoc``, ``element``, ``value``.
     """
 
     def __init__(self, kind: str, text: str) -> None:
@@ -46,7 +49,7 @@ class Telegram:
         short: Whether it is RSI 2's first frame, nothing but the IPOC; then there is no more in it.
         delay: How many cycles were late so far.
         q: Measured position, rad or m, in the order of the model.
-        programmed: The position that the KRC's program holds, likewise.
+        programmed: The position that the KRC's program holds, likewise; empty if it is not read.
     """
 
     data: bytes
@@ -72,10 +75,12 @@ class TelegramReader:
 
     Args:
         axes: The axes of the robot's joints, in the order of the model.
+        programmed: True if the programmed position is read; else telegrams need not have it.
     """
 
-    def __init__(self, axes: Sequence[Axis]) -> None:
+    def __init__(self, axes: Sequence[Axis], *, programmed: bool = True) -> None:
         self._axes = tuple(axes)
+        self._tags = (_MEASURED, _PROGRAMMED) if programmed else (_MEASURED,)
         self._scales = tuple(axis.read for axis in axes)
         self._form: re.Pattern[bytes] | None = None
         self._wanted: tuple[int, ...] = ()
@@ -105,6 +110,8 @@ class TelegramReader:
 
     def _parse(self, data: bytes) -> Telegram:
         root = _root(data)
+        if root.find("Dat") is not None:
+            raise TelegramError("form", f"it holds <Dat>, the form of ERX 1.x on a KRC2, {_NOT_READ}")
         groups = _groups(root)
         text = root.findtext("IPOC", "")
         digits = _DIGITS.fullmatch(text)
@@ -113,13 +120,15 @@ class TelegramReader:
         ipoc = int(digits[1])
         if not groups:
             return Telegram(data, ipoc, True, 0, (), ())
-        q, programmed = (_positions(groups, tags, self._axes) for tags in (_MEASURED, _PROGRAMMED))
-        delay = groups.get("Delay", {}).get("D", "")
-        if not _DELAY.fullmatch(delay):
-            said = "is missing" if not delay else f"is {delay[:40]!r}"
+        q, *rest = (_positions(groups, tags, self._axes) for tags in self._tags)
+        programmed = rest[0] if rest else ()
+        text = groups.get("Delay", {}).get("D", "")
+        delay = _DELAY.fullmatch(text)
+        if delay is None:
+            said = "is missing" if not text else f"is {text[:40]!r}"
             raise TelegramError("element", f"Delay D {said}: SEND must have DEF_Delay")
         self._learn(data, root)
-        return Telegram(data, ipoc, False, int(delay), q, programmed)
+        return Telegram(data, ipoc, False, int(delay[1]), q, programmed)
 
     def _learn(self, data: bytes, root: ET.Element) -> None:
         """The pattern of this telegram, if its text and its XML have the same numbers in the same order."""
@@ -130,9 +139,7 @@ class TelegramReader:
         if _FREE.findall(data) != [value for _, value in numbers] or len(_IPOC.findall(data)) != 1:
             return
         places = {name: place for place, (name, _) in enumerate(numbers, start=1)}
-        positions = (
-            (_tag(axis, *tags), axis.name) for tags in (_MEASURED, _PROGRAMMED) for axis in self._axes
-        )
+        positions = ((_tag(axis, *tags), axis.name) for tags in self._tags for axis in self._axes)
         wanted = [("Delay", "D"), *positions]
         if data.index(b"<IPOC>") < data.rindex(b'="') or not places.keys() >= set(wanted):
             return

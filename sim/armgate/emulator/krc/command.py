@@ -26,6 +26,9 @@ def krc(
     ] = None,
     cycle: Annotated[float | None, typer.Option(metavar="MS", help="12 for #IPO on KRC4 and later.")] = None,
     mode: Annotated[str, typer.Option(help="absolute or relative.")] = "absolute",
+    aspos: Annotated[
+        str, typer.Option(help="stands or moves: what ASPos and RSol do while the robot is corrected.")
+    ] = "stands",
     precision: Annotated[int, typer.Option(min=0, max=9, help="Decimals in telegrams.")] = 1,
     timeout: Annotated[int, typer.Option(min=0, help="Late cycles that are borne.")] = 10,
     axiscorr: Annotated[str, typer.Option(help="Correction beyond which is cut: 5, or A=170,E=2000.")] = "5",
@@ -54,7 +57,7 @@ def krc(
     options = setup.Setup(
         profile=kind,
         ethernet=ethernet,
-        context=setup.context_of(mode, precision, timeout, axiscorr, axiscorrmon),
+        context=setup.context_of(mode, precision, timeout, axiscorr, axiscorrmon, aspos),
         arm=setup.arm_of(robot, cell or [], start),
         peer=setup.peer_of(to, ethernet),
         network=setup.network_of(loss=loss, duplicate=duplicate, reorder=reorder, delay=delay, jitter=jitter),

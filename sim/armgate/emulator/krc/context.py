@@ -79,6 +79,8 @@ class Context:
         timeout: How many late cycles, counted since the start, are borne.
         limits: AXISCORR: corrections beyond it are cut, and nobody is told.
         monitor: AXISCORRMON: beyond it RSI stops.
+        aspos_moves: ASPos, ESPos and RSol follow the correction. On a real KR 16-2 they keep the programmed
+            position; some simulators move them.
     """
 
     mode: Mode = Mode.ABSOLUTE
@@ -86,3 +88,4 @@ class Context:
     timeout: int = TIMEOUT
     limits: Limits = field(default_factory=lambda: Limits(AXISCORR))
     monitor: Limits = field(default_factory=lambda: Limits(AXISCORRMON))
+    aspos_moves: bool = False

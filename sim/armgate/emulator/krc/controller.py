@@ -58,7 +58,7 @@ class Controller:
         self._chance, self._notes = chance, notes
         self._refuse_absent_axes()
         self._writer = TelegramWriter(ethernet, context.precision, profile.root)
-        self._feedback = Feedback(arm, profile.linear_sent, self._writer.needed)
+        self._feedback = Feedback(arm, profile.linear_sent, self._writer.needed, moves=context.aspos_moves)
         self._inbox = Inbox(ReplyParser(ethernet), profile.reply_within, notes)
         self._robot = EmulatedRobot(arm.start, profile.cycle, profile.lag)
         self._state, self._message, self._cycles, self._runs = State.STOPPED, "", 0, 0
@@ -157,10 +157,21 @@ class Controller:
     def _note_contents(self, reply: Reply, missing: tuple[str, ...]) -> None:
         if missing:
             lacks = ", ".join(missing)
-            self._notes.once("missing", f"the reply lacks {lacks}, which RECEIVE declares: HOLDON")
+            self._notes.once(
+                "missing",
+                f"the reply lacks {lacks}, which RECEIVE declares: HOLDON; what never came is 0 (an override "
+                f"of 0 %, if it is connected to one)",
+            )
         if reply.unknown:
             carries, known = ", ".join(reply.unknown), ", ".join(one.name for one in self._ethernet.received)
             self._notes.once("unknown", f"the reply carries {carries}: ignored; RECEIVE declares {known}")
+        cartesian = self._run.registers.cartesian()
+        if cartesian:
+            self._notes.once(
+                "cartesian",
+                f"the reply corrects {', '.join(cartesian)}: this virtual KRC has no Cartesian corrections, "
+                f"and nothing moves; correct axes, as AK.A1",
+            )
         text = self._run.registers.named("EStr")
         if text:
             self._notes.once("estr", f"message from the PC: {text}")

@@ -26,14 +26,16 @@ ZERO: dict[Type, Value] = {"BOOL": False, "STRING": "", "LONG": 0, "DOUBLE": 0.0
 """What an element of each type is before anything was received."""
 
 _TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)?", re.ASCII)
-_CARTESIAN = ("X", "Y", "Z", "A", "B", "C")
+CARTESIAN = ("X", "Y", "Z", "A", "B", "C")
 _SENT: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("RIst", "RSol"), _CARTESIAN),
+    **dict.fromkeys(("RIst", "RSol"), CARTESIAN),
     **dict.fromkeys(("AIPos", "ASPos", "MACur"), A_AXES),
     **dict.fromkeys(("EIPos", "ESPos", "MECur"), E_AXES),
     "Delay": ("D",),
 }
-_TECH = re.compile(r"Tech\.([CT][1-6])", re.ASCII)
+_TECH = re.compile(r"Tech\.(C[1-6]|T[2-6])", re.ASCII)
+_BAD = "Tech.T1"
+"""A KRC refuses it at RSI_ON (seen with a public driver)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,13 +165,17 @@ def _plain(element: ET.Element, section: str) -> Element:
     internal = element.get("INDX") == "INTERNAL"
     name = tag.removeprefix("DEF_") if internal else tag
     if not _TAG.fullmatch(name):
-        raise KrcError(f"{section}: TAG={tag!r}; expected a name like AK.A1")
+        raise KrcError(
+            f"{section}: TAG={tag!r}; expected a name like AK.A1: letters first, digits after them"
+        )
     if name.partition(".")[0] == "IPOC":
         raise KrcError(f"{section}: IPOC stands in every telegram by itself; remove the element")
     if internal and not tag.startswith("DEF_"):
         raise KrcError(
             f"{section}: {tag} has INDX=INTERNAL; expected a name that begins with DEF_, or a number"
         )
+    if internal and name == _BAD:
+        raise KrcError(f"{section}: {tag}: RSIBad at RSI_ON for the generator T1; expected T2 to T6")
     for known in get_args(Type):
         if type_ == known:
             hold = _flag(element.get("HOLDON", "0"), f"{section}: {tag}: HOLDON")
@@ -196,7 +202,7 @@ def _sent(given: ET.Element) -> list[Element]:
         return _spread(element, _SENT[element.tag])
     parts = _tech(element)
     if parts is None:
-        known = ", ".join(f"DEF_{name}" for name in (*_SENT, "Tech.C1…C6", "Tech.T1…T6"))
+        known = ", ".join(f"DEF_{name}" for name in (*_SENT, "Tech.C1…C6", "Tech.T2…T6"))
         raise KrcError(f"SEND: the KRC has no DEF_{element.name}; expected one of {known}")
     return parts
 
@@ -207,6 +213,6 @@ def _received(given: ET.Element) -> list[Element]:
         return [element]
     parts = _tech(element)
     if parts is None:
-        known = "DEF_EStr, DEF_Tech.C1…C6, DEF_Tech.T1…T6"
+        known = "DEF_EStr, DEF_Tech.C1…C6, DEF_Tech.T2…T6"
         raise KrcError(f"RECEIVE: the KRC takes no DEF_{element.name}; expected one of {known}")
     return parts

@@ -19,9 +19,11 @@ class Feedback:
         arm: The robot.
         linear: Factor on the mm of linear external axes.
         needed: Which elements the file asks for.
+        moves: The programmed position follows the correction.
     """
 
-    def __init__(self, arm: Arm, linear: float, needed: Iterable[str]) -> None:
+    def __init__(self, arm: Arm, linear: float, needed: Iterable[str], *, moves: bool = False) -> None:
+        self._moves = moves
         self._arm = arm
         self._needed = frozenset(needed)
         self._scales = tuple(linear if axis.linear else 1.0 for axis in arm.axes)
@@ -31,7 +33,8 @@ class Feedback:
     def values(self, run: Run, measured: Sequence[float]) -> Groups:
         """All that can be asked for, in the units of telegrams."""
         shown = [scale * one for scale, one in zip(self._scales, measured, strict=True)]
-        wanted = [scale * one for scale, one in zip(self._scales, run.programmed, strict=True)]
+        programmed = run.drives.setpoint if self._moves else run.programmed
+        wanted = [scale * one for scale, one in zip(self._scales, programmed, strict=True)]
         currents = [CURRENT * share for share in run.drives.load]
         values = {"Delay": {"D": float(run.lateness.count)}}
         for inner, outer, numbers in (
@@ -42,7 +45,7 @@ class Feedback:
         if "RIst" in self._needed:
             values["RIst"] = self._named(self._pose(measured))
         if "RSol" in self._needed:
-            values["RSol"] = self._named(self._programmed(run.programmed))
+            values["RSol"] = self._named(self._programmed(programmed))
         return values
 
     def _pose(self, q: Sequence[float]) -> Pose:

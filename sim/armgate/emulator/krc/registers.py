@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from armgate.emulator.krc.ethernet import ZERO, Element, Value
+from armgate.emulator.krc.ethernet import CARTESIAN, ZERO, Element, Value
 
 
 class Registers:
@@ -25,6 +25,14 @@ class Registers:
         """The value of a DOUBLE; zero where nothing is connected."""
         value = None if element is None else self._values[element]
         return value if isinstance(value, float) else 0.0
+
+    def cartesian(self) -> tuple[str, ...]:
+        """Return the names of Cartesian corrections, as RKorr.X, that are not zero."""
+        return tuple(
+            element.name
+            for element, value in self._values.items()
+            if element.attribute in CARTESIAN and element.type == "DOUBLE" and value
+        )
 
     def named(self, name: str) -> Value | None:
         """The value of the element of this name; None if RECEIVE has none."""

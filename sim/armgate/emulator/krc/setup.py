@@ -16,6 +16,8 @@ from armgate.emulator.krc.profile import Profile, profile_named
 
 DIRECTIONS = ("to-pc", "to-krc")
 """As the KRC sees them: telegrams, replies."""
+ASPOS = ("stands", "moves")
+"""Behaviour of the programmed position under correction."""
 _MS = 1e-3
 
 
@@ -73,20 +75,25 @@ def profile_of(name: str, cycle_ms: float | None) -> Profile:
     return profile if cycle_ms is None else profile.in_cycle(cycle_ms * _MS)
 
 
-def context_of(mode: str, precision: int, timeout: int, axiscorr: str, axiscorrmon: str) -> Context:
+def context_of(
+    mode: str, precision: int, timeout: int, axiscorr: str, axiscorrmon: str, aspos: str = "stands"
+) -> Context:
     """The RSI context.
 
     Raises:
-        KrcError: There is no such mode, or a limit is none.
+        KrcError: Mode, behaviour of ASPos or a limit is none of those expected.
     """
     if mode not in list(Mode):
         raise KrcError(f"mode {mode!r}; expected {' or '.join(Mode)}")
+    if aspos not in ASPOS:
+        raise KrcError(f"aspos {aspos!r}; expected {' or '.join(ASPOS)}")
     return Context(
         mode=Mode(mode),
         precision=precision,
         timeout=timeout,
         limits=Limits.from_text(axiscorr, AXISCORR),
         monitor=Limits.from_text(axiscorrmon, AXISCORRMON),
+        aspos_moves=aspos == "moves",
     )
 
 
