@@ -139,7 +139,7 @@ def _flag(text: str, where: str) -> bool:
 
 
 def _refuse_protocols(root: ET.Element) -> None:
-    protocol = (root.findtext("CONFIG/PROTOCOL") or "UDP").strip()
+    protocol = (root.findtext("CONFIG/PROTOCOL") or "").strip() or "UDP"
     if protocol.upper() != "UDP":
         raise KrcError(f"PROTOCOL {protocol!r}; expected UDP")
 
