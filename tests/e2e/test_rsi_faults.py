@@ -103,6 +103,18 @@ async def test_a_robot_server_that_halts_for_some_cycles_makes_up_for_none(stack
     stack.within_bounds()
 
 
+async def test_a_krc_that_halts_for_a_moment_stops_with_a_reason_and_needs_a_new_run(stack):
+    await stack.begin()
+    stack.krc.process.send_signal(signal.SIGSTOP)
+    assert "is lost: no telegram for 0.3 s" in await stack.stopped()
+    stack.krc.process.send_signal(signal.SIGCONT)
+    assert "not known what the KRC holds" in (await stack.robots.logs("link"))["text"]
+    await stack.nothing_moves()
+    await stack.krc.tell("stop")
+    await stack.krc.tell("start")
+    await stack.goes_on()
+
+
 async def test_there_is_one_daemon_at_a_time(stack):
     mover = await stack.begin()
     status, out, err = await run("serve", stack.file, "--robot-server", stack.socket, "--port", 0)

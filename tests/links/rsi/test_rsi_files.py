@@ -219,7 +219,7 @@ class TestValuesThatAreNeverSent:
         rig.operate("start")
         rig.cycles(3)
         assert sum("Ov.PRO" in note for note in rig.notes) == 1
-        assert any("lacks Ov.PRO" in text for text in rig.log.texts("missing"))
+        assert any("Ov.PRO: 0 until it comes" in text for text in rig.log.texts("zero"))
 
     def test_what_zero_cannot_harm_is_no_warning(self, tmp_path):
         more = element("DEF_EStr", "INTERNAL", "STRING", 0) + element("RKorr.X", 20, hold=1)

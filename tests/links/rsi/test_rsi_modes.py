@@ -218,6 +218,31 @@ def test_a_new_run_in_another_mode_is_proven_anew(tmp_path):
     assert begun.within(shape_of(rig.setup).farthest)
 
 
+@pytest.mark.parametrize("hold", [0, 1])
+@pytest.mark.parametrize("share", [0.04, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("before", [0, 40, 200])
+def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, before):
+    """The second line: the mode changes in the middle of a run that has proven the other one."""
+    rig = rig_of(tmp_path, cell="absolute", krc="absolute", hold=hold).begin()
+    dq = tuple(share * u for u in SLOW)
+    rig.drive(before, *dq)
+    at_rest(rig, 60)
+    rig.krc._run.correction._relative = True
+    travel = Travel(rig)
+    for _ in range(100):
+        rig.command(*dq)
+        travel.cycles(1)
+    travel.cycles(200)
+    assert travel.within([math.radians(2.5)] * 6)
+    assert rig.stops
+    if rig.krc_state == "faulted":  # so large a total is too fast for a drive at once
+        return
+    assert "moves on beyond its setpoints" in rig.changes[-1].reason
+    stands = rig.krc_setpoint
+    rig.cycles(50, to_krc=False)
+    assert rig.krc_setpoint == stands
+
+
 def test_a_run_that_is_proven_is_not_probed_again(tmp_path):
     rig = Rig(tmp_path).begin()
     rig.drive(40, *SLOW)

@@ -1,4 +1,4 @@
-"""Peculiarities of public simulators, drivers' files and old controllers, and what the link does with them."""
+"""Peculiarities of public simulators, drivers' files and old controllers, and the link's response."""
 
 import re
 

@@ -6,6 +6,7 @@ tried through the whole stack (`tests/e2e`), and with injected time.
 
 import asyncio
 import contextlib
+import csv
 import math
 import socket
 
@@ -15,9 +16,11 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.events import LinkChange, Plan, PlanKey, Tick
 from armgate.links.rsi import RsiDrivenLink, setup_of
+from armgate.links.rsi.probe import shape_of
 from support.clients import PATIENCE
+from support.krcs import krc_file
 from support.ports import free_ports
-from support.rsi import cell_text
+from support.rsi import SEND, SIX, cell_text
 from support.rsi_stack import KrcProcess
 from support.setpoints import check_setpoints
 
@@ -78,11 +81,11 @@ class Station:
 
 
 @contextlib.asynccontextmanager
-async def station(folder, *options, mode):
+async def station(folder, *options, mode, krc_mode=None, file=None, becomes="ready"):
     port = free_ports(1)[0]
     file = cell_text(
         folder, cycle=0.012, listen=f"127.0.0.1:{port}", krc="127.0.0.1", timeout=10**6,
-        late_in_a_row=10**6, silence="1 s", mode=mode,
+        late_in_a_row=10**6, silence="1 s", mode=mode, file=file,
     )  # fmt: skip
     cell = build_cell(load_config([file]))
     driven = RsiDrivenLink(setup_of(cell, cell.robots[0]), "d1")
@@ -92,10 +95,10 @@ async def station(folder, *options, mode):
         async with KrcProcess.running(
             "--profile", "krc4-rsi3", "--cycle", 12, "--config", folder / "krc.xml",
             "--to", f"127.0.0.1:{port}", "--cell", file, "--robot", "R", "--timeout", 10**6,
-            "--axiscorr", 400, "--axiscorrmon", 401, "--precision", 6, "--mode", mode,
+            "--axiscorr", 400, "--axiscorrmon", 401, "--precision", 6, "--mode", krc_mode or mode,
             "--trace", folder / "krc.csv", *options,
         ) as krc:  # fmt: skip
-            await holder.until(lambda: holder.changes == ["ready"])
+            await holder.until(lambda: holder.changes == [becomes])
             yield Station(krc, driven, holder), cell.robots[0]
     finally:
         driven.close()
@@ -114,6 +117,31 @@ async def test_a_bad_network_holds_the_robot_and_never_faults_a_drive(tmp_path, 
     assert one.holder.changes == ["ready"]
     assert check_setpoints(tmp_path / "krc.csv", robot)[1] > 0
     assert one.holder.ticks[-1].setpoint[0] - one.holder.ticks[0].setpoint[0] > 20 * STEP[0]
+
+
+@pytest.mark.parametrize(("hold", "aspos"), [(0, "moves"), (1, "stands")])
+@pytest.mark.parametrize(("mode", "krc_mode"), [("absolute", "relative"), ("relative", "absolute")])
+async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, mode, krc_mode, hold, aspos):
+    """The cell names a right file; the one on the KRC has any HOLDON."""
+    own = krc_file(SEND, SIX, hold=int(mode == "absolute"))
+    (tmp_path / "other.xml").write_text(krc_file(SEND, SIX, hold=hold))
+    other = ("--config", tmp_path / "other.xml", "--aspos", aspos)
+    async with station(tmp_path, *other, mode=mode, krc_mode=krc_mode, file=own, becomes="faulted") as (
+        one,
+        robot,
+    ):
+        (change,) = (event for event in one.holder.events if isinstance(event, LinkChange))
+        assert f"RSI_ON(#{krc_mode.upper()})" in change.reason
+        one.holder.moving = True
+        await one.holder.further(20)
+        one.link.close()  # silence: HOLDON decides what the KRC makes of the last reply
+        await one.krc.until(lambda status: status["delay"] > 20)
+    with (tmp_path / "krc.csv").open() as trace:
+        rows = [[float(value) for value in list(row)[3:]] for row in list(csv.reader(trace))[1:]]
+    farthest = shape_of(setup_of(build_cell(load_config([tmp_path / "cell.yaml"])), robot)).farthest
+    for axis, far in zip(zip(*rows, strict=True), farthest, strict=True):
+        assert max(abs(one - axis[0]) for one in axis) <= 2.0 * math.degrees(far)
+        assert abs(axis[-1] - axis[0]) < 1e-6
 
 
 async def test_an_address_in_use_is_told_when_it_opens(tmp_path):

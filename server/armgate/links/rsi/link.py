@@ -16,6 +16,7 @@ from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.remarks import Remarks
 from armgate.links.rsi.run import NEW_RUN, UNKNOWN, Run
+from armgate.links.rsi.runaway import Runaway
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup, warnings_of
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
@@ -23,6 +24,10 @@ from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _SETTLED = 1.0
 """A robot that rests for so long is where it was commanded to be, s."""
+_ADDS = (
+    "moves on beyond its setpoints, as if the KRC added corrections up (RSI_ON with #RELATIVE): it is "
+    "answered by zeros; start its program anew"
+)
 _WHY = "does AXISCORR cut, has RECEIVE other tags, or was RSI_ON called with another mode than the cell's?"
 
 
@@ -185,8 +190,10 @@ class RsiLink:
         sequence = Sequence(telegram.ipoc, telegram.delay)
         reference = telegram.programmed if self._setup.programmed else telegram.q
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
-        probe = Probe(self._setup)
-        run = Run(self._setup, source[:2], sequence, commanded, telegram.q, telegram.programmed, now, probe)
+        run = Run(
+            self._setup, source[:2], sequence, commanded, telegram.q, telegram.programmed, now,
+            Probe(self._setup), Runaway(self._setup.tolerance, self._setup.period),
+        )  # fmt: skip
         self._run, self._rebased = run, self._player.tick >= 0
         self._player.drop()
         self._go(Event.HEARD)
@@ -226,6 +233,8 @@ class RsiLink:
         if objection is not None:
             self._contradict(objection)
         self._agree(run, telegram, follows, now)
+        if run.proven and not self._setup.relative and not run.adds:
+            self._watch(run, telegram)
         return self._answer(run, telegram, now)
 
     def _jumped(self, run: Run, telegram: Telegram, now: float) -> Answer:
@@ -284,6 +293,15 @@ class RsiLink:
         self._rebased = True
         return True
 
+    def _watch(self, run: Run, telegram: Telegram) -> None:
+        """Find out whether the robot runs away under its held total, which zeros stop then."""
+        commanded = run.commanded
+        number = run.runaway.take(telegram.q, commanded.setpoint, commanded.reference)
+        if number is not None:
+            run.adds = True
+            self._player.drop()
+            self._object(run, f"{self._setup.axes[number].name} {_ADDS}")
+
     def _object(self, run: Run, reason: str, *, silent: bool = False) -> None:
         """Nothing moves any more in this run; if ``silent``, no reply is known to hold the robot either."""
         run.objection, run.silent = reason, run.silent or silent
@@ -294,6 +312,8 @@ class RsiLink:
         played, moves = self._play()
         increment = played.increment if run.proven else self._probed(run)
         values = run.commanded.step(increment)
+        if run.adds:
+            values = (0.0,) * len(values)
         run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
         tick = Tick(
             robot=self._setup.robot,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from armgate.cell.events import Joints
 from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.probe import Probe
+from armgate.links.rsi.runaway import Runaway
 from armgate.links.rsi.sequence import Follows, Order, Sequence
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
@@ -34,6 +35,8 @@ class Run:
         proven: True once the probe has ended well.
         objection: Reason why nothing moves any more until the program starts anew.
         silent: True if no reply is known to hold the robot: then the KRC is not answered.
+        runaway: Compares what is measured with what is commanded.
+        adds: True if an absolute KRC was found to add corrections up: it is held by zeros.
         reply: Sent last.
         accepted: Whether the KRC has taken a reply.
         row: Late cycles in a row.
@@ -47,10 +50,12 @@ class Run:
     programmed: Joints
     time: float
     probe: Probe
+    runaway: Runaway
     agreed: bool = False
     proven: bool = False
     objection: str | None = None
     silent: bool = False
+    adds: bool = False
     reply: bytes | None = None
     accepted: bool = False
     row: int = 0

@@ -157,10 +157,9 @@ class Controller:
     def _note_contents(self, reply: Reply, missing: tuple[str, ...]) -> None:
         if missing:
             lacks = ", ".join(missing)
+            self._notes.once("missing", f"the reply lacks {lacks}, which RECEIVE declares: HOLDON")
             self._notes.once(
-                "missing",
-                f"the reply lacks {lacks}, which RECEIVE declares: HOLDON; what never came is 0 (an override "
-                f"of 0 %, if it is connected to one)",
+                "zero", f"{lacks}: 0 until it comes (an override of 0 %, if it is connected to one)"
             )
         if reply.unknown:
             carries, known = ", ".join(reply.unknown), ", ".join(one.name for one in self._ethernet.received)

@@ -17,8 +17,10 @@ def read_xml(data: bytes, limit: int) -> ET.Element:
     """
     if len(data) > limit:
         raise XmlError(f"{len(data)} bytes; expected at most {limit}")
-    if data.startswith((b"\xfe\xff", b"\xff\xfe")) or 0 in data:
-        raise XmlError("not UTF-8 but UTF-16, or with a NUL byte; save it as UTF-8")
+    if data.startswith((b"\xfe\xff", b"\xff\xfe")):
+        raise XmlError("byte 0 is not UTF-8 but the mark of UTF-16; save it as UTF-8")
+    if 0 in data:
+        raise XmlError(f"not well-formed XML: byte {data.index(0)} is NUL, as in UTF-16; save it as UTF-8")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
