@@ -37,7 +37,7 @@ def report(cell: Cell, console: Console | None = None) -> int:
             can describe; the text names file, line and key.
     """
     console = console or Console()
-    links = [_rsi(setup_of(cell, one)) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
+    setups = [setup_of(cell, one) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
     Library(cell, lockstep=False)
     nearest = start_clearances(cell)
 
@@ -47,8 +47,10 @@ def report(cell: Cell, console: Console | None = None) -> int:
     say(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
-    for line in links:
-        say(line)
+    for setup in setups:
+        say(_rsi(setup))
+        for warning in warnings_of(setup):
+            say(f"{setup.robot}: warning: {warning}", style="yellow")
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
     for text in remarks(cell):
@@ -73,8 +75,7 @@ def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
 def _rsi(setup: Setup) -> str:
     axes = ", ".join(f"{axis.name} {axis.joint}" for axis in setup.axes)
     host, port = setup.listen
-    line = f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
-    return "\n".join([line, *(f"{setup.robot}: warning: {text}" for text in warnings_of(setup))])
+    return f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
 
 
 def _joints(robot: Robot) -> Table:
