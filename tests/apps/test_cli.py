@@ -1,13 +1,17 @@
 """The command line's root: help, version, exit statuses, errors in one line."""
 
+import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
 from armgate.apps import cli
+from armgate.apps.cli import as_command, commands
 from armgate.apps.data import default_file
 from armgate.apps.errors import AppError, UsageError
 from armgate.cell.errors import ConfigError
@@ -49,8 +53,16 @@ def failing(error: BaseException) -> Callable[[], None]:
         (AppError("\x1b]0;x\x07\nlast lines"), 1, "armgate: \\x1b]0;x\\x07\nlast lines\n"),
         (BadArgument("address 'x': no port"), 2, "armgate: address 'x': no port\n"),
         (FileNotFoundError(2, "No such file or directory", "a.yaml"), 1, "armgate: a.yaml: No such file"),
-        (ModuleNotFoundError("x", name="pinocchio"), 1, "run: pip install 'armgate[cell]'"),
-        (ModuleNotFoundError("x", name="matplotlib.pyplot"), 1, "run: pip install 'armgate[plots]'"),
+        (
+            ModuleNotFoundError("x", name="pinocchio"),
+            1,
+            "run in a checkout of armgate: pip install '.[cell]'",
+        ),
+        (
+            ModuleNotFoundError("x", name="matplotlib.pyplot"),
+            1,
+            "run in a checkout of armgate: pip install '.[plots]'",
+        ),
         (KeyboardInterrupt(), 130, ""),
     ],
 )
@@ -131,7 +143,7 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "give one of --path"),
         (("follow", "127.0.0.1:9"), "--robot"),
         (("follow", "nowhere", *PAIR), "address 'nowhere': no port"),
-        (("follow", "127.0.0.1:9", *PAIR, "--focus", "nan", "0", "1"), "--focus: expected three finite"),
+        (("follow", "127.0.0.1:9", *PAIR, "--focus", "nan", "0", "1"), "--focus"),
         (("follow", "127.0.0.1:9", *PAIR, "--distance", "inf"), "--distance"),
         (("follow", "127.0.0.1:9", *PAIR, "--lag", "inf"), "--lag"),
         (("demo", "none.yaml"), "none.yaml"),
@@ -151,6 +163,41 @@ def test_wrong_use_is_status_2_and_says_what(tmp_path: Path, arguments: tuple[st
     done = armgate(*(places.get(word, word) for word in arguments))
     assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
     assert text in done.stderr
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--target", "nan", "0", "0"),
+        ("--target", "0", "-inf", "0"),
+        ("--target", "0", "0", "1e7"),
+        ("--rpy", "nan", "0", "0"),
+        ("--duration", "inf"),
+        ("--speed", "nan"),
+    ],
+)
+def test_strange_numbers_are_refused_before_anything_is_connected(options: tuple[str, ...]) -> None:
+    done = armgate("reach", "127.0.0.1:9", "--robot", "FR", *options)
+    assert done.returncode == 2
+    assert options[0] in done.stderr
+    assert "no connection" not in done.stderr
+
+
+def every_parameter() -> Iterator[tuple[str, Any]]:
+    """All options and arguments of all commands that are registered."""
+    waiting = [as_command(name, entry.load()) for name, entry in commands().items()]
+    for command in waiting:
+        waiting += getattr(command, "commands", {}).values()
+        yield from ((f"{command.name} {parameter.name}", parameter) for parameter in command.params)
+
+
+def test_no_option_of_any_command_takes_a_strange_number() -> None:
+    found = dict(every_parameter())
+    assert len(found) > 100
+    for parameter in found.values():
+        for value in (math.nan, math.inf, -math.inf, -1e300, (0.0, math.nan, 0.0), [math.inf]):
+            with pytest.raises(typer.BadParameter, match="expected a finite number within ±1,000,000"):
+                parameter.callback(None, parameter, value)
 
 
 def test_nobody_listens_is_status_1() -> None:

@@ -38,9 +38,31 @@ async def test_figures_are_served_and_printed(tmp_path):
         assert part in out
     assert "sessions: 1" in out
     assert "unread_bytes_of_one: 0" in out
-    status, out, err = await run("status", "--port", port)
-    assert (status, out) == (1, "")
-    assert "metrics.port" in err
+    for place in (("--port", port), (f"127.0.0.1:{port}",)):
+        status, out, err = await run("status", *place)
+        assert (status, out) == (1, "")
+        assert "metrics.port" in err
+
+
+async def test_status_takes_an_address_and_says_what_it_meets(tmp_path):
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml(metrics="{port: 0}"))
+    async with Process.serving(file) as daemon:
+        async with asyncio.timeout(PATIENCE):
+            port = None
+            while port is None:
+                line = json.loads(await daemon.process.stderr.readline())
+                port = line["port"] if line["event"] == "metrics" else None
+        status, out, err = await run("status", f"127.0.0.1:{port}")
+        assert (status, err) == (0, "")
+        assert "sessions: 0" in out
+        status, out, err = await run("status", f"127.0.0.1:{daemon.port}")
+        assert (status, out) == (1, "")
+        assert f"127.0.0.1:{daemon.port} serves no figures" in err
+    for wrong in ("nowhere", ":7412", "a:0", "a:99999", "u@a:1", "a:1/x"):
+        status, out, err = await run("status", wrong)
+        assert (status, out) == (2, "")
+        assert "expected HOST:PORT" in err
 
 
 LIMITED = """

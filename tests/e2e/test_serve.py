@@ -216,4 +216,4 @@ async def test_without_the_cell_extra_it_says_what_to_install(tmp_path, command)
     )
     _, err = await asyncio.wait_for(process.communicate(), PATIENCE)
     assert process.returncode == 2
-    assert 'pip install "armgate[cell]"' in err.decode()
+    assert "pip install '.[cell]'" in err.decode()

@@ -161,3 +161,27 @@ def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
     b = StepBounds(("a", "b"), (-1.0, -9.0), (1.0, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
     shaped = shape_wish((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
     assert shaped.u == (0.0, 0.22)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "text"),
+    [
+        ("revolute", math.pi / 180, "1 deg"),
+        ("revolute", 1.38778e-17, "0 deg"),
+        ("revolute", -1e-18, "0 deg"),
+        ("prismatic", -5.12e-05, "-0.0512 mm"),
+        ("prismatic", -0.0, "0 mm"),
+        ("prismatic", 0.0123456789, "12.3457 mm"),
+    ],
+)
+def test_reasons_have_units_are_rounded_and_know_no_minus_zero(kind, value, text):
+    b = StepBounds(("a",), (-1.0,), (1.0,), (1.0,), (1.0,), (1.0,), (kind,))
+    assert b.amount(0, value) == text
+
+
+def test_a_finger_at_its_end_is_told_in_millimetres():
+    b = StepBounds(("slide",), (0.0,), (0.04,), (0.0016,), (1.0,), (1.0,), ("prismatic",))
+    found = shape_wish((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
+    assert [reason.text for reason in found.reasons] == [
+        "slide: the joint limit with braking allows 0 mm this tick, asked for -0.0512 mm"
+    ]

@@ -9,13 +9,19 @@ operating system, is one line on stderr; anything else is a defect and shows its
 
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
+from armgate.cell.extras import install
+
 GROUP = "armgate.commands"
+MAX_NUMBER = 1e6
+"""Largest number that an option may have, in m, s, deg or what it counts in."""
+
 _EXTRAS = {
     "pinocchio": "cell",
     "coal": "cell",
@@ -53,7 +59,25 @@ def as_command(name: str, function: Callable[..., Any] | typer.Typer) -> Any:
         app.command(name)(function)
     command = typer.main.get_command(app)
     command.name = name
+    _refuse_strange_numbers(command)
     return command
+
+
+def _refuse_strange_numbers(command: Any) -> None:
+    """Check the numbers of all options of a command and of its commands, whatever it does with them."""
+    for parameter in command.params:
+        parameter.callback = partial(_with_usual_numbers, parameter.callback)
+    for inner in getattr(command, "commands", {}).values():
+        _refuse_strange_numbers(inner)
+
+
+def _with_usual_numbers(callback: Callable[..., Any] | None, ctx: Any, parameter: Any, value: Any) -> Any:
+    for number in value if isinstance(value, list | tuple) else (value,):
+        # A range alone does not refuse nan: it compares with nothing.
+        if isinstance(number, float) and not abs(number) <= MAX_NUMBER:
+            text = f"{number:g} is out of range; expected a finite number within ±{MAX_NUMBER:,.0f}"
+            raise typer.BadParameter(text, ctx=ctx, param=parameter)
+    return value if callback is None else callback(ctx, parameter, value)
 
 
 def _show_version(wanted: bool) -> None:
@@ -100,7 +124,7 @@ def explain(error: Exception) -> str | None:
     """What to tell a user who can do something about it, usually one line; None for a defect of ours."""
     if isinstance(error, ModuleNotFoundError):
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
-        return extra and f"{error.name} is not installed; run: pip install 'armgate[{extra}]'"
+        return extra and f"{error.name} is not installed; run {install(extra)}"
     if type(error).__module__.startswith("armgate."):
         return str(error).strip() or type(error).__name__
     if isinstance(error, OSError):

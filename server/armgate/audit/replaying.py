@@ -8,6 +8,7 @@ from armgate.audit.compare import TOLERANCE, differences
 from armgate.audit.fitting import misfit
 from armgate.cell.cell import Cell
 from armgate.cell.events import Command, GateEvent, GateOutput, Stopped, Verdict
+from armgate.cell.extras import install
 from armgate.integrity import GateBeside
 from armgate.integrity.compiled import available
 from armgate.recording import DamagedError, Header, Recording, Step, machine, software
@@ -64,7 +65,7 @@ class Outcome:
 def foreign(header: Header) -> list[str]:
     """In what this machine and its software differ from what recorded, as far as bits may depend on it."""
     if header.judge == "compiled" and not available():
-        return ["no compiled gate here (pip install 'armgate[fast]'), recorded with one"]
+        return [f"no compiled gate here, recorded with one; {install('fast')}"]
     pairs = [(header.machine, machine()), (header.software, software())]
     return [
         f"{key} {now.get(key, 'none')}, recorded with {then.get(key, 'none')}"

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armgate.cell.extras import install
+
 if TYPE_CHECKING:
     from ssl import SSLContext
 
@@ -138,15 +140,9 @@ def _cell_extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in (
-            "pinocchio",
-            "coal",
-            "fcl",
-            "mcap",
-            "prometheus_client",
-        ):
+        if (error.name or "").partition(".")[0] not in _CELL_EXTRA:
             raise
-        text = f'{error.name} is not installed; a machine with the cell needs: pip install "armgate[cell]"'
+        text = f"{error.name} is not installed; a machine with the cell needs {install('cell')}"
         raise ServeError(text) from error
 
 

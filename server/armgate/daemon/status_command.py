@@ -1,8 +1,10 @@
 """``armgate status``: the figures that Prometheus reads, for people."""
 
 from collections.abc import Mapping, Sequence
+from http.client import HTTPException
 from typing import Annotated, Any
-from urllib.error import URLError
+from urllib.error import HTTPError
+from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 import typer
@@ -11,18 +13,31 @@ from armgate.cell.text import printable
 
 
 class StatusError(Exception):
-    """No figures are to be had there."""
+    """No figures can be read at this address."""
 
     exit_code = 1
 
 
-def status(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Where the daemon serves its figures.")] = 7412,
-) -> None:
-    """Print a daemon's figures: verdicts, clearance, links, queues, how late ticks were heard of."""
-    from prometheus_client.parser import text_string_to_metric_families  # noqa: PLC0415
+class AddressError(Exception):
+    """The address is no HOST:PORT."""
 
-    for family in text_string_to_metric_families(_fetched(port)):
+    exit_code = 2
+
+
+_DEFAULT = "127.0.0.1:7412"
+_MOST = 16 << 20
+
+
+def status(
+    address: Annotated[
+        str, typer.Argument(metavar="[HOST:PORT]", help="Where the daemon serves its figures: metrics.port.")
+    ] = _DEFAULT,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="The same on 127.0.0.1.", show_default=False)
+    ] = None,
+) -> None:
+    """Print a daemon's figures: verdicts, clearance, links, queues, lateness of ticks."""
+    for family in _figures(_place(address, port)):
         typer.echo(printable(family.documentation))
         if family.type == "histogram":
             typer.echo(f"  {_histogram(family.samples)}")
@@ -37,13 +52,38 @@ def _label(labels: Mapping[str, str]) -> str:
     return " ".join([labels["robot"], *rest] if "robot" in labels else rest)
 
 
-def _fetched(port: int) -> str:
+def _place(address: str, port: int | None) -> str:
+    """Return HOST:PORT.
+
+    Raises:
+        AddressError: The text is no address, or address and port are given.
+    """
+    if port is not None:
+        if address != _DEFAULT:
+            raise AddressError("HOST:PORT and --port are given; expected one of them")
+        return f"127.0.0.1:{port}"
     try:
-        with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5.0) as answer:
-            return str(answer.read().decode())
-    except (URLError, OSError) as error:
+        parts = urlsplit(f"//{address}")
+        if parts.hostname and parts.port and parts.netloc == address and "@" not in address:
+            return address
+    except ValueError:
+        pass
+    raise AddressError(f"address {address!r}: expected HOST:PORT, as {_DEFAULT}")
+
+
+def _figures(place: str) -> list[Any]:
+    """Return the families of figures that are served at HOST:PORT."""
+    from prometheus_client.parser import text_string_to_metric_families  # noqa: PLC0415
+
+    try:
+        with urlopen(f"http://{place}/metrics", timeout=5.0) as answer:
+            return list(text_string_to_metric_families(answer.read(_MOST).decode()))
+    except (HTTPException, HTTPError, ValueError) as error:
+        text = f"{place} serves no figures: {error or type(error).__name__}; give the address of metrics.port"
+        raise StatusError(text) from error
+    except OSError as error:
         why = getattr(error, "reason", error)
-        text = f"nothing answers on 127.0.0.1:{port}: {why}; configure metrics.port, or name it with --port"
+        text = f"nothing answers on {place}: {why}; configure metrics.port, or give its address"
         raise StatusError(text) from error
 
 

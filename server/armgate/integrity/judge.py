@@ -142,10 +142,8 @@ class Judge:
             return _outside(state)
         a, b = self._clearance.names(binding.pair)
         limit = float(self._clearance.limits[binding.pair])
-        text = (
-            f"{a} and {b}: {1e3 * binding.lb:.1f} mm could be proven on the way to rest, "
-            f"{1e3 * limit:.1f} mm must be kept"
-        )
+        proven = f"{round(1e3 * binding.lb, 1) + 0.0:.1f} mm" if np.isfinite(binding.lb) else "no distance"
+        text = f"{a} and {b}: {proven} could be proven on the way to rest, {1e3 * limit:.1f} mm must be kept"
         value = binding.lb if np.isfinite(binding.lb) else None
         points = self._witness(binding, state)
         return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=points)
@@ -160,5 +158,5 @@ def _outside(state: RobotState) -> Reason:
     b, (low, high) = state.bounds, state.outside
     j = next(j for j, both in enumerate(zip(low, high, strict=True)) if any(both))
     limit = b.lower[j] if low[j] else b.upper[j]
-    text = f"{b.names[j]} is outside its limit {limit:.6g}: only motion back inside is allowed"
+    text = f"{b.names[j]} is outside its limit {b.amount(j, limit)}: only motion back inside is allowed"
     return Reason(Cause.JOINT_LIMIT, text, joint=b.names[j], value=state.setpoint[j], bound=limit)

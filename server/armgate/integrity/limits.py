@@ -8,6 +8,7 @@ always possible: its stop is the rest of what was proven before.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import pi
 
 from armgate.cell.events import Cause, Joints, Reason
 from armgate.integrity.braking import largest_stopping, stop_share, ticks_to_rest
@@ -17,10 +18,15 @@ ROUNDING = 1e-12
 
 _BISECTIONS = 24
 
+_UNITS = {"revolute": (180.0 / pi, " deg"), "prismatic": (1e3, " mm")}
+
 
 @dataclass(frozen=True, slots=True)
 class StepBounds:
-    """One robot's bounds per tick: speed, acceleration and deceleration times T or T², and joint limits."""
+    """One robot's bounds per tick: speed, acceleration and deceleration times T or T², and joint limits.
+
+    ``kinds`` holds "revolute" or "prismatic" for each joint; it serves the texts of reasons only.
+    """
 
     names: tuple[str, ...]
     lower: Joints
@@ -28,6 +34,12 @@ class StepBounds:
     speed: Joints
     accel: Joints
     decel: Joints
+    kinds: tuple[str, ...] = ()
+
+    def amount(self, joint: int, value: float) -> str:
+        """Return a position or an increment of a joint with its unit, rounded."""
+        factor, unit = _UNITS[self.kinds[joint]] if self.kinds else (1.0, "")
+        return f"{round(factor * value, 6) + 0.0:.6g}{unit}"  # + 0: no -0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +129,8 @@ def _clamp_each(
         out.append(y)
         if abs(y - x) > ROUNDING:
             bound = low if x < low else high
-            text = f"{bounds.names[j]}: {_WORDS[cause]} allows {bound:.6g} this tick, asked for {x:.6g}"
+            text = f"{bounds.names[j]}: {_WORDS[cause]} allows {bounds.amount(j, bound)} this tick, "
+            text += f"asked for {bounds.amount(j, x)}"
             reasons.append(Reason(cause, text, joint=bounds.names[j], value=x, bound=bound))
     return tuple(out), reasons
 
@@ -188,6 +201,6 @@ def _blend_into_limits(
             beyond = middle
     name = bounds.names[joint]
     limit = bounds.upper[joint] if wanted[joint] > 0.0 else bounds.lower[joint]
-    text = f"{name}: the stop of all joints together would pass its limit {limit:.6g}"
+    text = f"{name}: the stop of all joints together would pass its limit {bounds.amount(joint, limit)}"
     reason = Reason(Cause.JOINT_LIMIT, text, joint=name, value=setpoint[joint], bound=limit)
     return blend(brake, wanted, beta), beta, [reason]

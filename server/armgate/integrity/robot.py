@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import add, sub
 
 import numpy as np
@@ -148,7 +148,7 @@ class RobotState:
         b = self.bounds
         lower = tuple(x - (o + JOINT_SLACK if o else 0.0) for x, o in zip(b.lower, low, strict=True))
         upper = tuple(x + (o + JOINT_SLACK if o else 0.0) for x, o in zip(b.upper, high, strict=True))
-        return StepBounds(b.names, lower, upper, b.speed, b.accel, b.decel)
+        return replace(b, lower=lower, upper=upper)
 
     @property
     def places(self) -> list[Joints]:
@@ -288,6 +288,7 @@ def robot_state(robot: Robot, index: int) -> RobotState:
         speed=row(robot.velocity * T),
         accel=row(robot.acceleration * T * T),
         decel=row(robot.deceleration * T * T),
+        kinds=tuple(j.kind for j in robot.model.joints),
     )
     largest = LargestIncrements(memory(robot), robot.model.n)
     stillness = Stillness(robot.q_tolerance, T)

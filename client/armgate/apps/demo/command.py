@@ -10,6 +10,7 @@ import typer
 
 from armgate.apps.data import default_file
 from armgate.apps.errors import UsageError
+from armgate.cell.extras import install
 
 if TYPE_CHECKING:
     from armgate.apps.lead.path import RecordedPath
@@ -60,7 +61,7 @@ def _has_viewer() -> bool:
     """Whether the viewer is installed; says so if it is not."""
     if all(find_spec(name) for name in ("viser", "moderngl")):
         return True
-    typer.echo("no viewer: run pip install 'armgate[view]' to see the run in a browser")
+    typer.echo(f"no viewer; to see the run in a browser, run {install('view')}")
     return False
 
 

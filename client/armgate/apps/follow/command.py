@@ -1,6 +1,5 @@
 """``armgate follow``: takes the robot with the camera and keeps it on another robot's tool."""
 
-from math import isfinite
 from typing import Annotated
 
 import typer
@@ -48,15 +47,12 @@ def follow(
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
-    from armgate.apps.errors import UsageError  # noqa: PLC0415
     from armgate.apps.follow.loop import FollowLoop, Wish, chase  # noqa: PLC0415
     from armgate.apps.interrupt import interrupt  # noqa: PLC0415
     from armgate.apps.sharing import Sharing  # noqa: PLC0415
     from armgate.client import connect  # noqa: PLC0415
     from armgate.control.compiled import prepare  # noqa: PLC0415
 
-    if focus is not None and not all(map(isfinite, focus)):
-        raise UsageError(f"--focus: expected three finite coordinates, got {' '.join(map(str, focus))}")
     prepare()
     own = login(token_file, ca, cert, key)
     with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armgate.cell.errors import ModelError
+from armgate.cell.extras import install
 from armgate.cell.mesh.decompose import Cut, check_closed, cut
 from armgate.cell.mesh.files import Mesh, read_mesh
 from armgate.cell.parts import Part
@@ -47,7 +48,7 @@ def parts_of(file: Path, scale: Scale, how: Cut, outline: bool = False) -> tuple
     except ModelError as error:
         raise ModelError(f"mesh {file}: {error}") from error
     except ImportError as error:
-        raise ModelError(f"mesh {file}: {error}; meshes need pip install 'armgate[cell]'") from error
+        raise ModelError(f"mesh {file}: {error}; {install('cell')}") from error
 
 
 @lru_cache(maxsize=64)

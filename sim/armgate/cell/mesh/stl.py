@@ -66,14 +66,14 @@ def _length_text(length: int, count: int) -> str:
 
 
 def _binary(data: bytes) -> Soup:
-    corners = np.frombuffer(data, _RECORD, offset=_HEAD)["corners"].astype(np.float64)
+    corners = np.frombuffer(data, _RECORD, offset=_HEAD)["corners"]
     wrong = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
     if len(wrong):
         at = _HEAD + _RECORD.itemsize * int(wrong[0])
         raise ModelError(
             f"triangle {wrong[0] + 1} (byte {at}): a coordinate is no finite number; export the file again"
         )
-    return _triangles(corners.reshape(-1, 3))
+    return _triangles(corners.astype(np.float64).reshape(-1, 3))
 
 
 def _ascii(data: bytes) -> Soup:
