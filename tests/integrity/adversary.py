@@ -19,10 +19,11 @@ if __name__ == "__main__":
 
 import numpy as np
 
-from armgate.cell.cell import Cell
+from armgate.cell.cell import Cell, Robot
 from integrity import scenes
+from integrity.disturbances import Operator, pushed
 from integrity.oracle import Oracle
-from integrity.rig import GRID, HARSH, JITTER, PROMPT, ROUGH, Rig, Tally, Traffic
+from integrity.rig import GRID, HARSH, JITTER, KEEPS, PROMPT, ROUGH, Rig, Tally, Traffic
 
 Vector = np.ndarray
 
@@ -129,9 +130,18 @@ def tremble(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
     return full(rig, i) * 10.0 ** rng.uniform(-12, -2) * signs(rng, len(full(rig, i)))
 
 
+def creep(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+    """Joints outside their limits come back by next to nothing, another one goes one way at full speed."""
+    robot, q, u = rig.cell.robots[i], np.array(rig.players[i].setpoint), full(rig, i)
+    j, sign = mind.setdefault("d", (rng.choice((0, 0, rng.randrange(len(u)))), rng.choice((-1.0, 1.0))))
+    d = sign * (np.arange(len(u)) == j)
+    back = 1e-6 * np.where(q > robot.upper, -1.0, 1.0)
+    return np.where((q > robot.upper) | (q < robot.lower), back, u * d)
+
+
 ATTACKS: dict[str, Callable[..., Vector]] = {
     f.__name__: f
-    for f in (wild, jerky, steady, greedy, shy, aimed, first_and_last, limits, stretched, tremble)
+    for f in (wild, jerky, steady, greedy, shy, aimed, first_and_last, limits, stretched, tremble, creep)
 }  # fmt: skip
 
 
@@ -166,7 +176,18 @@ class Setting:
     share: float = 1.0
     unlike: float = 0.0
     """Difference between the lags of two joints, declared and true, as a share of the lag."""
+    resets: float = 0.0
+    """How often an operator begins to reset a robot again and again, as a share of grid steps."""
+    beyond: float = 0.0
+    """How far slides may start beyond their limits, m."""
+    attacks: tuple[str, ...] = ()
+    """What it attacks with; all if nothing is named."""
+    pushes: bool = False
+    """A hand pushes the robot into walls, and nothing else happens."""
 
+
+NEARER = ("greedy", "shy", "steady", "jerky")
+NOISY = Traffic(answer_late=3.0, answer_lost=0.2, noise=True)
 
 SETTINGS = (
     Setting("duel", lag=0.03),
@@ -187,6 +208,15 @@ SETTINGS = (
     Setting("tree", lag=0.03, unlike=1.0, response="slow", share=0.3),
     Setting("demo", lag=0.03, unlike=0.1, traffic=HARSH, share=0.3),
     Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), unlike=0.2, traffic=JITTER, share=0.3),
+    Setting("boom", response="slow", traffic=NOISY, resets=0.05, attacks=NEARER, share=0.5),
+    Setting("boom_delayed", delay=0.12, traffic=NOISY, resets=0.03, attacks=NEARER, share=0.3),
+    Setting("duel_noisy", lag=(0.0, 0.03), traffic=HARSH, response="slow", resets=0.03, share=0.3),
+    Setting("duel", lag=0.03, traffic=KEEPS, resets=0.03, share=0.3),
+    Setting("lever", beyond=0.4, attacks=("creep",), share=0.5),
+    Setting("lever_out", beyond=0.7, response="slow", attacks=("creep",), share=0.3),
+    Setting("corner", beyond=0.3, lag=0.03, traffic=ROUGH, share=0.3),
+    Setting("lane", pushes=True, share=0.3),
+    Setting("niche", pushes=True, share=0.3),
 )
 
 
@@ -194,7 +224,22 @@ def duel_delayed(**changes) -> Cell:
     return scenes.duel(window=(0.12, 0.0), **changes)
 
 
-_MAKE = scenes.SCENES | {"duel_delayed": duel_delayed}
+def duel_noisy(**changes) -> Cell:
+    return scenes.duel(tolerance=1e-4, gap=1.2, **changes)
+
+
+def boom_delayed(**changes) -> Cell:
+    return scenes.boom(window=0.12, **changes)
+
+
+def lever_out(**changes) -> Cell:
+    return scenes.lever(1.1, **changes)
+
+
+_MAKE = scenes.SCENES | {
+    f.__name__: f
+    for f in (duel_delayed, duel_noisy, boom_delayed, lever_out, scenes.lane, scenes.niche)
+}  # fmt: skip
 
 
 @dataclass
@@ -213,20 +258,33 @@ def arena(setting: Setting) -> Arena:
     return Arena(cell, Oracle(cell))
 
 
+def start_of(rng: random.Random, robot: Robot, beyond: float) -> Vector:
+    """A start anywhere, up to 0.02 beyond the limits; slides at times by more."""
+    q = np.array([rng.uniform(a - 0.02, b + 0.02) for a, b in zip(robot.lower, robot.upper, strict=True)])
+    for j, joint in enumerate(robot.model.joints):
+        if beyond and joint.kind == "prismatic" and rng.random() < 0.7:
+            by = rng.uniform(0.0, beyond)
+            q[j] = rng.choice((robot.upper[j] + by, robot.upper[j] + by, robot.lower[j] - by))
+    return q
+
+
 def attack(
     place: Arena, setting: Setting, seed: int, commands: int, attacks: Sequence[str] = tuple(ATTACKS)
 ) -> Tally:
     """One run: a fresh gate, at times from a start that violates the stop distance or a limit."""
+    if setting.pushes:
+        return pushed(place.cell, place.oracle, seed, commands)
     rng = random.Random(seed)
     start = None
-    if rng.random() < 0.3:
-        start = [np.array([rng.uniform(*ends) for ends in zip(r.lower - 0.02, r.upper + 0.02, strict=True)])
-                 for r in place.cell.robots]  # fmt: skip
+    if rng.random() < (0.8 if setting.beyond else 0.3):
+        start = [start_of(rng, robot, setting.beyond) for robot in place.cell.robots]
     rig = Rig(
         place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle,
         unlike=setting.unlike,
     )  # fmt: skip
-    return rig.run(Adversary(rng, attacks), commands, limit=commands * 40)
+    if setting.resets:
+        rig.operator = Operator(rng, setting.resets)
+    return rig.run(Adversary(rng, setting.attacks or attacks), commands, limit=commands * 40)
 
 
 def say(text: str) -> None:

@@ -75,6 +75,18 @@ class Drive:
         share = min((seen - at) / self._period, 1.0)
         return before + share * (target - before)
 
+    def push(self, by: np.ndarray) -> None:
+        """A hand moves the robot; it stays there until it is commanded anew."""
+        self.q = self.q + by
+        self._steps.clear()
+        self._steps.extend([(-1e9, self.q.copy()), (-1e8, self.q.copy())])
+
+    def way_left(self, time: float) -> float:
+        """How far the setpoints that still count are from where it is, in the worst joint."""
+        seen = time - self._delay
+        held = [k for k, (t, _) in enumerate(self._steps) if t <= seen + 1e-9][-1]
+        return max(float(np.max(np.abs(s - self.q))) for _, s in list(self._steps)[held:])
+
     def resting(self) -> bool:
         """All setpoints that still count are the same, and it is there."""
         target = self._steps[-1][1]
@@ -82,10 +94,21 @@ class Drive:
 
 
 class Player:
-    """A link: holds one plan, takes another by compare-and-swap, plays one increment a tick."""
+    """A link: holds one plan, takes another by compare-and-swap, plays one increment a tick.
 
-    def __init__(self, robot: str, q: Sequence[float]) -> None:
-        self.robot, self.setpoint = robot, tuple(map(float, q))
+    Args:
+        robot: The robot's name.
+        q: Where it stands.
+        keeps: At a rebase it keeps its setpoint, and the next tick says so: as a link to a robot controller
+            that cannot be told another one.
+
+    Attributes:
+        lie: What it plays instead of an increment of its plan, as a factor.
+    """
+
+    def __init__(self, robot: str, q: Sequence[float], keeps: bool = False) -> None:
+        self.robot, self.setpoint, self.keeps = robot, tuple(map(float, q)), keeps
+        self.lie, self._rebased = 1.0, False
         self.tick, self.resets = -1, 0
         self.plan: Plan | None = None
         self.next: Plan | None = None
@@ -107,9 +130,9 @@ class Player:
     def play(self, time: float, q: Sequence[float], miss: bool = False) -> Tick:
         self.tick += 1
         zeros = (0.0,) * len(self.setpoint)
-        if miss:
+        if miss or self._rebased:
             self.plan = self.next = None
-            self.index, self.last = -1, zeros
+            self.index, self.last, self._rebased = -1, zeros, False
             return Tick(self.robot, self.tick, time, tuple(q), self.setpoint, zeros, rebased=True)
         if self.next is not None:
             self.plan, self.next, self.index = self.next, None, -1
@@ -117,7 +140,7 @@ class Player:
         if self.plan is None or self.index >= len(self.plan.increments):
             self.plan, self.index, self.last = None, -1, zeros
             return Tick(self.robot, self.tick, time, tuple(q), self.setpoint, zeros)
-        self.last = self.plan.increments[self.index]
+        self.last = tuple(self.lie * u for u in self.plan.increments[self.index])
         self.setpoint = tuple(s + u for s, u in zip(self.setpoint, self.last, strict=True))
         return Tick(
             self.robot, self.tick, time, tuple(q), self.setpoint, self.last, self.plan.key, self.index
@@ -126,14 +149,23 @@ class Player:
     def rebase(self, order: Rebase) -> None:
         self.plan = self.next = None
         self.index, self.last = -1, (0.0,) * len(self.setpoint)
-        self.setpoint, self.resets = order.setpoint, order.resets
+        self.resets, self._rebased = order.resets, self.keeps
+        if not self.keeps:
+            self.setpoint = order.setpoint
+
+    @property
+    def moves(self) -> bool:
+        """It has something to play, or a plan that it will play."""
+        held = self.plan.increments[self.index + 1 :] if self.plan else ()
+        return self.next is not None or any(map(any, held))
 
 
 @dataclass(frozen=True)
 class Traffic:
     """What happens to messages and measurements; times in periods, the rest as shares.
 
-    ``jitter`` is how late a tick may be stamped.
+    ``jitter`` is how late a tick may be stamped; ``keeps`` is how links take a rebase, see `Player`; ``lies``
+    is the share of ticks at which a link plays something else than its plan.
     """
 
     plan_late: float = 0.0
@@ -143,12 +175,16 @@ class Traffic:
     missed: float = 0.0
     noise: bool = False
     jitter: float = 0.0
+    keeps: bool = False
+    lies: float = 0.0
 
 
 PROMPT = Traffic()
 ROUGH = Traffic(plan_late=1.4, answer_late=3.0, plan_lost=0.05, answer_lost=0.2)
 HARSH = Traffic(plan_late=0.9, answer_late=2.0, plan_lost=0.05, answer_lost=0.3, missed=0.01, noise=True)
 
+KEEPS = Traffic(plan_late=1.4, answer_late=3.0, answer_lost=0.2, noise=True, keeps=True)
+LIES = Traffic(lies=0.01)
 JITTER = Traffic(plan_late=0.9, answer_late=2.0, jitter=0.95)
 
 Wish = Callable[["Rig", int], Sequence[float] | None]
@@ -206,7 +242,7 @@ class Rig:
             Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, unlike * lags[i]))
             for i, r in enumerate(cell.robots)
         ]
-        self.players = [Player(r.name, q[i]) for i, r in enumerate(cell.robots)]
+        self.players = [Player(r.name, q[i], traffic.keeps) for i, r in enumerate(cell.robots)]
         self.every = [round(r.period / GRID) for r in cell.robots]
         self.now, self._grid, self._count = 0.0, 0, 0
         self._mail: list[tuple[float, int, Callable[[], None]]] = []
@@ -220,8 +256,16 @@ class Rig:
         self.last_verdict: list[Verdict | None] = [None] * n
         self.stopped: list[Stopped] = []
         self.expect_faults = False
+        self.operator: Callable[[Rig], None] | None = None
+        self.silent: set[int] = set()
+        """Robots that are not commanded."""
+        self.noise: list[np.ndarray | None] = [None] * n
+        """How far each robot's measurement is off; None: as the traffic says."""
+        self.flying: list[list[Plan]] = [[] for _ in range(n)]
+        """Plans on their way to each link."""
+        self.over = False
         self.outside = [self._beyond(i) for i in range(n)]
-        self.need = self._needs()
+        self.need = self.needs()
         for i, robot in enumerate(cell.robots):
             self._tick(i)
             self.feed(LinkChange(robot.name, LinkState.READY))
@@ -242,7 +286,7 @@ class Rig:
         """Lets time pass until so many commands are judged; ``wish(rig, robot)`` gives the next or None."""
         goal = self.tally.commands + commands
         for _ in range(limit):
-            if self.tally.commands >= goal:
+            if self.tally.commands >= goal or self.over:
                 break
             self.step(wish)
         self.check()
@@ -259,10 +303,12 @@ class Rig:
         for i, every in enumerate(self.every):
             if self._grid % every == 0:
                 self._tick(i)
-                if wish is not None:
+                if wish is not None and i not in self.silent:
                     dq = wish(self, i)
                     if dq is not None:
                         self.command(i, dq)
+        if self.operator is not None:
+            self.operator(self)
         if self.rng.random() < self._stop_rate:
             self.check_stop()
         if len(self._track) >= 128:
@@ -320,28 +366,69 @@ class Rig:
         return stopped.id
 
     def reset(self, stop: int) -> list[GateOutput]:
-        return self.feed(Reset(stop, "rig"))
+        """Asks for a reset; one that is taken of a robot that is not at rest is a violation."""
+        names = next((s.robots for s in self.stopped if s.id == stop), ())
+        robots = [self.cell.robot_index(name) for name in names]
+        under_way = [i for i in robots if self.players[i].moves or self._coming(i)]
+        left = {i: self.drives[i].way_left(self.now) for i in robots}
+        out = self.feed(Reset(stop, "rig"))
+        if out[0].accepted:
+            for i in under_way:
+                self.violation(f"{self.players[i].robot} is reset with a plan under way at {self.now:.3f} s")
+            for i, way in left.items():
+                if way > 8.0 * self.cell.robots[i].q_tolerance + 1e-4 and not self.expect_faults:
+                    self.violation(f"{self.players[i].robot} is reset with {way:.5f} left to go")
+        return out
+
+    def _coming(self, i: int) -> bool:
+        """A plan is on its way that the link will take."""
+        return any(copy.copy(self.players[i]).offer(plan).accepted for plan in self.flying[i])
+
+    def held(self, i: int) -> list[GateOutput]:
+        """A period passes in which a hand holds the robot where it is; returns what its tick brings."""
+        self._grid += self.every[i]
+        self.now = self._grid * GRID
+        return self.feed(self.players[i].play(self.now, [float(x) for x in self.drives[i].q]))
+
+    def ticked(self, i: int) -> bool:
+        """The robot's clock has ticked in this grid step."""
+        return self._grid % self.every[i] == 0
 
     def _tick(self, i: int) -> None:
         robot, player, drive = self.cell.robots[i], self.players[i], self.drives[i]
         last = player.last
         miss = player.tick >= 0 and self.rng.random() < self.traffic.missed
         q = drive.q
-        if self.traffic.noise:
+        if self.noise[i] is not None:
+            q = q + self.noise[i]
+        elif self.traffic.noise:
             q = q + np.array([self.rng.uniform(-1, 1) * robot.q_tolerance for _ in q])
         late = self.traffic.jitter * robot.period * self.rng.random() if self.traffic.jitter else 0.0
+        lies = player.moves and self.rng.random() < self.traffic.lies
+        player.lie = self.rng.choice((16.0, 0.5, -1.0)) if lies else 1.0
         tick = player.play(self.now + late, [float(x) for x in q], miss)
-        if not miss:
+        if lies and max(map(abs, tick.increment)) > 1e-8:
+            self._lie(tick)
+            return
+        if not miss and not tick.rebased:
             for fault in step_faults(robot, last, tick.increment, tick.setpoint, self.outside[i]):
                 self.violation(f"{robot.name} tick {tick.tick}: {fault}")
         drive.command(self.now, tick.setpoint)
         self.feed(tick)
+
+    def _lie(self, tick: Tick) -> None:
+        """A tick at which the link played something else: it must be a fault at once; so the run ends."""
+        self.over = self.expect_faults = True
+        out = self.feed(tick)
+        if not any(isinstance(one, Stopped) and tick.robot in one.robots for one in out):
+            self.violation(f"{tick.robot} plays {tick.increment}, which is not its plan, and is not stopped")
 
     def _send(self, plan: Plan) -> None:
         i, t, rng = self.cell.robot_index(plan.robot), self.traffic, self.rng
         period = self.cell.robots[i].period
 
         def answer() -> None:
+            self.flying[i].remove(plan)
             given = self.players[i].offer(plan)
             if rng.random() >= t.answer_lost:
                 if t.answer_late:
@@ -351,6 +438,7 @@ class Rig:
 
         if rng.random() < t.plan_lost:
             return
+        self.flying[i].append(plan)
         if t.plan_late:
             self.post(rng.random() * t.plan_late * period, answer)
         else:
@@ -421,7 +509,7 @@ class Rig:
         worst = float(max(np.max(robot.lower - q), np.max(q - robot.upper)))
         return worst + 1e-4 if worst > 0 else 0.0
 
-    def _needs(self) -> np.ndarray:
+    def needs(self) -> np.ndarray:
         """Limits; for pairs that start in violation the start's, less slack and tolerance."""
         need = self.oracle.limits.copy()
         R, t = self.oracle.place([d.q[None, :] for d in self.drives])

@@ -111,14 +111,14 @@ def elbow(speed: float = 2.0) -> str:
     )  # fmt: skip
 
 
-def slide() -> str:
+def slide(wrist: float = 2.5) -> str:
     """A prismatic joint behind a revolute one, and a wrist behind that."""
     return urdf(
         [
             joint(-1, lower=-3.0, upper=3.0, bodies=(body("box", 0.3, 0.1, 0.1),)),
             joint(0, "prismatic", xyz=(0.2, 0, 0), axis=(1, 0, 0), lower=0.0, upper=0.8, speed=0.8,
                   bodies=(body("box", 0.1, 0.08, 0.08, xyz=(0.15, 0, 0)),)),
-            joint(1, xyz=(0.25, 0, 0), axis=(0, 0, 1), speed=3.0,
+            joint(1, xyz=(0.25, 0, 0), axis=(0, 0, 1), lower=-wrist, upper=wrist, speed=3.0,
                   bodies=(body("capsule", 0.03, 0.2, xyz=(0.12, 0, 0), rpy=(0, 1.5707963267948966, 0)),)),
         ]
     )  # fmt: skip
@@ -169,13 +169,16 @@ def planar(**changes: Any) -> Cell:
     return build_cell(load_config([CONFIGS / "planar.yaml"]).model_copy(update=changes))
 
 
-def duel(window=(0.0, 0.0), periods=(0.004, 0.012), gap: float = 1.5, **changes: Any) -> Cell:
+def duel(
+    window=(0.0, 0.0), periods=(0.004, 0.012), gap: float = 1.5, tolerance: float = 1e-6, **changes: Any
+) -> Cell:
     """Two elbows face to face on clocks of their own, a post between them at the side."""
     arms = {
         "A": {"urdf": elbow(), "base": {"xyz": [0, 0, 0.4]}, "start": [0.6, -0.8, 1.2, 0.0],
-              "period": periods[0], "lag_window": window[0]},
+              "period": periods[0], "lag_window": window[0], "q_tolerance": tolerance},
         "B": {"urdf": elbow(), "base": {"xyz": [gap, 0, 0.4], "rpy": [0, 0, 3.141592653589793]},
-              "start": [0.6, -0.8, 1.2, 0.0], "period": periods[1], "lag_window": window[1]},
+              "start": [0.6, -0.8, 1.2, 0.0], "period": periods[1], "lag_window": window[1],
+              "q_tolerance": tolerance},
     }  # fmt: skip
     around = {
         "floor": {"shape": {"box": [5, 5, 0.2]}, "xyz": [0.7, 0, -0.1]},
@@ -249,7 +252,7 @@ def head_on(apart: float = 1.2, periods=(0.004, 0.012), tolerance: float = 0.0, 
 
 
 def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
-    """A boom of 2 m with a short wrist, measured with noise; walls on both sides and a ball in front."""
+    """A boom of 2 m with a short wrist, measured with noise; bars on both sides and a ball in front."""
     along = (0.0, 1.5707963267948966, 0.0)
     joints = [
         joint(-1, lower=-1.2, upper=1.2, speed=1.0,
@@ -259,8 +262,8 @@ def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
     ]  # fmt: skip
     robot = {"urdf": urdf(joints), "start": [0.2, 0.3], "q_tolerance": tolerance, "lag_window": window}
     around = {
-        "left": {"shape": {"box": [2.0, 0.1, 1.0]}, "xyz": [1.2, 1.4, 0], "rpy": [0, 0, 0.4]},
-        "right": {"shape": {"box": [2.0, 0.1, 1.0]}, "xyz": [1.2, -1.4, 0], "rpy": [0, 0, -0.4]},
+        "left": {"shape": {"capsule": [0.05, 2.0]}, "xyz": [1.2, 1.4, 0], "rpy": [0, along[1], 0.4]},
+        "right": {"shape": {"capsule": [0.05, 2.0]}, "xyz": [1.2, -1.4, 0], "rpy": [0, along[1], -0.4]},
         "ball": {"shape": {"sphere": 0.1}, "xyz": [2.6, 0.0, 0]},
     }
     return build({"A": robot}, **({"surroundings": around, "response": "slow"} | changes))
@@ -268,12 +271,22 @@ def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
 
 def lever(start: float = 0.2, tolerance: float = 0.0, **changes: Any) -> Cell:
     """A slide of 0.8 m behind a turning joint, and balls that its tip reaches only if it is out too far."""
-    robot = {"urdf": slide(), "start": [0.0, start, 0.0], "q_tolerance": tolerance}
+    robot = {"urdf": slide(0.3), "start": [0.0, start, 0.0], "q_tolerance": tolerance}
     around = {
         f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [1.7 * np.cos(a), 1.7 * np.sin(a), 0]}
         for k, a in enumerate((-2.1, -0.9, 0.8, 2.0))
     }
     return build({"A": robot}, surroundings=around, **({"stop_distance": 0.05} | changes))
+
+
+def niche(**changes: Any) -> Cell:
+    """A cart with a ball of 5 cm that can go into a corner of three walls."""
+    walls = {
+        f"wall_{k}": {"shape": {"box": size}, "xyz": [0.6 * (k == j) for j in range(3)]}
+        for k, size in enumerate(([0.2, 2, 2], [2, 0.2, 2], [2, 2, 0.2]))
+    }
+    robot = {"urdf": cart((1, 0, 0), (0, 1, 0), (0, 0, 1)), "start": [0.0] * 3, "q_tolerance": 1e-5}
+    return build({"A": robot}, surroundings=walls, **changes)
 
 
 def claw() -> str:

@@ -208,3 +208,15 @@ def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoi
     assert state.occupancy_to(NOT, NOT).nodes == ((1.0, 0.0), NOT)
     tick(state, NOT, time=0.5)
     assert (0.5, (1.0, 0.0)) in state.history  # as long as the window from the tick that heard of it
+
+
+@pytest.mark.parametrize("window", [0.0, 0.1])
+def test_a_robot_that_stood_long_before_its_setpoint_changed_does_not_rest_for_that(window):
+    """It has yet to begin: it lags, or its delay has just passed."""
+    state = cart(window, tolerance=1e-3)
+    for k in range(200):
+        tick(state, NOT, time=0.01 * k)
+    assert state.resting
+    for k, q in enumerate((0.0, 1e-3, 1.5e-3, 2e-3)):
+        tick(state, (0.1, 0.0), (q, 0.0), time=2.0 + window + 0.01 * (k - (window > 0)))
+        assert not state.resting

@@ -34,6 +34,10 @@ class Stillness:
         """True if the robot has stayed in one place for long enough."""
         return self._ticks >= self._needed
 
+    def begin(self) -> None:
+        """Count anew: a robot that stands may only not have begun to follow its setpoint."""
+        self._place, self._ticks = None, 0
+
     def note(self, q: Joints) -> None:
         """Take the measured position of one more tick."""
         if self._place is not None and within(q, self._place, self._room):

@@ -135,7 +135,7 @@ class RobotState:
         """True if nothing is left to play, no plan is under way, and the measured q has come to rest."""
         if self.unheard or self.pending is not None or any(map(any, (self.last, *self.remaining))):
             return False
-        if self.time < self.changed + self.robot.lag_window - _SAME_TIME:
+        if self.time < self._last_change - _SAME_TIME:
             return False
         room = self.robot.q_tolerance + STILL
         return self.stillness.reached or within(self.measured, self.setpoint, room)
@@ -199,6 +199,8 @@ class RobotState:
         self._remember(event)
         if self.tick >= 0 and event.setpoint != self.setpoint:
             self.changed = event.time
+        if event.time <= self._last_change + _SAME_TIME:
+            self.stillness.begin()
         self.stillness.note(event.q)
         if self.stray is not None:
             self.largest.add(_between(self.setpoint or event.q, event.setpoint))
@@ -208,6 +210,11 @@ class RobotState:
         self.before, self.last = self.setpoint, event.increment
         self.setpoint = own if same(own, event.setpoint) else event.setpoint
         self.outside = self._ratchet()
+
+    @property
+    def _last_change(self) -> float:
+        """When the robot begins to follow its setpoint at the latest, s."""
+        return self.changed + self.robot.lag_window
 
     def _remember(self, event: Tick) -> None:
         """Keep the setpoints of the past that the robot may still be on its way to."""
