@@ -16,7 +16,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo clean
+.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -113,6 +113,12 @@ bench-monitor: $(VENV)/.installed  ## measure what the monitor costs, and whethe
 bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
 
+lock: $(VENV)/.locking  ## renew requirements.lock: exact versions and hashes of all that a service needs
+	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/pip-compile
+
+sbom: $(VENV)/.made  ## write the bill of materials (CycloneDX) of requirements.lock to dist/
+	@$(BIN)/python -m tools.sbom dist/armgate.cdx.json
+
 clean:  ## remove .venv, caches and build products (runs/ stays)
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* coverage.xml
 	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
@@ -154,6 +160,12 @@ $(VENV)/.fuzzed: $(VENV)/.tested
 $(VENV)/.linted: $(VENV)/.installed
 	@echo "armgate: installing the linters"
 	@$(PIP) install --editable ".[cell,plots,lint]"
+	@touch $@
+
+$(VENV)/.locking: $(VENV)/.made
+	@echo "armgate: installing what resolves requirements"
+	@$(BIN)/python -m venv $(VENV)/lock
+	@$(VENV)/lock/bin/python -m pip --quiet --disable-pip-version-check --no-input install "pip-tools>=7.5,<8"
 	@touch $@
 
 $(VENV)/.benched: $(VENV)/.installed

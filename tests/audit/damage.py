@@ -33,11 +33,12 @@ from armgate.cell.events import Tick
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Sink
 from armgate.recording.scan import records, scan
+from armgate.recording.verify import verify
 from support.cells import arms_yaml
 from support.gate_runs import record_run
 
 NAME = "recording-0001.mcap"
-TOOLS = ("open", "replay", "explain", "recover", "view", "report")
+TOOLS = ("open", "replay", "explain", "recover", "view", "audit", "report")
 VALUES = (
     None, True, -1, 0, 1, 1.5, 1e308, -1e308, 5e-324, "NaN", "Infinity", "-Infinity", 2**31, 2**53 + 1, 2**63,
     2**64, 2**200, "", "a\0b", "$\\frac{1}$", "\x1b[2J\n", "\u202ex", "../../x", "/etc/shadow", "/dev/zero",
@@ -272,6 +273,9 @@ def use(tool: str, folder: Path) -> None:
                 state = player.newest()
                 if state is not None:
                     player.told(state)
+        case "audit":
+            for found in verify(Recording.open(folder)).breaks:
+                str(found)
         case "report":
             page(Recording.open(folder))
 

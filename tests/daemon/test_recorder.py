@@ -133,7 +133,7 @@ def full_after(limit):
 
     class Full(RecordFile):
         @classmethod
-        def create(cls, path, header):
+        def create(cls, path, header, _signer):
             return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, write)
 
     return Full.create
@@ -172,7 +172,7 @@ async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
 
     class Full(RecordFile):
         @classmethod
-        def create(cls, path, header):
+        def create(cls, path, header, _signer):
             descriptors.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
             return cls(path, descriptors[0], header, write)
 

@@ -72,7 +72,7 @@ class Full(RecordFile):
     """A disk that is full after the beginning."""
 
     @classmethod
-    def create(cls, path, header):
+    def create(cls, path, header, _signer):
         left = [12_000]
 
         def write(descriptor, data):

@@ -30,6 +30,7 @@ _EXTRAS = {
     "viser": "view",
     "moderngl": "view",
     "pygame": "gamepad",
+    "cryptography": "sign",
 }
 
 

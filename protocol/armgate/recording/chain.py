@@ -49,15 +49,20 @@ class Seal:
         digest: The last link.
         public: Public key of the signature; empty without one.
         signature: Of ``digest``.
+        by: Program that wrote the file.
     """
 
     digest: bytes
     public: bytes = b""
     signature: bytes = b""
+    by: str = ""
 
     def metadata(self) -> dict[str, str]:
         """Return the seal as it stands in a file."""
-        return {"sha256": self.digest.hex(), "key": self.public.hex(), "signature": self.signature.hex()}
+        return {
+            "sha256": self.digest.hex(), "key": self.public.hex(), "signature": self.signature.hex(),
+            "by": self.by,
+        }  # fmt: skip
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> "Seal":
@@ -66,7 +71,10 @@ class Seal:
         Raises:
             ValueError: It is none.
         """
-        return cls(*(bytes.fromhex(metadata.get(name, "")) for name in ("sha256", "key", "signature")))
+        digest, public, signature = (
+            bytes.fromhex(metadata.get(name, "")) for name in ("sha256", "key", "signature")
+        )
+        return cls(digest, public, signature, metadata.get("by", ""))
 
 
 class _Hashed:
@@ -109,7 +117,7 @@ class ChainWriter:
         self, stream: Stream, library: str, *, signer: Signer | None = None, chunk: int = _CHUNK
     ) -> None:
         self._hashed = _Hashed(stream)
-        self._signer = signer
+        self._signer, self._library = signer, library
         self._writer = Writer(self._hashed, chunk_size=chunk, compression=CompressionType.ZSTD)
         self._writer.start(profile=form.PROFILE, library=library)
         self.register_schema: Callable[[str, str, bytes], int] = self._writer.register_schema
@@ -153,7 +161,8 @@ class ChainWriter:
         """
         self.flush()
         digest, signer = self._link or b"", self._signer
-        seal = Seal(digest) if signer is None else Seal(digest, signer.public, signer.sign(digest))
+        public, signature = (b"", b"") if signer is None else (signer.public, signer.sign(digest))
+        seal = Seal(digest, public, signature, self._library)
         self._writer.add_metadata(form.SEAL, seal.metadata())
         self._writer.finish()
         self._hashed.flush()

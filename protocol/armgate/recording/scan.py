@@ -187,6 +187,10 @@ class Chunks:
         for _ in self.messages(place):
             pass
 
+    def topic(self, message: Message) -> str:
+        """Return the topic of a message; "" if it has none."""
+        return self._topics.get(message.channel_id, "")
+
     def messages(self, place: Place) -> Iterator[Message_]:
         """Yield topic, log time [ns] and data of every message of a chunk.
 
@@ -197,7 +201,7 @@ class Chunks:
             if isinstance(record, Channel):
                 self._topics[record.id] = record.topic
             elif isinstance(record, Message):
-                yield self._topics.get(record.channel_id, ""), record.log_time, record.data
+                yield self.topic(record), record.log_time, record.data
 
 
 def records(place: Place) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""``armgate replay``, ``explain``, ``report`` and ``recover``."""
+"""``armgate replay``, ``explain``, ``report``, ``audit`` and ``recover``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,6 +8,7 @@ import typer
 if TYPE_CHECKING:
     from armgate.audit.recovering import Recovered
     from armgate.audit.replaying import Outcome, Span
+    from armgate.recording.verify import Chain
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a recording, or one of its files.")]
 _LISTED = 20
@@ -25,15 +26,18 @@ def replay(
     from armgate.audit.build import changed_cell, recorded_cell  # noqa: PLC0415
     from armgate.audit.replaying import replayed  # noqa: PLC0415
     from armgate.recording import Recording  # noqa: PLC0415
+    from armgate.recording.verify import verify  # noqa: PLC0415
 
     recording = Recording.open(run)
+    chain = verify(recording)
+    _tell_chain(chain)
     if settings:
         cell = changed_cell(recording.header, settings)
         _tell_changes(replayed(recording, cell, otherwise=True), settings)
         return
     outcome = replayed(recording, recorded_cell(recording.header))
     _tell_replay(outcome)
-    raise typer.Exit(1 if outcome.count else 0)
+    raise typer.Exit(1 if outcome.count or chain.breaks else 0)
 
 
 def explain(
@@ -95,6 +99,32 @@ def report(
     typer.echo(f"written: {file}")
 
 
+def audit(
+    run: Run,
+    key: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Public key (Ed25519, PEM) that must have signed the recording."),
+    ] = None,
+) -> None:
+    """Verify the hash chain of a recording, and its signature."""
+    from armgate.audit.errors import AuditError  # noqa: PLC0415
+    from armgate.audit.signing import check_signature, public_key  # noqa: PLC0415
+    from armgate.recording import Recording  # noqa: PLC0415
+    from armgate.recording.verify import verify  # noqa: PLC0415
+
+    public = None if key is None else public_key(key)
+    chain = verify(Recording.open(run))
+    _tell_chain(chain)
+    if chain.breaks or not chain.present:
+        raise typer.Exit(1)
+    if public is None and not any(seal.signature for seal in chain.seals):
+        return
+    if chain.unsealed:
+        raise AuditError(f"{chain.unsealed[0]}: without a seal there is no signature")
+    keys = {check_signature(seal, public) for seal in chain.seals}
+    typer.echo(f"signed with the key {', '.join(sorted(keys))}")
+
+
 def recover(run: Run) -> None:
     """Make a recording whole that breaks off or is damaged: keep all that can be read."""
     from armgate.audit.recovering import recovered  # noqa: PLC0415
@@ -107,6 +137,20 @@ def recover(run: Run) -> None:
                 typer.echo(f"{one.file}: removed, nothing had been written to it")
             case _:
                 typer.echo(f"{one.file}: {_recovery(one)}")
+
+
+def _tell_chain(chain: "Chain") -> None:
+    if not chain.present:
+        typer.echo("no hash chain: written by an earlier armgate, or taken out")
+        return
+    for found in chain.breaks[:_LISTED]:
+        _say(f"hash chain broken: {found}")
+    if len(chain.breaks) > _LISTED:
+        typer.echo(f"  … and {len(chain.breaks) - _LISTED} more")
+    if not chain.breaks:
+        end = "not sealed" if chain.unsealed else f"sealed {chain.seals[-1].digest.hex()}"
+        writers = ", ".join(sorted({seal.by[:40] for seal in chain.seals if seal.by}))
+        _say(f"hash chain intact: {chain.links} links, {end}{f', written by {writers}' if writers else ''}")
 
 
 def _recovery(one: "Recovered") -> str:

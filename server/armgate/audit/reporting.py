@@ -16,6 +16,7 @@ from armgate.cell.text import printable
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
 from armgate.recording.reader import check_entry
+from armgate.recording.verify import Chain, verify
 
 _POINTS = 3000
 """A curve is drawn with about so many points."""
@@ -28,6 +29,9 @@ _MOST_SIGNALS = 24
 
 _LARGEST = 1e9
 """Largest number that is drawn."""
+
+_BREAKS = 3
+"""So many places at which the hash chain is broken stand on the page."""
 
 _LINES = 200
 """So many lines of the log stand on the page."""
@@ -120,6 +124,7 @@ def page(recording: Recording) -> str:
         "gate": header.judge,
         "machine": header.machine.get("processor", "?"),
         "records lost": str(run.lost),
+        "hash chain": _chain(verify(recording)),
     }
     parts = [f"<h1>{_shown(header.cell)}</h1>", _table(facts.items()), "<h2>Verdicts</h2>"]
     for robot, counts in sorted(run.verdicts.items()):
@@ -131,6 +136,14 @@ def page(recording: Recording) -> str:
         if len(run.log) > _LINES:
             parts.append(f"<p>and {len(run.log) - _LINES} more</p>")
     return _PAGE.format(title=_shown(header.cell), body="\n".join(parts))
+
+
+def _chain(chain: Chain) -> str:
+    if not chain.present:
+        return "none"
+    if chain.breaks:
+        return "broken: " + "; ".join(map(str, chain.breaks[:_BREAKS]))
+    return f"intact, {'not sealed' if chain.unsealed else f'sealed {chain.seals[-1].digest.hex()}'}"
 
 
 def _judged(counts: Counter[str]) -> str:

@@ -11,9 +11,11 @@ from armgate.cell.config import CellConfig, LockstepClockConfig
 from armgate.cell.portable import pack
 from armgate.daemon.library import Library
 from armgate.daemon.recorder import Recorder
+from armgate.daemon.signer import SignerError, load_signer
 from armgate.daemon.turn_recorder import TurnRecorder
 from armgate.integrity.compiled import available
 from armgate.recording import Header, machine, software
+from armgate.recording.chain import Signer
 from armgate.recording.reader import PATTERN
 
 
@@ -31,7 +33,7 @@ def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
         folder: Where to record; None: where the configuration says.
 
     Raises:
-        RecorderError: There is a recording in that folder.
+        RecorderError: There is a recording in that folder, or the key that signs cannot be used.
     """
     own = config.recording
     if folder is None:
@@ -44,8 +46,16 @@ def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
         folder = config.file(("recording", "folder"), own.folder) / now
     if next(folder.glob(PATTERN), None) is not None:
         raise RecorderError(f"{folder}: holds a recording already; expected a folder without one")
+    signer = None if own.sign is None else _signer(config.file(("recording", "sign"), own.sign))
     kind = TurnRecorder if isinstance(config.clock, LockstepClockConfig) else Recorder
-    return kind(folder, required=own.required, rotate=own.rotate, limit=own.queue)
+    return kind(folder, required=own.required, rotate=own.rotate, limit=own.queue, signer=signer)
+
+
+def _signer(file: Path) -> Signer:
+    try:
+        return load_signer(file)
+    except SignerError as error:
+        raise RecorderError(f"recording.sign: {error}") from error
 
 
 def begin(recorder: Recorder, header: Header, now: Callable[[], float]) -> None:

@@ -16,7 +16,7 @@ from armgate.cell.events import GateEvent, GateOutput, Tick
 from armgate.daemon.record_file import RecordFile
 from armgate.protocol import messages as m
 from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
-from armgate.recording.chain import Seal
+from armgate.recording.chain import Seal, Signer
 
 FLUSH = 0.12
 """What a killed daemon may lose at most, s, beside what the thread was late."""
@@ -51,7 +51,8 @@ class Recorder:
         rotate: After so many bytes the next file begins.
         limit: How many records may wait for the disk.
         flush: Longest time between two flushes, s.
-        create: Makes a part, from its path and header.
+        signer: Signs each file when it is closed; None: no signature.
+        create: Makes a part, from its path, header and signer.
         clock: The thread's time, s, of any clock that does not go back.
         pause: Waits for some seconds of it.
 
@@ -67,7 +68,8 @@ class Recorder:
         rotate: int = 1 << 28,
         limit: int = 16384,
         flush: float = FLUSH,
-        create: Callable[[Path, Header], RecordFile] = RecordFile.create,
+        signer: Signer | None = None,
+        create: Callable[[Path, Header, Signer | None], RecordFile] = RecordFile.create,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -76,7 +78,7 @@ class Recorder:
         self._rotate = rotate
         self._limit = limit
         self._flush = flush
-        self._create = create
+        self._create, self._signer = create, signer
         self._clock, self._pause = clock, pause
         self._queue: deque[_Queued] = deque()
         self._lost = self._lost_steps = 0
@@ -240,7 +242,7 @@ class Recorder:
         return self.seal
 
     def _open(self, header: Header) -> RecordFile:
-        return self._create(self.folder / part_name(header.part), header)
+        return self._create(self.folder / part_name(header.part), header, self._signer)
 
     def _fail(self, why: str) -> None:
         self._part.abandon()

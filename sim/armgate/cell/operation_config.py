@@ -16,10 +16,12 @@ class RecordingConfig(Part):
         required: Whether the robots shall rest when something could not be recorded.
         rotate: After so many bytes the next file begins.
         queue: How many records may wait for the disk; what comes then is lost, and said so.
+        sign: File of a private key (Ed25519, PEM) that signs each file when it is closed; None: no signature.
     """
 
     folder: str | None = None
     required: bool = False
+    sign: str | None = None
     rotate: Annotated[int, Field(ge=1 << 20)] = 1 << 28
     queue: Annotated[int, Field(ge=256, le=1 << 20)] = 16384
 

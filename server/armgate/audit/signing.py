@@ -1,0 +1,59 @@
+"""Signatures of recordings: Ed25519, by the package cryptography (extra ``sign``)."""
+
+from pathlib import Path
+
+from armgate.audit.errors import AuditError, UseError
+from armgate.recording.chain import Seal
+
+
+def public_key(file: Path) -> bytes:
+    """Return the 32 bytes of an Ed25519 public key in PEM.
+
+    Raises:
+        UseError: The file holds none.
+    """
+    from cryptography.exceptions import UnsupportedAlgorithm  # noqa: PLC0415
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey  # noqa: PLC0415
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key  # noqa: PLC0415
+
+    try:
+        key = load_pem_public_key(file.read_bytes())
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise UseError(f"{file}: expected an Ed25519 public key in PEM") from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise UseError(f"{file}: expected an Ed25519 public key in PEM")
+    return key.public_bytes_raw()
+
+
+def check_signature(seal: Seal, public: bytes | None) -> str:
+    """Check the signature of a seal.
+
+    Args:
+        seal: The seal.
+        public: The key that must have signed it; None: the key that it names.
+
+    Returns:
+        The key, as the SHA-256 of its bytes begins.
+
+    Raises:
+        AuditError: It is not signed, or not by this key.
+    """
+    from cryptography.exceptions import InvalidSignature  # noqa: PLC0415
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey  # noqa: PLC0415
+
+    if not seal.signature:
+        raise AuditError("the recording is not signed")
+    if public is not None and public != seal.public:
+        raise AuditError("the recording is signed by another key")
+    try:
+        Ed25519PublicKey.from_public_bytes(seal.public).verify(seal.signature, seal.digest)
+    except (InvalidSignature, ValueError) as error:
+        raise AuditError("the signature of the recording is wrong") from error
+    return fingerprint(seal.public)
+
+
+def fingerprint(public: bytes) -> str:
+    """Return the beginning of the SHA-256 of a public key."""
+    from hashlib import sha256  # noqa: PLC0415
+
+    return sha256(public).hexdigest()[:16]

@@ -1,0 +1,54 @@
+"""The key that signs recordings: Ed25519, by the package cryptography (extra ``sign``)."""
+
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+from armgate.recording.chain import Signer
+
+
+class SignerError(Exception):
+    """The key cannot be used; the text says why, and what to do."""
+
+    exit_code = 2
+
+
+def load_signer(file: Path) -> Signer:
+    """Load a private key in PEM, without a password.
+
+    Raises:
+        SignerError: It cannot be used.
+    """
+    try:
+        from cryptography.exceptions import UnsupportedAlgorithm  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey  # noqa: PLC0415
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise SignerError("cryptography is not installed; run: pip install 'armgate[sign]'") from error
+    try:
+        key = load_pem_private_key(_private(file), password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        raise SignerError(f"{file}: expected an Ed25519 private key in PEM, without a password") from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise SignerError(f"{file}: expected an Ed25519 key; make one: openssl genpkey -algorithm ed25519")
+    return _Key(key.public_key().public_bytes_raw(), key.sign)
+
+
+def _private(file: Path) -> bytes:
+    """Read a file that only its owner may read."""
+    try:
+        mode, data = file.stat().st_mode, file.read_bytes()
+    except OSError as error:
+        raise SignerError(f"{file}: {error.strerror or error}") from error
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise SignerError(f"{file}: others may use this key; run: chmod 600 {file}")
+    return data
+
+
+class _Key:
+    def __init__(self, public: bytes, sign: Callable[[bytes], bytes]) -> None:
+        self.public = public
+        self._sign = sign
+
+    def sign(self, data: bytes, /) -> bytes:
+        return self._sign(data)

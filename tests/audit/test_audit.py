@@ -1,0 +1,132 @@
+"""``armgate audit``: the hash chain of a recording and its signature, from the daemon to the command."""
+
+import subprocess
+
+import pytest
+import yaml
+
+from armgate.recording import Recording, part_name
+from armgate.recording.scan import scan
+from support.cells import arms_yaml
+from support.clients import Mover, Process, run
+
+
+def keys(folder, name):
+    """A private and a public key, made as the documents say."""
+    private, public = folder / f"{name}.key", folder / f"{name}.pub"
+    subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", private], check=True)
+    subprocess.run(["openssl", "pkey", "-in", private, "-pubout", "-out", public], check=True)
+    private.chmod(0o600)
+    return private, public
+
+
+async def recorded(folder, **recording):
+    """The folder of a run in which a robot moves, and the daemon's log."""
+    file, out = folder / "arms.yaml", folder / "run"
+    text = arms_yaml(max_age_ticks=1000)
+    file.write_text(text + yaml.safe_dump({"recording": recording}) if recording else text)
+    async with Process.serving(file, "--record", out) as daemon:
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(20)
+        await mover.stop()
+        daemon.signal()
+        status, log = await daemon.end()
+    assert status == 0
+    return out, log
+
+
+async def test_a_run_is_sealed_with_what_the_log_says(tmp_path):
+    out, log = await recorded(tmp_path)
+    (closed,) = [line for line in log if line["event"] == "recording.closed"]
+    status, said, err = await run("audit", out)
+    assert (status, err) == (0, "")
+    assert "hash chain intact" in said
+    assert f"sealed {closed['sha256']}" in said
+    status, said, _ = await run("replay", out)
+    assert (status, "hash chain intact" in said) == (0, True)
+
+
+async def test_a_changed_run_is_told_by_audit_and_replay(tmp_path):
+    out, _ = await recorded(tmp_path)
+    file = out / part_name(1)
+    place, data = scan(file).chunks[3], bytearray(file.read_bytes())
+    data[place.end + 9] ^= 1  # in an index: no message changes
+    file.write_bytes(data)
+    for command in ("audit", "replay"):
+        status, said, _ = await run(command, out)
+        assert status == 1
+        assert "hash chain broken" in said
+        assert f"bytes {place.begin} to" in said
+    status, _, _ = await run("report", out)
+    assert status == 0
+    assert "broken: " in (out / "report.html").read_text()
+
+
+async def test_a_signed_run_is_told_from_others(tmp_path):
+    private, public = keys(tmp_path, "recorder")
+    _, other = keys(tmp_path, "other")
+    out, _ = await recorded(tmp_path, sign=str(private))
+    status, said, err = await run("audit", out, "--key", public)
+    assert (status, err) == (0, "")
+    assert "signed with the key" in said
+    status, _, err = await run("audit", out, "--key", other)
+    assert (status, "signed by another key" in err) == (1, True)
+    status, _, err = await run("audit", out, "--key", private)
+    assert (status, "expected an Ed25519 public key" in err) == (2, True)
+    assert private.read_bytes() not in (out / part_name(1)).read_bytes()
+
+
+async def test_a_signature_that_is_taken_out_or_changed_is_missed(tmp_path):
+    private, public = keys(tmp_path, "recorder")
+    out, _ = await recorded(tmp_path, sign=str(private))
+    file = out / part_name(1)
+    data = file.read_bytes()
+    at = data.index(b"signature", scan(file).chunks[-1].end) + len("signature") + 4
+    digit = b"0" if data[at : at + 1] != b"0" else b"1"
+    file.write_bytes(data[:at] + digit + data[at + 1 :])
+    status, _, err = await run("audit", out, "--key", public)
+    assert (status, "signature of the recording is wrong" in err) == (1, True)
+    plain, _ = await recorded_beside(tmp_path)
+    status, _, err = await run("audit", plain, "--key", public)
+    assert (status, "is not signed" in err) == (1, True)
+
+
+async def recorded_beside(folder):
+    (folder / "plain").mkdir()
+    return await recorded(folder / "plain")
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda key: key.chmod(0o644), "chmod 600"),
+        (lambda key: key.write_text("no key"), "Ed25519 private key in PEM"),
+        (lambda key: key.unlink(), "No such file"),
+        (lambda key: key.write_bytes(rsa()), "expected an Ed25519 key"),
+    ],
+)
+async def test_a_key_that_cannot_sign_ends_the_start(tmp_path, make, text):
+    private, _ = keys(tmp_path, "recorder")
+    make(private)
+    file = tmp_path / "arms.yaml"
+    file.write_text(arms_yaml() + f"recording: {{sign: {private}}}\n")
+    status, _, err = await run("serve", file, "--port", "0", "--record", tmp_path / "run")
+    assert (status, text in err, "Traceback" in err) == (2, True, False)
+
+
+def rsa():
+    made = ["openssl", "genpkey", "-algorithm", "RSA", "-pkeyopt", "rsa_keygen_bits:2048"]
+    return subprocess.run(made, check=True, capture_output=True).stdout
+
+
+async def test_a_recovered_run_has_a_chain_of_its_own_without_a_daemons_signature(tmp_path):
+    private, public = keys(tmp_path, "recorder")
+    out, _ = await recorded(tmp_path, sign=str(private))
+    file = out / part_name(1)
+    file.write_bytes(file.read_bytes()[: scan(file).chunks[-1].begin])
+    assert (await run("recover", out))[0] == 0
+    assert Recording.open(out).whole
+    status, said, _ = await run("audit", out)
+    assert (status, "hash chain intact" in said, "by armgate recover" in said) == (0, True, True)
+    status, _, err = await run("audit", out, "--key", public)
+    assert (status, "is not signed" in err) == (1, True)
