@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from dataclasses import replace
 from itertools import count
 from typing import Literal
@@ -15,8 +16,10 @@ from armgate.daemon import library as library_module
 from armgate.daemon import server as server_module
 from armgate.daemon import session as session_module
 from armgate.daemon import translate
+from armgate.daemon.barrier import Barrier
 from armgate.daemon.core import RIGHTS, Core
 from armgate.daemon.leasing import Leasing
+from armgate.daemon.line import Line as ClientLine
 from armgate.daemon.peer import Subscription
 from armgate.daemon.server import Daemon
 from armgate.daemon.session import Session
@@ -412,6 +415,67 @@ def distances_too_large(patch):
     )  # fmt: skip
 
 
+def states_queue_up(patch):
+    patch.setattr(ClientLine, "has_room", lambda self: True)
+
+
+def stops_not_named(patch):
+    around(
+        patch,
+        translate,
+        "text",
+        lambda right: lambda given, end="": right(re.sub(r"\(stop [^)]*\)", "", given), end),
+    )
+
+
+def strangers_wait_for_the_step(patch):
+    def judge(self, peer, command):
+        if self._lockstep and peer.name not in ("kit-a", "kit-b"):
+            self._late = [*getattr(self, "_late", ()), (peer, command)]
+        else:
+            right(self, peer, command)
+
+    def tick(self, *a):
+        late, self._late = getattr(self, "_late", ()), ()
+        for item in late:
+            right(self, *item)
+        right_tick(self, *a)
+
+    right, right_tick = Core.judge, Core.tick
+    patch.setattr(Core, "judge", judge)
+    patch.setattr(Core, "tick", tick)
+
+
+def done_no_longer(patch):
+    def done(self, name):
+        self._participants[name].done = False
+        return right(self, name)
+
+    right = Barrier.done
+    patch.setattr(Barrier, "done", done)
+
+
+def states_in_another_order(patch):
+    def show(self, *states):
+        return right(self, *reversed(states))
+
+    right = Session.show
+    patch.setattr(Session, "show", show)
+
+
+def behind_hello_nothing(patch):
+    def push(self, data):
+        right(self, data)
+        if self._there_was_none:
+            self._there_was_none = False
+            length = int.from_bytes(self._decoder._buffer[:4], "big")
+            del self._decoder._buffer[4 + length :]
+
+    right = connection.Connection.push
+    patch.setattr(connection.Connection, "_there_was_none", True, raising=False)
+    patch.setattr(connection.Connection, "push", push)
+
+
 def states_wait_for_what_was_said_ahead(patch):
     patch.setattr(Session, "flush", lambda self: None)
 
@@ -488,6 +552,12 @@ WRONG = {
     "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
     "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
     "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
+    "states queue up": (states_queue_up, "SUB-11/pause", "session"),
+    "stops not named": (stops_not_named, "LEA-23/named", "session"),
+    "strangers wait for the step": (strangers_wait_for_the_step, "LCK-4/stranger", "session"),
+    "done no longer": (done_no_longer, "LCK-18/done", "session"),
+    "states in another order": (states_in_another_order, "LCK-16/instants", "session"),
+    "behind hello nothing": (behind_hello_nothing, "HEL-17/packet", "session"),
     "states wait for what was said ahead": (states_wait_for_what_was_said_ahead, "LCK-15/ahead", "session"),
     "who is faster is seen": (who_is_faster_is_seen, "LCK-12/faster", "session"),
     "every start the same": (every_start_the_same, "HEL-11/anew", "session"),

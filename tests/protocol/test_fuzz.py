@@ -66,7 +66,7 @@ ORIGINAL_POP = FrameDecoder.pop
 
 DEFECTS = {
     "the cut of a stream shows": (FrameDecoder, "pop", pop_one_late),
-    "a defect of the decoder": (codec, "_check_depth", lambda value: {}[type(value)]),
+    "a defect of the decoder": (codec, "_is_deep", lambda value: {}[type(value)]),
     "a message that reads otherwise": (codec, "_unique", lambda pairs: dict(pairs[::-1])),
 }
 

@@ -87,7 +87,10 @@ class Core:
         self.warnings: dict[str, str] = {}
         self.ending = False
         self.on_state: OnState | None = None
-        self.leasing = Leasing(Leases(self.robots, server.lease_ttl), self.peers, self._lease_changed)
+        leases = Leases(self.robots, server.lease_ttl)
+        self.leasing = Leasing(
+            leases, self.peers, self._lease_changed, lambda robot: runner.view(robot).stops
+        )
         # Two measurements of a robot that stands differ by up to twice the tolerance.
         self._noise = {robot.name: 2.0 * robot.q_tolerance for robot in cell.robots}
         self._links: tuple[ClockedLink | RemoteLink, ...] = tuple(links)

@@ -1,6 +1,6 @@
 """Leases in force: told to the gate and to those who lose one."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from armgate.cell.events import LeaseChange
@@ -33,14 +33,20 @@ class Leasing:
         leases: The lease machine.
         peers: The sessions by id.
         change: Tells the gate of a change.
+        stops: Returns the stops in force for a robot.
     """
 
     def __init__(
-        self, leases: Leases, peers: Mapping[str, Peer], change: Callable[[LeaseChange], None]
+        self,
+        leases: Leases,
+        peers: Mapping[str, Peer],
+        change: Callable[[LeaseChange], None],
+        stops: Callable[[str], Sequence[int]],
     ) -> None:
         self._leases = leases
         self._peers = peers
         self._change = change
+        self._stops = stops
 
     def holder(self, robot: str) -> str | None:
         """Name of the holder, None if the robot is free."""
@@ -129,6 +135,9 @@ class Leasing:
         return answer(m.Lease, request, robot=robot, fence=fence, state=state, ttl=self._leases.ttl, **more)
 
     def _denied(self, robot: str, denial: Denial) -> str:
+        if denial.code is ErrorCode.STOPPED:
+            ids = ", ".join(str(stop) for stop in reversed(self._stops(robot)))
+            return f"{robot} is stopped (stop {ids}): an operator must reset it, then acquire it again"
         if denial.code is not ErrorCode.LEASED:
             return denial.text
         return f"{robot} is held by {self.holder(robot)}; wait, or take it over as an operator"

@@ -24,6 +24,9 @@ def inadmissible(command: Command, state: RobotState, max_age: int) -> Reason | 
 
 def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.fence is None:
+        if state.stops:
+            text = f"{state.name} is stopped ({_stops(state)}) and nobody holds it: an operator must reset it"
+            return Reason(Cause.LEASE, f"{text}, then acquire it")
         return Reason(Cause.LEASE, f"nobody holds the lease of {state.name}: acquire it first")
     if command.fence != state.fence:
         return Reason(
@@ -36,8 +39,11 @@ def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
 def _stopped(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if not state.stops:
         return None
-    ids = ", ".join(str(i) for i in state.stops)
-    return Reason(Cause.STOPPED, f"{state.name} is stopped (stop {ids}): an operator must reset it")
+    return Reason(Cause.STOPPED, f"{state.name} is stopped ({_stops(state)}): an operator must reset it")
+
+
+def _stops(state: RobotState) -> str:
+    return f"stop {', '.join(str(stop) for stop in reversed(state.stops))}"
 
 
 def _link(command: Command, state: RobotState, max_age: int) -> Reason | None:

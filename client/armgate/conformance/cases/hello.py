@@ -27,6 +27,22 @@ async def _(trial: Trial) -> None:
     await wire.answered("describe", "description")
 
 
+@case(
+    "HEL-17/packet",
+    "Send hello and a ping in one write",
+    "The welcome, then the pong",
+    also=("HEL-3", "FRM-2"),
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.open()
+    ping = {"type": "ping", "id": 7, "time": 1.0}
+    wire.say(trial.target.hello(trial.name("first"), "controller"), ping)
+    first = await wire.hear(lambda m: True, "welcome")
+    check(first["type"] == "welcome", f"the first message was {first['type']}")
+    second = await wire.answer_to(7)
+    check(second["type"] == "pong", f"the ping was answered by {second}")
+
+
 _BEFORE: dict[str, dict[str, Any]] = {
     "ping": {"time": 1.0},
     "describe": {},

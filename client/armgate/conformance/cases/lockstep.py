@@ -186,6 +186,89 @@ async def _(trial: Trial) -> None:
 
 
 @case(
+    "LCK-4/stranger",
+    "One that is no participant commands a robot that a participant holds, in the middle of a step",
+    "The verdict comes before the step ends, and refuses",
+)
+async def _(trial: Trial) -> None:
+    first, second = await both(trial)
+    lease = await first.wire.answered("acquire", "lease", robot=trial.robot)
+    wire = await trial.client(name="stranger")
+    seq = next(wire.ledger.seqs)
+    command = {"robot": trial.robot, "fence": lease["fence"], "seq": seq, "tick": first.ticks[trial.robot]}
+    command = wire.ledger.forbid({"type": "command", **command, "dq": [0.0] * trial.n}, "it holds no robot")
+    wire.say(command)
+    verdict = await wire.expect("verdict", seq=seq)
+    check(verdict["outcome"] == "refused", f"the command of a stranger was {verdict['outcome']}")
+    step = first.step
+    for seat in (first, second):
+        seat.pass_()
+    await first.shown(step + 1)
+
+
+@case(
+    "LCK-16/instants",
+    "Pass through ten steps, and look which robots tick in each and when",
+    "Each step is the next instant at which a robot ticks; its states come in the order of the robots",
+    also=("LCK-17", "LCK-1"),
+)
+async def _(trial: Trial) -> None:
+    first, second = await both(trial)
+    robots = trial.facts.description["robots"]
+    periods = {robot["name"]: robot["period"] for robot in robots}
+    before: Fields | None = None
+    for _ in range(10):
+        step = first.step + 1
+        for seat in (first, second):
+            seat.pass_()
+        states = [m for m in await first.heard(step) if m["type"] == "state" and m["step"] >= step]
+        await second.shown(step)
+        check({m["step"] for m in states} == {step}, f"in step {step} came states of {states}")
+        names = [m["robot"] for m in states]
+        check(names == [name for name in periods if name in names], f"the states came in the order {names}")
+        for m in states:
+            due = m["tick"] * periods[m["robot"]]
+            check(abs(m["time"] - due) < 1e-6, f"tick {m['tick']} of {m['robot']} came at {m['time']} s")
+        if before is not None:
+            due = min(_next(before["time"], period) for period in periods.values())
+            check(abs(states[0]["time"] - due) < 1e-6, f"after {before['time']} s came {states[0]['time']} s")
+        before = states[0]
+
+
+def _next(time: float, period: float) -> float:
+    """The first multiple of a period after a time."""
+    return period * (math.floor(time / period + 1e-6) + 1)
+
+
+@case(
+    "LCK-18/done",
+    "A participant commands its robot and so is done; the robot is stopped; it sends a command and a pass",
+    "Both count in the next step; the verdicts come in the order of the commands",
+    also=("LCK-5", "CMD-3"),
+)
+async def _(trial: Trial) -> None:
+    first, second = await both(trial)
+    wire = await trial.operator()
+    lease = await first.wire.answered("acquire", "lease", robot=trial.robot)
+    step, seqs = first.step, []
+    for ahead in (False, False, True):
+        if ahead:
+            stop = (await wire.answered("stop", "stopped", robot=trial.robot))["stop"]
+        seqs.append(next(first.wire.ledger.seqs))
+        command = {"robot": trial.robot, "fence": lease["fence"], "seq": seqs[-1], "dq": [0.0] * trial.n}
+        first.wire.say({"type": "command", **command, "tick": first.ticks[trial.robot]})
+    first.pass_(step + 1)
+    second.pass_()
+    heard = [await first.wire.expect("verdict", seq=seqs[0])]
+    await second.shown(step + 1)
+    second.pass_()
+    heard += [await first.wire.hear(lambda m: m["type"] == "verdict", "a verdict") for _ in range(2)]
+    check([m["seq"] for m in heard] == seqs, f"sent were {seqs}, judged {[m['seq'] for m in heard]}")
+    await first.shown(step + 2)
+    await trial.lifted(wire, stop)
+
+
+@case(
     "LCK-4/order", "Command two robots, the later one first", "The verdicts come in the order of the robots"
 )
 async def _(trial: Trial) -> None:

@@ -133,6 +133,7 @@ WRONG: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "number-for-text": ("ERR-4", "a number where a text is meant", {"type": "stop", "reason": 5}, "reason"),
     "number-for-bool": ("ERR-4", "a number where a bool is meant", {"type": "acquire", "robot": "R", "takeover": 1}, "takeover"),
     "real-for-count": ("PAY-15", "a broken number where a count is meant", {"type": "subscribe", "every": 1.5}, "every"),
+    "whole-real-for-count": ("PAY-15", "1.0 where a count is meant", {"type": "subscribe", "every": 1.0}, "every"),
     "negative": ("PAY-15", "a negative count", {"type": "reset", "stop": -1}, "stop"),
     "big-count": ("PAY-15", "2**63 where a count is meant", {"type": "reset", "stop": 2**63}, "stop"),
     "missing": ("ERR-4", "a ping without time", {"type": "ping"}, "time"),

@@ -248,6 +248,14 @@ async def _(trial: Trial) -> None:
         check(float(pong["time"]).hex() == time.hex(), f"sent {time.hex()}, got {float(pong['time']).hex()}")
 
 
+@case("PNG-1/integers", "Send pings with integers as times", "Each pong repeats the nearest 64-bit float")
+async def _(trial: Trial) -> None:
+    wire = await trial.client()
+    for time in (0, 1, -(2**63), 2**53 + 1, 2**64 - 1):
+        pong = await wire.answered("ping", "pong", time=time)
+        check(pong["time"] == float(time), f"sent {time}, got {pong['time']!r}")
+
+
 @case("PNG-2/clock", "Send 20 pings", "received is never after sent, and neither goes back")
 async def _(trial: Trial) -> None:
     wire = await trial.client()

@@ -6,7 +6,7 @@ from typing import Any
 
 from armgate.conformance.case import case
 from armgate.conformance.holder import cause, entry, later
-from armgate.conformance.packing import Fields
+from armgate.conformance.packing import Fields, pack
 from armgate.conformance.trial import Trial
 from armgate.conformance.verdicts import Skip, Unmet, check
 from armgate.conformance.wire import Wire
@@ -22,6 +22,10 @@ _ROUNDING = 1e-6
 
 _PAUSE = 1.0
 """For how long a slow reader reads nothing, s."""
+
+
+_PASSED, _OWN, _LONGEST_PAUSE = 400_000, 130_000, 8.0
+"""Bytes of states that pass while a client does not read, bytes that its own system may keep, and s at most."""
 
 
 async def states(wire: Wire, count: int) -> list[Fields]:
@@ -183,7 +187,7 @@ async def _(trial: Trial) -> None:
 )
 async def _(trial: Trial) -> None:
     size = trial.facts.robot["urdf"]["size"]
-    for megabytes in (2.0, 2.8, 3.6, 4.4, 5.2, 6.0, 7.0):
+    for megabytes in (0.6, 0.9, 1.4, 2.0, 2.8, 3.6, 4.4, 5.2, 6.0, 7.0):
         wire = await trial.client("observer", f"slow-{megabytes}")
         await wire.answered("subscribe", "subscribed", robots=[trial.robot], fields=["q"])
         wire.deaf(True)
@@ -271,6 +275,32 @@ async def _(trial: Trial) -> None:
     await holder.wire.answered("release", "lease", robot=trial.robot, fence=holder.fence)
     state = await later(holder.wire, trial.robot)
     check(entry(state, trial.robot)["holder"] is None, "a state after released shows a holder")
+
+
+@case(
+    "SUB-11/pause",
+    "Subscribe to all robots and read nothing until 400 kB of states have passed; then read",
+    "The client stays connected and finds the newest state behind few old ones",
+    also=("SUB-8", "CON-11", "CON-12"),
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.client("observer", "slow")
+    await wire.answered("subscribe", "subscribed")
+    state = await later(wire, trial.robot)
+    size = len(pack(state)) * len(trial.facts.description["robots"])
+    count = math.ceil(_PASSED / size)
+    if count * trial.facts.robot["period"] > _LONGEST_PAUSE:
+        raise Skip("states are too small and too rare to fill what the client's own system keeps")
+    wire.deaf(True)
+    await trial.observer.ticks(trial.robot, count)
+    newest = trial.observer.entries[trial.robot]["tick"]
+    wire.deaf(False)
+    ticks: list[int] = []
+    while not ticks or ticks[-1] < newest:
+        state = await wire.hear(lambda m: m["type"] == "state" and m["robot"] == trial.robot, "a state")
+        ticks.append(state["tick"])
+    room = _OWN / size + 10
+    check(len(ticks) <= room, f"{len(ticks)} of {count} states were kept for a client that did not read")
 
 
 @case(

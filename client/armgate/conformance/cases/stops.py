@@ -1,6 +1,7 @@
 """Stops, resets and signals."""
 
 import math
+import re
 from typing import Any
 
 from armgate.conformance.case import case
@@ -79,6 +80,25 @@ async def _(trial: Trial) -> None:
     check(kinds == ["stopped", "lease"], f"the holder was told {kinds}")
     lost = heard[1]
     check((lost["state"], lost["fence"]) == ("lost", holder.fence), f"the lease is {lost}")
+
+
+@case(
+    "LEA-23/named",
+    "Stop a robot that is held; command it and acquire it",
+    "Verdict and error name the id of the stop in their texts",
+    also=("CMD-8", "LEA-10"),
+)
+async def _(trial: Trial) -> None:
+    holder = await trial.holder()
+    other = await trial.client(name="other")
+    for number in range(12):  # an id of two digits is not found by chance
+        stop = (await other.answered("stop", "stopped", robot=trial.robot, reason=f"{number}"))["stop"]
+    verdict = await holder.decided(forbidden="the robot is stopped")
+    text = " ".join(reason["text"] for reason in verdict["reasons"])
+    check(str(stop) in re.findall(r"\d+", text), f"the verdict does not name stop {stop}: {text}")
+    error = await other.ask("acquire", robot=trial.robot)
+    check(error.get("code") == "stopped", f"acquire was answered by {error}")
+    check(str(stop) in re.findall(r"\d+", error["text"]), f"stop {stop} is not named: {error['text']}")
 
 
 @case(
