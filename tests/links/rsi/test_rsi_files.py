@@ -12,6 +12,7 @@ from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import KrcError
 from armgate.emulator.krc import read_ethernet as krc_reads
+from armgate.emulator.krc.setup import peer_of
 from armgate.links.rsi import setup_of, warnings_of
 from armgate.links.rsi.ethernet import EthernetError, read_ethernet
 from support.clients import run
@@ -232,5 +233,8 @@ def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_pat
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
     with pytest.raises(ConfigError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address; expected"):
         setup_of(cell, cell.robots[0])
+    with pytest.raises(KrcError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address; expected"):
+        peer_of(None, krc_reads(text.encode()))
+    assert peer_of("127.0.0.1:5", krc_reads(text.encode())).address == ("127.0.0.1", 5)
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
     assert setup_of(cell, cell.robots[0]).listen == ("127.0.0.1", 49152)

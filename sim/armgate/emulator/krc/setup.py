@@ -1,5 +1,6 @@
 """From the command line's texts to a virtual KRC."""
 
+import ipaddress
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,6 +145,11 @@ def peer_of(to: str | None, ethernet: Ethernet) -> Peer:
         KrcError: It is none.
     """
     if to is None:
+        try:
+            ipaddress.ip_address(ethernet.host)
+        except ValueError:
+            text = f"IP_NUMBER {ethernet.host!r} is no address; expected the PC's one in the file, or --to"
+            raise KrcError(text) from None
         return Peer.resolve(ethernet.host, ethernet.port)
     host, _, port = to.rpartition(":")
     host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
