@@ -43,6 +43,39 @@ def test_default_accelerations_reach_full_speed_in_a_quarter_second(demo):
         assert robot.deceleration == pytest.approx(robot.velocity / 0.25)
 
 
+@pytest.mark.parametrize(
+    ("own", "first", "difference"),
+    [
+        ("", 0.03, 0.0),
+        ("link: {kind: emulated, lags: {A1: 33 ms, A3: 28 ms}}", 0.033, 0.005),
+        ("link: {kind: emulated, lag: 0.01, lags: {A1: 33 ms}}", 0.033, 0.023),
+        ("lag_difference: 2 ms", 0.03, 0.002),
+        ("lag_difference: 0, link: {kind: emulated, lags: {A1: 33 ms}}", 0.033, 0.0),
+    ],
+)
+def test_an_emulated_robots_lags_differ_as_its_joints_do_unless_declared(
+    configs, tmp_path, own, first, difference
+):
+    robot = built(configs, tmp_path, f"robots: {{FR: {{{own}}}}}").robots[0]
+    assert robot.lags[0] == first
+    assert robot.lag_difference == pytest.approx(difference, abs=1e-12)
+
+
+def test_a_real_robots_lags_are_taken_to_differ_by_ten_percent_unless_declared(configs, tmp_path):
+    link = configs / "links" / "rsi-example.yaml"
+    robot = build_cell(load_config([configs / "demo.yaml", link])).robots[0]
+    assert (set(robot.lags), robot.lag_difference) == ({0.03}, 0.003)
+    overlay = tmp_path / "over.yaml"
+    overlay.write_text("robots: {FR: {lag_difference: null, link: {lag: 60 ms}}}")
+    robot = build_cell(load_config([configs / "demo.yaml", link, overlay])).robots[0]
+    assert robot.lag_difference == pytest.approx(0.006)
+
+
+def test_a_lag_of_an_unknown_joint_is_refused(configs, tmp_path):
+    with pytest.raises(ConfigError, match=r"robots.FR.link.lags.B1: robot FR has no joint 'B1'"):
+        built(configs, tmp_path, "robots: {FR: {link: {kind: emulated, lags: {B1: 0.03}}}}")
+
+
 def test_own_bounds_are_taken_over(configs, tmp_path):
     overlay = """
 robots:

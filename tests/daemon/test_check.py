@@ -106,3 +106,13 @@ def test_serve_warns_of_what_check_refuses(tmp_path):
     assert close["faults"] == ["R/l1 – near: 10.0 mm apart at the start; the distance to keep is 50 mm"]
     assert "ignore_pairs" in close["remedy"]
     assert (none["event"], none["text"][:30]) == ("remark", "no pair of bodies must stay ap")
+
+
+def test_lags_are_reported_as_the_gate_reckons_with_them(tmp_path):
+    cell = cell_of(tmp_path, None)
+    assert "R: lags 30 ms, axes differ by at most 0 ms; delay at most 0 ms" in printed(cell)[1]
+    robot = {"urdf": "a.urdf", "start": [0.0], "lag_difference": "2 ms", "lag_window": "24 ms"}
+    robot["link"] = {"kind": "emulated", "lags": {"slide": "33 ms"}}
+    (tmp_path / "d.yaml").write_text(yaml.safe_dump({"armgate": 1, "name": "c", "robots": {"R": robot}}))
+    text = printed(build_cell(load_config([tmp_path / "d.yaml"])))[1]
+    assert "R: lags 33 ms, axes differ by at most 2 ms; delay at most 24 ms" in text

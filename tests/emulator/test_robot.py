@@ -46,3 +46,10 @@ def test_a_lag_that_is_none_is_refused(lag):
 def test_a_setpoint_of_another_length_is_refused():
     with pytest.raises(ValueError, match="zip"):
         EmulatedRobot((0.0, 0.0), 0.012, 0.03).step((0.0,))
+
+
+def test_each_joint_follows_with_its_own_lag():
+    robot = EmulatedRobot((0.0, 0.0, 1.0), 0.012, (0.03, 0.06, 0.0))
+    assert robot.step((1.0, 1.0, 0.5)) == pytest.approx((1 - math.exp(-0.4), 1 - math.exp(-0.2), 0.5))
+    with pytest.raises(ValueError, match="2 lags"):
+        EmulatedRobot((0.0,), 0.012, (0.03, 0.03))

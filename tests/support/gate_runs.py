@@ -11,12 +11,12 @@ START = "feed"
 LIMIT = 1 << 30  # all that is fed has room: it is fed faster than any robot ticks
 
 
-def record_run(cell, folder, ticks, ask, recorder=None):
+def record_run(cell, folder, ticks, ask, recorder=None, lag=0.03):
     """Records ``ticks`` instants; ``ask(k)`` gives each robot's increment by name, or none."""
     recorder = recorder or Recorder(folder, limit=LIMIT)
     time = 0.0
     recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time)
-    links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
+    links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, lag) for r in cell.robots]
     runner = GateRunner(Gate(cell, START, compiled=False), {link.robot: link for link in links}, recorder.tap)
     for fence, link in enumerate(links, start=1):
         runner.feed(e.LinkChange(link.robot, e.LinkState.READY))

@@ -1,4 +1,4 @@
-"""``armgate replay``, ``explain``, ``report``, ``audit`` and ``recover``."""
+"""``armgate replay``, ``explain``, ``report``, ``audit``, ``recover`` and ``lag``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from armgate.audit.lagging import Lags
     from armgate.audit.recovering import Recovered
     from armgate.audit.replaying import Outcome, Span
     from armgate.recording.verify import Chain
@@ -209,3 +210,46 @@ def _span(span: "Span") -> str:
         when, which = f"{when} to {last.time:.3f} s", f"{which} to {last.was.seq}"
     reason = f": {first.now.reasons[-1].text}" if first.now.reasons else ""
     return f"{when}, {robot} {which}: {was} → {now}{reason}"
+
+
+def lag(
+    run: Run,
+    robot: Annotated[str | None, typer.Option(metavar="NAME", help="Only this robot.")] = None,
+) -> None:
+    """Measure how each axis lags in a recorded run, and propose values for the configuration."""
+    from armgate.audit.build import recorded_cell  # noqa: PLC0415
+    from armgate.audit.errors import AuditError, UseError  # noqa: PLC0415
+    from armgate.audit.lagging import measured_lags  # noqa: PLC0415
+    from armgate.cell.events import Tick  # noqa: PLC0415
+    from armgate.recording import Recording  # noqa: PLC0415
+
+    recording = Recording.open(run, partial=True)
+    cell = recorded_cell(recording.header)
+    names = [one.name for one in cell.robots]
+    if robot is not None and robot not in names:
+        raise UseError(f"--robot {robot}: the recording has {', '.join(names)}")
+    ticks = [step.event for _, step in recording.steps() if isinstance(step.event, Tick)]
+    found = [measured_lags(cell, name, ticks) for name in names if robot in (None, name)]
+    if not any(found):
+        raise AuditError(f"{run}: no joint moves far enough; move each by more than 1 deg or 2 mm")
+    small = [text for lags in found if lags is not None for text in _tell_lags(lags)]
+    if small:
+        raise AuditError("; ".join(small))
+
+
+def _tell_lags(lags: "Lags") -> list[str]:
+    """Print what was measured of a robot and what to declare; return what is declared too small."""
+    robot, ms = lags.robot, 1000.0
+    typer.echo(f"{robot.name}: delay {lags.delay} ticks ({ms * lags.delay * robot.period:g} ms)")
+    for name, tau in lags.lags.items():
+        typer.echo(f"  {name}: lag {ms * tau:.2f} ms, off by {lags.errors[name]:.2g} rad or m")
+    if lags.still:
+        typer.echo(f"  not moved: {', '.join(lags.still)}; move them too")
+    typer.echo(f"  lags differ by {ms * lags.difference:.2f} ms; declare in robots.{robot.name}:")
+    typer.echo(f"    lag_window: {ms * (lags.delay + 1) * robot.period:g} ms")
+    typer.echo(f"    lag_difference: {ms * lags.proposed:.2f} ms")
+    typer.echo(f"    link: {{lag: {ms * lags.lag:.1f} ms}}")
+    low = robot.lag_difference < lags.difference
+    declared = f"{ms * robot.lag_difference:.2f} ms"
+    text = f"{robot.name}: lag_difference is {declared}, less than the {ms * lags.difference:.2f} ms measured"
+    return [text] if low else []

@@ -47,6 +47,7 @@ def report(cell: Cell, console: Console | None = None) -> int:
     say(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
+        say(_lags(robot))
     for setup in setups:
         say(_rsi(setup))
         for warning in warnings_of(setup):
@@ -76,6 +77,14 @@ def _rsi(setup: Setup) -> str:
     axes = ", ".join(f"{axis.name} {axis.joint}" for axis in setup.axes)
     host, port = setup.listen
     return f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
+
+
+def _lags(robot: Robot) -> str:
+    """Return how a robot lags its setpoint, as the gate reckons with it."""
+    low, high = (f"{1000.0 * lag:g}" for lag in (min(robot.lags), max(robot.lags)))
+    lag = low if low == high else f"{low} to {high}"
+    differ = f"axes differ by at most {1000.0 * robot.lag_difference:g} ms"
+    return f"{robot.name}: lags {lag} ms, {differ}; delay at most {1000.0 * robot.lag_window:g} ms"
 
 
 def _joints(robot: Robot) -> Table:

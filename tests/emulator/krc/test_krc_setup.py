@@ -26,6 +26,10 @@ def test_the_file_is_named_in_errors(tmp_path):
 def test_profile_and_cycle():
     assert setup.profile_of("krc4-rsi3", None).cycle == 0.004
     assert setup.profile_of("krc4-rsi3", 12.0).ipoc_step == 12
+    other = setup.profile_of("krc4-rsi3", None, "A=33,A2=27")
+    assert [other.lag_of(axis) for axis in ("A1", "A2", "E1")] == pytest.approx([0.033, 0.027, 0.03])
+    with pytest.raises(KrcError, match="limit 'A1=0'"):
+        setup.profile_of("krc4-rsi3", None, "A1=0")
     with pytest.raises(KrcError, match="no cycle of 5 ms"):
         setup.profile_of("krc5-rsi5", 5.0)
 

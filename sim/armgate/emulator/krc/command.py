@@ -25,6 +25,12 @@ def krc(
         str | None, typer.Option(metavar="A1,A2,…", help="Where it stands, deg and mm: A axes, then E axes.")
     ] = None,
     cycle: Annotated[float | None, typer.Option(metavar="MS", help="12 for #IPO on KRC4 and later.")] = None,
+    lag: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MS", help="Lag of the measured position: 30, or A1=33,A2=27; else the profile's."
+        ),
+    ] = None,
     mode: Annotated[str, typer.Option(help="absolute or relative.")] = "absolute",
     aspos: Annotated[
         str, typer.Option(help="stands or moves: what ASPos and RSol do while the robot is corrected.")
@@ -53,7 +59,7 @@ def krc(
     from armgate.emulator.krc.process import serve  # noqa: PLC0415
 
     ethernet = setup.ethernet_of(config)
-    kind = setup.profile_of(profile, cycle)
+    kind = setup.profile_of(profile, cycle, lag)
     options = setup.Setup(
         profile=kind,
         ethernet=ethernet,

@@ -5,7 +5,7 @@ to the drives, and sends the next telegram with the position measured at that mo
 shows in the telegram after the next one at the earliest.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from random import Random
 
 from armgate.emulator.krc.arm import Arm
@@ -60,7 +60,7 @@ class Controller:
         self._writer = TelegramWriter(ethernet, context.precision, profile.root)
         self._feedback = Feedback(arm, profile.linear_sent, self._writer.needed, moves=context.aspos_moves)
         self._inbox = Inbox(ReplyParser(ethernet), profile.reply_within, notes)
-        self._robot = EmulatedRobot(arm.start, profile.cycle, profile.lag)
+        self._robot = self._robot_at(arm.start)
         self._state, self._message, self._cycles, self._runs = State.STOPPED, "", 0, 0
         # Whether a reply is due; the run's first telegram is still to come; the last one was a short frame.
         self._asked, self._begins, self._short = False, True, False
@@ -115,7 +115,7 @@ class Controller:
             return f"there is no axis {axis!r}; expected one of {', '.join(self._arm.names)}"
         moved = list(self._robot.q)
         moved[self._arm.names.index(axis)] += by
-        self._robot = EmulatedRobot(moved, self._profile.cycle, self._profile.lag)
+        self._robot = self._robot_at(moved)
         self._run.drives.rest(moved)
         return None
 
@@ -183,6 +183,10 @@ class Controller:
         return self._writer.write(self._feedback.values(self._run, self._robot.q), ipoc)
 
     # --- states -------------------------------------------------------------------------------------------
+
+    def _robot_at(self, q: Sequence[float]) -> EmulatedRobot:
+        lags = [self._profile.lag_of(axis) for axis in self._arm.names]
+        return EmulatedRobot(q, self._profile.cycle, lags)
 
     def _begin(self) -> Run:
         """RSI_ON: the program keeps the robot where it now stands."""

@@ -6,7 +6,8 @@ and the attributes of ``Profile`` and ``Tolerance`` say so.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from armgate.emulator.krc.errors import KrcError
 
@@ -58,6 +59,7 @@ class Profile:
         separate_external: Whether external axes are corrected by an object of its own (AXISCORREXT), which
             is an error on a robot without them.
         lag: Time constant of the measured position, s.
+        lags: Time constants of axes that lag differently, by axis, s.
         reply_within: Until when a reply counts, s after its telegram; at most the cycle.
         late_in_a_row: So many late cycles in a row are borne (assumed); None: any number.
         late_share: So large a share of late cycles in the last 100 is borne (assumed).
@@ -80,6 +82,11 @@ class Profile:
     late_in_a_row: int | None
     late_share: float
     tolerance: Tolerance
+    lags: Mapping[str, float] = field(default_factory=dict)
+
+    def lag_of(self, axis: str) -> float:
+        """Return the time constant of an axis's measured position, s."""
+        return self.lags.get(axis, self.lag)
 
     def in_cycle(self, cycle: float) -> "Profile":
         """The same controller with another cycle: 12 ms is what #IPO gives on KRC4 and later.

@@ -2,7 +2,7 @@
 
 import ipaddress
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from armgate.cell.errors import ModelError
 from armgate.emulator.krc.arm import Arm, arm_of_cell, arm_of_urdf, kr16
 from armgate.emulator.krc.context import AXISCORR, AXISCORRMON, Context, Limits, Mode
 from armgate.emulator.krc.errors import KrcError
-from armgate.emulator.krc.ethernet import LIMIT, Ethernet, read_ethernet
+from armgate.emulator.krc.ethernet import A_AXES, E_AXES, LIMIT, Ethernet, read_ethernet
 from armgate.emulator.krc.network import Disturbance
 from armgate.emulator.krc.port import Peer
 from armgate.emulator.krc.profile import Profile, profile_named
@@ -66,14 +66,19 @@ def ethernet_of(path: Path) -> Ethernet:
         raise KrcError(f"{path}: {error}") from error
 
 
-def profile_of(name: str, cycle_ms: float | None) -> Profile:
-    """The profile, in another cycle if one is wanted.
+def profile_of(name: str, cycle_ms: float | None, lag: str | None = None) -> Profile:
+    """Return the profile with another cycle or other lags, if given.
 
     Raises:
-        KrcError: There is no such profile or cycle.
+        KrcError: There is no such profile, cycle or axis, or a lag is not above 0.
     """
     profile = profile_named(name)
-    return profile if cycle_ms is None else profile.in_cycle(cycle_ms * _MS)
+    if cycle_ms is not None:
+        profile = profile.in_cycle(cycle_ms * _MS)
+    if lag is None:
+        return profile
+    lags = Limits.from_text(lag, profile.lag / _MS)
+    return replace(profile, lags={axis: lags[axis] * _MS for axis in (*A_AXES, *E_AXES)})
 
 
 def context_of(
