@@ -23,7 +23,7 @@ from armgate.cell.cell import Cell, Robot
 from integrity import scenes
 from integrity.disturbances import Operator, pushed
 from integrity.oracle import Oracle
-from integrity.rig import GRID, HARSH, JITTER, KEEPS, PROMPT, ROUGH, Rig, Tally, Traffic
+from integrity.rig import GRID, HARSH, JITTER, KEEPS, LIES, PROMPT, ROUGH, Rig, Tally, Traffic
 
 Vector = np.ndarray
 
@@ -215,6 +215,7 @@ SETTINGS = (
     Setting("lever", beyond=0.4, attacks=("creep",), share=0.5),
     Setting("lever_out", beyond=0.7, response="slow", attacks=("creep",), share=0.3),
     Setting("corner", beyond=0.3, lag=0.03, traffic=ROUGH, share=0.3),
+    Setting("duel", lag=0.03, traffic=LIES, share=0.3),
     Setting("lane", pushes=True, share=0.3),
     Setting("niche", pushes=True, share=0.3),
 )

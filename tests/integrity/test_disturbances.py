@@ -10,7 +10,7 @@ from armgate.integrity.robot import RobotState
 from integrity import scenes
 from integrity.adversary import SETTINGS, arena, attack
 from integrity.disturbances import worst_noise
-from integrity.rig import Player, Rig
+from integrity.rig import LIES, Player, Rig
 
 
 def found(scene, tries=6, **given):
@@ -90,6 +90,11 @@ def test_a_standing_robot_that_is_not_reset_is_found(monkeypatch):
 def test_a_moving_robot_that_is_reset_is_found(monkeypatch):
     monkeypatch.setattr(RobotState, "resting", property(lambda self: not self.remaining))
     assert any("left to go" in text for text in found("boom_delayed"))
+
+
+def test_a_link_that_plays_something_else_is_found(monkeypatch):
+    monkeypatch.setattr("armgate.integrity.gate.contradiction", lambda *given: None)
+    assert any("not its plan" in text for text in found("duel", traffic=LIES))
 
 
 def test_the_worst_noise_leads_to_what_is_nearest():

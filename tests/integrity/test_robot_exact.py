@@ -220,3 +220,12 @@ def test_a_robot_that_stood_long_before_its_setpoint_changed_does_not_rest_for_t
     for k, q in enumerate((0.0, 1e-3, 1.5e-3, 2e-3)):
         tick(state, (0.1, 0.0), (q, 0.0), time=2.0 + window + 0.01 * (k - (window > 0)))
         assert not state.resting
+
+
+def test_a_setpoint_that_differs_by_rounding_from_the_gates_own_sum_has_not_changed():
+    state = cart(window=0.5)
+    tick(state, (0.1, 0.0), time=0.0)
+    for k in range(1, 5):
+        tick(state, (0.1 + 0.5e-9, 0.0), (0.3, 0.0), time=0.01 * k)
+    assert state.changed == -math.inf
+    assert state.resting

@@ -27,7 +27,8 @@ class Reservations:
 
     def hold_plan(self, s: RobotState) -> None:
         """Reserves what the robot may still pass along the held plan."""
-        self._clearance.fit(s.index, s.places, s.room)
+        if self._clearance.space.ranges[s.index].levers:
+            self._clearance.fit(s.index, s.places, s.room)
         occupied = s.occupancy_to(s.end, s.brake)
         s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
         self._hold(s)

@@ -197,7 +197,7 @@ class RobotState:
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
-        if self.tick >= 0 and event.setpoint != self.setpoint:
+        if self.tick >= 0 and not same(event.setpoint, self.setpoint):
             self.changed = event.time
         if event.time <= self._last_change + _SAME_TIME:
             self.stillness.begin()
