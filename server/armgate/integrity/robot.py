@@ -240,7 +240,7 @@ class RobotState:
         by reset. A joint inside its limits is not led out of them by what the measurement may err by.
         """
         tolerance = self.robot.q_tolerance + STILL
-        at = self.measured if self.faulted else self.q
+        at = self.measured if self.faulted or self.stray is not None else self.q
         near = [abs(m - s) <= tolerance for m, s in zip(self.measured, self.setpoint, strict=True)]
         inside = self._inside(at, tolerance)
         return tuple(s if keep else x for s, keep, x in zip(self.setpoint, near, inside, strict=True))
