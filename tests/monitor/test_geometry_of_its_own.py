@@ -89,7 +89,7 @@ def _points(body, frame):
     return body.solid.points @ place[:3, :3].T + place[:3, 3]
 
 
-# --- distances --------------------------------------------------------------------------------------------------
+# --- distances ----------------------------------------------------------------------------------------------
 
 
 def random_place(rng, spread):
@@ -133,9 +133,11 @@ def test_known_distances():
     box, ball = primitive("box", [1.0, 1.0, 1.0], ""), primitive("sphere", [0.25], "")
     rod, tip = primitive("capsule", [0.1, 1.0], ""), primitive("cone", [0.3, 0.6], "")
     cases = [
-        (box, ball, [2.0, 0.0, 0.0], 1.25), (box, ball, [0.6, 0.0, 0.0], -0.15), (box, box, [1.0, 3.0, 0.0], 2.0),
-        (box, box, [0.7, 0.2, 0.0], -0.3), (rod, rod, [0.5, 0.0, 1.2], np.hypot(0.5, 0.2) - 0.2),
-        (rod, rod, [0.0, 0.0, 0.0], -0.2), (tip, ball, [0.0, 0.0, 0.75], 0.2), (tip, tip, [1.0, 0.0, 0.0], 0.4),
+        (box, ball, [2.0, 0.0, 0.0], 1.25), (box, ball, [0.6, 0.0, 0.0], -0.15),
+        (box, box, [1.0, 3.0, 0.0], 2.0), (box, box, [0.7, 0.2, 0.0], -0.3),
+        (rod, rod, [0.5, 0.0, 1.2], np.hypot(0.5, 0.2) - 0.2),
+        (rod, rod, [0.0, 0.0, 0.0], -0.2), (tip, ball, [0.0, 0.0, 0.75], 0.2),
+        (tip, tip, [1.0, 0.0, 0.0], 0.4),
     ]  # fmt: skip
     for one, two, where, expected in cases:
         T = np.eye(4)
@@ -145,7 +147,7 @@ def test_known_distances():
         assert found.high >= found.low
 
 
-# --- meshes -------------------------------------------------------------------------------------------------------
+# --- meshes -------------------------------------------------------------------------------------------------
 
 
 BLOCK = meshes.blocks(meshes.BAR, (0.0, 0.2), (0.0, 0.2), (0.0, 0.2))
@@ -172,7 +174,8 @@ def _inside(solid: Solid, at) -> float:
 def test_pieces_that_do_not_touch_are_solids_of_their_own():
     vertices, faces = BLOCK
     two = Mesh(
-        np.concatenate([vertices, vertices + [1.0, 0.0, 0.0]]), np.concatenate([faces, faces + len(vertices)])
+        np.concatenate([vertices, vertices + np.array([1.0, 0.0, 0.0])]),
+        np.concatenate([faces, faces + len(vertices)]),
     )
     assert len(solids_of(two, (1.0, 1.0, 1.0), "parts")) == 2
 
@@ -191,7 +194,7 @@ def test_boxes_around_triangles_never_leave_any_out():
         assert tree == pytest.approx(each, abs=1e-6)
 
 
-# --- stops --------------------------------------------------------------------------------------------------------
+# --- stops --------------------------------------------------------------------------------------------------
 
 
 def test_what_a_robot_still_moves_is_the_sum_of_its_braking():
