@@ -117,6 +117,39 @@ def test_a_link_without_a_plan_cannot_move():
     assert [one.reason for one in out] == ["left's link plays an increment that its plan does not have"]
 
 
+# --- links that are not ready ------------------------------------------------------------------------------
+
+
+def probing(u, **changes):
+    """A link that is not ready moves left by u; returns the hands, the kept bound before, and the reasons."""
+    hands = link()
+    hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
+    kept = hands.kept()
+    tick = Tick("left", 1, T, hands.q[0], (hands.q[0][0] + u,), (u,))
+    return hands, kept, hands.send(replace(tick, **changes))
+
+
+def test_a_link_that_is_not_ready_may_move_its_robot_to_prove_that_it_obeys():
+    hands, kept, reasons = probing(STEP)
+    assert reasons == []
+    assert hands.view().setpoint == pytest.approx((hands.q[0][0] + STEP,))
+    assert hands.kept() == pytest.approx(kept - STEP)  # and what is proven of it is lowered by as much
+    assert hands.kept(1) == hands.kept()
+
+
+def test_a_probe_keeps_the_speed_bound_and_adds_up():
+    assert probing(1.001 * T)[2] == ["left's link moves J0 faster than its speed bound"]
+    assert "do not add up" in probing(STEP, setpoint=(0.3,))[2][0]
+
+
+def test_a_link_that_is_lost_plays_what_it_still_has_of_its_plan():
+    hands = moving()
+    hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
+    number = hands.tick[0] + 1
+    wrong = Tick("left", number, number * T, hands.q[0], (hands.q[0][0] + STEP,), (STEP,))
+    assert hands.send(wrong) == ["left's link ends its plan before the robot is at rest"]
+
+
 # --- held robots ------------------------------------------------------------------------------------------
 
 

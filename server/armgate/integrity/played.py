@@ -29,6 +29,8 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
     """Return what contradicts the plan that the gate believes the link plays; None if nothing does."""
     if event.rebased:
         return _held_elsewhere(s, event)
+    if probes(s, event):
+        return _too_fast(s, event) or _not_added_up(s, event)
     due = s.remaining[0] if s.remaining else s.zeros
     if event.plan is None:
         if s.remaining and any(map(any, s.remaining)):
@@ -37,9 +39,25 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
         return f"{s.name}'s link plays a plan that the gate has not given it"
     if not _close(event.increment, due):
         return f"{s.name}'s link plays an increment that its plan does not have"
-    if not same(tuple(a + b for a, b in zip(s.setpoint, due, strict=True)), event.setpoint):
-        return f"{s.name}'s link reports a setpoint that its increments do not add up to"
+    return _not_added_up(s, event)
+
+
+def probes(s: RobotState, event: Tick) -> bool:
+    """Return True if a link that is not ready moves its robot by itself, to prove that the robot obeys."""
+    return s.link is not LinkState.READY and event.plan is None and not s.remaining and any(event.increment)
+
+
+def _too_fast(s: RobotState, event: Tick) -> str | None:
+    for name, u, most in zip(s.bounds.names, event.increment, s.bounds.speed, strict=True):
+        if abs(u) > most + ROUNDING:
+            return f"{s.name}'s link moves {name} faster than its speed bound"
     return None
+
+
+def _not_added_up(s: RobotState, event: Tick) -> str | None:
+    if same(tuple(a + b for a, b in zip(s.setpoint, event.increment, strict=True)), event.setpoint):
+        return None
+    return f"{s.name}'s link reports a setpoint that its increments do not add up to"
 
 
 def _held_elsewhere(s: RobotState, event: Tick) -> str | None:
