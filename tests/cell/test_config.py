@@ -292,3 +292,89 @@ def test_a_wrong_rsi_link_is_refused_with_its_place(configs, tmp_path, key, said
     with pytest.raises(ConfigError, match=r"real.yaml:2: robots.P.link") as caught:
         load_config([configs / "planar.yaml", overlay])
     assert said in str(caught.value)
+
+
+# --- empty and extreme values -------------------------------------------------------------------------------
+
+SECTIONS = ["clock", "server", "recording", "metrics", "stop_distance", "response", "max_age_ticks"]
+OF_A_ROBOT = ["base", "gantry", "frames", "bodies", "camera", "joints", "meshes", "ignore_pairs", "link"]
+
+
+def test_empty_surroundings_are_none(write):
+    path = write(("  post: {shape: {capsule: [50 mm, 1 m]}, xyz: [1, 1, 0]}\n", ""))
+    assert load_config([path]).surroundings == {}
+
+
+@pytest.mark.parametrize("key", SECTIONS)
+def test_an_empty_section_is_none_and_an_empty_value_is_refused(write, key):
+    path = write(more=f"{key}:\n")
+    if key in ("stop_distance", "response", "max_age_ticks"):
+        error = refused(path)
+        assert error.path == key
+        assert "an empty value" in str(error)
+    else:
+        plain = load_config([write(name="plain.yaml")])
+        assert getattr(load_config([path]), key) == getattr(plain, key)
+
+
+@pytest.mark.parametrize("key", [*OF_A_ROBOT, "urdf", "tool", "start", "period", "lag_window", "q_tolerance"])
+def test_an_empty_section_of_a_robot_is_none_and_an_empty_value_is_refused(configs, tmp_path, key):
+    robot = {"urdf": str(configs / "robots/planar3.urdf"), "start": [0, 0, 0]}
+    text = yaml.safe_dump({"armgate": 1, "name": "c", "robots": {"P": robot | {key: 99}}}, sort_keys=False)
+    path = tmp_path / "c.yaml"
+    path.write_text(text.replace("99", ""))
+    if key in OF_A_ROBOT:
+        assert load_config([path]).robots["P"].urdf.endswith("planar3.urdf")
+    else:
+        assert "an empty value" in str(refused(path))
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["surroundings: {a: }", "surroundings: {a: {shape: }}", "surroundings: {a: {shape: {sphere: 1}, xyz: }}"],
+)
+def test_an_empty_place_or_shape_is_refused(write, more):
+    whole = write(("surroundings:\n  post: {shape: {capsule: [50 mm, 1 m]}, xyz: [1, 1, 0]}\n", f"{more}\n"))
+    assert "an empty value" in str(refused(whole))
+
+
+def test_an_empty_section_of_an_overlay_takes_nothing_away(write, tmp_path):
+    overlay = tmp_path / "over.yaml"
+    overlay.write_text("armgate: 1\nsurroundings:\nrobots: {P: {joints: }}\n")
+    config = load_config([write(), overlay])
+    assert list(config.surroundings) == ["post"]
+    assert list(config.robots["P"].joints) == ["J1"]
+    overlay.write_text("armgate: 1\nsurroundings: null\n")
+    assert load_config([write(), overlay]).surroundings == {}
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        ("max_age_ticks: " + "9" * 5000, "a number of 5000 digits"),
+        ("stop_distance: 1" + "0" * 400, "a number of 401 digits"),
+        ("stop_distance: 1e308", "stop_distance: 1e+308 is too large; expected at most 1000"),
+        ("stop_distance: 1e999", "stop_distance: inf is not finite"),
+        ("server: {lease_ttl: 1e300}", "lease_ttl: 1e+300 is too large"),
+    ],
+)
+def test_extreme_numbers_are_refused(write, more, text):
+    assert text in str(refused(write(more=more + "\n")))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("period", "1e-300"), ("period", "1e300"), ("base", "{xyz: [1e308, 0, 0]}"),
+     ("base", "{rpy: [1e308, 0, 0]}"),
+     ("bodies", "{a: {link: tool0, shape: {sphere: 1}, xyz: [1e308, 1e308, 0]}}"),
+     ("q_tolerance", "1e300"),
+     ("lag_window", "1e308"), ("joints", "{J2: {acceleration: 1e308}}"), ("start", "[1e308, 0, 0]")],
+)  # fmt: skip
+def test_extreme_numbers_of_a_robot_are_refused(write, key, value):
+    old = "    start: [0 deg, 45 deg, 0.5]\n"
+    kept = "" if key == "start" else old
+    joints = "    joints:\n      J1: {velocity: 90 deg/s, deceleration: null}\n"
+    whole = write((old, f"{kept}    {key}: {value}\n"), (joints, ""))
+    error = refused(whole, build=key in ("joints", "start"))
+    assert key in error.path
+    assert "too large" in str(error) or "too small" in str(error) or "out of range" in str(error)

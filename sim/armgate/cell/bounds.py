@@ -14,6 +14,7 @@ from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.cell.model import Joint, RobotModel
 from armgate.cell.source import Path_
 from armgate.cell.units import UNITS, Quantity
+from armgate.cell.urdf import MAX_NUMBER
 
 Array = NDArray[np.float64]
 
@@ -182,4 +183,6 @@ def _value(config: CellConfig, path: Path_, given: Quantity, joint: Joint, per: 
     if not given.fits(dimension):
         text = f"{given.given!r} does not fit joint {joint.name}, which is {joint.kind}"
         raise config.error(path, f"{text}; expected {UNITS[dimension]}")
+    if abs(given.value) > MAX_NUMBER:
+        raise config.error(path, f"{given.value:g} is out of range; expected a number within ±{MAX_NUMBER:g}")
     return given.value

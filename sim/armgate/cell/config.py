@@ -243,13 +243,13 @@ class RobotConfig(Part):
     tool: Name = "tool0"
     camera: Name | None = None
     start: tuple[JointValue, ...]
-    period: Period = 0.012
+    period: Annotated[Period, Field(ge=1e-4, le=10.0)] = 0.012
     joints: dict[Name, JointConfig] = {}
     meshes: MeshesConfig = MeshesConfig()
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
     lag_difference: Annotated[Duration, Field(ge=0.0)] | None = None
-    q_tolerance: Annotated[float, Field(ge=0.0)] = 1e-6
+    q_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-6
     link: Annotated[LinkConfig, Field(discriminator="kind")] = EmulatedLinkConfig()
 
 

@@ -87,7 +87,9 @@ def _text(detail: ErrorDetails, path: Path_, model: type[BaseModel]) -> str:
 
 
 def _shown(value: object) -> str:
-    """As it could stand in a file, and not too long."""
+    """Return a value as it could stand in a file, and not too long."""
+    if value is None:
+        return "an empty value"
     text = (
         f"{value:g}" if isinstance(value, float) else repr(list(value) if isinstance(value, tuple) else value)
     )

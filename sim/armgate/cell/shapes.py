@@ -17,6 +17,9 @@ from armgate.cell.errors import ModelError
 Kind = Literal["sphere", "capsule", "cylinder", "box", "cone", "convex"]
 Points = tuple[tuple[float, float, float], ...]
 
+MAX_EXTENT = 1e3
+"""Largest length of a cell: sizes and coordinates, m."""
+
 THINNEST = 1e-6
 """A convex body must be at least this thick, m, and 1e-5 of its extent: flat ones have no inside."""
 
@@ -36,9 +39,11 @@ class Primitive:
 
     def __post_init__(self) -> None:
         for size in self.size:
-            if not (math.isfinite(size) and size > 0.0):
+            if not 0.0 < size <= MAX_EXTENT:
                 raise ModelError(
-                    f"a {self.kind} cannot have the size {size}; expected a positive number of metres"
+                    f"a {self.kind} cannot have the size {size}; expected a positive number of metres, at "
+                    f"most "
+                    f"{MAX_EXTENT:g}"
                 )
 
     @property
@@ -204,6 +209,8 @@ class Convex(Primitive):
             raise ModelError(f"{len(self.vertices)} corners of a convex body; expected 4 points or more")
         if not (np.all(np.isfinite(points)) and math.isfinite(self.radius) and self.radius >= 0.0):
             raise ModelError("a convex body has a corner or a radius that is no finite number of metres")
+        if np.abs(points).max() > MAX_EXTENT or self.radius > MAX_EXTENT:
+            raise ModelError(f"a convex body reaches beyond {MAX_EXTENT:g} m; expected a smaller one")
         if not is_solid(self.vertices):
             raise ModelError(
                 f"a convex body is flat; expected it at least {THINNEST:g} m and 1e-5 of its extent thick"

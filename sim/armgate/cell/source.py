@@ -18,6 +18,7 @@ Scalar = None | bool | int | float | str
 Path_ = tuple[str | int, ...]
 MAX_BYTES = 4 * 1024 * 1024
 MAX_NODES = 100_000
+_DIGITS = 40
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,15 @@ class Mark:
 
 @dataclass(frozen=True)
 class Node:
-    """A value of the tree (a mapping, a sequence or a scalar), where it stands, and where its keys do."""
+    """A value of the tree (a mapping, a sequence or a scalar), where it stands, and where its keys do.
+
+    ``empty`` is True if nothing at all stands there, not even ``null``.
+    """
 
     value: "dict[str, Node] | tuple[Node, ...] | Scalar"
     mark: Mark
     keys: dict[str, Mark] = field(default_factory=dict)
+    empty: bool = False
 
     def plain(self) -> object:
         """The value without marks; sequences are tuples."""
@@ -75,6 +80,8 @@ def read_tree(paths: Sequence[Path]) -> Node:
 
 
 def _overlay(below: Node, above: Node) -> Node:
+    if above.empty and isinstance(below.value, dict):
+        return below  # a section in which nothing stands adds nothing, and takes nothing away
     if not (isinstance(below.value, dict) and isinstance(above.value, dict)):
         return above
     if _kind(above) not in (None, _kind(below)):
@@ -155,7 +162,11 @@ class _Converter:
         if isinstance(node, yaml.SequenceNode):
             parts = tuple(self.convert(part, (*path, i), around) for i, part in enumerate(node.value))
             return Node(parts, self._mark(node))
-        return Node(self._scalar(node, path), self._mark(node))
+        return Node(
+            self._scalar(node, path),
+            self._mark(node),
+            empty=node.value == "" and getattr(node, "style", None) is None,
+        )
 
     def _mapping(self, node: yaml.MappingNode, path: Path_, around: tuple[int, ...]) -> Node:
         values: dict[str, Node] = {}
@@ -178,6 +189,8 @@ class _Converter:
         if node.tag == "tag:yaml.org,2002:bool":
             return text.lower() == "true"
         if node.tag == "tag:yaml.org,2002:int":
+            if len(text) > _DIGITS:
+                raise self._error(node, path, f"a number of {len(text)} digits; expected at most {_DIGITS}")
             return int(text)
         if node.tag == "tag:yaml.org,2002:float":
             return float(text.replace(".inf", "inf").replace(".nan", "nan"))

@@ -60,7 +60,8 @@ def quantity(given: object) -> Quantity:
         return Quantity(_finite(float(given), given), None, float(given))
     if isinstance(given, str):
         return _from_text(given)
-    raise ValueError(f"{given!r} is not a number; expected a number or a text with a unit, as '-94 deg'")
+    shown = "an empty value" if given is None else repr(given)
+    raise ValueError(f"{shown} is not a number; expected a number or a text with a unit, as '-94 deg'")
 
 
 def _from_text(text: str) -> Quantity:

@@ -19,7 +19,7 @@ from typing import Literal
 from armgate.cell.errors import ModelError
 from armgate.cell.names import NAME_TEXT, is_name, is_part_name, whole_name
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import Box, Convex, Shape, shape_from
+from armgate.cell.shapes import MAX_EXTENT, Box, Convex, Shape, shape_from
 from armgate.cell.urdf_words import VERSIONS, unread
 from armgate.cell.urdf_xml import parse_xml, place
 
@@ -33,6 +33,9 @@ _SIZES = {
     "cylinder": ("radius", "length"),
     "cone": ("radius", "length"),
 }
+MAX_NUMBER = 1e9
+"""Largest number, in whatever unit."""
+
 _UNIT = 1e-3
 """Largest deviation of a quaternion's length from 1."""
 
@@ -281,9 +284,11 @@ def numbers(
         values = [float(part) for part in text.split()]
     except ValueError:
         values = []
-    if len(values) != count or not all(math.isfinite(value) for value in values):
+    if len(values) != count or not all(abs(value) <= MAX_NUMBER for value in values):
+        shown = text if len(text) <= 60 else text[:57] + "..."
         raise ModelError(
-            f"{where}: {attribute}={text!r} in <{element.tag}>; expected {count} finite number(s)"
+            f"{where}: {attribute}={shown!r} in <{element.tag}>; expected {count} finite number(s) within "
+            f"±{MAX_NUMBER:g}"
         )
     return values
 
@@ -299,6 +304,8 @@ def origin_of(element: ET.Element, where: str) -> tuple[list[float], list[float]
         return [0.0] * 3, [0.0] * 3
     zeros = "0 0 0"
     xyz = numbers(origin, "xyz", 3, where, zeros)
+    if max(map(abs, xyz)) > MAX_EXTENT:
+        raise ModelError(f"{where}: an origin beyond {MAX_EXTENT:g} m; expected metres")
     if "quat_xyzw" not in origin.attrib:
         return xyz, numbers(origin, "rpy", 3, where, zeros)
     if "rpy" in origin.attrib:

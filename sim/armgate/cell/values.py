@@ -12,9 +12,11 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     StringConstraints,
     model_serializer,
+    model_validator,
 )
 
 from armgate.cell.names import NAME
+from armgate.cell.shapes import MAX_EXTENT
 from armgate.cell.units import Quantity, quantity, to_si
 
 
@@ -28,11 +30,17 @@ def _not_zero(factor: float) -> float:
     return factor
 
 
+MAX_ANGLE = 1e3
+"""Largest angle of a placement, rad."""
+
+MAX_TIME = 1e6
+"""Longest time that can be configured, s."""
+
 Name = Annotated[str, StringConstraints(pattern=NAME)]
-Length = Annotated[float, _si("length")]
+Length = Annotated[float, _si("length"), Field(ge=-MAX_EXTENT, le=MAX_EXTENT)]
 Size = Annotated[Length, Field(gt=0.0)]
-Angle = Annotated[float, _si("angle")]
-Duration = Annotated[float, _si("time")]
+Angle = Annotated[float, _si("angle"), Field(ge=-MAX_ANGLE, le=MAX_ANGLE)]
+Duration = Annotated[float, _si("time"), Field(le=MAX_TIME)]
 Period = Annotated[Duration, Field(gt=0.0)]
 Speed = Annotated[float, _si("length/s"), Field(gt=0.0)]
 Acceleration = Annotated[float, _si("length/s²"), Field(gt=0.0)]
@@ -47,11 +55,26 @@ JointValue = Annotated[
 
 
 class Part(BaseModel):
-    """What all parts share: strict, immutable, no unknown keys, no NaN and no infinity."""
+    """What all parts share: strict, immutable, no unknown keys, no NaN and no infinity.
+
+    An empty section (``surroundings:`` with nothing below) is the same as none, if it may be left out.
+    """
 
     model_config = ConfigDict(
         strict=True, frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_empty_sections(cls, given: object) -> object:
+        if not isinstance(given, dict):
+            return given
+        sections = {
+            name
+            for name, field in cls.model_fields.items()
+            if isinstance(field.default, dict | BaseModel) or field.default == ()
+        }
+        return {key: value for key, value in given.items() if value is not None or key not in sections}
 
 
 class SparsePart(Part):

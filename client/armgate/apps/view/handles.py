@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from html import escape
 from typing import Any
 
 from armgate.apps.lead.wishes import ToolTarget
@@ -13,6 +14,9 @@ from armgate.client import Joint, RobotDescription
 
 SIZE = 0.45
 """Of the gizmo, m."""
+_LABEL = 8
+"""Longest label beside a slider, in characters."""
+
 HINT = "Hold a slider, or the arrows and arcs at the tool. Let go, and the robot comes to rest."
 
 
@@ -85,7 +89,11 @@ class Handles:
 
     def _slider(self, gui: Any, number: int, joint: Joint, value: float) -> Any:
         low, high = (_shown(joint, limit) for limit in (joint.lower, joint.upper))
-        name = f"{joint.name} [{'°' if joint.unit == 'rad' else 'm'}]"
+        unit = f"[{'°' if joint.unit == 'rad' else 'm'}]"
+        name = f"{joint.name} {unit}"
+        if len(name) > _LABEL:  # beside the slider there is no room for it
+            gui.add_html(f'<div style="margin:4px 10px 0;font-size:12px">{escape(joint.name)}</div>')
+            name = unit
         slider = gui.add_slider(name, low, high, _step(joint), _on_slider(joint, value))
 
         async def moved_by_hand(event: Any) -> None:

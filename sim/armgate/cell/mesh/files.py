@@ -16,7 +16,7 @@ from armgate.cell.mesh.off import read_off
 from armgate.cell.mesh.ply import read_ply
 from armgate.cell.mesh.soup import Soup, triangulated
 from armgate.cell.mesh.stl import read_stl
-from armgate.cell.shapes import is_solid
+from armgate.cell.shapes import MAX_EXTENT, is_solid
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,6 @@ READERS: dict[str, Callable[[bytes], Soup]] = {
 }
 MAX_BYTES = 64 * 1024 * 1024
 MAX_TRIANGLES = 200_000
-MAX_EXTENT = 1e3
-"""Largest coordinate, m."""
 
 
 @dataclass(frozen=True, eq=False)
