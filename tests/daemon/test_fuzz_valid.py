@@ -10,6 +10,7 @@ from armgate.daemon.core import Core
 from armgate.integrity.stops import Stops
 from armgate.protocol import messages as m
 from tools.fuzz.valid.__main__ import main
+from tools.fuzz.valid.live import Live
 from tools.fuzz.valid.oracle import UnkeptError
 from tools.fuzz.valid.rig import Rig
 from tools.fuzz.valid.speaker import Speaker
@@ -29,6 +30,18 @@ def run(folder, *, seed=0, robots=2, joints=3, lockstep=False, messages=1500, on
 )
 async def test_valid_messages_never_break_the_daemon(robots, joints, lockstep, messages, tmp_path):
     run(tmp_path, robots=robots, joints=joints, lockstep=lockstep, messages=messages)
+
+
+@pytest.mark.parametrize(("robots", "joints"), [(2, 6), (5, 20)])
+async def test_valid_messages_over_sockets_never_break_a_daemon(robots, joints, tmp_path):
+    await Live(tmp_path, Random(robots), robots, joints).run(clients=5, messages=120)
+
+
+async def test_a_daemon_that_fails_is_noticed(tmp_path):
+    live = Live(tmp_path, Random(1), 1, 1)
+    live._file.write_text("armgate: 1\nname: nothing\nrobots: {}\n")
+    with pytest.raises(UnkeptError, match="did not start"):
+        await live.run(clients=1, messages=1)
 
 
 def test_every_type_of_message_is_sent_with_every_field(tmp_path):

@@ -27,6 +27,7 @@ class Knowledge:
         fences: Fences of the leases that it holds.
         ticks: Newest tick by robot that a state named.
         step: Newest step in lock-step.
+        in_force: Stops that the newest state shows.
         told: Ids of the newest stops that it was told of.
         assets: Hashes that the description names.
         chosen: The robot that the next message is about.
@@ -37,6 +38,7 @@ class Knowledge:
     fences: dict[str, int] = field(default_factory=dict)
     ticks: dict[str, int] = field(default_factory=dict)
     step: int = 0
+    in_force: set[int] = field(default_factory=set)
     told: deque[int] = field(default_factory=lambda: deque(maxlen=100))
     assets: tuple[str, ...] = ()
     chosen: str = ""
@@ -170,6 +172,7 @@ class Expectations:
         self.known.step = self.known.step if state.step is None else state.step
         names = [entry.robot for entry in state.entries]
         hold(names == [name for name in self.known.robots if name in names], f"entries of {names}")
+        self.known.in_force = {stop for entry in state.entries for stop in entry.stops or ()}
         for entry in state.entries:
             self._entry(entry, wanted, first)
 
