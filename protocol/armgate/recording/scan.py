@@ -121,7 +121,7 @@ def _walk(file: Path, stream: BinaryIO, good: int, size: int) -> tuple[list[Plac
         content = good + PREFIX.size
         if not _plausible(kind) or length > _LARGEST or content + length > size:
             break
-        if kind in (Opcode.HEADER, Opcode.METADATA):
+        if kind in (Opcode.HEADER, Opcode.METADATA) and not chunks:
             if length > _SHORT:
                 raise DamagedError(file, f"damaged at byte {good}: a header of {length} bytes")
             _check(file, kind, stream.read(length))

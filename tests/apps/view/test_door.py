@@ -95,6 +95,15 @@ def test_secrets_differ_from_start_to_start_and_are_not_shown():
     assert one.secret not in repr(one)
 
 
+def test_a_ticket_opens_the_page_once(port):
+    path = f"/?{DOOR.query(once=True)}"
+    assert DOOR.secret not in path
+    assert "101" in upgrade(port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}", path)
+    answer, _ = get(port, path)
+    assert (answer.status, DOOR.secret in answer.headers["Set-Cookie"]) == (302, True)
+    assert get(port, path)[0].status == 403
+
+
 @pytest.mark.parametrize(
     ("host", "url"),
     [
@@ -106,7 +115,7 @@ def test_secrets_differ_from_start_to_start_and_are_not_shown():
     ],
 )
 def test_the_printed_address_can_be_opened(host, url):
-    assert url_of(host, 1, DOOR) == url
+    assert url_of(host, 1, DOOR.query()) == url
 
 
 @pytest.mark.parametrize("name", ["https://robots.example", "", "a b", "robots.example:port"])

@@ -78,6 +78,7 @@ class Door:
     host: str = "localhost"
     names: tuple[Address, ...] = ()
     secret: str = field(default_factory=token_urlsafe, repr=False)
+    _tickets: set[str] = field(default_factory=set, repr=False)
 
     def check(self, headers: Headers, path: str, local: str, cookie: str) -> None:
         """Check a request for the page or for its websocket.
@@ -99,12 +100,21 @@ class Door:
             )
 
     def has_token(self, path: str) -> bool:
-        """Return True if the query of a path contains the secret."""
-        return any(key == _TOKEN and self._is_secret(value) for key, value in _query(path))
+        """Return True if the query of a path contains the secret or a ticket."""
+        given = [value for key, value in _query(path) if key == _TOKEN]
+        return any(self._is_secret(value) or value in self._tickets for value in given)
 
-    def query(self) -> str:
-        """Return the query that the address of the page needs."""
-        return urlencode({_TOKEN: self.secret})
+    def use_up(self, path: str) -> None:
+        """Make the tickets in a path worthless."""
+        self._tickets.difference_update(value for key, value in _query(path) if key == _TOKEN)
+
+    def query(self, *, once: bool = False) -> str:
+        """Return the query that the address of the page needs; with a ticket, it opens the page once."""
+        if not once:
+            return urlencode({_TOKEN: self.secret})
+        ticket = token_urlsafe()
+        self._tickets.add(ticket)
+        return urlencode({_TOKEN: ticket})
 
     def _is_secret(self, value: str) -> bool:
         return compare_digest(value.encode(errors="surrogateescape"), self.secret.encode())
@@ -178,8 +188,8 @@ def _cookies(headers: Headers) -> Mapping[str, str]:
     return {name: value for name, _, value in pairs}
 
 
-def url_of(host: str, port: int, door: Door) -> str:
-    """Return the address of the page, with the secret.
+def url_of(host: str, port: int, query: str) -> str:
+    """Return the address of the page.
 
     A wildcard address is replaced by loopback's, which can be opened on this machine.
     """
@@ -190,4 +200,4 @@ def url_of(host: str, port: int, door: Door) -> str:
     else:
         wild = {4: "127.0.0.1", 6: "::1"}[address.version] if address.is_unspecified else host
         shown = f"[{wild}]" if address.version == 6 else wild
-    return f"http://{shown}:{port}/?{door.query()}"
+    return f"http://{shown}:{port}/?{query}"

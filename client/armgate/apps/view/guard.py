@@ -59,6 +59,7 @@ class Guard:
 
     def _without_token(self, request: Request, cookie: str) -> Response:
         """Move the secret from the address, which users copy and browsers keep, into a cookie."""
+        self.door.use_up(request.path)
         headers = Headers({"Location": without_token(request.path), "Content-Length": "0"})
         headers["Set-Cookie"] = f"{cookie}={self.door.secret}; Path=/; HttpOnly; SameSite=Lax"
         return _with_headers(Response(HTTPStatus.FOUND, "Found", headers))

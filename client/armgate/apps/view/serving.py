@@ -87,10 +87,10 @@ def play(path: Path, *, style: Style, at: Place, open_browser: bool, tell: Calla
 def _say_where(
     server: Any, at: Place, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]
 ) -> None:
-    url = url_of(at.host, server.get_port(), at.door)
-    tell(f"armgate: view at {url}")
-    if open_browser:
-        open_page(url)
+    port = server.get_port()
+    tell(f"armgate: view at {url_of(at.host, port, at.door.query())}")
+    if open_browser:  # all users of this machine can read what a browser is started with
+        open_page(url_of(at.host, port, at.door.query(once=True)))
     if viewer.inset is not None and viewer.inset.problem is not None:
         tell(f"armgate: {viewer.inset.problem}")
 
