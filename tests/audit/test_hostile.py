@@ -18,6 +18,8 @@ from armgate.audit.build import recorded_cell
 from armgate.audit.errors import AuditError
 from armgate.audit.recovering import recovered
 from armgate.audit.reporting import page
+from armgate.monitor.audit import audit
+from armgate.monitor.errors import MonitorError
 from armgate.recording import DamagedError, ForeignError, Header, Recording, Sink
 from support import records
 
@@ -278,3 +280,18 @@ def test_names_are_no_formulas(tmp_path):
     assert "Signals" in text
     assert "\u202e" not in text
     assert "\x1b" not in text
+
+
+@pytest.mark.parametrize("place", ["/dev/zero", "/etc/hostname", "../x.urdf"])
+def test_the_monitor_reads_packed_files_only(tmp_path, header, place):
+    with_header(tmp_path, config(header, lambda tree: urdf(tree, place)))
+    with pytest.raises(MonitorError, match="is not packed with it"):
+        audit(tmp_path, (), 1.0)
+
+
+def test_the_monitor_reads_packed_meshes_only(tmp_path, header):
+    mesh_ = b'<collision><geometry><mesh filename="/dev/zero"/></geometry></collision></link>'
+    text = header.file("A.urdf").replace(b"</link>", mesh_, 1)
+    with_header(tmp_path, changed(header, **{"A.urdf": text}))
+    with pytest.raises(MonitorError, match="is not packed with it"):
+        audit(tmp_path, (), 1.0)
