@@ -127,6 +127,7 @@ class Rig:
         """The program starts, and the link becomes ready."""
         self.operate("start")
         self.until_ready()
+        assert not self.stops, self.stops
         self.take_lease()
         return self
 

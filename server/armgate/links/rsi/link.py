@@ -310,8 +310,8 @@ class RsiLink:
     def _answer(self, run: Run, telegram: Telegram, now: float) -> Answer:
         """Play what this tick is due, answer, and tell."""
         played, moves = self._play()
-        increment = played.increment if run.proven else self._probed(run)
-        values = run.commanded.step(increment)
+        probed = None if run.proven else self._probed(run)
+        values = run.commanded.step(played.increment if run.proven else probed)
         if run.adds:
             values = (0.0,) * len(values)
         run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
@@ -321,10 +321,11 @@ class RsiLink:
             time=now,
             q=telegram.q,
             setpoint=run.commanded.setpoint,
-            increment=(0.0,) * len(telegram.q) if increment is None else increment,
+            increment=played.increment or (0.0,) * len(telegram.q),
             plan=played.key,
             index=played.index,
-            rebased=self._rebased,
+            # What the probe commands is no increment of a plan: the robot is held elsewhere.
+            rebased=self._rebased or probed is not None,
         )
         run.q, run.programmed, run.time = telegram.q, telegram.programmed, now
         self._rebased = False
