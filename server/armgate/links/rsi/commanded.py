@@ -64,17 +64,21 @@ class Commanded:
         Returns:
             The value of each axis for the reply, in the KRC's units.
         """
+        if increment is None:
+            self._before, self._total_before = self.setpoint, self._total
+            return self._rest if self._relative else self._total
+        return self.lead(tuple([q + u for q, u in zip(self.setpoint, increment, strict=True)]))
+
+    def lead(self, setpoint: Joints) -> tuple[float, ...]:
+        """Command a position, near the last one; return the values as `step`."""
         self._before, self._total_before = self.setpoint, self._total
-        if increment is not None:
-            self.setpoint = tuple([q + u for q, u in zip(self.setpoint, increment, strict=True)])
-            self._total = tuple(
-                [
-                    round(factor * (q - origin), _DECIMALS) + 0.0  # never -0.0
-                    for factor, q, origin in zip(self._factors, self.setpoint, self.reference, strict=True)
-                ]
-            )
+        self.setpoint = setpoint
+        self._total = tuple(
+            [
+                round(factor * (q - origin), _DECIMALS) + 0.0  # never -0.0
+                for factor, q, origin in zip(self._factors, setpoint, self.reference, strict=True)
+            ]
+        )
         if not self._relative:
             return self._total
-        if increment is None:
-            return self._rest
         return tuple([new - old for new, old in zip(self._total, self._total_before, strict=True)])

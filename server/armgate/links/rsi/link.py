@@ -311,7 +311,8 @@ class RsiLink:
         """Play what this tick is due, answer, and tell."""
         played, moves = self._play()
         probed = None if run.proven else self._probed(run)
-        values = run.commanded.step(played.increment if run.proven else probed)
+        commanded = run.commanded
+        values = commanded.step(played.increment) if probed is None else commanded.lead(probed)
         if run.adds:
             values = (0.0,) * len(values)
         run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
@@ -334,13 +335,11 @@ class RsiLink:
         return Answer(run.reply, self._told(tick))
 
     def _probed(self, run: Run) -> Joints | None:
-        """Return the probe's increment, None if there is none; refuted or disturbed, it leads back."""
+        """Return where the probe leads, None if it stays; refuted or disturbed, it leads back."""
         commanded = run.commanded
         going = self._state is State.SYNCHRONISING and run.agreed and run.objection is None
         target = run.probe.target(commanded.reference, commanded.setpoint, going)
-        if run.silent or target == commanded.setpoint:
-            return None
-        return tuple([new - old for new, old in zip(target, commanded.setpoint, strict=True)])
+        return None if run.silent or target == commanded.setpoint else target
 
     def _play(self) -> tuple[Played, bool]:
         if self._rebased:

@@ -176,7 +176,7 @@ class Probe:
         self.codes = tuple(codes)
         self._signs = [(1,) * count, *zip(*codes, strict=True)]
         wave = [math.sin(math.pi * k / self._shape.half) for k in range(2 * self._shape.half)]
-        added = [math.fsum(wave[: k + 1]) for k in range(len(wave))]
+        added = [*(math.fsum(wave[: k + 1]) for k in range(len(wave) - 1)), 0.0]
         # Commanded offsets, in amplitudes. In the first round they are the same corrections in either mode.
         self._forms = [added if setup.relative else wave, *[added] * rounds]
         self._area, self._extent = math.fsum(added), math.fsum(map(abs, wave))
@@ -242,7 +242,12 @@ class Probe:
             return tuple([origin + sign * far * place for origin, sign, far in rows])
         step = math.sin(math.pi / self._shape.half)
         rows = zip(reference, setpoint, self._shape.amplitude, strict=True)
-        near = tuple([at + min(max(origin - at, -step * far), step * far) for origin, at, far in rows])
+        near = tuple(
+            [
+                origin if abs(origin - at) <= step * far else at + math.copysign(step * far, origin - at)
+                for origin, at, far in rows
+            ]
+        )
         if self.stage is Stage.BACK and near == reference:
             self.stage = Stage.RESTING
             self._rest()
