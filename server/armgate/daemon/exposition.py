@@ -78,12 +78,13 @@ class Exposition:
         try:
             while True:
                 await asyncio.sleep(bucket.reserve(monotonic()))
+                await self._called()
                 try:
-                    taken, _ = await self._loop.sock_accept(self._socket)
+                    self._seat(self._socket.accept()[0])
+                except (BlockingIOError, ConnectionAbortedError):
+                    pass
                 except OSError:  # no more descriptors or memory: that may pass
                     await asyncio.sleep(_RETRY)
-                    continue
-                self._seat(taken)
         finally:
             open_ = dict(self._open)
             for task in open_:
@@ -92,7 +93,17 @@ class Exposition:
             for taken in open_.values():
                 taken.close()
 
+    async def _called(self) -> None:
+        """Wait for a connection in the system's queue."""
+        called = asyncio.Event()
+        self._loop.add_reader(self._socket, called.set)
+        try:
+            await called.wait()
+        finally:
+            self._loop.remove_reader(self._socket)
+
     def _seat(self, taken: socket.socket) -> None:
+        taken.setblocking(False)
         task = self._loop.create_task(self._answer(taken))
         task.add_done_callback(self._leave)
         self._open[task] = taken
