@@ -3,6 +3,7 @@
 import pytest
 
 from armgate.client import BadArgument, parse_address
+from armgate.client.address import socket_path
 
 
 @pytest.mark.parametrize(
@@ -41,3 +42,11 @@ def test_bad(text, told):
         parse_address(text)
     with pytest.raises(ValueError, match="address"):
         parse_address(text)
+
+
+def test_the_path_of_a_socket():
+    assert socket_path("unix:/run/cell.sock") == "/run/cell.sock"
+    assert socket_path("unix:here.sock") == "here.sock"
+    assert socket_path("127.0.0.1:7411") is None
+    with pytest.raises(BadArgument, match="expected unix:PATH"):
+        socket_path("unix:")

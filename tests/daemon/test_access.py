@@ -2,6 +2,7 @@
 
 import io
 import json
+import socket
 
 import pytest
 
@@ -10,11 +11,14 @@ from armgate.daemon.access import Access
 from armgate.daemon.address import origin
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.bucket import Bucket
+from armgate.daemon.local import LocalError, LocalSocket, uids
 from armgate.daemon.log import Log
+from armgate.daemon.room import Guest
 from armgate.protocol import RemoteProtocolError
 from armgate.protocol import messages as m
 
 HERE = "192.0.2.1"
+USERS = {1000: "operator", 1001: "observer"}
 
 
 class House:
@@ -29,13 +33,14 @@ class House:
         self.stream = io.StringIO()
         self.log = Log(self.stream)
         known = t.Tokens([made.token for made in self.made.values()])
-        self.access = Access(known, Attempts(in_all, per_origin, 0.0), self.log)
+        self.access = Access(known, Attempts(in_all, per_origin, 0.0), self.log, USERS)
 
-    def enter(self, name, role="controller", origin=HERE, now=0.0):
+    def enter(self, name, role="controller", origin=HERE, now=0.0, uid=None):
         """Come in with the token of this name, or with a text that is none."""
         secret = self.made[name].secret if name in self.made else name
         token = {} if secret is None else {"token": secret}
-        return self.access.admit(m.Hello(versions=(1,), name="x", role=role, **token), origin, now)
+        hello = m.Hello(versions=(1,), name="x", role=role, **token)
+        return self.access.admit(hello, Guest(origin, uid), now)
 
     def refusal(self, *args, **more):
         with pytest.raises(RemoteProtocolError) as caught:
@@ -114,6 +119,45 @@ def test_every_token_is_compared_in_constant_time(monkeypatch):
     monkeypatch.setattr(t.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or real(a, b))
     house.enter("eye", "observer")
     assert len(compared) == len(house.made)
+
+
+# --- users of this machine --------------------------------------------------------------------------------
+
+
+def test_a_user_has_the_role_that_the_configuration_gives():
+    house = House(per_origin=100.0)
+    assert house.enter(None, "operator", uid=1000).role == "operator"
+    assert house.enter(None, "observer", uid=1001).role == "observer"
+    assert "observer at most" in house.refusal(None, "controller", uid=1001)
+    assert "user 1002 is not listed" in house.refusal(None, "observer", uid=1002)
+
+
+def test_a_user_may_bring_a_token_instead():
+    house = House(per_origin=100.0)
+    assert house.enter("lab", "controller", uid=1002).token.name == "lab"
+    house.refusal("wrong", "observer", uid=1000)
+
+
+def test_names_of_users_are_those_of_this_machine():
+    assert uids({"root": "operator", "4711": "observer"}) == {0: "operator", 4711: "observer"}
+    with pytest.raises(LocalError, match="no user 'nobody-of-that-name'"):
+        uids({"nobody-of-that-name": "observer"})
+
+
+def test_the_socket_takes_the_place_of_one_that_was_left_and_of_nothing_else(tmp_path):
+    path = tmp_path / "cell.sock"
+    left = socket.socket(socket.AF_UNIX)
+    left.bind(str(path))
+    left.close()
+    served = LocalSocket(path)
+    with pytest.raises(LocalError, match="another daemon listens"):
+        LocalSocket(path)
+    served.close()
+    assert not path.exists()
+    path.write_text("something")
+    with pytest.raises(LocalError, match="is no socket"):
+        LocalSocket(path)
+    assert path.read_text() == "something"
 
 
 # --- failures ---------------------------------------------------------------------------------------------

@@ -425,3 +425,53 @@ async def test_programs_say_what_is_wrong_with_a_login(secured):
         status, err = await lead(secured, *arguments)
         assert status == 2
         assert told in err
+
+
+# --- users of this machine --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("role", "more"), [("controller", "operator"), ("observer", "controller")])
+async def test_on_a_unix_socket_the_kernel_tells_who_a_client_is(tmp_path, connect, role, more):
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml(server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: {role}}}}}}}"))
+    address = f"unix:{tmp_path / 'cell.sock'}"
+    async with Process.serving(config, "--require-login", host="unix") as daemon:
+        cell = await connect(address, "me", role)
+        assert cell.welcome.role == role
+        assert len(await done(cell.urdf("A"))) > 1000
+        await done(cell.close())
+        with pytest.raises(Rejected, match=f"user {os.getuid()} may come in as {role} at most"):
+            await connect(address, "me", more)
+        with pytest.raises(BadArgument, match="speaks no TLS"):
+            await connect(address, "me", role, tls=True)
+        daemon.signal()
+        status, log = await daemon.end()
+    assert status == 0
+    assert not (tmp_path / "cell.sock").exists()
+    (welcome,) = (line for line in log if line["event"] == "welcome")
+    assert welcome["address"] == f"uid {os.getuid()}"
+    with pytest.raises(ConnectionLost, match="does `armgate serve` run there"):
+        await connect(address, "me", role)
+
+
+async def test_a_user_that_is_not_listed_needs_a_token(tmp_path):
+    secret, _ = await token(tmp_path / "tokens", "--role", "operator")
+    config = tmp_path / "arms.yaml"
+    server = f"{{tokens: tokens, socket: {{path: cell.sock, users: {{{os.getuid() + 1}: operator}}}}}}"
+    config.write_text(arms_yaml(server=server))
+    address = f"unix:{tmp_path / 'cell.sock'}"
+    async with Process.serving(config) as daemon:
+        with pytest.raises(Rejected, match="is not listed"):
+            await aio.connect(address, "me", "observer")
+        async with await aio.connect(address, "me", "operator", secret) as cell:
+            assert cell.welcome.role == "operator"
+        with pytest.raises(Rejected):
+            await aio.connect(f"127.0.0.1:{daemon.port}", "me", "observer")
+
+
+async def test_a_service_refuses_to_start_without_login(tmp_path):
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml())
+    status, out, err = await run("serve", config, "--require-login")
+    assert (status, out) == (2, "")
+    assert "configure server.tokens or server.socket" in err

@@ -175,7 +175,8 @@ class Process:
             async with asyncio.timeout(PATIENCE):
                 line = (await process.stdout.readline()).decode()
             assert line.startswith(f"armgate: listening on {host}:"), line
-            yield cls(process, int(line.rpartition(":")[2]))
+            number = line.rpartition(":")[2].strip()
+            yield cls(process, int(number) if number.isdigit() else 0)
         finally:
             await Raw.close_all()
             if process.returncode is None:

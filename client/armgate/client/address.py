@@ -1,4 +1,4 @@
-"""Addresses of a daemon: ``HOST:PORT``, an IPv6 host in brackets."""
+"""Addresses of a daemon: ``HOST:PORT``, an IPv6 host in brackets, or ``unix:PATH``."""
 
 from armgate.client.errors import BadArgument
 
@@ -23,3 +23,17 @@ def parse_address(text: str) -> tuple[str, int]:
     if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
         raise BadArgument(f"address {text!r}: port {port!r}; expected a number from 1 to 65535")
     return host, int(port)
+
+
+def socket_path(address: str) -> str | None:
+    """Return the path of ``unix:PATH``; None for another form of address.
+
+    Raises:
+        BadArgument: There is no path.
+    """
+    kind, colon, path = address.partition(":")
+    if kind != "unix" or not colon:
+        return None
+    if not path:
+        raise BadArgument(f"address {address!r}: no path; expected unix:PATH, e.g. unix:/run/cell.sock")
+    return path

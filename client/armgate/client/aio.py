@@ -8,18 +8,19 @@ connection.
 # ruff: noqa: ASYNC109 (timeouts are parameters here as there)
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator, Callable, Iterable
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from armgate.client.address import parse_address
+from armgate.client.address import parse_address, socket_path
 from armgate.client.asset import Download
 from armgate.client.errors import ClientError, TimedOut
 from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
 from armgate.client.session import Session, build
 from armgate.client.tick import Tick
-from armgate.client.tls import Tls, check_token, context_of, no_connection
+from armgate.client.tls import Tls, check_token, context_of, no_connection, no_tls_on
 from armgate.protocol.messages import (
     Acquire,
     Answer,
@@ -60,7 +61,7 @@ async def connect(
     """Connects to a daemon, says hello and asks for the description of its cell.
 
     Args:
-        address: ``HOST:PORT``.
+        address: ``HOST:PORT``, or ``unix:PATH`` of a socket on this machine.
         name: This client's name, as others see it; in lock-step a participant's.
         role: ``observer`` looks on, ``controller`` also moves robots, ``operator`` also resets and takes
             over.
@@ -75,12 +76,10 @@ async def connect(
         ConnectionLost: Nobody listens there, or (``Rejected``) the daemon does not want this client.
         TimedOut: No welcome in time.
     """
-    host, port = parse_address(address)
     context = context_of(tls)
     wire = Wire(Session())
-    loop = asyncio.get_running_loop()
     try:
-        await asyncio.wait_for(loop.create_connection(lambda: wire, host, port, ssl=context), timeout)
+        await asyncio.wait_for(_call(wire, address, context), timeout)
     except OSError as error:
         raise no_connection(address, error) from error
     cell = Cell(wire, timeout, patience)
@@ -91,6 +90,16 @@ async def connect(
         wire.close()
         raise
     return cell
+
+
+async def _call(wire: "Wire", address: str, context: ssl.SSLContext | None) -> None:
+    loop = asyncio.get_running_loop()
+    path = socket_path(address)
+    if path is None:
+        await loop.create_connection(lambda: wire, *parse_address(address), ssl=context)
+    else:
+        no_tls_on(address, context)
+        await loop.create_unix_connection(lambda: wire, path)
 
 
 class Wire(asyncio.Protocol):

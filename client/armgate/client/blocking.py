@@ -5,19 +5,20 @@ it waits, the SDK pings; a controller that computes for longer than the lease's 
 Handles belong to one thread at a time.
 """
 
+import ssl
 from collections.abc import Callable, Iterable, Iterator
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from armgate.client.address import parse_address
+from armgate.client.address import parse_address, socket_path
 from armgate.client.asset import Download
 from armgate.client.errors import ClientError, TimedOut
 from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
 from armgate.client.session import Session, build
 from armgate.client.stream import Stream
 from armgate.client.tick import Tick
-from armgate.client.tls import Tls, check_token, context_of, no_connection
+from armgate.client.tls import Tls, check_token, context_of, no_connection, no_tls_on
 from armgate.protocol.messages import (
     Acquire,
     Answer,
@@ -61,7 +62,7 @@ def connect(
     """Connects to a daemon, says hello and asks for the description of its cell.
 
     Args:
-        address: ``HOST:PORT``.
+        address: ``HOST:PORT``, or ``unix:PATH`` of a socket on this machine.
         name: This client's name, as others see it; in lock-step a participant's.
         role: ``observer`` looks on, ``controller`` also moves robots, ``operator`` also resets and takes
             over.
@@ -76,10 +77,9 @@ def connect(
         ConnectionLost: Nobody listens there, or (``Rejected``) the daemon does not want this client.
         TimedOut: No welcome in time.
     """
-    host, port = parse_address(address)
     context = context_of(tls)
     try:
-        stream = Stream.open(host, port, timeout, context)
+        stream = _call(address, timeout, context)
     except OSError as error:
         raise no_connection(address, error) from error
     cell = Cell(stream, Session(), timeout, patience)
@@ -90,6 +90,14 @@ def connect(
         stream.close()
         raise
     return cell
+
+
+def _call(address: str, timeout: float, context: ssl.SSLContext | None) -> Stream:
+    path = socket_path(address)
+    if path is None:
+        return Stream.open(*parse_address(address), timeout, context)
+    no_tls_on(address, context)
+    return Stream.open_local(path, timeout)
 
 
 class Cell(CellHandle):

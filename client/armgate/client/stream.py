@@ -20,7 +20,8 @@ class Stream:
     """
 
     def __init__(self, sock: socket.socket) -> None:
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if sock.family != socket.AF_UNIX:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setblocking(False)
         self._socket = sock
         self.emptied = False
@@ -41,6 +42,22 @@ class Stream:
         except BaseException:
             sock.close()
             raise
+
+    @classmethod
+    def open_local(cls, path: str, timeout: float) -> "Stream":
+        """Connect to a Unix socket within ``timeout``.
+
+        Raises:
+            OSError: No daemon listens there.
+        """
+        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            sock.settimeout(timeout)
+            sock.connect(path)
+        except BaseException:
+            sock.close()
+            raise
+        return cls(sock)
 
     @property
     def peer(self) -> Any:

@@ -73,11 +73,31 @@ def check_token(token: str | None, tls: ssl.SSLContext | None, peer: Any) -> Non
     Raises:
         BadArgument: It would be readable on the way; nothing was sent.
     """
-    if token is None or tls is not None or ipaddress.ip_address(peer[0].partition("%")[0]).is_loopback:
+    if (
+        token is None
+        or tls is not None
+        or _is_local(peer)
+        or ipaddress.ip_address(peer[0].partition("%")[0]).is_loopback
+    ):
         return
     raise BadArgument(
         f"token: everybody on the way to {peer[0]} could read it; connect with tls=… (--ca FILE)"
     )
+
+
+def _is_local(peer: Any) -> bool:
+    """Return True if the other end is on this machine; the address of a Unix socket is a path."""
+    return isinstance(peer, str | bytes) or ipaddress.ip_address(peer[0].partition("%")[0]).is_loopback
+
+
+def no_tls_on(address: str, tls: ssl.SSLContext | None) -> None:
+    """Check that no TLS is asked for on a Unix socket.
+
+    Raises:
+        BadArgument: It is.
+    """
+    if tls is not None:
+        raise BadArgument(f"tls: {address} is a socket of this machine, which speaks no TLS; leave tls out")
 
 
 def _told(error: Exception) -> str:

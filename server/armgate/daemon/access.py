@@ -1,12 +1,14 @@
 """Who may come in, and as what: by token where there are tokens, else as it says."""
 
 import ssl
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.log import Log
-from armgate.daemon.tokens import Token, Tokens
+from armgate.daemon.room import Guest
+from armgate.daemon.tokens import RANKS, Token, Tokens
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import Hello, Role
 
@@ -23,6 +25,8 @@ class Keys:
 
     Attributes:
         tls: Encrypts connections.
+        users: Roles of the users of this machine by their id, on the Unix socket.
+        socket: Where the Unix socket is, None for none.
         tokens: Who may come in.
         reread: Gives the tokens as their file says now; None: those from the start stay.
     """
@@ -30,6 +34,13 @@ class Keys:
     tls: ssl.SSLContext | None = None
     tokens: Tokens | None = None
     reread: Callable[[], Tokens] | None = None
+    users: Mapping[int, Role] = field(default_factory=dict)
+    socket: Path | None = None
+
+    @property
+    def tcp(self) -> bool:
+        """True if the daemon listens on TCP: not if only the Unix socket tells clients apart."""
+        return self.socket is None or self.tokens is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,26 +66,33 @@ class Access:
 
     Args:
         tokens: The tokens that are accepted; None: everybody, in the role that the hello names.
+        users: Roles of this machine's users, for connections on the Unix socket that bring no token.
         attempts: Counts the hellos that failed.
         log: Where failures are logged, without what was given.
     """
 
-    def __init__(self, tokens: Tokens | None, attempts: Attempts, log: Log) -> None:
+    def __init__(
+        self, tokens: Tokens | None, attempts: Attempts, log: Log, users: Mapping[int, Role] | None = None
+    ) -> None:
         self._tokens = tokens
+        self._users = users or {}
         self._attempts = attempts
         self._log = log
 
-    def admit(self, hello: Hello, origin: str, now: float) -> Admission:
+    def admit(self, hello: Hello, guest: Guest, now: float) -> Admission:
         """Return the role granted to this client.
 
         Raises:
             RemoteProtocolError: ``unauthorized``.
         """
+        if guest.uid is not None and (self._tokens is None or hello.token is None):
+            return self._admit_user(hello, guest, guest.uid, now)
         if self._tokens is None:
             return Admission(hello.role)
         token = self._tokens.find(hello.token)
         if token is None or not token.allows(hello.role):
-            self._note(hello, token, origin, now)
+            why = "no token" if hello.token is None else "unknown token" if token is None else "role"
+            self._note(hello, guest, now, why, None if token is None else token.name)
             raise RemoteProtocolError(ErrorCode.UNAUTHORIZED, _WRONG, about="hello")
         robots = None if token.robots is None else frozenset(token.robots)
         return Admission(hello.role, robots, token)
@@ -83,11 +101,18 @@ class Access:
         """Accept these tokens from now on."""
         self._tokens = tokens
 
-    def _note(self, hello: Hello, token: Token | None, origin: str, now: float) -> None:
-        unlogged = self._attempts.failed(origin, now)
+    def _admit_user(self, hello: Hello, guest: Guest, uid: int, now: float) -> Admission:
+        role = self._users.get(uid)
+        if role is not None and RANKS[hello.role] <= RANKS[role]:
+            return Admission(hello.role)
+        self._note(hello, guest, now, "unknown user" if role is None else "role", None)
+        may = "is not listed" if role is None else f"may come in as {role} at most"
+        text = f"user {uid} {may} (server.socket.users), and no token allows more"
+        raise RemoteProtocolError(ErrorCode.UNAUTHORIZED, text, about="hello")
+
+    def _note(self, hello: Hello, guest: Guest, now: float, why: str, token: str | None) -> None:
+        unlogged = self._attempts.failed(guest.origin, now)
         if unlogged is None:
             return
-        why = "no token" if hello.token is None else "unknown token" if token is None else "role"
-        name = None if token is None else token.name
         more = {"unlogged": unlogged} if unlogged else {}
-        self._log.warning("login.failed", origin=origin, why=why, token=name, role=hello.role, **more)
+        self._log.warning("login.failed", origin=guest.origin, why=why, token=token, role=hello.role, **more)

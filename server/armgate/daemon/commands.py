@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from armgate.cell.config import CellConfig, ServerConfig
     from armgate.daemon.access import Keys
     from armgate.daemon.log import Log
+    from armgate.protocol.messages import Role
 
 _TOLD = 16
 """How many faults of the start are logged."""
@@ -34,7 +35,7 @@ class ServeError(Exception):
     exit_code = 2
 
 
-def serve(
+def serve(  # noqa: PLR0917
     configs: Configs,
     host: Annotated[
         str | None, typer.Option(help="Address to listen on; beyond loopback with TLS and tokens only.")
@@ -48,12 +49,15 @@ def serve(
         Path | None,
         typer.Option(metavar="PATH", help="Socket of the robot server that holds the robots."),
     ] = None,
+    require_login: Annotated[
+        bool, typer.Option("--require-login", help="Refuse to start without tokens or a Unix socket.")
+    ] = False,
 ) -> None:
     """Serve a cell to controllers and observers until SIGTERM or Ctrl-C; SIGHUP reads the tokens anew."""
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
-    keys = _keys(config)
+    keys = _keys(config, require_login)
     cell = _built(config)
     raise typer.Exit(_serve(cell, keys, record, _robot_server(cell, robot_server)))
 
@@ -88,7 +92,7 @@ def _overridden(
     return config.model_copy(update=changed)
 
 
-def _keys(config: "CellConfig") -> "Keys":
+def _keys(config: "CellConfig", required: bool) -> "Keys":
     from armgate.daemon.access import Keys  # noqa: PLC0415
     from armgate.daemon.address import is_loopback  # noqa: PLC0415
     from armgate.daemon.tokens import read  # noqa: PLC0415
@@ -96,11 +100,26 @@ def _keys(config: "CellConfig") -> "Keys":
     server = config.server
     if not is_loopback(server.host):
         _refuse_foreign(server)
+    if required and server.tokens is None and server.socket is None:
+        raise ServeError(
+            "--require-login: without tokens every user of this machine could command the robots; configure "
+            "server.tokens or server.socket (docs/security.md)"
+        )
+    users, path = _local(config)
     file = _token_file(config)
     if file is None:
-        return Keys(_tls(config))
+        return Keys(_tls(config), users=users, socket=path)
     reread = partial(read, file)
-    return Keys(_tls(config), reread(), reread)
+    return Keys(_tls(config), reread(), reread, users, path)
+
+
+def _local(config: "CellConfig") -> "tuple[dict[int, Role], Path | None]":
+    from armgate.daemon.local import uids  # noqa: PLC0415
+
+    local = config.server.socket
+    if local is None:
+        return {}, None
+    return uids(local.users), config.file(("server", "socket", "path"), local.path)
 
 
 def _refuse_foreign(server: "ServerConfig") -> None:
@@ -212,5 +231,8 @@ def _warn(cell: "Cell", log: "Log") -> None:
 
 
 def _announce(host: str, port: int) -> None:
+    if host.startswith("unix:"):
+        print(f"armgate: listening on {host}", flush=True)  # noqa: T201
+        return
     shown = f"[{host}]" if ":" in host else host
     print(f"armgate: listening on {shown}:{port}", flush=True)  # noqa: T201

@@ -67,3 +67,27 @@ class Line:
         silent = bool(info[_PROBES] or unanswered) and info[_LAST_ACK] > 1000 * _GIVE_UP
         before, self._silent = self._silent, silent
         return before and silent
+
+
+class LocalLine:
+    """One connection over a Unix socket: the kernel keeps little, and notices at once that a client is gone.
+
+    Args:
+        sock: Its socket.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2 * _UNSENT)
+
+    def has_room(self) -> bool:
+        """Return True: what a client does not read soon fills the socket's buffer."""
+        return True
+
+    def vanished(self) -> bool:
+        """Return False: the kernel closes a connection whose client is gone."""
+        return False
+
+
+def line_of(sock: socket.socket) -> Line | LocalLine:
+    """Return the kernel's end of a connection."""
+    return LocalLine(sock) if sock.family == socket.AF_UNIX else Line(sock)

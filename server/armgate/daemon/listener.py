@@ -9,11 +9,15 @@ import socket
 import ssl
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
 
 from armgate.daemon.address import origin
 from armgate.daemon.bucket import Bucket
+from armgate.daemon.local import LocalSocket
 from armgate.daemon.log import Log
 from armgate.daemon.room import Guest, Room
+from armgate.links.remote.address import peer_uid
 
 _QUEUE = 128
 """Connections that may wait in the kernel."""
@@ -64,7 +68,6 @@ class Listener:
     ) -> None:
         self._make = make
         self._room = room
-        self._rate = rate
         self._tls = tls
         self._handshake = handshake if tls else None
         self._log = log
@@ -73,7 +76,8 @@ class Listener:
         self._handshakes: dict[Guest, asyncio.Task[None]] = {}
         self._sockets: list[socket.socket] = []
         self._timers: dict[socket.socket, asyncio.TimerHandle] = {}
-        self._bucket: Bucket
+        self._local: LocalSocket | None = None
+        self._bucket = Bucket(rate, _BURST, monotonic())
 
     async def open(self, host: str, port: int) -> int:
         """Begin to listen; returns the port.
@@ -82,7 +86,6 @@ class Listener:
             OSError: The address cannot be listened on.
         """
         loop = asyncio.get_running_loop()
-        self._bucket = Bucket(self._rate, _BURST, loop.time())
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         try:
             for family, _, _, _, address in dict.fromkeys(found):
@@ -95,6 +98,15 @@ class Listener:
             self._watch(sock)
         return port
 
+    def open_local(self, path: Path) -> None:
+        """Begin to listen on a Unix socket too.
+
+        Raises:
+            LocalError: It cannot be listened on.
+        """
+        self._local = LocalSocket(path)
+        self._watch(self._local.socket)
+
     def close(self) -> None:
         """Accept no more connections; those accepted stay."""
         loop = asyncio.get_running_loop()
@@ -106,6 +118,10 @@ class Listener:
             loop.remove_reader(sock)
             sock.close()
         self._sockets.clear()
+        if self._local is not None:
+            loop.remove_reader(self._local.socket)
+            self._local.close()
+            self._local = None
 
     def left(self, guest: Guest) -> None:
         """Free the place of a connection that is closed."""
@@ -125,7 +141,7 @@ class Listener:
         self._timers[sock] = loop.call_later(seconds, self._watch, sock)
 
     def _accept(self, sock: socket.socket) -> None:
-        now = asyncio.get_running_loop().time()
+        now = monotonic()
         for _ in range(_AT_ONCE):
             if wait := self._bucket.wait(now):
                 self._rest(sock, wait)
@@ -139,10 +155,12 @@ class Listener:
                 self._rest(sock, _RETRY)
                 return
             self._bucket.take(now)
-            self._take(taken, origin(address[0]))
+            self._take(taken, address)
 
-    def _take(self, taken: socket.socket, source: str) -> None:
-        guest, evicted = self._room.enter(source)
+    def _take(self, taken: socket.socket, address: tuple[str, int] | str) -> None:
+        uid = peer_uid(taken) if taken.family == socket.AF_UNIX else None
+        source = origin(address[0]) if uid is None else f"uid {uid}"
+        guest, evicted = self._room.enter(source, uid)
         if evicted is not None:
             self._evict(evicted)
         if guest.refusal:
@@ -172,10 +190,14 @@ class Listener:
 
     async def _seat(self, taken: socket.socket, guest: Guest) -> None:
         loop = asyncio.get_running_loop()
+        local = guest.uid is not None
         protocol = self._places[guest] = self._make(guest)
         try:
             await loop.connect_accepted_socket(
-                lambda: protocol, taken, ssl=self._tls, ssl_handshake_timeout=self._handshake
+                lambda: protocol,
+                taken,
+                ssl=None if local else self._tls,
+                ssl_handshake_timeout=None if local else self._handshake,
             )
         except OSError as error:
             self._log.warning("tls.failed", origin=guest.origin, error=str(error))

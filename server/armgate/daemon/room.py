@@ -24,12 +24,14 @@ class Guest:
 
     Attributes:
         origin: The address that it counts for.
+        uid: The user at its other end, None if it does not come over the Unix socket.
         refusal: Why it may not stay; empty if it may.
         identity: The token that its session counts for; empty while it waits or has none.
         role: The role of its session; None while it waits.
     """
 
     origin: str
+    uid: int | None = None
     refusal: str = ""
     identity: str = ""
     role: Role | None = field(default=None)
@@ -49,9 +51,9 @@ class Room:
         self._waiting: dict[Guest, None] = {}
         self._sessions: set[Guest] = set()
 
-    def enter(self, origin: str) -> tuple[Guest, Guest | None]:
+    def enter(self, origin: str, uid: int | None = None) -> tuple[Guest, Guest | None]:
         """Return the place of a new connection, and the waiting one that makes room for it, if any."""
-        guest, evicted = Guest(origin), None
+        guest, evicted = Guest(origin, uid), None
         if self._from(origin) >= self._per_origin:
             evicted = self._oldest(origin)
             if evicted is None:

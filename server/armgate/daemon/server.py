@@ -118,7 +118,7 @@ class Daemon:
         self._emptied = asyncio.Event()
         self._sessions: set[Session] = set()
         self._numbers = 0
-        keys = keys or Keys()
+        self._keys = keys = keys or Keys()
         self._room = Room(self._settings.max_connections, self._settings.max_connections_per_address)
         self._listener = self._listening(keys)
         self._access = self._door(keys)
@@ -156,7 +156,8 @@ class Daemon:
         """Serve until told to end.
 
         Args:
-            announce: Called once with host and port when clients may connect.
+            announce: Called once with host and port when clients may connect; without TCP with
+                ``unix:PATH`` and 0.
 
         Returns:
             Exit status: 0, or 1 if something failed.
@@ -171,6 +172,8 @@ class Daemon:
         loop.set_exception_handler(self._unexpected)
         host = self._settings.host
         port = await self._open(host)
+        if not self._keys.tcp:
+            host = f"unix:{self._keys.socket}"
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
         self._heed_hangup(loop)
@@ -191,13 +194,18 @@ class Daemon:
         try:
             if isinstance(self._pace, Driven):
                 await self._pace.open()
-            port = await self._listener.open(host, self._settings.port)
+            port = await self._listen(host)
             self._begin_recording()
             self._serve_metrics()
         except BaseException:
             self._pace.close()
             raise
         return port
+
+    async def _listen(self, host: str) -> int:
+        if self._keys.socket is not None:
+            self._listener.open_local(self._keys.socket)
+        return await self._listener.open(host, self._settings.port) if self._keys.tcp else 0
 
     def end(self) -> None:
         """Stop all robots, wait until they rest, then end; at once if this is called again."""
@@ -431,9 +439,8 @@ class Daemon:
     def _door(self, keys: Keys) -> Access:
         now = monotonic()
         own = self._settings
-        return Access(
-            keys.tokens, Attempts(own.login_failures, own.login_failures_per_address, now), self._log
-        )
+        attempts = Attempts(own.login_failures, own.login_failures_per_address, now)
+        return Access(keys.tokens, attempts, self._log, keys.users)
 
     def _session(self, guest: Guest) -> Session:
         self._numbers += 1
@@ -463,7 +470,7 @@ class Daemon:
         try:
             if self._phase is not Phase.RUNNING:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
-            admitted = self._access.admit(hello, session.guest.origin, monotonic())
+            admitted = self._access.admit(hello, session.guest, monotonic())
             session.name, session.role, session.robots = hello.name, admitted.role, admitted.robots
             session.token = admitted.token
             if admitted.token is not None:
@@ -493,7 +500,7 @@ class Daemon:
         tell_strange(tokens, self._core.robots, self._log)
         valid = set(tokens)
         for session in tuple(self._sessions):
-            if session.greeted and session.token not in valid:
+            if session.greeted and session.token is not None and session.token not in valid:
                 session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _TAKEN_BACK))
 
     def said(self, session: Session, message: m.Message) -> None:
@@ -515,7 +522,8 @@ class Daemon:
 
     def privileged(self, session: Session) -> bool:
         """Return True if the session is served first: it holds a robot, or is an operator by token."""
-        operator = session.token is not None and session.role == "operator"
+        known = session.token is not None or session.guest.uid is not None
+        operator = known and session.role == "operator"
         return operator or self._core.leasing.holds(session.id)
 
     def _look_for_emptiness(self) -> None:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from armgate.daemon.allowance import Allowance
 from armgate.daemon.bucket import Bucket
-from armgate.daemon.line import Line
+from armgate.daemon.line import Line, LocalLine, line_of
 from armgate.daemon.listener import Place
 from armgate.daemon.outbox import Outbox, Overflow
 from armgate.daemon.peer import Encoded, Subscription
@@ -130,7 +130,7 @@ class Session(asyncio.BufferedProtocol, Place):
         self._room = memoryview(bytearray(_ROOM))
         self._outbox = Outbox(self._write, send_buffer, self._reads)
         self._transport: asyncio.Transport
-        self._line: Line
+        self._line: Line | LocalLine
         self._looking: asyncio.TimerHandle | None = None
         self._watching: asyncio.TimerHandle | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -172,10 +172,10 @@ class Session(asyncio.BufferedProtocol, Place):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.set_write_buffer_limits(high=0)  # what waits waits in the outbox
-        self._line = Line(transport.get_extra_info("socket"))
+        self._line = line_of(transport.get_extra_info("socket"))
         self._watch_on()
         host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
-        self.address = f"{host}:{port}"
+        self.address = f"{host}:{port}" if self.guest.uid is None else self.guest.origin
         self._guarded(self._desk.opened, self)
 
     def get_buffer(self, sizehint: int) -> memoryview:

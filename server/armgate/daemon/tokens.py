@@ -25,7 +25,8 @@ PREFIX = "armgate_"
 """Tells those who scan for lost secrets what they have found."""
 
 _BYTES = 32
-_RANKS: dict[Role, int] = {"observer": 0, "controller": 1, "operator": 2}
+RANKS: dict[Role, int] = {"observer": 0, "controller": 1, "operator": 2}
+"""Roles in order: each may do what those below it may."""
 
 
 class TokenError(Exception):
@@ -52,7 +53,7 @@ class Token(BaseModel):
 
     def allows(self, role: Role) -> bool:
         """Whether its owner may come in as this."""
-        return _RANKS[role] <= _RANKS[self.role]
+        return RANKS[role] <= RANKS[self.role]
 
 
 @dataclass(frozen=True)

@@ -287,6 +287,20 @@ class TlsConfig(Part):
     client_ca: str | None = None
 
 
+class SocketConfig(Part):
+    """A Unix socket for clients of this machine, which the kernel identifies.
+
+    Attributes:
+        path: Where it is; relative to the file in which it stands.
+        users: The most that each user may, by name or number; others are refused, unless they have a token.
+    """
+
+    path: str
+    users: Annotated[
+        dict[str, Literal["observer", "controller", "operator"]], Field(min_length=1, max_length=256)
+    ]
+
+
 class SignalRuleConfig(Part):
     """Clients that may set the signals under a prefix.
 
@@ -307,6 +321,7 @@ class ServerConfig(Part):
         port: Port to listen on.
         tls: Certificate and key; None: no encryption.
         tokens: File of those who may come in, see ``armgate token``; None: roles are self-declared.
+        socket: A Unix socket to listen on too; without ``tokens`` the daemon listens on nothing else.
         lease_ttl: How long a lease lives without a sign of life from its holder, s.
         max_connections: How many connections there may be at once.
         max_connections_per_address: How many of them from one address.
@@ -333,6 +348,7 @@ class ServerConfig(Part):
     port: Annotated[int, Field(ge=0, le=65535)] = 7411
     tls: TlsConfig | None = None
     tokens: str | None = None
+    socket: SocketConfig | None = None
     lease_ttl: Period = 1.0
     max_connections: Annotated[int, Field(ge=1, le=4096)] = 128
     max_connections_per_address: Annotated[int, Field(ge=1, le=4096)] = 64
