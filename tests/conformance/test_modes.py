@@ -52,6 +52,7 @@ async def test_a_server_with_tls_certificates_of_clients_and_tokens(tmp_path):
     certificate, key = authority.issue("kit")
     file = tmp_path / "tokens"
     file.write_text("# for the kit\n" + "".join(f"{role} {secret}\n" for role, secret in secrets.items()))
+    file.chmod(0o600)
     only = ("--only", "SEC", "--only", "LEA-8", "--only", "CON-3", "--only", "FRM-2/merged")
     async with serving("conformance.yaml", keys=keys) as port:
         status, out, err = await run(

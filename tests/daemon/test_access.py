@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import socket
 
 import pytest
@@ -283,3 +284,16 @@ def test_a_missing_file_and_a_name_used_twice_are_named(tmp_path):
     t.append(file, t.make("a", "observer", None).token)
     with pytest.raises(t.TokenError, match="two tokens named a"):
         t.append(file, t.make("a", "observer", None).token)
+
+
+def test_a_file_of_another_user_is_refused(tmp_path, monkeypatch):
+    file = tmp_path / "tokens"
+    t.append(file, t.make("a", "observer", None).token)
+    monkeypatch.setattr(t.os, "geteuid", lambda: 4711)
+    if file.stat().st_uid != 0:
+        with pytest.raises(t.TokenError, match="belongs to user"):
+            t.read(file)
+        return
+    os.chown(file, 4712, -1)
+    with pytest.raises(t.TokenError, match="belongs to user 4712"):
+        t.read(file)

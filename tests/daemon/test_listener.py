@@ -3,14 +3,17 @@
 import asyncio
 import io
 import socket
+import ssl
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from armgate.daemon import listener as module
 from armgate.daemon.listener import Listener, Place
 from armgate.daemon.log import Log
 from armgate.daemon.room import Room
-from armgate.daemon.tls import TlsError, server_context
+from armgate.daemon.tls import TlsError, is_for_clients, server_context
 from support.certificates import Authority, encrypted
 from support.clients import PATIENCE, until
 
@@ -225,6 +228,29 @@ def test_a_certificate_that_cannot_be_used_is_named(tmp_path):
 
 def test_a_key_that_everybody_may_read_is_refused(tmp_path):
     certificate, key = Authority(tmp_path).issue("cell", "127.0.0.1")
-    key.chmod(0o644)
-    with pytest.raises(TlsError, match="chmod 600"):
-        server_context(certificate, key, None)
+    for mode in (0o644, 0o640):
+        key.chmod(mode)
+        with pytest.raises(TlsError, match="chmod 600"):
+            server_context(certificate, key, None)
+
+
+@pytest.mark.parametrize(
+    ("purposes", "expected"),
+    [
+        ((), False),
+        (("SERVER_AUTH",), False),
+        (("CLIENT_AUTH",), True),
+        (("SERVER_AUTH", "CLIENT_AUTH"), True),
+    ],
+)
+def test_the_purpose_of_a_certificate(tmp_path, purposes, expected):
+    file, _ = Authority(tmp_path).issue("one", None, purposes)
+    der = ssl.PEM_cert_to_DER_cert(file.read_text())
+    assert is_for_clients(der) is expected
+    for end in range(0, len(der), 7):
+        assert not is_for_clients(der[:end])
+
+
+@given(st.binary(max_size=60))
+def test_what_is_no_certificate_is_for_nobody(data):
+    assert not is_for_clients(data)

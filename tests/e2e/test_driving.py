@@ -256,6 +256,7 @@ async def test_a_wrong_token_moves_nothing_and_is_told(tmp_path):
     config.write_text(arms_yaml(server="{tokens: tokens}"))
     async with Process.serving(config) as secured:
         (tmp_path / "wrong").write_text("armgate_wrong\n")
+        (tmp_path / "wrong").chmod(0o600)
         async with by_pad(secured, "--token-file", str(tmp_path / "wrong")) as leader:
             status, said = await leader.ends()
     assert status == 1

@@ -10,7 +10,16 @@ import stat
 import pytest
 import pytest_asyncio
 
-from armgate.client import BadArgument, ConnectionLost, Refused, Rejected, aio, blocking, tls_context
+from armgate.client import (
+    BadArgument,
+    ConnectionLost,
+    Refused,
+    Rejected,
+    aio,
+    blocking,
+    read_token,
+    tls_context,
+)
 from armgate.client.tls import check_token
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
@@ -197,6 +206,49 @@ async def test_half_open_tls_disturbs_nobody(secured, connect):
         writer.close()
 
 
+@pytest.mark.parametrize(
+    ("host", "purposes"),
+    [("127.0.0.1", None), (None, ()), ("127.0.0.1", ("SERVER_AUTH",)), (None, ("EMAIL_PROTECTION",))],
+    ids=["the server's", "no purpose", "for servers", "for mail"],
+)
+async def test_a_certificate_that_is_not_for_clients_lets_nobody_in(mutual, connect, host, purposes):
+    own = mutual.authority.issue("other", host, purposes)
+    context = tls_context(mutual.authority.file, *own)
+    with pytest.raises(ConnectionLost, match=r"not for clients|certificate"):
+        await connect(mutual.address, "boss", "operator", mutual.tokens["boss"], tls=context)
+
+
+async def test_a_certificate_for_servers_and_clients_is_for_clients(mutual, connect):
+    own = mutual.authority.issue("both", None, ("SERVER_AUTH", "CLIENT_AUTH"))
+    context = tls_context(mutual.authority.file, *own)
+    cell = await connect(mutual.address, "eye", "observer", mutual.tokens["eye"], tls=context)
+    await done(cell.close())
+
+
+async def test_certificates_are_read_again_at_sighup(tmp_path):
+    authority = Authority(tmp_path)
+    _, key = authority.issue("cell", "127.0.0.1")
+    config = tmp_path / "arms.yaml"
+    config.write_text(arms_yaml(server="{tls: {certificate: cell.pem, key: cell.key}}"))
+    async with Process.serving(config) as daemon:
+        address = f"127.0.0.1:{daemon.port}"
+        first = await aio.connect(address, "first", "observer", tls=authority.file)
+        good = key.read_bytes()
+        key.write_text("nothing")
+        kept = await reread(daemon, "certificates.kept")
+        assert "cell.key" in kept["error"]
+        await (await aio.connect(address, "kept", "observer", tls=authority.file)).close()
+        key.write_bytes(good)
+        newer = Authority(tmp_path, "newer")
+        newer.issue("cell", "127.0.0.1")
+        await reread(daemon, "certificates.read")
+        await (await aio.connect(address, "new", "observer", tls=newer.file)).close()
+        with pytest.raises(ConnectionLost):
+            await aio.connect(address, "old", "observer", tls=authority.file)
+        await first.ping()
+        await first.close()
+
+
 # --- tokens -----------------------------------------------------------------------------------------------
 
 
@@ -283,6 +335,25 @@ async def test_no_client_at_the_same_address_locks_the_owners_of_tokens_out(tmp_
             assert isinstance(answer, m.Welcome), answer
         _, answer = await login(daemon.port, "observer", secrets["observer"])
         assert answer.code == "too_many"
+
+
+async def test_a_token_can_be_written_to_a_file_that_only_its_user_can_read(tmp_path):
+    out = tmp_path / "mine"
+    before = os.umask(0)
+    try:
+        secret, told = await token(tmp_path / "tokens", "--role", "observer", "--out", out)
+    finally:
+        os.umask(before)
+    assert secret == ""
+    assert stat.S_IMODE(out.stat().st_mode) == 0o600
+    assert out.read_text().strip() not in told
+    assert read_token(out).startswith("armgate_")
+    status, _, err = await run(
+        "token", "--role", "observer", "--name", "b", "--file", tmp_path / "tokens", "--out", out
+    )
+    assert status == 2
+    assert "it is there already" in err
+    assert "b" not in (json.loads(line)["name"] for line in (tmp_path / "tokens").read_text().splitlines())
 
 
 # --- tokens taken back ------------------------------------------------------------------------------------
@@ -406,6 +477,7 @@ async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
     assert "unauthorized" in err
     file = secured.folder / "mine"
     file.write_text(secured.tokens["lab"] + "\n")
+    file.chmod(0o600)
     inside = "no robot 'GR'"  # it came in, and then found another cell than the path's
     status, err = await lead(secured, *ca, "--token-file", file)
     assert inside in err, err
@@ -416,8 +488,13 @@ async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
 async def test_programs_say_what_is_wrong_with_a_login(secured):
     empty = secured.folder / "empty"
     empty.write_text("")
+    empty.chmod(0o600)
+    open_ = secured.folder / "open"
+    open_.write_text(secured.tokens["lab"] + "\n")
+    open_.chmod(0o644)
     for arguments, told in (
         (("--token-file", empty), "one token"),
+        (("--token-file", open_), f"(mode 0644); run: chmod 600 {open_}"),
         (("--token-file", secured.folder / "none"), "none: No such file"),
         (("--cert", "a.pem"), "--ca"),
         (("--ca", secured.folder / "none"), "none: No such file"),

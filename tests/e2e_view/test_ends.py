@@ -26,12 +26,14 @@ def secured(tmp_path):
     assert made.returncode == 0, made.stderr
     overlay.write_text(f"armgate: 1\nserver: {{tokens: {file}}}\n")
     (tmp_path / "right").write_text(made.stdout.strip().splitlines()[-1])
+    (tmp_path / "right").chmod(0o600)
     with process("serve", CONFIG, overlay, "--port", "0", says="armgate: listening on ") as (address, _):
         yield address
 
 
 def test_a_wrong_token_shows_nothing_and_is_told(secured, tmp_path):
     (tmp_path / "wrong").write_text("armgate_wrong\n")
+    (tmp_path / "wrong").chmod(0o600)
     ended = run("view", secured, "--port", "0", "--token-file", tmp_path / "wrong")
     assert ended.returncode == 1
     assert "unauthorized" in ended.stderr

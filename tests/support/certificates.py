@@ -7,7 +7,7 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import NameOID
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 LIFE = dt.timedelta(days=1)
 
@@ -31,8 +31,13 @@ class Authority:
         builder = builder.add_extension(identifier, critical=False)
         self.file = self._write(f"{name}.pem", builder.sign(self._key, hashes.SHA256()))
 
-    def issue(self, name: str, host: str | None = None) -> tuple[Path, Path]:
-        """A certificate and its key, both as files; for a server with its address."""
+    def issue(
+        self, name: str, host: str | None = None, purposes: tuple[str, ...] | None = None
+    ) -> tuple[Path, Path]:
+        """A certificate and its key, both as files; for a server with its address, else for a client.
+
+        Purposes are names in ``ExtendedKeyUsageOID``; by default CLIENT_AUTH for clients, none for servers.
+        """
         key = ec.generate_private_key(ec.SECP256R1())
         builder = _builder(_named(name), self._name, key.public_key())
         issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
@@ -40,6 +45,11 @@ class Authority:
         if host is not None:
             own = x509.IPAddress(ipaddress.ip_address(host))
             builder = builder.add_extension(x509.SubjectAlternativeName([own]), critical=False)
+        if purposes is None:
+            purposes = ("CLIENT_AUTH",) if host is None else ()
+        if purposes:
+            named_ = x509.ExtendedKeyUsage([getattr(ExtendedKeyUsageOID, purpose) for purpose in purposes])
+            builder = builder.add_extension(named_, critical=False)
         certificate = self._write(f"{name}.pem", builder.sign(self._key, hashes.SHA256()))
         return certificate, _write_key(self.folder / f"{name}.key", key)
 

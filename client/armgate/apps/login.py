@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ssl import SSLContext
 
 VARIABLE = "ARMGATE_TOKEN"
-_LONGEST = 256
 
 TokenFile = Annotated[
     Path | None,
@@ -57,14 +56,11 @@ def login(token_file: Path | None, ca: Path | None, cert: Path | None, key: Path
 
 
 def _token(file: Path | None) -> str | None:
+    from armgate.client import BadArgument, read_token  # noqa: PLC0415
+
     if file is None:
         return os.environ.get(VARIABLE) or None
     try:
-        token = file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(
-            f"{file}: {getattr(error, 'strerror', None) or 'no text'}; expected a token"
-        ) from error
-    if not 0 < len(token) <= _LONGEST or len(token.split()) != 1:
-        raise UsageError(f"{file}: expected one token and nothing else, as `armgate token` prints it")
-    return token
+        return read_token(file)
+    except BadArgument as error:
+        raise UsageError(str(error)) from error

@@ -24,6 +24,7 @@ from armgate.client.errors import (
     RobotStopped,
     TimedOut,
 )
+from armgate.client.secret import read_token
 from armgate.client.tick import Tick
 from armgate.client.tls import Tls, tls_context
 from armgate.protocol.messages import (
@@ -75,5 +76,6 @@ __all__ = [
     "Welcome",
     "connect",
     "parse_address",
+    "read_token",
     "tls_context",
 ]

@@ -6,6 +6,7 @@ import ssl
 from typing import Any
 
 from armgate.client.errors import BadArgument, ConnectionLost
+from armgate.client.secret import check_key
 
 Tls = bool | str | os.PathLike[str] | ssl.SSLContext | None
 """None or False: without TLS; True: trusting the system's CAs; else the file with the CA, or a context."""
@@ -31,7 +32,10 @@ def tls_context(
     try:
         context = ssl.create_default_context(cafile=ca)
         if certificate is not None:
+            check_key(certificate if key is None else key)
             context.load_cert_chain(certificate, key, password=_no_password)
+    except BadArgument:
+        raise
     except (OSError, ValueError) as error:
         files = ", ".join(os.fspath(file) for file in (ca, certificate, key) if file is not None)
         raise BadArgument(f"{files}: {_told(error)}; expected certificates and an open key in PEM") from error

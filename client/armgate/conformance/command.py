@@ -1,5 +1,6 @@
 """``armgate conformance``."""
 
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -142,6 +143,9 @@ def _tokens(file: Path) -> dict[str, str]:
     """Tokens by role; a line with a token alone is an operator's."""
     found: dict[str, str] = {}
     try:
+        if file.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+            text = "other users of this machine can read these secrets"
+            raise UsageError(f"--token-file {file}: {text}; run: chmod 600 {file}")
         lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"--token-file {file}: {error}; expected lines `ROLE TOKEN`") from error

@@ -29,6 +29,7 @@ class Keys:
         socket: Where the Unix socket is, None for none.
         tokens: Who may come in.
         reread: Gives the tokens as their file says now; None: those from the start stay.
+        reread_tls: Gives ``tls`` with the certificates that the files hold now; None: the first ones stay.
     """
 
     tls: ssl.SSLContext | None = None
@@ -36,6 +37,7 @@ class Keys:
     reread: Callable[[], Tokens] | None = None
     users: Mapping[int, Role] = field(default_factory=dict)
     socket: Path | None = None
+    reread_tls: Callable[[], ssl.SSLContext] | None = None
 
     @property
     def tcp(self) -> bool:

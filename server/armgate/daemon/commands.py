@@ -53,7 +53,10 @@ def serve(  # noqa: PLR0917
         bool, typer.Option("--require-login", help="Refuse to start without tokens or a Unix socket.")
     ] = False,
 ) -> None:
-    """Serve a cell to controllers and observers until SIGTERM or Ctrl-C; SIGHUP reads the tokens anew."""
+    """Serve a cell to controllers and observers until SIGTERM or Ctrl-C.
+
+    SIGHUP reads tokens and certificates again.
+    """
     from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
 
     config = _overridden(load_config(configs), host, port, lockstep)
@@ -106,11 +109,16 @@ def _keys(config: "CellConfig", required: bool) -> "Keys":
             "server.tokens or server.socket (docs/security.md)"
         )
     users, path = _local(config)
-    file = _token_file(config)
-    if file is None:
-        return Keys(_tls(config), users=users, socket=path)
-    reread = partial(read, file)
-    return Keys(_tls(config), reread(), reread, users, path)
+    file, tls = _token_file(config), _tls(config)
+    reread = None if file is None else partial(read, file)
+    return Keys(
+        tls=tls,
+        tokens=None if reread is None else reread(),
+        reread=reread,
+        users=users,
+        socket=path,
+        reread_tls=None if tls is None else partial(_context, config),
+    )
 
 
 def _local(config: "CellConfig") -> "tuple[dict[int, Role], Path | None]":
@@ -133,11 +141,14 @@ def _refuse_foreign(server: "ServerConfig") -> None:
 
 
 def _tls(config: "CellConfig") -> "SSLContext | None":
+    return None if config.server.tls is None else _context(config)
+
+
+def _context(config: "CellConfig") -> "SSLContext":
     from armgate.daemon.tls import server_context  # noqa: PLC0415
 
     tls = config.server.tls
-    if tls is None:
-        return None
+    assert tls is not None
     base = ("server", "tls")
     return server_context(
         config.file((*base, "certificate"), tls.certificate),

@@ -107,6 +107,10 @@ class Listener:
         self._local = LocalSocket(path)
         self._watch(self._local.socket)
 
+    def use_tls(self, tls: ssl.SSLContext) -> None:
+        """Encrypt connections that come from now on with these certificates."""
+        self._tls = tls
+
     def close(self) -> None:
         """Accept no more connections; those accepted stay."""
         loop = asyncio.get_running_loop()

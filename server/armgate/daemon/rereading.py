@@ -1,30 +1,46 @@
-"""The tokens, read anew while the daemon runs."""
+"""Files that are read again while the daemon runs: tokens and certificates."""
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from armgate.daemon.log import Log
-from armgate.daemon.tokens import Token, TokenError, Tokens
+from armgate.daemon.tls import TlsError
+from armgate.daemon.tokens import Token, TokenError
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Something that is read again.
+
+    Attributes:
+        name: What it is, for the log.
+        read: Reads it; called in a thread.
+        use: Uses it from now on; returns what the log shall say of it.
+    """
+
+    name: str
+    read: Callable[[], Any]
+    use: Callable[[Any], dict[str, object]]
 
 
 class Rereading:
-    """Reads tokens when it is asked to, beside the ticks; what cannot be read changes nothing.
+    """Reads files again when asked, beside the ticks; what cannot be read changes nothing.
 
     Args:
-        read: Gives the tokens that stand in the file now; called in a thread of its own.
-        use: Told of them.
-        log: Where it is told what became of them.
+        sources: What is read, one after the other.
+        log: Where it is logged what became of them.
     """
 
-    def __init__(self, read: Callable[[], Tokens], use: Callable[[Tokens], None], log: Log) -> None:
-        self._read = read
-        self._use = use
+    def __init__(self, sources: Sequence[Source], log: Log) -> None:
+        self._sources = sources
         self._log = log
         self._wanted = False
         self._task: asyncio.Task[None] | None = None
 
     def ask(self) -> None:
-        """Read what stands there from now on; once more if that is asked for meanwhile."""
+        """Read what the files hold from now on; once more if asked again meanwhile."""
         self._wanted = True
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())
@@ -32,18 +48,22 @@ class Rereading:
     async def _run(self) -> None:
         while self._wanted:
             self._wanted = False
-            try:
-                tokens = await asyncio.to_thread(self._read)
-            except TokenError as error:
-                self._log.error("tokens.kept", error=f"{error}; the tokens read before stay in force")
-            else:
-                self._use(tokens)
-                self._log.info("tokens.read", names=[token.name for token in tokens])
+            for source in self._sources:
+                await self._read(source)
         self._task = None
+
+    async def _read(self, source: Source) -> None:
+        try:
+            found = await asyncio.to_thread(source.read)
+        except (TokenError, TlsError) as error:
+            text = f"{error}; the {source.name} read before stay in force"
+            self._log.error(f"{source.name}.kept", error=text)
+        else:
+            self._log.info(f"{source.name}.read", **source.use(found))
 
 
 def tell_strange(tokens: Iterable[Token], robots: Iterable[str], log: Log) -> None:
-    """Warn of tokens for robots that the cell has not: somebody has mistyped a name."""
+    """Warn of tokens for robots that the cell does not have: a name is mistyped."""
     known = set(robots)
     for token in tokens:
         if strange := sorted(set(token.robots or ()) - known):

@@ -3,6 +3,7 @@
 import asyncio
 import secrets
 import signal
+import ssl
 import traceback
 from collections.abc import Callable, Sequence
 from enum import Enum
@@ -28,10 +29,11 @@ from armgate.daemon.log import Log
 from armgate.daemon.peer import Peer, answer
 from armgate.daemon.record_start import begin, header_of
 from armgate.daemon.recorder import Recorder
-from armgate.daemon.rereading import Rereading, tell_strange
+from armgate.daemon.rereading import Rereading, Source, tell_strange
 from armgate.daemon.room import Guest, Room
 from armgate.daemon.runner import GateRunner, Judge
 from armgate.daemon.session import Session
+from armgate.daemon.tls import is_for_clients
 from armgate.daemon.tokens import Tokens
 from armgate.daemon.turns import Turns
 from armgate.daemon.wall import Wall
@@ -60,6 +62,12 @@ _CLOSE = 2.0
 
 
 _TAKEN_BACK = "the token of this session was taken back or changed; come in with one that is valid"
+
+
+_NOT_FOR_CLIENTS = (
+    "your certificate is not for clients: its extended key usage does not name clientAuth; "
+    "have one made for a client (docs/security.md)"
+)
 
 
 class MetricsError(Exception):
@@ -124,7 +132,7 @@ class Daemon:
         self._access = self._door(keys)
         self._turns = Turns()
         self._allowances = _allowances(self._settings)
-        self._rereading = None if keys.reread is None else Rereading(keys.reread, self._use_tokens, log)
+        self._rereading = self._reread_by(keys)
         periods = [robot.period for robot in cell.robots]
         self._pace: Wall | Lockstep | Driven
         links: list[EmulatedLink] | list[RemoteLink]
@@ -460,6 +468,9 @@ class Daemon:
         self._sessions.add(session)
         if session.guest.refusal:
             session.end(RemoteProtocolError(ErrorCode.TOO_MANY, session.guest.refusal).message())
+        elif session.certificate is not None and not is_for_clients(session.certificate):
+            self._log.warning("certificate.refused", session=session.number, origin=session.guest.origin)
+            session.end(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _NOT_FOR_CLIENTS).message())
         else:
             seconds = self._settings.handshake_timeout
             text = f"no hello within {seconds:g} s; say hello at once after connecting"
@@ -494,14 +505,25 @@ class Daemon:
         if refusal := self._room.admit(session.guest, session.role, token):
             raise RemoteProtocolError(ErrorCode.TOO_MANY, refusal, about="hello")
 
-    def _use_tokens(self, tokens: Tokens) -> None:
-        """Who came in by a token that is no more, or is another one now, has to come in anew."""
+    def _reread_by(self, keys: Keys) -> Rereading | None:
+        sources = [] if keys.reread is None else [Source("tokens", keys.reread, self._use_tokens)]
+        if keys.reread_tls is not None:
+            sources.append(Source("certificates", keys.reread_tls, self._use_tls))
+        return Rereading(sources, self._log) if sources or keys.socket is not None else None
+
+    def _use_tls(self, tls: ssl.SSLContext) -> dict[str, object]:
+        self._listener.use_tls(tls)
+        return {}
+
+    def _use_tokens(self, tokens: Tokens) -> dict[str, object]:
+        """Accept these tokens; end sessions whose token is revoked or changed."""
         self._access.replace(tokens)
         tell_strange(tokens, self._core.robots, self._log)
         valid = set(tokens)
         for session in tuple(self._sessions):
             if session.greeted and session.token is not None and session.token not in valid:
                 session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _TAKEN_BACK))
+        return {"names": [token.name for token in tokens]}
 
     def said(self, session: Session, message: m.Message) -> None:
         """A client said something."""

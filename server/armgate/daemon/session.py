@@ -161,6 +161,12 @@ class Session(asyncio.BufferedProtocol, Place):
         return None if self.token is None else self.token.name
 
     @property
+    def certificate(self) -> bytes | None:
+        """The client's certificate in DER, None if it showed none."""
+        tls = self._transport.get_extra_info("ssl_object")
+        return None if tls is None else tls.getpeercert(binary_form=True)
+
+    @property
     def unread(self) -> int:
         """How many bytes wait here for a client that reads slowly."""
         return self._outbox.size
@@ -171,7 +177,8 @@ class Session(asyncio.BufferedProtocol, Place):
         """A client connected."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        transport.set_write_buffer_limits(high=0)  # what waits waits in the outbox
+        # What waits waits in the outbox. Not high=0: TLS pauses at once then, and for ever.
+        transport.set_write_buffer_limits(high=1, low=0)
         self._line = line_of(transport.get_extra_info("socket"))
         self._watch_on()
         host, port, *_ = transport.get_extra_info("peername") or ("?", 0)

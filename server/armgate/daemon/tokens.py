@@ -106,12 +106,15 @@ def read(file: Path) -> Tokens:
         TokenError: It cannot be read, others may write it, or a line is no token.
     """
     try:
-        text = file.read_text(encoding="utf-8")
-        mode = file.stat().st_mode
+        with file.open(encoding="utf-8") as opened:
+            text, found = opened.read(), os.fstat(opened.fileno())
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8"
         raise TokenError(f"{file}: {reason}; expected tokens made by `armgate token`") from error
-    if mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if found.st_uid not in (os.geteuid(), 0):
+        owner = f"belongs to user {found.st_uid}, who could let anybody in"
+        raise TokenError(f"{file}: {owner}; expected a file of this user or of root")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise TokenError(f"{file}: others may write it, and so let themselves in; run: chmod 600 {file}")
     lines = enumerate(text.splitlines(), start=1)
     tokens = [_token(file, number, line) for number, line in lines if line.strip()]

@@ -1,0 +1,54 @@
+"""Files that hold secrets: others must not be able to read them, nor to replace them.
+
+The rules are those of ssh. A file of this user must not be accessible to anybody else. A file of root may be
+readable by a group, which administrators use to share keys with services, but not by everybody. A file of
+another user is not trusted: that user could replace it.
+"""
+
+import os
+import stat
+from pathlib import Path
+
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_ALL = stat.S_IRWXO | stat.S_IWGRP
+
+
+class SecretFileError(Exception):
+    """A file with a secret is not kept as it has to be; the text names it and says what to do."""
+
+    exit_code = 2
+
+
+def check_secret_file(file: Path) -> None:
+    """Check that only its owner can read a file, and that the owner is this user or root.
+
+    Raises:
+        OSError: There is no such file.
+        SecretFileError: Others can read it, or it belongs to another user.
+    """
+    _check(file, file.stat())
+
+
+def read_secret_file(file: Path) -> str:
+    """Return the text of a file that only its owner can read.
+
+    Raises:
+        OSError: It cannot be read.
+        UnicodeDecodeError: It is not UTF-8.
+        SecretFileError: Others can read it, or it belongs to another user.
+    """
+    with file.open(encoding="utf-8") as opened:
+        _check(file, os.fstat(opened.fileno()))
+        return opened.read()
+
+
+def _check(file: Path, found: os.stat_result) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        return  # a pipe or a terminal, such as /dev/stdin
+    if found.st_uid not in (os.geteuid(), 0):
+        text = f"{file}: belongs to user {found.st_uid}, who could replace it"
+        raise SecretFileError(f"{text}; expected your own file: copy it, and run: chmod 600")
+    own = found.st_uid == os.geteuid()
+    if found.st_mode & (_OTHERS if own else _ALL):
+        text = f"{file}: other users of this machine can read this secret"
+        raise SecretFileError(f"{text} (mode {stat.S_IMODE(found.st_mode):04o}); run: chmod 600 {file}")
