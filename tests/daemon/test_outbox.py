@@ -60,6 +60,17 @@ def test_states_wait_for_a_client_that_does_not_read_and_answers_do_not():
     assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1", b"a2b1"], False)
 
 
+def test_states_of_a_subscription_that_ended_are_dropped():
+    pipe = Pipe()
+    pipe.reads = False
+    pipe.outbox.put_states({"A": b"a1", "B": b"b1"})
+    pipe.outbox.drop_states()
+    pipe.outbox.put(b"subscribed")
+    pipe.reads = True
+    pipe.outbox.put_states({"B": b"b2"})
+    assert pipe.taken == [b"subscribed", b"b2"]
+
+
 def test_too_many_unread_answers_are_an_overflow_and_states_are_none():
     pipe = Pipe(room=0, limit=10)
     pipe.outbox.pause()

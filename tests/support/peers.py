@@ -31,6 +31,9 @@ class Peer:
     def flush(self):
         pass
 
+    def drop_states(self):
+        pass
+
     def say(self, message, frame=None):
         self.heard.append(message)
 

@@ -277,6 +277,7 @@ class Core:
     def _subscribe(self, peer: Peer, request: m.Subscribe) -> None:
         subscription = self._board.subscription(request)
         peer.subscription = subscription if subscription.every else None
+        peer.drop_states()
         self._unshown.pop(peer.id, None)  # it is shown the newest right below
         robots = self._board.subscribed_robots(subscription)
         fields = subscription.fields

@@ -64,6 +64,10 @@ class Outbox:
             frames, self._states = self._states, {}
             self._write(b"".join(frames.values()))
 
+    def drop_states(self) -> None:
+        """Drop the states that wait: they belong to a subscription that has ended."""
+        self._states.clear()
+
     @property
     def states_wait(self) -> bool:
         """True if states wait for the client to read, and the transport would take them."""

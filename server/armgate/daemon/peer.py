@@ -51,6 +51,9 @@ class Peer(Protocol):
     def show(self, *states: Encoded) -> None:
         """Send states, each in place of an older one of the same robot that still waits."""
 
+    def drop_states(self) -> None:
+        """Drop the states that wait: they belong to a subscription that has ended."""
+
     def hold(self) -> None:
         """Let states, and what of answers may wait, wait until as many `let_go` followed: they go as one."""
 

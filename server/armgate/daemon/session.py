@@ -300,6 +300,10 @@ class Session(asyncio.BufferedProtocol, Place):
             self._outbox.write_states()
             self._look_later()
 
+    def drop_states(self) -> None:
+        """Drop the states that wait: they belong to a subscription that has ended."""
+        self._outbox.drop_states()
+
     def hold(self) -> None:
         """Let states, and what of answers may wait, wait until as many `let_go` followed: they go as one."""
         self._holds += 1

@@ -68,6 +68,9 @@ class Client:
     def let_go(self) -> None:
         """Do nothing."""
 
+    def drop_states(self) -> None:
+        """Do nothing."""
+
     def flush(self) -> None:
         """Do nothing."""
 
