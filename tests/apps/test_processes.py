@@ -40,6 +40,7 @@ def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(crew
     assert crew.next(WAIT) == Printed("child", "hello")
     assert expect(crew, Exited) == Exited("child", 3)
     assert sorted(crew.tail("child")) == ["hello", "oh"]
+    assert crew.log("child").stat().st_mode & 0o077 == 0  # the viewer prints the token of its page
     assert crew.running() == []
 
 

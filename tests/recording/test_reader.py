@@ -192,3 +192,11 @@ def test_the_state_at_any_time_is_the_newest_until_then(tmp_path):
         assert (state.robot, state.tick, state.entries[0].tick) == ("A", k, k)
         assert state.signals["s"].value == (float(k),)
     assert [state.tick for state in series.all()] == list(range(last + 1))
+
+
+def test_what_no_reader_would_take_is_not_written(tmp_path, monkeypatch):
+    from armgate.recording import sink
+
+    monkeypatch.setattr(sink, "LARGEST", 10_000)
+    with pytest.raises(OSError, match="more than a recording can hold"):
+        records.write(tmp_path, assets={"a": "A" * 6000})

@@ -1,7 +1,10 @@
 """Writes one file of a recording."""
 
+import errno
+
 from armgate.recording import codec, form
 from armgate.recording.chain import ChainWriter, Seal, Signer, Stream
+from armgate.recording.chunk import LARGEST
 
 _NS = 1_000_000_000
 
@@ -34,7 +37,12 @@ class Sink:
         for topic in form.topics(header):
             self._channel(topic)
         self._writer.chain(self._channels[form.CHAIN])
-        self._put(form.RUN, header.model_dump_json().encode(), 0.0)
+        data = header.model_dump_json().encode()
+        if len(data) > LARGEST // 2:
+            raise OSError(
+                errno.EFBIG, f"the cell's files are {len(data)} bytes, more than a recording can hold"
+            )
+        self._put(form.RUN, data, 0.0)
         self.flush()
 
     @property

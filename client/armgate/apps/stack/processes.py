@@ -86,12 +86,12 @@ class Crew:
         if self._nursery is None:
             self.start(name, armgate(*arguments, priority=priority))
         else:
-            self.log(name).write_text("", encoding="utf-8")
+            self._begin_log(name)
             self._adopt(name, self._nursery.start(arguments, self.log(name), priority=priority))
 
     def start(self, name: str, command: Sequence[str]) -> None:
         """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""
-        self.log(name).write_text("", encoding="utf-8")
+        self._begin_log(name)
         with self.log(name).open("a", encoding="utf-8") as log:
             child = subprocess.Popen(  # noqa: S603
                 command,
@@ -110,6 +110,11 @@ class Crew:
         waiter = threading.Thread(target=self._watch, args=(name, child), name=f"watch {name}", daemon=True)
         waiter.start()
         self._waiters[name] = waiter
+
+    def _begin_log(self, name: str) -> None:
+        """Make an empty log for this user alone: the viewer's holds the token of its page."""
+        self.log(name).unlink(missing_ok=True)
+        os.close(os.open(self.log(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
 
     def log(self, name: str) -> Path:
         """Where a child's output goes."""
