@@ -17,6 +17,8 @@ from armgate.cell import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.daemon import translate
+from armgate.daemon.record_start import header_of
+from armgate.daemon.recorder import Recorder
 from armgate.daemon.runner import GateRunner
 from armgate.integrity import Gate
 from armgate.links import EmulatedLink
@@ -63,6 +65,7 @@ class Watched:
         wrong_cell: Changes the cell that the gate gets.
         start: Positions by robot; as configured for others.
         tamper: Changes plans on their way to the links.
+        recorder: Records all of it.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class Watched:
         start: Mapping[str, Sequence[float]] | None = None,
         wrong_cell: Callable[[Cell], Cell] | None = None,
         tamper: Callable[[e.Plan], e.Plan] | None = None,
+        recorder: Recorder | None = None,
         lag: float = 0.03,
     ) -> None:
         true = saved(tree, folder / "true.yaml")
@@ -90,8 +94,10 @@ class Watched:
             for r in self.cell.robots
         }
         carriers = {name: Tampered(link, tamper) if tamper else link for name, link in self.links.items()}
-        self.runner = GateRunner(self.gate, carriers)
-        self.time, self.tick = 0.0, -1
+        self.time, self.tick, self.recorder = 0.0, -1, recorder
+        if recorder is not None:
+            recorder.begin(header_of(gate_cell, "x", False, 0.0, compiled=False), lambda: self.time)
+        self.runner = GateRunner(self.gate, carriers, recorder.tap if recorder is not None else None)
         self.noise: Callable[[str, e.Joints], e.Joints] | None = None
         self.lie: Callable[[m.Entry], m.Entry] | None = None
         self.verdicts: list[e.Verdict] = []
@@ -103,11 +109,14 @@ class Watched:
         """All robots tick once; the monitor sees their states."""
         self.tick += 1
         self.time = self.tick * 0.012
-        for link in self.links.values():
-            self.runner.feed(self._measured(link.advance(self.time)))
+        ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
+        for tick in ticks:
+            self.runner.feed(tick)
         entries = {name: translate.entry(name, self.runner.view(name), None) for name in self.links}
         if self.lie is not None:
             entries = {name: self.lie(entry) for name, entry in entries.items()}
+        if self.recorder is not None:
+            self.recorder.show(ticks, list(entries.values()), {}, (), None)
         new = []
         for name, entry in entries.items():
             sample = sample_of(entry)

@@ -45,6 +45,8 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
     for _, item in recording.items("/robots/"):
         if isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
             monitor.take(sample)
+    if not monitor.account.states:
+        raise MonitorError(f"{run}: holds no state of any robot; nothing was checked")
     return cell, monitor.account
 
 

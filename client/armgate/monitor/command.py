@@ -70,9 +70,10 @@ def _watch(  # type: ignore[no-untyped-def]
 ) -> None:
     from armgate.client import connect  # noqa: PLC0415
     from armgate.monitor.live import Watch, asked_to_end  # noqa: PLC0415
+    from armgate.monitor.report import printable  # noqa: PLC0415
 
     def tell(text: str) -> None:
-        typer.echo(f"armgate: monitor: {text}")
+        typer.echo(f"armgate: monitor: {printable(text)}")
 
     with connect(address, name=name, role="observer", **own) as cell, asked_to_end() as ended:
         watch = Watch(cell, configs, silence, tell)
@@ -84,11 +85,11 @@ def _watch(  # type: ignore[no-untyped-def]
 
 
 def _end(account: "Account", json_: Path | None) -> None:
-    from armgate.monitor.report import lines  # noqa: PLC0415
+    from armgate.monitor.report import lines, printable  # noqa: PLC0415
 
     _write(account, json_)
     for line in lines(account):
-        typer.echo(f"armgate: monitor: {line}")
+        typer.echo(f"armgate: monitor: {printable(line)}")
     raise typer.Exit(1 if account.violations else 0)
 
 

@@ -17,8 +17,8 @@ from armgate.monitor.report import beginning
 from armgate.monitor.samples import FIELDS, of_state
 from armgate.monitor.yaml_files import read_files
 
-BACKLOG = 10_000
-"""States that may wait to be judged: none is dropped here."""
+BACKLOG = 2_000
+"""States that may wait to be judged; more are counted as missed."""
 
 LOOK = 0.1
 """After so long without a state the silence is looked at, s."""
@@ -47,6 +47,7 @@ class Watch:
         self._connection = cell
         self._tell = tell
         self._stopped = -BETWEEN_STOPS
+        self._last: State | None = None
         model = build(read_files(configs), orders_of(cell.description))
         self._monitor = Monitor(model, silence, MEASURED_EVERY)
         for note in model.notes:
@@ -80,7 +81,7 @@ class Watch:
         waited = 0.0
         while not ended():
             try:
-                for state in self._connection.states(timeout=LOOK, backlog=BACKLOG):
+                for state in self._new_states():
                     waited = 0.0
                     self._take(state)
                     if ended():
@@ -89,6 +90,16 @@ class Watch:
                 waited += LOOK
                 if not self._connection.welcome.lockstep:
                     self._act(self._monitor.silent(waited))
+
+    def _new_states(self) -> Iterator[State]:
+        """Yield states; the connection begins with those that it has kept, up to the last one yielded."""
+        known = self._last is not None
+        for state in self._connection.states(timeout=LOOK, backlog=BACKLOG):
+            if known:
+                known = state is not self._last
+                continue
+            self._last = state
+            yield state
 
     def _take(self, state: State) -> None:
         sample, ends = of_state(state)

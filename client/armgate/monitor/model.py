@@ -322,12 +322,12 @@ class _Builder:
         if gantry is not None and joint.name in AXES:
             ramp = self._own.section("gantry").number("acceleration", ramp, "length", 2)
         unbounded = "deceleration" in own.values and own.values["deceleration"] is None
-        deceleration = np.inf if unbounded else bound("deceleration", ramp, 2)
+        deceleration = np.inf if unbounded else bound("deceleration", min(ramp, joint.deceleration), 2)
         return (
             bound("lower", joint.lower, 0),
             bound("upper", joint.upper, 0),
             velocity,
-            bound("acceleration", ramp, 2),
+            bound("acceleration", min(ramp, joint.acceleration), 2),
             deceleration,
         )
 

@@ -62,6 +62,8 @@ class Motion:
         if before is not None and sample.tick <= before.tick:
             found.append(self._finding(sample, "form", f"its tick {sample.tick} follows tick {before.tick}"))
             before = None
+        elif before is not None and sample.time < before.time:
+            found.append(self._finding(sample, "form", f"its time follows {before.time:.3f} s"))
         step = None if before is None else sample.setpoint - before.setpoint
         if before is None or self._rebased(before, sample):
             self._begin(before, sample)

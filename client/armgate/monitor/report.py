@@ -11,6 +11,11 @@ LISTED = 20
 _WORDS = {"robots": "between robots", "surroundings": "to the surroundings", "self": "within a robot"}
 
 
+def printable(text: str) -> str:
+    """Return a text in one line: names come from files and from clients."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def beginning(cell: Cell) -> str:
     """Return the line that says what is watched."""
     robots = ", ".join(robot.name for robot in cell.robots)

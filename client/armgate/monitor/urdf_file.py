@@ -6,16 +6,20 @@ does not know, is refused by name. Visuals, inertias, materials, transmissions a
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.frames import Array, placement
+from armgate.monitor.frames import Array, from_quaternion, placement
 from armgate.monitor.solids import SIZES, Solid, hull, primitive
 
 MAX_BYTES = 16 << 20
+VERSIONS = ("1.0", "1.1", "1.2")
+_TURN = "quat_xyzw"
+"""Rotation of an origin, from version 1.1 on."""
+
 _SIZE_KEYS = {
     "sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length"),
     "cone": ("radius", "length"), "box": ("size",),
@@ -25,7 +29,7 @@ _MOVING = ("revolute", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint: ``origin`` places its frame in that of the parent link; limits in rad or m, per s."""
+    """A joint: ``origin`` places its frame in that of the parent link; limits in rad or m, per s, per s²."""
 
     name: str
     kind: str
@@ -36,6 +40,8 @@ class Joint:
     lower: float = 0.0
     upper: float = 0.0
     velocity: float = 0.0
+    acceleration: float = math.inf
+    deceleration: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +97,27 @@ def read_urdf(file: Path) -> Description:
 def _description(robot: ET.Element) -> Description:
     if robot.tag != "robot":
         raise DescriptionError(f"the outer element is <{robot.tag}>; expected <robot>")
+    version = robot.get("version", "1.0")
+    if version not in VERSIONS:
+        raise DescriptionError(f"version {version!r} of URDF is unknown to the monitor")
+    origins = [*robot.iterfind("joint/origin"), *robot.iterfind("link/collision/origin")]
+    if version == VERSIONS[0] and any(_TURN in origin.attrib for origin in origins):
+        raise DescriptionError(f"{_TURN} needs version 1.1 of URDF")
     found = Description("", [_name(link) for link in robot.findall("link")])
     for link in robot.findall("link"):
         found.bodies += _bodies(link)
+    found.bodies = _named_once(found.bodies)
     found.joints = [_joint(element, found.links) for element in robot.findall("joint")]
     found.root = _root(found)
     return found
+
+
+def _named_once(bodies: list[Body]) -> list[Body]:
+    """Return the bodies with the link's name before names that several links use."""
+    links: dict[str, set[str]] = {}
+    for body in bodies:
+        links.setdefault(body.name, set()).add(body.link)
+    return [b if len(links[b.name]) == 1 else replace(b, name=f"{b.link}.{b.name}") for b in bodies]
 
 
 def _root(found: Description) -> str:
@@ -154,8 +175,20 @@ def _origin(element: ET.Element) -> Array:
         return np.eye(4)
     if len(origins) > 1:
         raise DescriptionError(f"<{element.tag}> has {len(origins)} origins")
-    _only(origins[0], {"xyz", "rpy"})
+    _only(origins[0], {"xyz", "rpy", _TURN})
+    if _TURN in origins[0].attrib:
+        return _turned(origins[0])
     return placement(_numbers(origins[0], "xyz", 3, "0 0 0"), _numbers(origins[0], "rpy", 3, "0 0 0"))
+
+
+def _turned(origin: ET.Element) -> Array:
+    if "rpy" in origin.attrib:
+        raise DescriptionError(f"an <origin> has rpy and {_TURN}")
+    turn = np.array(_numbers(origin, _TURN, 4))
+    length = float(np.linalg.norm(turn))
+    if abs(length - 1.0) > 1e-3:
+        raise DescriptionError(f"{_TURN} of length {length:g}; expected length 1")
+    return from_quaternion(_numbers(origin, "xyz", 3, "0 0 0"), (turn / length).tolist())
 
 
 def _joint(element: ET.Element, links: list[str]) -> Joint:
@@ -172,7 +205,10 @@ def _joint(element: ET.Element, links: list[str]) -> Joint:
     if limit is None or length < 1e-9:
         raise DescriptionError(f"joint {name!r} has no <limit>, or no axis")
     lower, upper, velocity = (_numbers(limit, key, 1)[0] for key in ("lower", "upper", "velocity"))
-    return Joint(name, kind, parent, child, _origin(element), axis / length, lower, upper, velocity)
+    ramp = _numbers(limit, "acceleration", 1, "0")[0] or math.inf
+    brake = _numbers(limit, "deceleration", 1, "0")[0] or ramp
+    origin = _origin(element)
+    return Joint(name, kind, parent, child, origin, axis / length, lower, upper, velocity, ramp, brake)
 
 
 def _link_of(element: ET.Element, end: str, joint: str, links: list[str]) -> str:

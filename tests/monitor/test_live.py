@@ -1,0 +1,135 @@
+"""``armgate monitor HOST:PORT CONFIG`` beside a real daemon: watching, stopping the cell, ending in order."""
+
+import asyncio
+import contextlib
+import os
+import signal
+
+import pytest
+
+from armgate.protocol import messages as m
+from support.cells import arms_yaml
+from support.clients import PATIENCE, Mover, Process, Raw, launch, run
+
+
+def config(tmp_path, name="arms.yaml", **options):
+    file = tmp_path / name
+    file.write_text(arms_yaml(**options))
+    return file
+
+
+@contextlib.asynccontextmanager
+async def watching(port, *configs, **options):
+    """A monitor that has said what it watches."""
+    more = [word for key, value in options.items() for word in (f"--{key}", str(value))]
+    process = await launch("monitor", f"127.0.0.1:{port}", *map(str, configs), *more)
+    try:
+        assert "watching" in await line_of(process)
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+async def line_of(process):
+    async with asyncio.timeout(PATIENCE):
+        return (await process.stdout.readline()).decode()
+
+
+async def ended(process, by=signal.SIGINT):
+    """Exit status and the lines that were left."""
+    if by is not None:
+        process.send_signal(by)
+    async with asyncio.timeout(PATIENCE):
+        out, err = await process.communicate()
+    assert b"Traceback" not in err
+    return process.returncode, out.decode().splitlines(), err.decode()
+
+
+async def reset(operator, stop):
+    """Reset a stop, as soon as the robots rest."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            operator.send(m.Reset(stop=stop))
+            if isinstance(await operator.get((m.Resumed, m.Error)), m.Resumed):
+                return
+            await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_path, by):
+    file = config(tmp_path)
+    async with Process.serving(file) as daemon, watching(daemon.port, file) as monitor:
+        mover = await Mover.start(daemon.port, "A")
+        await mover.moves_on(60)
+        operator = await Raw.hello(daemon.port, "operator", "operator")
+        operator.send(m.Stop(reason="lunch"))
+        stopped = await operator.get(m.Stopped)
+        await reset(operator, stopped.stop)
+        again = await Mover.start(daemon.port, "A", name="again")
+        await again.moves_on(60)
+        status, lines, _ = await ended(monitor, by)
+        assert status == 0, lines
+        assert "no violations" in lines[-1]
+        assert int(lines[-1].split()[2]) > 100
+
+
+async def test_a_daemon_that_serves_another_cell_is_stopped(tmp_path):
+    other = config(tmp_path, "other.yaml")
+    other.write_text(other.read_text().replace("[0.05, 1.0]", "[0.06, 1.0]"))
+    async with Process.serving(config(tmp_path)) as daemon:
+        observer = await Raw.hello(daemon.port, "observer", "observer")
+        async with watching(daemon.port, other) as monitor:
+            stopped = await observer.get(m.Stopped)
+            assert (stopped.by, set(stopped.robots)) == ("monitor", {"A", "B"})
+            assert "body post is described with another shape or size" in stopped.reason
+            status, lines, _ = await ended(monitor)
+    assert status == 1
+    assert lines[-1].endswith("1 violation")
+
+
+async def test_a_margin_that_is_violated_stops_the_cell_with_numbers_and_pair(tmp_path):
+    """The monitor's configuration asks for more than the daemon keeps."""
+    strict = config(tmp_path, "strict.yaml")
+    strict.write_text(strict.read_text().replace("stop_distance: 20 mm", "stop_distance: 46 mm"))
+    async with Process.serving(config(tmp_path)) as daemon, watching(daemon.port, strict) as monitor:
+        assert "violated: stop_distance" in await line_of(monitor)
+        assert "stopped the cell" in await line_of(monitor)
+        operator = await Raw.hello(daemon.port, "operator", "operator")
+        await reset(operator, 1)
+        mover = await Mover.start(daemon.port, "A", dq=(0.01, 0.0, 0.0))
+        stopped = await operator.get(m.Stopped, lambda one: one.by == "monitor")
+        assert "post" in stopped.reason
+        assert "46.000 mm are required" in stopped.reason
+        assert "A/" in await line_of(monitor)
+        mover.task.cancel()
+        status, _, _ = await ended(monitor)
+    assert status == 1
+
+
+async def test_states_that_stop_coming_are_noticed_and_a_lost_daemon_ends_the_watch(tmp_path):
+    file = config(tmp_path)
+    async with Process.serving(file) as daemon, watching(daemon.port, file, silence=0.3) as monitor:
+        await asyncio.sleep(0.5)  # states come
+        daemon.signal(signal.SIGSTOP)
+        try:
+            assert "violated: A, tick" in (first := await line_of(monitor))
+            assert "no state for 0." in first
+        finally:
+            daemon.signal(signal.SIGCONT)
+        await asyncio.sleep(0.3)
+        os.kill(daemon.process.pid, signal.SIGKILL)
+        status, _, err = await ended(monitor, by=None)
+    assert status == 1
+    assert "not watched any more" in err
+
+
+async def test_a_configuration_that_it_cannot_read_is_refused(tmp_path):
+    file = config(tmp_path)
+    async with Process.serving(file) as daemon:
+        wrong = config(tmp_path, "wrong.yaml")
+        wrong.write_text(wrong.read_text().replace("cylinder", "blob"))
+        status, out, err = await run("monitor", f"127.0.0.1:{daemon.port}", wrong)
+    assert (status, out) == (2, "")
+    assert "surroundings.post.shape.blob" in err
