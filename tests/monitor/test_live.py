@@ -57,6 +57,17 @@ async def reset(operator, stop):
             await asyncio.sleep(0.05)
 
 
+async def toward_the_post(port):
+    """Turn the first joint of A toward the post for as long as that is admitted."""
+    raw = await Raw.hello(port, "driver")
+    fence = await raw.acquire("A")
+    raw.send(m.Subscribe(robots=("A",), fields=("setpoint",)))
+    while True:
+        state = await raw.get(m.State)
+        dq = (0.002, 0.0, 0.0)
+        raw.send(m.Command(robot="A", fence=fence, seq=state.tick, tick=state.tick, dq=dq))
+
+
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_path, by):
     file = config(tmp_path)
@@ -69,6 +80,8 @@ async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_
         await reset(operator, stopped.stop)
         again = await Mover.start(daemon.port, "A", name="again")
         await again.moves_on(60)
+        mover.task.cancel()
+        again.task.cancel()
         status, lines, _ = await ended(monitor, by)
         assert status == 0, lines
         assert "no violations" in lines[-1]
@@ -98,12 +111,12 @@ async def test_a_margin_that_is_violated_stops_the_cell_with_numbers_and_pair(tm
         assert "stopped the cell" in await line_of(monitor)
         operator = await Raw.hello(daemon.port, "operator", "operator")
         await reset(operator, 1)
-        mover = await Mover.start(daemon.port, "A", dq=(0.01, 0.0, 0.0))
+        driver = asyncio.create_task(toward_the_post(daemon.port))
         stopped = await operator.get(m.Stopped, lambda one: one.by == "monitor")
         assert "post" in stopped.reason
         assert "46.000 mm are required" in stopped.reason
         assert "A/" in await line_of(monitor)
-        mover.task.cancel()
+        driver.cancel()
         status, _, _ = await ended(monitor)
     assert status == 1
 

