@@ -99,6 +99,16 @@ def entry(**changes):
     return change
 
 
+def with_urdf(name):
+    """The packed configuration, which names another file as URDF."""
+
+    def change(files):
+        text = base64.b64decode(files["config.yaml"]).decode()
+        return with_file("config.yaml", re.sub("urdf: .*", f"urdf: {name}", text))(files)
+
+    return change
+
+
 def header(key, make):
     return lambda topic, value: value | {key: make(value[key])} if topic == "/run" else value
 
@@ -120,6 +130,10 @@ def with_file(name, text):
         (header("files", with_file("config.yaml", "a: [")), 1),
         (header("files", with_file("../escaped", "x")), 1),
         (header("files", lambda f: f | {"config.yaml": "@@@"}), 1),
+        (header("files", with_urdf("/dev/zero")), 1),
+        (header("files", with_urdf("/etc/hostname")), 1),
+        (header("files", with_urdf("../x.urdf")), 1),
+        (header("files", with_urdf("package://x/y.urdf")), 1),
         (header("description", lambda _: {}), 1),
         (header("description", lambda d: d | {"stop_distance": 0.01}), 1),
         (header("description", lambda d: d | {"robots": []}), 1),

@@ -12,7 +12,6 @@ from armgate.monitor.agreement import differences, orders_of
 from armgate.monitor.core import Account, Monitor
 from armgate.monitor.errors import DescriptionError, MonitorError
 from armgate.monitor.model import Cell, build
-from armgate.monitor.packed import check_packed
 from armgate.monitor.samples import sample_of
 from armgate.monitor.yaml_files import read_files
 from armgate.recording import Header, Recording, Shown
@@ -57,9 +56,7 @@ def _cell(header: Header, description: Description, configs: Sequence[Path]) -> 
     with TemporaryDirectory(prefix="armgate-monitor-") as folder:
         _unpack(header, Path(folder))
         try:
-            tree = read_files([Path(folder) / _CONFIG])
-            check_packed(tree, Path(folder), header.files)
-            return build(tree, orders)
+            return build(read_files([Path(folder) / _CONFIG], confined=True), orders)
         except DescriptionError as error:
             text = str(error).replace(f"{folder}/", "")
             raise MonitorError(f"the configuration in the recording cannot be read: {text}") from error

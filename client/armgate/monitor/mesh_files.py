@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.monitor.errors import DescriptionError
+from armgate.monitor.plain_files import read_bytes
 
 Array = NDArray[np.float64]
 
@@ -38,13 +39,7 @@ def read_mesh(file: Path) -> Mesh:
     Raises:
         DescriptionError: It cannot be read, is of another format, or is damaged.
     """
-    try:
-        size = file.stat().st_size
-        data = file.read_bytes() if size <= MAX_BYTES else b""
-    except OSError as error:
-        raise DescriptionError(f"mesh {file}: cannot be read: {error.strerror or error}") from error
-    if size > MAX_BYTES:
-        raise DescriptionError(f"mesh {file}: {size} bytes; expected at most {MAX_BYTES}")
+    data = read_bytes(file, MAX_BYTES, "mesh ")
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
         raise DescriptionError(f"mesh {file}: expected one of {', '.join(_READERS)}")

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,13 +11,13 @@ from numpy.typing import NDArray
 from armgate.monitor.errors import DescriptionError
 from armgate.monitor.frames import Array
 from armgate.monitor.gantry import AXES, add_gantry
+from armgate.monitor.plain_files import Located
 from armgate.monitor.quantities import si
 from armgate.monitor.sections import Section
 from armgate.monitor.shapes import MESH_KEYS, configured, few_cornered, locate, mesh_solids, method_of
 from armgate.monitor.solids import Solid
 from armgate.monitor.urdf_file import Body as UrdfBody
 from armgate.monitor.urdf_file import Description, Joint, MeshUse, read_urdf
-from armgate.monitor.yaml_files import Located
 
 Kind = Literal["self", "robots", "surroundings"]
 KINDS: tuple[Kind, ...] = ("robots", "surroundings", "self")
@@ -207,7 +206,7 @@ class _Builder:
             found.joints.append(mount)
         base = self._own.section("base").pose()
         moving, mounts = self._tree(found, base)
-        bodies = [b for body in found.bodies for b in self._of_urdf(body, mounts, urdf.path.parent)]
+        bodies = [b for body in found.bodies for b in self._of_urdf(body, mounts, urdf)]
         for name, body in self._own.sections("bodies"):
             bodies += self._of_config(name, body, mounts)
         return self._robot(moving, mounts, base), bodies
@@ -252,10 +251,10 @@ class _Builder:
             raise DescriptionError(f"{where}: there is no link {link!r}")
         return mounts[link]
 
-    def _of_urdf(self, body: UrdfBody, mounts: dict[str, _Mount], folder: Path) -> list[CellBody]:
+    def _of_urdf(self, body: UrdfBody, mounts: dict[str, _Mount], urdf: Located) -> list[CellBody]:
         at, solids = mounts[body.link], [body.shape] if isinstance(body.shape, Solid) else []
         if isinstance(body.shape, MeshUse):
-            file = locate(body.shape.uri, folder, self._packages)
+            file = locate(urdf.beside(body.shape.uri), self._packages)
             solids = mesh_solids(file, body.shape.scale, self._method(body))
         meshed = isinstance(body.shape, MeshUse)
         place = at.placement @ body.origin

@@ -85,8 +85,10 @@ class Motion:
         starts = np.stack([before.q, sample.q, before.setpoint, inside])
         off = np.abs(sample.setpoint - starts).min(axis=0)
         jump = np.abs(sample.setpoint - before.setpoint)
+        if off.max() > 2.0 * self.robot.q_tolerance + tol.STILL:
+            return False
         self.moved = bool(jump.max() > tol.REBASED * self.robot.q_tolerance + tol.STILL)
-        return bool(off.max() <= 2.0 * self.robot.q_tolerance + tol.STILL)
+        return True
 
     def _begin(self, before: Sample | None, sample: Sample) -> None:
         """Start anew at a position that no increment led to."""

@@ -8,10 +8,10 @@ from urllib.parse import unquote, urlsplit
 from armgate.monitor.errors import DescriptionError
 from armgate.monitor.mesh_files import read_mesh
 from armgate.monitor.mesh_solids import boxed, solids_of
+from armgate.monitor.plain_files import Located
 from armgate.monitor.quantities import si
 from armgate.monitor.sections import Section
 from armgate.monitor.solids import SIZES, Solid, primitive
-from armgate.monitor.yaml_files import Located
 
 MESH_KEYS = ("method", "threshold", "max_parts", "max_vertices")
 METHODS = ("parts", "hull")
@@ -44,7 +44,7 @@ def _configured_mesh(mesh: Section, packages: Mapping[str, Path]) -> list[Solid]
     factors = [si(factor, mesh.place("scale"), "length") for factor in factors]
     if len(factors) != 3:
         raise DescriptionError(f"{mesh.place('scale')}: expected one factor, or three")
-    return mesh_solids(locate(file.text, file.folder, packages), factors, method_of(mesh))
+    return mesh_solids(locate(file, packages), factors, method_of(mesh))
 
 
 def method_of(options: Section) -> str:
@@ -65,7 +65,7 @@ def few_cornered(solid: Solid) -> Solid:
     return boxed(solid)
 
 
-def locate(uri: str, folder: Path, packages: Mapping[str, Path]) -> Path:
+def locate(file: Located, packages: Mapping[str, Path]) -> Path:
     """Return the file that a path, ``file://…`` or ``package://NAME/…`` names.
 
     Packages are looked for in the configuration, in ROS_PACKAGE_PATH, and among the folders around.
@@ -73,9 +73,10 @@ def locate(uri: str, folder: Path, packages: Mapping[str, Path]) -> Path:
     Raises:
         DescriptionError: There is no such package, or the URI is of another kind.
     """
+    uri = file.text
     scheme, mark, rest = uri.partition("://")
-    if not mark:
-        return folder / uri
+    if not mark or file.confined:
+        return file.path
     if scheme == "file":
         return Path(unquote(urlsplit(uri).path))
     if scheme != "package":
@@ -84,7 +85,7 @@ def locate(uri: str, folder: Path, packages: Mapping[str, Path]) -> Path:
     if name in packages:
         return packages[name] / unquote(inside)
     listed = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
-    here = folder.absolute()
+    here = file.folder.absolute()
     for place in (*(entry / name for entry in listed), *listed, here, *here.parents):
         if place.name == name and place.is_dir():
             return place / unquote(inside)

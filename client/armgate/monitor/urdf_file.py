@@ -13,6 +13,7 @@ import numpy as np
 
 from armgate.monitor.errors import DescriptionError
 from armgate.monitor.frames import Array, from_quaternion, placement
+from armgate.monitor.plain_files import read_bytes
 from armgate.monitor.solids import SIZES, Solid, hull, primitive
 
 MAX_BYTES = 16 << 20
@@ -79,15 +80,10 @@ def read_urdf(file: Path) -> Description:
         DescriptionError: It cannot be read or holds something that the monitor does not know.
     """
     try:
-        data = file.read_bytes()
-        if len(data) > MAX_BYTES:
-            raise DescriptionError(f"{file}: {len(data)} bytes; expected at most {MAX_BYTES}")
-        text = data.decode("utf-8")
+        text = read_bytes(file, MAX_BYTES, "").decode("utf-8")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise DescriptionError(f"{file}: a document type or entities are not allowed")
         return _description(ET.fromstring(text))  # noqa: S314  (entities are refused above)
-    except OSError as error:
-        raise DescriptionError(f"{file}: cannot be read: {error.strerror or error}") from error
     except (ET.ParseError, ValueError) as error:
         raise DescriptionError(f"{file}: not a URDF in UTF-8: {error}") from error
     except DescriptionError as error:

@@ -6,13 +6,13 @@ of the file in which it stands.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from armgate.monitor.errors import DescriptionError
+from armgate.monitor.plain_files import Located, read_bytes
 
 MAX_BYTES = 4 << 20
 MAX_VALUES = 100_000
@@ -27,21 +27,12 @@ _WORDS: dict[str, object] = {
 _FILE_KEYS = {"urdf", "file"}
 
 
-@dataclass(frozen=True)
-class Located:
-    """A text that names a file, and the folder that a relative path counts from."""
-
-    text: str
-    folder: Path
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self.folder / self.text
-
-
-def read_files(paths: Sequence[Path]) -> dict[str, Any]:
+def read_files(paths: Sequence[Path], *, confined: bool = False) -> dict[str, Any]:
     """Read configuration files; later ones overlay earlier ones.
+
+    Args:
+        paths: The files.
+        confined: True if they may name files of their own folder only.
 
     Raises:
         DescriptionError: A file cannot be read or is not a YAML mapping; the text names file and line.
@@ -50,7 +41,7 @@ def read_files(paths: Sequence[Path]) -> dict[str, Any]:
         raise DescriptionError("no configuration file given; expected at least one YAML file")
     tree: dict[str, Any] = {}
     for path in paths:
-        tree = _merged(tree, _Reader(path).read())
+        tree = _merged(tree, _Reader(path, confined).read())
     return tree
 
 
@@ -68,8 +59,8 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 class _Reader:
     """One file."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, confined: bool) -> None:
+        self._path, self._confined = path, confined
         self._left = MAX_VALUES
 
     def read(self) -> dict[str, Any]:
@@ -89,12 +80,7 @@ class _Reader:
         return value
 
     def _text(self) -> str:
-        try:
-            data = self._path.read_bytes()
-        except OSError as error:
-            raise DescriptionError(f"{self._path}: cannot be read: {error.strerror or error}") from error
-        if len(data) > MAX_BYTES:
-            raise DescriptionError(f"{self._path}: {len(data)} bytes; expected at most {MAX_BYTES}")
+        data = read_bytes(self._path, MAX_BYTES, "")
         try:
             return data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
@@ -110,7 +96,9 @@ class _Reader:
             return [self._value(item, "", key, depth + 1) for item in node.value]
         value = _scalar(node)
         names_file = key in _FILE_KEYS or around == "packages"
-        return Located(value, self._path.parent) if names_file and isinstance(value, str) else value
+        if names_file and isinstance(value, str):
+            return Located(value, self._path.parent, self._confined)
+        return value
 
     def _mapping(self, node: yaml.MappingNode, key: str, depth: int) -> dict[str, Any]:
         found: dict[str, Any] = {}

@@ -1,0 +1,53 @@
+"""Reading of whole files, bounded and of regular files only: a device never ends."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from armgate.monitor.errors import DescriptionError
+
+
+@dataclass(frozen=True)
+class Located:
+    """A text that names a file, and the folder that a relative path counts from.
+
+    ``confined``: only a plain name of a file in the folder may be named, as in the files of a recording.
+    """
+
+    text: str
+    folder: Path
+    confined: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The file.
+
+        Raises:
+            DescriptionError: It is not in the folder that it must be in.
+        """
+        if self.confined and (Path(self.text).name != self.text or self.text in {"", ".", ".."}):
+            raise DescriptionError(f"{self.text!r:.80} is not packed with it")
+        return self.folder / self.text
+
+    def beside(self, text: str) -> "Located":
+        """Return another file, named in this one."""
+        return Located(text, self.path.parent, self.confined)
+
+
+def read_bytes(file: Path, most: int, what: str) -> bytes:
+    """Return the content of a regular file.
+
+    Raises:
+        DescriptionError: It cannot be read, is no regular file, or is larger than ``most`` bytes.
+    """
+    try:
+        if file.exists() and not file.is_file():
+            raise DescriptionError(f"{what}{file}: not a regular file")
+        with file.open("rb") as stream:
+            data = stream.read(most + 1)
+    except (OSError, ValueError) as error:
+        raise DescriptionError(
+            f"{what}{file}: cannot be read: {getattr(error, 'strerror', error)}"
+        ) from error
+    if len(data) > most:
+        raise DescriptionError(f"{what}{file}: more than {most} bytes")
+    return data
