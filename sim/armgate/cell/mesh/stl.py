@@ -90,6 +90,7 @@ def _ascii(data: bytes) -> Soup:
         if word == b"vertex":
             flat += numbers(words[1:], line)
         elif word == b"facet":
+            _check_normal(words[2:], line)
             start = len(flat)
         elif word == b"endloop" and len(flat) - start != 9:
             raise ModelError(
@@ -116,6 +117,16 @@ def _check_form(word: bytes, words: list[bytes], line: int) -> None:
         raise ModelError(
             f"line {line}: a facet stands in the line of {shown(words[0])}; expected one statement a line"
         )
+
+
+def _check_normal(words: list[bytes], line: int) -> None:
+    """Refuse words that are no numbers; without an area a normal may be "nan", "-nan(ind)" or "1.#QNAN"."""
+    for word in words:
+        try:
+            float(word)
+        except ValueError:
+            if b"nan" not in word.lower() and b".#" not in word:
+                raise ModelError(f"line {line}: {shown(word)} in a normal; expected a number") from None
 
 
 def _unexpected(line: int, word: bytes, state: str) -> str:
