@@ -21,8 +21,7 @@ _FAULTS = 64
 
 REMEDY = (
     "the gate admits only motion away from these; change start or base, lower stop_distance or "
-    "self_distance, or "
-    "name pairs that touch by construction in ignore_pairs"
+    "self_distance, or name pairs that touch by construction in ignore_pairs"
 )
 
 

@@ -12,9 +12,8 @@ def remarks(cell: Cell) -> list[str]:
     found = [text for robot in cell.robots for text in _about_robot(robot)]
     if not cell.pairs:
         found.append(
-            "no pair of bodies must stay apart: the gate keeps joint limits only; configure surroundings, "
-            "or give "
-            "the robots' links collision bodies"
+            "no pair of bodies must stay apart: the gate keeps joint limits only; configure surroundings, or "
+            "give the robots' links collision bodies"
         )
     return found
 
@@ -27,8 +26,7 @@ def _about_robot(robot: Robot) -> Iterator[str]:
     if seen:
         yield (
             f"{robot.name}: {_listed('link', seen)} visuals, but no collision body: nothing guards that "
-            f"part; add "
-            f"<collision> to the URDF, or bodies to the configuration"
+            f"part; add <collision> to the URDF, or bodies to the configuration"
         )
     jerky = [
         joint.get("name", "") for joint in urdf.findall("joint") if joint.find("limit[@jerk]") is not None
@@ -36,8 +34,7 @@ def _about_robot(robot: Robot) -> Iterator[str]:
     if jerky:
         yield (
             f"{robot.name}: {_listed('joint', jerky)} a jerk limit, which the gate ignores; configure "
-            f"decelerations "
-            f"that the robot reaches in spite of it"
+            f"decelerations that the robot reaches in spite of it"
         )
 
 

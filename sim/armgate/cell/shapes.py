@@ -42,8 +42,7 @@ class Primitive:
             if not 0.0 < size <= MAX_EXTENT:
                 raise ModelError(
                     f"a {self.kind} cannot have the size {size}; expected a positive number of metres, at "
-                    f"most "
-                    f"{MAX_EXTENT:g}"
+                    f"most {MAX_EXTENT:g}"
                 )
 
     @property

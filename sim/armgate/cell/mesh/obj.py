@@ -4,6 +4,7 @@ Statements that add no surface are ignored, see ``_IGNORED``. All others are ref
 and surfaces, points, lines and calls of other files would be missing in the bodies.
 """
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,9 +14,14 @@ from armgate.cell.mesh.soup import Soup
 from armgate.cell.mesh.text import lines_of, numbers, shown, whole
 
 _IGNORED = frozenset(
-    b"o g s mg vn vt usemtl mtllib usemap maplib lod bevel c_interp d_interp shadow_obj trace_obj".split()
+    b"o g s mg usemtl mtllib usemap maplib lod bevel c_interp d_interp shadow_obj trace_obj".split()
 )
-"""Names, groups, smoothing, normals, texture coordinates, materials and display attributes."""
+"""Names, groups, smoothing, materials and display attributes."""
+
+_INDEX = re.compile(rb"-?\d+(/-?\d*){0,2}")
+
+_NUMBERS = {b"vn": (3,), b"vt": (1, 2, 3)}
+"""Normals and texture coordinates, ignored as well: how many numbers they have."""
 
 _VERTEX = {3: "x y z", 4: "x y z w", 6: "x y z r g b", 7: "x y z w r g b"}
 
@@ -38,11 +44,14 @@ def read_obj(data: bytes) -> Soup:
             corners += _face(words, line, len(flat) // 3)
             sizes.append(len(words) - 1)
             places.append(line)
-        elif word not in _IGNORED:
+        elif word in _NUMBERS:
+            _check_numbers(words, line)
+        elif word in _IGNORED:
+            _check_name(words, line)
+        else:
             raise ModelError(
                 f"line {line}: the statement {shown(word)} is not supported; expected v and f only, beside "
-                f"names, "
-                f"materials and normals: export polygons"
+                f"names, materials and normals: export polygons"
             )
     _check_indices(corners, sizes, places, len(flat) // 3)
     return Soup.of(np.array(flat, dtype=np.float64), corners, sizes, places)
@@ -59,7 +68,7 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
         if not begun:
             first = line
         begun += words
-        if continued and begun and begun[0] in _IGNORED and begun[0] not in (b"vn", b"vt"):
+        if continued and begun and begun[0] in _IGNORED:
             # A name that ends in a backslash, as a folder's, must not swallow the next statement.
             raise ModelError(
                 f"line {line}: a name that ends in a backslash; rename it, or remove the backslash"
@@ -70,6 +79,27 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     if begun:
         raise ModelError(
             f"line {first}: the statement is continued beyond the end of the file: it is cut off"
+        )
+
+
+def _check_name(words: list[bytes], line: int) -> None:
+    """Refuse a name that ends as a face does: a line end may have been lost before it."""
+    tail = words[words.index(b"f", 1) + 1 :] if b"f" in words[1:] else []
+    if len(tail) >= 3 and all(_INDEX.fullmatch(word) for word in tail):
+        raise ModelError(
+            f"line {line}: a face stands in the line of {shown(words[0])}; expected one statement a line"
+        )
+
+
+def _check_numbers(words: list[bytes], line: int) -> None:
+    """Refuse anything else than numbers: a face may have got into the line. A normal need not be finite."""
+    try:
+        count = len(list(map(float, words[1:])))
+    except ValueError:
+        count = -1
+    if count not in _NUMBERS[words[0]]:
+        raise ModelError(
+            f"line {line}: {shown(b' '.join(words))}; expected {words[0].decode()} and its numbers"
         )
 
 
@@ -107,6 +137,5 @@ def _check_indices(corners: list[int], sizes: list[int], places: list[int], coun
         face = int(np.searchsorted(np.cumsum(sizes), first, side="right"))
         raise ModelError(
             f"line {places[face]}: vertex {corners[first] + 1} does not exist; the file has {count}: it is "
-            f"damaged or "
-            f"cut off, export it again"
+            f"damaged or cut off, export it again"
         )

@@ -44,9 +44,8 @@ def read_off(data: bytes) -> Soup:
         places.append(line)
     for line, words in lines:
         raise ModelError(
-            f"line {line}: {shown(words[0])} follows the last of {face_count} faces; expected the end of "
-            f"the file: "
-            f"the counts in its header are wrong"
+            f"line {line}: {shown(words[0])} follows the last of {face_count} faces; expected the end of the "
+            f"file: the counts in its header are wrong"
         )
     return Soup.of(np.array(flat, dtype=np.float64), corners, sizes, places)
 
@@ -84,8 +83,7 @@ def _taken(lines: Lines, what: str, number: int, count: int) -> tuple[int, list[
     if found is None:
         raise ModelError(
             f"the file ends after {number} of {count} {'vertices' if what == 'vertex' else 'faces'}: it is "
-            f"cut off, "
-            f"or the counts in its header are wrong; export it again"
+            f"cut off, or the counts in its header are wrong; export it again"
         )
     return found
 
@@ -95,8 +93,7 @@ def _face(words: list[bytes], line: int, vertices: int) -> list[int]:
     if size < 3 or len(words) - 1 - size not in _COLOURS:
         raise ModelError(
             f"line {line}: a face of {len(words)} numbers that begins with {size}; expected its number of "
-            f"corners "
-            f"(at least 3), the corners, and no more than a colour"
+            f"corners (at least 3), the corners, and no more than a colour"
         )
     face = wholes(words[1 : 1 + size], line)
     numbers(words[1 + size :], line)

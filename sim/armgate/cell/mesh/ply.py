@@ -159,8 +159,7 @@ def _add_property(line: int, words: list[bytes], elements: list[_Element]) -> No
     if not elements or len(words) != 3 + 2 * (len(kinds) == 2) or any(kind not in _TYPES for kind in kinds):
         raise ModelError(
             f"line {line}: {shown(b' '.join(words))}; expected 'property TYPE NAME' or 'property list TYPE "
-            f"TYPE NAME' "
-            f"below an element, TYPE one of {', '.join(kind.decode() for kind in _TYPES)}"
+            f"TYPE NAME' below an element, TYPE one of {', '.join(kind.decode() for kind in _TYPES)}"
         )
     names = [column.name for column in elements[-1].columns]
     if words[-1] in names:
@@ -221,8 +220,7 @@ class _Text:
             if not 0 <= size <= len(words):
                 raise ModelError(
                     f"line {self._line}: too few values for the properties of {shown(element.name)}; "
-                    f"expected "
-                    f"{len(element.columns)} properties: export the file again"
+                    f"expected {len(element.columns)} properties: export the file again"
                 )
             values, words = words[:size], words[size:]
             row.append(self._read(values, column))
@@ -266,8 +264,7 @@ class _Text:
         if words is not None:
             raise ModelError(
                 f"line {self._line}: {shown(words[0])} follows the last row; expected the end of the file: "
-                f"the "
-                f"counts in its header are wrong"
+                f"the counts in its header are wrong"
             )
 
 
@@ -312,16 +309,14 @@ class _Binary:
         if left:
             raise ModelError(
                 f"byte {self._at}: {left} bytes follow the last row; expected the end of the file: the "
-                f"counts in "
-                f"its header are wrong"
+                f"counts in its header are wrong"
             )
 
 
 def _cut_off(element: _Element, number: int) -> str:
     return (
         f"the file ends after {number} of {element.rows} rows of the element {shown(element.name)}: it is "
-        f"cut off, "
-        f"or the counts in its header are wrong; export it again"
+        f"cut off, or the counts in its header are wrong; export it again"
     )
 
 
@@ -366,6 +361,5 @@ def _check_corners(faces: Soup, count: int) -> None:
         face = int(np.searchsorted(np.cumsum(faces.sizes), wrong[0], side="right"))
         raise ModelError(
             f"{faces.place(face)}: vertex {faces.corners[wrong[0]]} does not exist; expected 0 to "
-            f"{count - 1}: the "
-            f"file is damaged, export it again"
+            f"{count - 1}: the file is damaged, export it again"
         )

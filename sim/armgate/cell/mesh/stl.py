@@ -60,8 +60,7 @@ def _length_text(length: int, count: int) -> str:
     what = f"{length - wanted} bytes follow the last triangle" if length > wanted else "the file is cut off"
     return (
         f"binary STL of {length} bytes, but its header announces {count} triangles, which take {wanted} "
-        f"bytes: "
-        f"{what}; export it again"
+        f"bytes: {what}; export it again"
     )
 
 
