@@ -5,6 +5,7 @@ largest of a few β that is proven, found by the secant of the binding pair's ma
 budget.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,11 @@ _JOINTS = -1
 
 _TRIALS = 2
 _SECANT = 0.98
+_GRID = 2.0**-20
+"""Step of a blend that clearance gives: far above rounding, far below what a robot can show."""
+
+_DIGITS = 9
+"""Decimals of lengths in reasons, m: a nanometre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +120,15 @@ class Judge:
         return Decision(increments, total, wish.reasons, occupied, swept, judged.lb)
 
     def _secant(self, beta: float, binding: Binding) -> float:
-        """Where the binding pair's margin, linear between the held path and the wish, would be used up."""
+        """Return where the binding pair's margin, linear from the held path to the wish, would be used up.
+
+        Down to a grid: the compiled kernels and numpy round differently, and must not decide differently.
+        """
         held = self._clearance.bound[binding.pair] - binding.need
         tried = binding.lb - binding.need
         if not np.isfinite(tried) or held <= 0.0:
             return 0.5 * beta
-        return float(_SECANT * beta * held / (held - tried))
+        return math.floor(_SECANT * beta * held / (held - tried) / _GRID) * _GRID
 
     def _step(self, state: RobotState, new: Occupancy) -> Array | None:
         """By how much an occupancy extends the held one, per joint; None if that cannot be said."""
@@ -144,13 +153,24 @@ class Judge:
         limit = float(self._clearance.limits[binding.pair])
         proven = f"{round(1e3 * binding.lb, 1) + 0.0:.1f} mm" if np.isfinite(binding.lb) else "no distance"
         text = f"{a} and {b}: {proven} could be proven on the way to rest, {1e3 * limit:.1f} mm must be kept"
-        value = binding.lb if np.isfinite(binding.lb) else None
-        points = self._witness(binding, state)
+        value = round(binding.lb, _DIGITS) if np.isfinite(binding.lb) else None
+        points = _rounded(self._witness(binding, state))
         return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=points)
 
     def _witness(self, binding: Binding, state: RobotState) -> tuple[Point, Point] | None:
         """The points of the engine's last answer; where the budget ended before it was asked, of one more."""
         return binding.points or self._clearance.prove_held(state.index, binding.pair, Budget(1)).points
+
+
+def _rounded(points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
+    if points is None:
+        return None
+    (a, b, c), (d, e, f) = points
+    return (_length(a), _length(b), _length(c)), (_length(d), _length(e), _length(f))
+
+
+def _length(x: float) -> float:
+    return round(x, _DIGITS) + 0.0  # no minus zero
 
 
 def _outside(state: RobotState) -> Reason:
