@@ -57,7 +57,7 @@ def test_states_wait_for_a_client_that_does_not_read_and_answers_do_not():
     assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1"], True)
     pipe.reads = True
     pipe.outbox.write_states()
-    assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1", b"a2b1"], False)
+    assert (pipe.taken, pipe.outbox.states_wait) == ([b"v1", b"b1a2"], False)
 
 
 def test_states_of_a_subscription_that_ended_are_dropped():

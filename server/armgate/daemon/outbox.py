@@ -54,8 +54,13 @@ class Outbox:
         self._queued += len(frame)
 
     def put_states(self, frames: Mapping[str, bytes]) -> None:
-        """Send the states at a tick of these robots, each in place of one that still waits."""
-        self._states.update(frames)
+        """Send the states at a tick of these robots, each in place of one that still waits.
+
+        States go in the order of time: an old one of another robot must not follow a newer one.
+        """
+        for robot, frame in frames.items():
+            self._states.pop(robot, None)
+            self._states[robot] = frame
         self.write_states()
 
     def write_states(self) -> None:

@@ -66,6 +66,7 @@ class Expectations:
         self._fresh: set[str] = set()
         self._last: dict[str, int] = {}
         self._newest_stop = 0
+        self._time = 0.0
         self._fences: dict[str, int] = {}
         self.stops: dict[int, tuple[str, ...]] = {}
 
@@ -167,6 +168,8 @@ class Expectations:
         hold(robot in wanted.robots, f"a state of {robot}, which was not subscribed")
         hold(first or state.tick % wanted.every == 0, f"a state at tick {state.tick} of every {wanted.every}")
         hold(state.tick > self._last.get(robot, -1), f"tick {state.tick} of {robot} does not ascend")
+        hold(first or state.time >= self._time, f"the state at {state.time} s follows one at {self._time} s")
+        self._time = max(self._time, state.time)
         self._fresh.discard(robot)
         self._last[robot] = self.known.ticks[robot] = state.tick
         self.known.step = self.known.step if state.step is None else state.step
