@@ -1,9 +1,11 @@
 """Who may come in: tokens, their file, failures, and what is told of them."""
 
+import hashlib
 import io
 import json
 import os
 import socket
+from datetime import UTC, datetime
 
 import pytest
 
@@ -297,3 +299,63 @@ def test_a_file_of_another_user_is_refused(tmp_path, monkeypatch):
     os.chown(file, 4712, -1)
     with pytest.raises(t.TokenError, match="belongs to user 4712"):
         t.read(file)
+
+
+# --- expiry, rotation, certificates -----------------------------------------------------------------------
+
+
+def later(seconds):
+    return datetime.fromtimestamp(seconds, UTC)
+
+
+def test_a_token_is_of_no_use_after_its_time():
+    made = t.make("lab", "controller", None, later(1000.0))
+    house = House()
+    wall = iter((999.0, 1000.0))
+    access = Access(t.Tokens([made.token]), Attempts(9, 9, 0.0), house.log, wall=wall.__next__)
+    hello = m.Hello(versions=(1,), name="x", token=made.secret)
+    assert access.admit(hello, Guest(HERE), 0.0).token == made.token
+    with pytest.raises(RemoteProtocolError, match="asks for a token"):
+        access.admit(hello, Guest(HERE), 0.0)
+    assert house.lines()[-1]["why"] == "expired"
+
+
+def test_a_certificate_is_bound_to_a_role():
+    bound = t.Token(name="alice", role="operator", certificate=hashlib.sha256(b"der").hexdigest())
+    house = House()
+    access = Access(t.Tokens([bound, house.made["lab"].token]), Attempts(9, 9, 0.0), house.log)
+    hello = m.Hello(versions=(1,), name="x", role="operator")
+    assert access.admit(hello, Guest(HERE), 0.0, b"der").token == bound
+    for certificate in (b"other", None):
+        with pytest.raises(RemoteProtocolError):
+            access.admit(hello, Guest(HERE), 0.0, certificate)
+    secret = m.Hello(versions=(1,), name="x", token=house.made["lab"].secret)
+    assert access.admit(secret, Guest(HERE), 0.0, b"der").token.name == "lab"
+
+
+def test_a_line_has_one_proof():
+    for more in ({}, {"sha256": "0" * 64, "certificate": "0" * 64}):
+        with pytest.raises(ValueError, match="either sha256 or certificate"):
+            t.Token(name="a", role="observer", **more)
+
+
+def test_a_rotated_token_has_a_new_secret_and_the_old_one_for_a_while(tmp_path):
+    file = tmp_path / "tokens"
+    first, other = t.make("a", "controller", ["FR"]), t.make("b", "observer", None)
+    for one in (first, other):
+        t.append(file, one.token)
+    second = t.rotate(file, "a", later(1000.0))
+    known = t.read(file)
+    assert known.find(first.secret).expires == later(1000.0)
+    assert known.find(first.secret).grant == first.token
+    assert known.find(second.secret) == second.token
+    assert (second.token.role, second.token.robots, second.token.expires) == ("controller", ("FR",), None)
+    third = t.rotate(file, "a", None)
+    known = t.read(file)
+    assert known.find(first.secret) is known.find(second.secret) is None
+    assert known.find(third.secret) == third.token
+    assert known.find(other.secret) == other.token
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in tmp_path.iterdir()] == ["tokens"]
+    with pytest.raises(t.TokenError, match="no secret of c; expected one of b, a"):
+        t.rotate(file, "c", None)

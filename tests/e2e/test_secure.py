@@ -504,6 +504,63 @@ async def test_programs_say_what_is_wrong_with_a_login(secured):
         assert told in err
 
 
+# --- expiry, rotation, certificates bound to a role -------------------------------------------------------
+
+
+async def test_a_session_ends_when_its_token_expires(tmp_path):
+    file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
+    soon, _ = await token(file, "--role", "controller", "--name", "soon", "--days", 10 / 86400)
+    lasting, _ = await token(file, "--role", "controller", "--name", "lasting")
+    config.write_text(arms_yaml(server="{tokens: tokens}"))
+    async with Process.serving(config) as daemon:
+        short, answer = await login(daemon.port, "controller", soon)
+        assert isinstance(answer, m.Welcome), answer
+        long, _ = await login(daemon.port, "controller", lasting)
+        error = (await short.rest())[-1]
+        assert (error.code, error.fatal) == ("unauthorized", True)
+        assert "has expired" in error.text
+        long.send(m.Ping(time=1.0))
+        await long.get(m.Pong)
+        _, answer = await login(daemon.port, "controller", soon)
+        assert answer.code == "unauthorized"
+
+
+async def test_a_rotated_token_keeps_its_sessions_while_the_old_secret_is_valid(tmp_path):
+    file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
+    old, _ = await token(file, "--role", "controller", "--name", "lab")
+    config.write_text(arms_yaml(server="{tokens: tokens}"))
+    async with Process.serving(config) as daemon:
+        session, _ = await login(daemon.port, "controller", old)
+        new, told = await token(file, "--rotate", "lab", "--overlap", "1")
+        assert "1 h more" in told
+        await reread(daemon, "tokens.read")
+        session.send(m.Ping(time=1.0))
+        await session.get(m.Pong)
+        for secret in (old, new):
+            _, answer = await login(daemon.port, "controller", secret)
+            assert isinstance(answer, m.Welcome), answer
+        await token(file, "--rotate", "lab")
+        await reread(daemon, "tokens.read")
+        assert (await session.rest())[-1].code == "unauthorized"
+
+
+async def test_a_certificate_gives_a_role_without_a_secret(tmp_path, connect):
+    authority = Authority(tmp_path)
+    authority.issue("cell", "127.0.0.1")
+    own, other = authority.issue("alice"), authority.issue("bob")
+    await token(tmp_path / "tokens", "--role", "operator", "--name", "alice", "--certificate", own[0])
+    config = tmp_path / "arms.yaml"
+    tls = "{certificate: cell.pem, key: cell.key, client_ca: ca.pem}"
+    config.write_text(arms_yaml(server=f"{{tls: {tls}, tokens: tokens}}"))
+    async with Process.serving(config) as daemon:
+        address = f"127.0.0.1:{daemon.port}"
+        cell = await connect(address, "alice", "operator", tls=tls_context(authority.file, *own))
+        assert cell.welcome.role == "operator"
+        await done(cell.close())
+        with pytest.raises(Rejected, match="armgate token"):
+            await connect(address, "bob", "observer", tls=tls_context(authority.file, *other))
+
+
 # --- users of this machine --------------------------------------------------------------------------------
 
 

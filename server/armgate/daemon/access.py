@@ -4,6 +4,7 @@ import ssl
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import time
 
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.log import Log
@@ -69,20 +70,33 @@ class Access:
     Args:
         tokens: The tokens that are accepted; None: everybody, in the role that the hello names.
         users: Roles of this machine's users, for connections on the Unix socket that bring no token.
+        wall: The Unix time, s, at which tokens expire.
         attempts: Counts the hellos that failed.
         log: Where failures are logged, without what was given.
     """
 
     def __init__(
-        self, tokens: Tokens | None, attempts: Attempts, log: Log, users: Mapping[int, Role] | None = None
+        self,
+        tokens: Tokens | None,
+        attempts: Attempts,
+        log: Log,
+        users: Mapping[int, Role] | None = None,
+        wall: Callable[[], float] = time,
     ) -> None:
+        self._wall = wall
         self._tokens = tokens
         self._users = users or {}
         self._attempts = attempts
         self._log = log
 
-    def admit(self, hello: Hello, guest: Guest, now: float) -> Admission:
+    def admit(self, hello: Hello, guest: Guest, now: float, certificate: bytes | None = None) -> Admission:
         """Return the role granted to this client.
+
+        Args:
+            hello: Its hello.
+            guest: Where it connects from.
+            now: The time, s, of a clock that does not go back.
+            certificate: What it showed over TLS, in DER; counts if the hello brings no token.
 
         Raises:
             RemoteProtocolError: ``unauthorized``.
@@ -91,9 +105,14 @@ class Access:
             return self._admit_user(hello, guest, guest.uid, now)
         if self._tokens is None:
             return Admission(hello.role)
-        token = self._tokens.find(hello.token)
-        if token is None or not token.allows(hello.role):
-            why = "no token" if hello.token is None else "unknown token" if token is None else "role"
+        if hello.token is None and certificate is not None:
+            token = self._tokens.of_certificate(certificate)
+        else:
+            token = self._tokens.find(hello.token)
+        if token is None or not token.allows(hello.role) or token.expired(self._wall()):
+            why = "no token" if hello.token is None else "unknown token"
+            if token is not None:
+                why = "role" if not token.allows(hello.role) else "expired"
             self._note(hello, guest, now, why, None if token is None else token.name)
             raise RemoteProtocolError(ErrorCode.UNAUTHORIZED, _WRONG, about="hello")
         robots = None if token.robots is None else frozenset(token.robots)

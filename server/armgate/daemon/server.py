@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
-from time import monotonic
+from time import monotonic, time
 from typing import TYPE_CHECKING, Any
 
 from armgate.cell.cell import Cell
@@ -63,6 +63,11 @@ _CLOSE = 2.0
 
 _TAKEN_BACK = "the token of this session was taken back or changed; come in with one that is valid"
 
+
+_EXPIRED = "the token of this session has expired; come in with one that is valid"
+
+_LOOK_FOR_EXPIRED = 1.0
+"""Time between two looks for expired tokens, s."""
 
 _NOT_FOR_CLIENTS = (
     "your certificate is not for clients: its extended key usage does not name clientAuth; "
@@ -187,6 +192,7 @@ class Daemon:
         self._heed_hangup(loop)
         self._log.info("listening", host=host, port=port, start=self.start, lockstep=self._pace.lockstep)
         self._begin()
+        self._end_expired()
         announce(host, port)
         self._notifier.ready(f"listening on {host}:{port}")
         await self._over.wait()
@@ -481,7 +487,7 @@ class Daemon:
         try:
             if self._phase is not Phase.RUNNING:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
-            admitted = self._access.admit(hello, session.guest, monotonic())
+            admitted = self._access.admit(hello, session.guest, monotonic(), session.certificate)
             session.name, session.role, session.robots = hello.name, admitted.role, admitted.robots
             session.token = admitted.token
             if admitted.token is not None:
@@ -511,6 +517,14 @@ class Daemon:
             sources.append(Source("certificates", keys.reread_tls, self._use_tls))
         return Rereading(sources, self._log) if sources or keys.socket is not None else None
 
+    def _end_expired(self) -> None:
+        """End the sessions whose token has expired, and look again in a second."""
+        now = time()
+        for session in tuple(self._sessions):
+            if session.greeted and session.token is not None and session.token.expired(now):
+                session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _EXPIRED))
+        asyncio.get_running_loop().call_later(_LOOK_FOR_EXPIRED, self._end_expired)
+
     def _use_tls(self, tls: ssl.SSLContext) -> dict[str, object]:
         self._listener.use_tls(tls)
         return {}
@@ -519,10 +533,12 @@ class Daemon:
         """Accept these tokens; end sessions whose token is revoked or changed."""
         self._access.replace(tokens)
         tell_strange(tokens, self._core.robots, self._log)
-        valid = set(tokens)
+        valid = {token.grant: token for token in tokens}
         for session in tuple(self._sessions):
-            if session.greeted and session.token is not None and session.token not in valid:
-                session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _TAKEN_BACK))
+            if session.greeted and session.token is not None:
+                session.token = valid.get(session.token.grant)
+                if session.token is None:
+                    session.expel(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _TAKEN_BACK))
         return {"names": [token.name for token in tokens]}
 
     def said(self, session: Session, message: m.Message) -> None:

@@ -12,12 +12,14 @@ import hmac
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from armgate.protocol.messages import Hash, Name, Role
 
@@ -36,24 +38,43 @@ class TokenError(Exception):
 
 
 class Token(BaseModel):
-    """What is kept of one token.
+    """One line of the file: a client that is accepted, by a secret or by its certificate.
 
     Attributes:
         name: Whose it is, for the log.
         role: The most that it allows; its owner may come in as less.
         robots: The robots that it lets command, None: all.
         sha256: Hash of the secret, in hex.
+        certificate: SHA-256 of the client's certificate in DER, in hex; shown over TLS instead of a secret.
+        expires: When it is of no more use; None: never.
     """
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
     name: Name
     role: Role
     robots: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
-    sha256: Hash
+    sha256: Hash | None = None
+    certificate: Hash | None = None
+    expires: AwareDatetime | None = None
+
+    @model_validator(mode="after")
+    def _one_proof(self) -> Self:
+        if (self.sha256 is None) == (self.certificate is None):
+            raise ValueError("expected either sha256 or certificate")
+        return self
 
     def allows(self, role: Role) -> bool:
-        """Whether its owner may come in as this."""
+        """Return True if its owner may come in as this."""
         return RANKS[role] <= RANKS[self.role]
+
+    def expired(self, now: float) -> bool:
+        """Return True if it is of no more use at this Unix time, s."""
+        return self.expires is not None and self.expires.timestamp() <= now
+
+    @property
+    def grant(self) -> "Token":
+        """What it allows to whom, whenever it expires: a session stays valid while this stays the same."""
+        return self.model_copy(update={"expires": None})
 
 
 @dataclass(frozen=True)
@@ -73,12 +94,17 @@ class Tokens:
     def __iter__(self) -> Iterator[Token]:
         return iter(self._tokens)
 
+    def of_certificate(self, certificate: bytes) -> Token | None:
+        """Return the token that is bound to this certificate, in DER."""
+        given = hashlib.sha256(certificate).hexdigest()
+        return next((token for token in self._tokens if token.certificate == given), None)
+
     def find(self, secret: str | None) -> Token | None:
         """The token with this secret; how long this takes does not tell which, or how near it was."""
         given = digest(secret or "")
         found = None
         for token in self._tokens:
-            if hmac.compare_digest(given, token.sha256):
+            if hmac.compare_digest(given, token.sha256 or ""):
                 found = token
         return found
 
@@ -88,15 +114,15 @@ def digest(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-def make(name: str, role: Role, robots: Sequence[str] | None) -> Made:
-    """A new token.
+def make(name: str, role: Role, robots: Sequence[str] | None, expires: datetime | None = None) -> Made:
+    """Return a new token.
 
     Raises:
         ValueError: One of the names cannot be a name.
     """
     secret = PREFIX + secrets.token_urlsafe(_BYTES)
     own = None if robots is None else tuple(robots)
-    return Made(Token(name=name, role=role, robots=own, sha256=digest(secret)), secret)
+    return Made(Token(name=name, role=role, robots=own, sha256=digest(secret), expires=expires), secret)
 
 
 def read(file: Path) -> Tokens:
@@ -123,21 +149,55 @@ def read(file: Path) -> Tokens:
 
 
 def append(file: Path, token: Token) -> None:
-    """Write one more token to a file, which is made if there is none.
+    """Add a token to a file, which is made if there is none.
 
     Raises:
         TokenError: The file holds something else, or a token of that name.
         OSError: It cannot be written.
     """
-    known = [*read(file)] if file.exists() else []
-    _once(file, [*known, token])
-    with os.fdopen(os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as out:
-        out.write(_missing_end(file) + token.model_dump_json().encode() + b"\n")
+    _write(file, [*(read(file) if file.exists() else ()), token])
 
 
-def _missing_end(file: Path) -> bytes:
-    data = file.read_bytes()
-    return b"\n" if data and not data.endswith(b"\n") else b""
+def rotate(file: Path, name: str, until: datetime | None) -> Made:
+    """Give the owner of a token a new secret; return it.
+
+    Args:
+        file: The file of the tokens.
+        name: Whose token it is.
+        until: How long the old secret stays valid; None: not at all.
+
+    Raises:
+        TokenError: The file cannot be read, or holds no secret of that name.
+        OSError: It cannot be written.
+    """
+    known = [*read(file)]
+    old = [token for token in known if token.name == name and token.sha256 is not None]
+    if not old:
+        raise TokenError(f"{file}: no secret of {name}; expected one of {', '.join(t.name for t in known)}")
+    made = make(name, old[-1].role, old[-1].robots, old[-1].expires)
+    rest = [token for token in known if token.name != name]
+    kept = [] if until is None else [old[-1].model_copy(update={"expires": until})]
+    _write(file, [*rest, *kept, made.token])
+    return made
+
+
+def _write(file: Path, tokens: Sequence[Token]) -> None:
+    """Replace the file as a whole, so that the daemon never reads half of it."""
+    _once(file, tokens)
+    lines = "".join(token.model_dump_json(exclude_none=True) + "\n" for token in tokens)
+    owner = file.stat() if file.exists() else None
+    handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as out:
+            out.write(lines)
+            if owner is not None:
+                os.fchmod(out.fileno(), stat.S_IMODE(owner.st_mode))
+                if owner.st_uid != os.geteuid():
+                    os.fchown(out.fileno(), owner.st_uid, owner.st_gid)
+        Path(name).replace(file)
+    except BaseException:
+        Path(name).unlink()
+        raise
 
 
 def _token(file: Path, number: int, line: str) -> Token:
@@ -152,7 +212,9 @@ def _token(file: Path, number: int, line: str) -> Token:
 
 
 def _once(file: Path, tokens: Sequence[Token]) -> None:
+    """Check that names are unique, but for a secret that was rotated and expires."""
     names = [token.name for token in tokens]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    lasting = [token.name for token in tokens if token.expires is None]
+    twice = sorted({name for name in names if names.count(name) > 2 or lasting.count(name) > 1})
     if twice:
         raise TokenError(f"{file}: two tokens named {', '.join(twice)}; give every token a name of its own")
