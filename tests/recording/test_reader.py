@@ -18,6 +18,7 @@ from armgate.recording import (
     Step,
     TruncatedError,
     part_name,
+    sink,
 )
 from armgate.recording.files import written_anew
 from armgate.recording.rewrite import Rewritten, rewrite
@@ -195,8 +196,9 @@ def test_the_state_at_any_time_is_the_newest_until_then(tmp_path):
 
 
 def test_what_no_reader_would_take_is_not_written(tmp_path, monkeypatch):
-    from armgate.recording import sink
-
     monkeypatch.setattr(sink, "LARGEST", 10_000)
-    with pytest.raises(OSError, match="more than a recording can hold"):
-        records.write(tmp_path, assets={"a": "A" * 6000})
+    with (
+        (tmp_path / "x").open("wb") as stream,
+        pytest.raises(OSError, match="more than a recording can hold"),
+    ):
+        Sink(stream, records.header(assets={"a": "A" * 6000}))
