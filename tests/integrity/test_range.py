@@ -70,6 +70,23 @@ def test_inside_nothing_changes(x):
     assert own.fitted([at(x), at(0.3)], 0.5e-3) is own
 
 
+@pytest.mark.parametrize("x", [-ROOM, 0.8 + ROOM])
+def test_the_edge_is_inside(x):
+    own = Range.of(slide())
+    assert own.fitted([at(x)], 0.0) is own
+
+
+def test_every_lever_must_be_inside():
+    ball = (scenes.body("sphere", 0.05),)
+    kinds = ("revolute", "prismatic", "prismatic")
+    joints = [scenes.joint(k - 1, kind, bodies=ball) for k, kind in enumerate(kinds)]
+    robot = {"urdf": scenes.urdf(joints), "start": [0.0] * 3}
+    around = {"far": {"shape": {"sphere": 0.1}, "xyz": [50, 0, 0]}}
+    own = Range.of(scenes.build({"A": robot}, surroundings=around).robots[0])
+    for out in ((0.0, 3.0, 0.0), (0.0, 0.0, 3.0), (0.0, -3.0, 0.0), (0.0, 0.0, -3.0)):
+        assert own.fitted([out], 0.0) is not own
+
+
 def test_only_levers_count():
     own = Range.of(slide())
     assert own.fitted([at(0.4, other=50.0)], 0.0) is own

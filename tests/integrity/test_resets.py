@@ -76,6 +76,7 @@ def test_where_a_robot_stands_off_its_setpoint_all_is_proven_anew():
     hands.play()
     hands.rest(0, (x,), count=3)
     kept = hands.kept()
+    hands.gate._clearance.bound.lower(0, np.array([0.5 * kept]))  # as if less had been proven on the way
     (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
     answer, rebase = hands.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint) == (True, (x,))
@@ -104,6 +105,18 @@ def test_a_setpoint_stays_if_nothing_can_be_proven_of_the_other_one(monkeypatch)
     answer, rebase = hands.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint, rebase.resets) == (True, hands.q[0], 1)
     assert hands.kept() == bounds
+
+
+def test_a_setpoint_may_be_as_near_as_the_robot_is_where_that_is_too_near():
+    """A retreat that the robot does not follow: where it stands, no more is proven than was."""
+    hands = pair(0.015)
+    (x,) = hands.q[0]
+    assert hands.ask((-STEP,)).outcome is Outcome.ADMITTED
+    hands.play()
+    hands.rest(0, (x,), count=3)
+    (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
+    assert hands.gate.step(Reset(stop.id, "x"))[1].setpoint == (x,)
+    assert hands.kept() == pytest.approx(0.015, abs=1e-8)
 
 
 def test_what_waits_for_its_answer_is_no_better_than_what_a_reset_proved():

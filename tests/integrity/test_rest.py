@@ -49,6 +49,18 @@ def test_motion_that_can_be_told_from_noise_in_half_a_second_is_no_rest(toleranc
     assert not any(noted(tolerance, places))
 
 
+def test_nothing_is_known_before_the_first_tick_and_after_a_new_beginning():
+    stillness = Stillness(0.0, T)
+    assert not stillness.reached
+    stillness.note((0.0,))
+    stillness.note((0.0,))
+    assert stillness.reached
+    stillness.begin()
+    assert not stillness.reached
+    stillness.note((0.0,))
+    assert not stillness.reached
+
+
 def test_every_joint_must_stay():
     assert within((0.0, 1.0), (0.1, 1.1), 0.11)
     assert not within((0.0, 1.0), (0.1, 1.2), 0.11)

@@ -183,6 +183,17 @@ def test_nothing_new_may_become_violated_on_the_way_out():
     assert rig.command(0, (-2e-4, 0.0)).outcome is not Outcome.REFUSED
 
 
+def test_a_floor_is_gone_once_its_pair_is_clear():
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
+    floors = rig.gate._judge._retreat._floor
+    assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
+    assert list(floors) == [0]
+    for _ in range(240):
+        rig.step(lambda rig, i: (-1e-3, 0.0))
+    assert rig.drives[0].q[0] < 0.4
+    assert floors == {}
+
+
 def test_a_retreat_begins_at_rest():
     """A body that appears in the way of a moving robot: it brakes first."""
     rig = corner()

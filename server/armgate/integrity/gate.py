@@ -245,16 +245,16 @@ class Gate:
 
         What was proven of a robot that faulted is void: it is proven anew at what was measured.
         """
-        setpoint = s.stand()
-        if s.faulted:
-            s.rebase(setpoint)
+        setpoint, faulted = s.stand(), s.faulted
+        moves = setpoint != s.setpoint and not faulted
+        if moves and not self._reservations.prove_stand(s, setpoint):
+            setpoint = s.setpoint
+        s.rebase(setpoint)
+        self._reservations.hold_plan(s)
+        if faulted:
             s.faulted = False
             self._judge.forget(s.index)
-            self._reservations.hold_plan(s)
             self._reservations.renew(s)
-        else:
-            s.rebase(setpoint if self._reservations.prove_stand(s, setpoint) else s.setpoint)
-            self._reservations.hold_plan(s)
         return Rebase(s.name, s.setpoint, s.resets)
 
     def _link(self, event: LinkChange) -> list[GateOutput]:

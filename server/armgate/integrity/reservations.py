@@ -79,8 +79,6 @@ class Reservations:
 
         Every pair must keep its limit, or what is proven of it where that is less.
         """
-        if setpoint == s.setpoint:
-            return True
         c = self._clearance
         swept = c.space.sweep(s.index, s.occupancy_at(setpoint))
         need = np.minimum(c.limits_of[s.index], c.bound.of(s.index))
