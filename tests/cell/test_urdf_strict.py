@@ -185,6 +185,12 @@ def test_links_may_use_the_same_name_for_a_collision(tmp_path):
     assert [cell.bodies[pair.a].name for pair in cell.pairs] == ["R/arm_2"]
 
 
+def test_a_nameless_collision_gives_way_to_a_name_that_is_given(tmp_path):
+    named = BOX.replace("<collision>", '<collision name="{}">')
+    cell = cell_of(tmp_path, urdf("", named.format("arm_2") + BOX + named.format("arm")))
+    assert [body.name for body in cell.bodies] == ["R/arm_2", "R/arm_2_", "R/arm", "post"]
+
+
 # --- together, and before anything slow ---------------------------------------------------------------------
 
 

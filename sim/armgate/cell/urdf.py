@@ -398,12 +398,16 @@ def _ramps(limit: ET.Element, where: str) -> tuple[float, float]:
 
 def collisions(link: ET.Element) -> list[tuple[str, ET.Element]]:
     """Return the collision elements of a link with the names of their bodies, unchecked."""
-    # A link may have several nameless collisions; the first takes the link's name.
-    name = link.get("name", "")
-    return [
-        (element.get("name", name if number == 1 else f"{name}_{number}"), element)
-        for number, element in enumerate(link.findall("collision"), start=1)
-    ]
+    elements = link.findall("collision")
+    given = {element.get("name") for element in elements}
+    named = []
+    for number, element in enumerate(elements, start=1):
+        # A link may have several nameless collisions; the first takes the link's name.
+        name = link.get("name", "") if number == 1 else f"{link.get('name', '')}_{number}"
+        while name in given:
+            name += "_"
+        named.append((element.get("name", name), element))
+    return named
 
 
 def write_body(link: ET.Element, name: str, shape: Shape, xyz: Iterable[float], rpy: Iterable[float]) -> None:

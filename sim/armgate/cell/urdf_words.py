@@ -15,7 +15,7 @@ _XACRO = "http://www.ros.org/wiki/xacro", "http://wiki.ros.org/xacro", "http://r
 
 @dataclass(frozen=True)
 class Form:
-    """What may stand in an element.
+    """Content that an element may have.
 
     Attributes:
         attributes: Attributes that are read.
