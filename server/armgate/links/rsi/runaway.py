@@ -7,7 +7,6 @@ One that adds up leaves them in the direction of its correction, and is faster.
 """
 
 from collections import deque
-from collections.abc import Sequence
 
 from armgate.cell.events import Joints
 
@@ -31,42 +30,47 @@ class Runaway:
 
     def __init__(self, tolerance: Joints, period: float) -> None:
         self._tolerance = tolerance
+        self._room = tuple(_OUTSIDE * one for one in tolerance)
         self._size = max(round(_WINDOW / period), 1)
         self._past: deque[tuple[Joints, Joints]] = deque(maxlen=_CYCLES + 1)
-        self._low: list[float] = []
-        self._high: list[float] = []
-        self._fast: list[float] = []
-        self._older: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None
-        self._count = 0
+        self._count = self._size
+        self._ranges: deque[list[list[float]]] = deque(maxlen=2)
 
     def take(self, q: Joints, setpoint: Joints, reference: Joints) -> int | None:
         """Take a telegram over; return the axis that adds up, None if none does."""
         self._past.append((q, setpoint))
-        if not self._low or self._count >= self._size:
-            self._older = (self._low, self._high, self._fast) if self._low else None
-            self._low, self._high, self._fast = list(setpoint), list(setpoint), [0.0] * len(q)
-            self._count = 0
-        self._count += 1
-        if setpoint == reference or len(self._past) <= _CYCLES:
-            return None
         before, was = self._past[0]
-        for j, now in enumerate(setpoint):
-            self._low[j], self._high[j] = min(self._low[j], now), max(self._high[j], now)
-            self._fast[j] = max(self._fast[j], abs(now - was[j]))
-            if self._adds(j, q[j], q[j] - before[j], now - reference[j]):
+        if self._count >= self._size:
+            self._count = 0
+            self._ranges.append([list(setpoint), list(setpoint), [0.0] * len(q)])
+        self._count += 1
+        if was is not setpoint:
+            self._widen(setpoint, was)
+        low, high, _ = self._ranges[-1]
+        for j, (x, room) in enumerate(zip(q, self._room, strict=True)):
+            if low[j] - room <= x <= high[j] + room:
+                continue
+            if self._adds(j, x, x - before[j], setpoint[j] - reference[j]):
                 return j
         return None
 
+    def _widen(self, setpoint: Joints, was: Joints) -> None:
+        low, high, fast = self._ranges[-1]
+        for j, (now, then) in enumerate(zip(setpoint, was, strict=True)):
+            if now < low[j]:
+                low[j] = now
+            elif now > high[j]:
+                high[j] = now
+            fast[j] = max(fast[j], abs(now - then))
+
     def _adds(self, j: int, q: float, moved: float, total: float) -> bool:
-        low, high, fast = self._low[j], self._high[j], self._fast[j]
-        if self._older is not None:
-            low, high = min(low, self._older[0][j]), max(high, self._older[1][j])
-            fast = max(fast, self._older[2][j])
-        tolerance = self._tolerance[j]
-        outside = q - high if total > 0.0 else low - q
-        along = moved if total > 0.0 else -moved
+        """Return True if an axis is outside of older setpoints too, and as fast as if it added up."""
+        low = min(ranges[0][j] for ranges in self._ranges)
+        high = max(ranges[1][j] for ranges in self._ranges)
+        fast = max(ranges[2][j] for ranges in self._ranges)
+        outside, along = (q - high, moved) if total > 0.0 else (low - q, -moved)
         return (
-            outside > _OUTSIDE * tolerance
-            and along > _FASTER * fast + 0.5 * tolerance
+            outside > self._room[j]
+            and along > _FASTER * fast + 0.5 * self._tolerance[j]
             and along < _FASTEST * _CYCLES * abs(total)
         )
