@@ -102,6 +102,17 @@ def test_two_damaged_places_leave_two_gaps(tmp_path):
     assert len(gaps(tmp_path)) == 2
 
 
+def test_a_file_that_is_damaged_again_keeps_both_originals(tmp_path):
+    damaged(tmp_path, flip(100))
+    (one,) = recovered(tmp_path)
+    file = one.file
+    data = bytearray(file.read_bytes())
+    data[scan(file).chunks[9].offset + 90] ^= 0xFF
+    file.write_bytes(data)
+    (two,) = recovered(tmp_path)
+    assert [one.original.name, two.original.name] == [f"{file.name}.damaged", f"{file.name}.damaged-2"]
+
+
 async def test_the_command_says_what_was_lost(tmp_path):
     damaged(tmp_path, flip(100))
     status, said, _ = await run("recover", tmp_path)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from armgate.recording.rewrite import Rewritten, is_readable, rewrite
 from armgate.recording.scan import Scan, scan
 
 _NOTHING = Rewritten(0, 0, 0)
+_COPIES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +73,11 @@ def _kept(file: Path) -> Path:
     """Give the damaged file a second name: what could not be read is in it only.
 
     Raises:
-        OSError: There is such a file already.
+        OSError: It cannot get one.
     """
-    original = file.with_name(f"{file.name}.damaged")
-    os.link(file, original, follow_symlinks=False)
-    return original
+    for suffix in ("", *(f"-{number}" for number in range(2, _COPIES + 1))):
+        original = file.with_name(f"{file.name}.damaged{suffix}")
+        with suppress(FileExistsError):
+            os.link(file, original, follow_symlinks=False)
+            return original
+    raise FileExistsError(f"{_COPIES} damaged copies of it are kept already; remove some")
