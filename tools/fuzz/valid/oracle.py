@@ -138,7 +138,7 @@ class Expectations:
         hold(error.code != "internal", f"the server failed: {error.text}")
         hold(error.code not in ("malformed", "invalid_message"), f"valid, yet refused: {error.text}")
         self.ended = error.fatal
-        if error.about == "command" and error.seq is not None:
+        if error.about == "command" and error.seq is not None and not error.fatal:
             found = [r for r, waiting in self._commands.items() if waiting and waiting[0].seq == error.seq]
             strange = [r for r in found if r not in self.known.robots]
             hold(bool(strange), f"a command for a robot of the cell got {error.code}")
