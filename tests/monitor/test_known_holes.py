@@ -135,4 +135,5 @@ def test_a_link_that_plays_other_increments_under_the_right_key_is_found(tmp_pat
             break
     assert watched.findings
     assert watched.tick <= 4, "at the first increment"
+    assert watched.runner.view(ARM).stops == (), "the gate has noticed nothing"
     assert np.max(np.abs(watched.cell.robot(ARM).velocity * 0.012)) > 16e-4  # slow enough for every bound

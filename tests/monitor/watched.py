@@ -118,11 +118,9 @@ class Watched:
         if self.recorder is not None:
             self.recorder.show(ticks, list(entries.values()), {}, (), None)
         new = []
-        for name, entry in entries.items():
-            sample = sample_of(entry)
-            assert sample is not None
-            ends = {n: np.array(other.stop_end) for n, other in entries.items() if n != name}
-            new += self.monitor.take(sample, ends)
+        samples = [sample_of(entry) for entry in entries.values()]
+        for sample in samples:
+            new += self.monitor.take(sample, [other for other in samples if other is not sample])
         self.findings += new
         return new
 

@@ -87,6 +87,10 @@ class Clearances:
 
     def move(self, robot: int, poses: Array) -> None:
         """Take over the poses (4, n) of a robot."""
+        known = self._poses[robot]
+        if known is not None and np.array_equal(known, poses):
+            self._fresh[robot] = POSES
+            return
         if not self._reaches[robot].covers(poses):
             self._reaches[robot].extend(poses)
             self._rows[robot] = _Rows(self.cell, robot, self._reaches)
@@ -100,13 +104,9 @@ class Clearances:
         """Forget the ends of a robot's stop: it may have another plan by now."""
         self._fresh[robot] = END
 
-    def reserve(self, robot: int, end: Array) -> None:
-        """Take over another end of a robot's stop, from a state of another robot."""
-        poses = self._poses[robot]
-        if poses is not None:
-            poses = poses.copy()
-            poses[END:] = end
-            self.move(robot, poses)
+    def forget(self, robot: int) -> None:
+        """Forget the poses of a robot, whose states are missing."""
+        self._poses[robot], self._complete = None, False
 
     # --- the cascade --------------------------------------------------------------------------------------
 

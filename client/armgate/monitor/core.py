@@ -1,12 +1,13 @@
 """The second judge, pure: samples of the robots' states in, findings out. No clock, no socket, no file."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from armgate.monitor import tolerances as tol
 from armgate.monitor.clearance import Clearances, Nearness, pair_names
 from armgate.monitor.findings import POSITIONS, Finding
-from armgate.monitor.frames import Array
 from armgate.monitor.model import Cell, Kind
 from armgate.monitor.motion import Motion, Sample
 
@@ -79,23 +80,21 @@ class Monitor:
         self._open: set[tuple[str, str]] = set()
         self._bodies = {body.name: i for i, body in enumerate(cell.bodies) if not body.meshed}
 
-    def take(self, sample: Sample, ends: Mapping[str, Array] | None = None) -> list[Finding]:
+    def take(self, sample: Sample, others: Iterable[Sample] = ()) -> list[Finding]:
         """Judge one robot at one of its ticks; return what is newly violated.
 
         Args:
             sample: The robot at its tick.
-            ends: Where the stops of other robots end now, if the state tells.
+            others: Where other robots are now, if the state tells: they have samples of their own, too.
         """
         if (wrong := self._wrong_form(sample)) is not None:
             return self._report(sample, [wrong])
         robot = self._index[sample.robot]
         motion = self._motions[robot]
         self._count(motion, sample)
-        for other, motion_of in enumerate(self._motions):
-            if motion_of.last is not None and abs(motion_of.last.time - sample.time) > tol.STEP:
-                self._clearances.age_ends(other)
-        for name, end in (ends or {}).items():
-            self._reserve(name, end)
+        self._age(sample)
+        for other in others:
+            self._see(other)
         poses, found = motion.take(sample)
         self._clearances.move(robot, poses)
         found += self._pairs(robot, sample, motion.moved)
@@ -121,10 +120,21 @@ class Monitor:
         self._add(found)
         return found
 
-    def _reserve(self, name: str, end: Array) -> None:
-        robot = self._index.get(name)
-        if robot is not None and len(end) == self.cell.robots[robot].n:
-            self._clearances.reserve(robot, end)
+    def _age(self, sample: Sample) -> None:
+        """Forget what other robots may have left: their plans, and their places after missing states."""
+        for other, motion in enumerate(self._motions):
+            if motion.last is None:
+                continue
+            age = sample.time - motion.last.time
+            if age > tol.STALE * motion.robot.period:
+                self._clearances.forget(other)
+            elif abs(age) > tol.STEP:
+                self._clearances.age_ends(other)
+
+    def _see(self, other: Sample) -> None:
+        if self._wrong_form(other) is None:
+            poses = np.stack([other.q, other.setpoint, other.stop_end, other.stop_end])
+            self._clearances.move(self._index[other.robot], poses)
 
     # --- form and coverage --------------------------------------------------------------------------------
 

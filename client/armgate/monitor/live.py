@@ -102,9 +102,9 @@ class Watch:
             yield state
 
     def _take(self, state: State) -> None:
-        sample, ends = of_state(state)
+        sample, others = of_state(state)
         if sample is not None:
-            self._act(self._monitor.take(sample, ends))
+            self._act(self._monitor.take(sample, others))
 
     def _act(self, found: list[Finding]) -> None:
         """Print findings, and stop the cell."""

@@ -3,7 +3,6 @@
 import numpy as np
 
 from armgate.client import Entry, State
-from armgate.monitor.frames import Array
 from armgate.monitor.motion import Sample
 
 FIELDS = ("q", "setpoint", "stop_end", "stops", "link", "nearest")
@@ -28,13 +27,8 @@ def sample_of(entry: Entry) -> Sample | None:
     )
 
 
-def of_state(state: State) -> tuple[Sample | None, dict[str, Array]]:
-    """Return the robot that ticked, and where the stops of the others end now."""
-    own: Sample | None = None
-    ends = {}
-    for entry in state.entries:
-        if entry.robot == state.robot:
-            own = sample_of(entry)
-        elif entry.stop_end:
-            ends[entry.robot] = np.array(entry.stop_end)
-    return own, ends
+def of_state(state: State) -> tuple[Sample | None, list[Sample]]:
+    """Return the robot that ticked, and the others as the state shows them."""
+    samples = [sample for entry in state.entries if (sample := sample_of(entry)) is not None]
+    own = next((sample for sample in samples if sample.robot == state.robot), None)
+    return own, [sample for sample in samples if sample is not own]

@@ -33,6 +33,9 @@ REBASED = 3.0
 MEASURED_TICKS = 8
 """The speed of measured positions is taken over so many ticks, and may be one tick's share larger."""
 
+STALE = 2.5
+"""A robot whose newest state is older than so many of its periods may be elsewhere: states are missing."""
+
 DISTANCE = 1e-5
 """A reported distance may be above the computed one by this much, m."""
 
