@@ -298,7 +298,7 @@ class RsiLink:
         commanded = run.commanded
         number = run.runaway.take(telegram.q, commanded.setpoint, commanded.reference)
         if number is not None:
-            run.adds = True
+            run.adds = self._rebased = True
             self._player.drop()
             self._object(run, f"{self._setup.axes[number].name} {_ADDS}")
 

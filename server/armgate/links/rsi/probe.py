@@ -38,6 +38,8 @@ _STILL = 8
 """Telegrams for which the position of a robot that rests stays the same."""
 _TAIL, _REST = 0.001, 0.1
 """Motion within these telegrams that counts as rest; the same if it does not end, as noise, in amplitudes."""
+_NOISE = 0.02
+"""Motion of a robot at rest that a reference is not taken anew for, in tolerances."""
 _NOISY = 128
 """Telegrams after which motion that does not end is taken for noise."""
 _PATIENCE = 30.0
@@ -227,9 +229,9 @@ class Probe:
         return None
 
     def moved(self, before: Joints, now: Joints) -> bool:
-        """Return True if two positions differ by more than the rounding of telegrams."""
-        rows = zip(before, now, self._shape.resolution, strict=True)
-        return any(abs(a - b) > 1.01 * step for a, b, step in rows)
+        """Return True if two positions differ by more than rounding and the noise of a robot at rest."""
+        rows = zip(before, now, self._shape.resolution, self._setup.tolerance, strict=True)
+        return any(abs(a - b) > max(1.01 * step, _NOISE * far) for a, b, step, far in rows)
 
     def target(self, reference: Joints, setpoint: Joints, going: bool) -> Joints:
         """Return where to command the robot now: on the round's way if ``going``, else back step by step."""
