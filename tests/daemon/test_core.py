@@ -609,3 +609,12 @@ def test_a_robot_that_has_just_played_its_last_increment_is_not_yet_at_rest(benc
     last = bench.core._ticks["A"]
     assert last.q == pytest.approx(last.setpoint, abs=1e-6)
     assert last.increment == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("off", "rests"), [(0.99e-6, True), (1.01e-6, False)])
+def test_noise_within_the_tolerance_is_no_motion(bench, off, rests):
+    bench.tick(3)
+    tick = bench.core._ticks["A"]
+    for k in range(4):
+        bench.core.note(replace(tick, q=tuple(x + off * (-1.0) ** k for x in tick.q)))
+    assert bench.core.at_rest == rests

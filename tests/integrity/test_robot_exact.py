@@ -229,3 +229,25 @@ def test_a_setpoint_that_differs_by_rounding_from_the_gates_own_sum_has_not_chan
         tick(state, (0.1 + 0.5e-9, 0.0), (0.3, 0.0), time=0.01 * k)
     assert state.changed == -math.inf
     assert state.resting
+
+
+def test_a_setpoint_that_changes_at_the_second_tick_has_changed():
+    state = cart(window=0.5)
+    tick(state, NOT, time=0.0)
+    tick(state, (1.0, 0.0), NOT, time=0.9)
+    assert state.changed == 0.9
+    tick(state, (1.0, 0.0), NOT, time=1.0)
+    assert not state.resting
+
+
+@pytest.mark.parametrize(
+    ("faulted", "unlike", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
+)
+def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted, unlike, stands):
+    """After a fault nothing explains the difference; axes that lag differently begin at a companion."""
+    cell = scenes.crossing()
+    robot = (scenes.lagging(cell, 0.03, unlike) if unlike else cell).robots[0]
+    state = robot_state(robot, 0)
+    tick(state, NOT)
+    state.faulted, state.q, state.measured = faulted, (0.5, 0.0), (0.75, 0.0)
+    assert state.stand() == (stands, 0.0)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase
+from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links import EmulatedLink
 from armgate.links.driven import DrivenEmulatedLink
 from armgate.links.remote.berth import Berth
@@ -140,3 +140,15 @@ def test_one_that_ends_takes_no_plan():
     (change,) = bench.heard()
     assert (change.state, change.reason) == (LinkState.LOST, "the robot server is ending")
     assert bench.offer("d1", 0, 1).reason == "inactive"
+
+
+@pytest.mark.parametrize(("off", "told"), [(1e-3, True), (1.001e-3, False)])
+def test_a_robot_that_stands_under_noise_is_told_of_to_the_next_daemon(off, told):
+    """Two measurements of it differ by up to twice the tolerance."""
+    bench = Bench(settling=5 * T)
+    bench.berth = Berth(bench.link, "link", 1e-3, 5 * T)
+    bench.daemon("d1")
+    for k in range(20):
+        q = (off * (-1.0) ** k, 1.0)
+        bench.berth._hear(Tick("A", k, T * k, q, (0.0, 1.0), (0.0, 0.0)))
+    assert any(isinstance(said, Played) for said in bench.heard()) == told

@@ -33,10 +33,10 @@ ABOUT = {
     "clearance": ("clearance_exact", "groups_exact", "gate_exact", "verdicts", "retreat", "gate_order"),
     "engine": ("certificate_exact", "shapes_certificates"),
     "gate": ("gate_order", "gate_exact", "gate_reserved", "faults", "resets"),
-    "groups": ("groups_exact", "screen"),
+    "groups": ("groups_exact", "screen", "resets"),
     "judge": ("judge_exact", "gate_order", "retreat", "verdicts"),
     "limits": ("limits_exact", "motion_math"),
-    "nearest": ("nearest_exact", "gate_exact"),
+    "nearest": ("nearest_exact", "gate_exact", "resets"),
     "occupancy": ("occupancy_exact", "motion_math"),
     "question": ("clearance_exact", "groups_exact", "verdicts"),
     "range": ("range", "resets"),
@@ -47,7 +47,7 @@ ABOUT = {
     "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside", "range"),
     "screen": ("screen", "clearance_exact", "gate_exact"),
     "support": ("groups_exact", "shapes_certificates"),
-    "swept": ("groups_exact", "screen"),
+    "swept": ("groups_exact", "screen", "resets"),
     "view": ("gate_exact", "gate_order"),
 }
 """Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
