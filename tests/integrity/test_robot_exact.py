@@ -251,3 +251,10 @@ def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted,
     tick(state, NOT)
     state.faulted, state.q, state.measured = faulted, (0.5, 0.0), (0.75, 0.0)
     assert state.stand() == (stands, 0.0)
+
+
+def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
+    state = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    tick(state, NOT)
+    state.rebase((0.5, 0.25))
+    assert state.largest.largest == (0.5, 0.25)
