@@ -609,3 +609,36 @@ async def test_a_service_refuses_to_start_without_login(tmp_path):
     status, out, err = await run("serve", config, "--require-login")
     assert (status, out) == (2, "")
     assert "configure server.tokens or server.socket" in err
+
+
+# --- sessions of others -----------------------------------------------------------------------------------
+
+
+async def test_an_operator_lists_sessions_and_ends_one_from_the_command_line(tmp_path):
+    file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
+    lab, _ = await token(file, "--role", "controller", "--name", "lab")
+    boss = tmp_path / "boss"
+    await token(file, "--role", "operator", "--name", "alice", "--out", boss)
+    config.write_text(arms_yaml(server="{tokens: tokens}"))
+    async with Process.serving(config) as daemon:
+        address = f"127.0.0.1:{daemon.port}"
+        raw, welcome = await login(daemon.port, "controller", lab)
+        await raw.acquire("A")
+        status, out, err = await run("sessions", address, "--token-file", boss)
+        assert (status, err) == (0, "")
+        assert f"{welcome.session}  x  controller  token lab  127.0.0.1:" in out
+        assert out.splitlines()[0].endswith("  A")
+        kick = ("--kick", welcome.session, "--reason", "enough")
+        status, out, err = await run("sessions", address, "--token-file", boss, *kick)
+        assert (status, out, err) == (0, f"session {welcome.session} has ended\n", "")
+        error = (await raw.rest())[-1]
+        assert (error.code, error.text) == ("kicked", "sessions ended this session: enough")
+        status, out, err = await run("sessions", address, "--token-file", boss, *kick)
+        assert status == 1
+        assert "unknown_session" in err
+        mine = tmp_path / "lab"
+        mine.write_text(lab)
+        mine.chmod(0o600)
+        status, out, err = await run("sessions", address, "--token-file", mine)
+        assert status == 1
+        assert "unauthorized" in err

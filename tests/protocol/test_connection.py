@@ -58,6 +58,8 @@ CLIENT_SAYS = {
     "reset": m.Reset(stop=1),
     "ping": m.Ping(time=0.0),
     "bye": m.Bye(),
+    "sessions": m.Sessions(),
+    "kick": m.Kick(session="s1"),
 }
 SERVER_SAYS = {
     "welcome": welcome(),
@@ -85,6 +87,8 @@ SERVER_SAYS = {
     "error": m.Error(code="leased", text="", fatal=False),
     "fatal": FATAL,
     "bye": m.Bye(),
+    "session_list": m.SessionList(sessions=()),
+    "kicked": m.Kicked(session="s1"),
 }
 SAYS = {Side.CLIENT: CLIENT_SAYS, Side.SERVER: SERVER_SAYS}
 EVENTS = [(side, event) for side, says in SAYS.items() for event in says]

@@ -16,7 +16,7 @@ class Peer:
 
     def __init__(self, id_, name, role="controller"):
         self.id, self.name, self.role = id_, name, role
-        self.identity, self.token_name = "here", None
+        self.identity, self.token_name, self.address = "here", None, "127.0.0.1:4711"
         self.robots = self.subscription = None
         self.heard = []
         self.ended = False
@@ -39,6 +39,9 @@ class Peer:
 
     def show(self, *states):
         self.heard += [state.state for state in states]
+
+    def expel(self, error):
+        self.end(error.message())
 
     def end(self, message):
         self.say(message)

@@ -65,6 +65,11 @@ EXAMPLES: dict[str, Any] = {
     "signals": {"zoom": {"owner": "lead", "value": [1.0], "time": 14.25}}, "warnings": ["a tick came late"],
     "by": "wave", "received": 14.5, "sent": 14.5, "code": "leased", "text": "FR is held by lead",
     "fatal": False, "about": "acquire",
+    "sessions": [
+        {"session": "s4", "name": "wave", "role": "controller", "token": "lab", "address": "192.0.2.7:4711",
+         "robots": ["FR"]},
+        {"session": "s5", "name": "e", "role": "observer", "token": None, "address": "uid 7", "robots": []},
+    ],
 }  # fmt: skip
 """A value of each field, whatever message it stands in."""
 

@@ -28,6 +28,8 @@ from armgate.protocol.messages import (
     Chunk,
     Describe,
     Description,
+    Kick,
+    Kicked,
     Lease,
     Ping,
     Pong,
@@ -36,6 +38,9 @@ from armgate.protocol.messages import (
     Reset,
     Resumed,
     Role,
+    SessionInfo,
+    SessionList,
+    Sessions,
     State,
     Stop,
     Stopped,
@@ -244,6 +249,22 @@ class Cell(CellHandle):
             Refused: ``unknown_stop``, ``moving`` or ``forbidden``.
         """
         return await self._ask(build(Reset, stop=stop), Resumed)
+
+    async def sessions(self) -> tuple[SessionInfo, ...]:
+        """Return the sessions of the daemon (operators).
+
+        Raises:
+            Refused: ``forbidden``, or the daemon does not know this (``unknown_type``).
+        """
+        return (await self._ask(build(Sessions), SessionList)).sessions
+
+    async def kick(self, session: str, reason: str = "") -> None:
+        """End a session; its robots play their plans to rest (operators).
+
+        Raises:
+            Refused: ``unknown_session`` or ``forbidden``.
+        """
+        await self._ask(build(Kick, session=session, reason=reason), Kicked)
 
     async def ping(self) -> float:
         """How long an answer takes, s."""

@@ -26,6 +26,8 @@ from armgate.protocol.messages import (
     Chunk,
     Describe,
     Description,
+    Kick,
+    Kicked,
     Lease,
     Ping,
     Pong,
@@ -34,6 +36,9 @@ from armgate.protocol.messages import (
     Reset,
     Resumed,
     Role,
+    SessionInfo,
+    SessionList,
+    Sessions,
     State,
     Stop,
     Stopped,
@@ -190,6 +195,22 @@ class Cell(CellHandle):
             Refused: ``unknown_stop``, ``moving`` or ``forbidden``.
         """
         return self._ask(build(Reset, stop=stop), Resumed)
+
+    def sessions(self) -> tuple[SessionInfo, ...]:
+        """Return the sessions of the daemon (operators).
+
+        Raises:
+            Refused: ``forbidden``, or the daemon does not know this (``unknown_type``).
+        """
+        return (self._ask(build(Sessions), SessionList)).sessions
+
+    def kick(self, session: str, reason: str = "") -> None:
+        """End a session; its robots play their plans to rest (operators).
+
+        Raises:
+            Refused: ``unknown_session`` or ``forbidden``.
+        """
+        self._ask(build(Kick, session=session, reason=reason), Kicked)
 
     def ping(self) -> float:
         """How long an answer takes, s."""

@@ -32,6 +32,8 @@ MESSAGES = {
     "pong": "re?:id time:num received:num sent:num",
     "error": "re?:id code:name text:text fatal:bool about?:name seq?:count",
     "bye": "reason?:text",
+    "session_list": "re?:id sessions:[Session]",
+    "kicked": "re?:id session:name",
 }
 
 MAPS = {
@@ -49,6 +51,8 @@ MAPS = {
     "verdict?:Last counts?:{count} late_commands?:count",
     "Nearest": "pair:[name] distance:num limit:num points?:[[num]]",
     "Last": "seq:count outcome:admitted|limited|refused cause?:name text?:text",
+    "Session": "session:name name:name role:observer|controller|operator token:name|nil address:text "
+    "robots:[name]",
     "Signal": "owner:name value:[num] time:num",
 }
 

@@ -36,6 +36,7 @@ class ErrorCode(StrEnum):
     OVERFLOW = "overflow"
     SHUTTING_DOWN = "shutting_down"
     SILENT = "silent"
+    KICKED = "kicked"
     # One message was of no effect.
     UNKNOWN_TYPE = "unknown_type"
     INVALID_MESSAGE = "invalid_message"
@@ -43,6 +44,7 @@ class ErrorCode(StrEnum):
     UNKNOWN_ASSET = "unknown_asset"
     UNKNOWN_FIELD = "unknown_field"
     UNKNOWN_STOP = "unknown_stop"
+    UNKNOWN_SESSION = "unknown_session"
     FORBIDDEN = "forbidden"
     LEASED = "leased"
     NOT_HELD = "not_held"
@@ -94,6 +96,7 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ErrorCode.SILENT: _fatal(
         "a participant gave no sign of life while all waited", "answer every step, or pass"
     ),
+    ErrorCode.KICKED: _fatal("an operator ended the session", "ask the operator"),
     ErrorCode.UNKNOWN_TYPE: _single(
         "this version has no message of that type", "see the welcome's capabilities"
     ),
@@ -104,6 +107,7 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ),
     ErrorCode.UNKNOWN_FIELD: _single("the state has no such field", "use the fields of a state entry"),
     ErrorCode.UNKNOWN_STOP: _single("no such stop is in force", "use the id of the stopped message"),
+    ErrorCode.UNKNOWN_SESSION: _single("there is no such session", "use an id of the session list"),
     ErrorCode.FORBIDDEN: _single("this role may not do that", "connect with a role that may"),
     ErrorCode.LEASED: _single("another session holds the robot", "wait, or take it over as an operator"),
     ErrorCode.NOT_HELD: _single("the session does not hold that lease", "acquire the robot"),

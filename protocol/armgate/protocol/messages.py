@@ -19,6 +19,7 @@ MAX_FRAMES = 256
 MAX_CHUNK = 256 * 1024
 MAX_SIGNAL = 16
 MAX_SIGNALS = 64
+MAX_SESSIONS = 1024
 MAX_TEXT = 512
 MAX_REASONS = 64
 MAX_NEAREST = 16
@@ -167,6 +168,20 @@ class Ping(Request):
 
     type: Literal["ping"] = "ping"
     time: Finite
+
+
+class Sessions(Request):
+    """Asks for the sessions of the server (operators only)."""
+
+    type: Literal["sessions"] = "sessions"
+
+
+class Kick(Request):
+    """Ends a session (operators only)."""
+
+    type: Literal["kick"] = "kick"
+    session: Name
+    reason: Text = ""
 
 
 class Bye(Message):
@@ -454,6 +469,31 @@ class Pong(Answer):
     sent: Finite
 
 
+class SessionInfo(Part):
+    """One session: its client, its token (nil: none), where it connects from, the robots that it holds."""
+
+    session: Name
+    name: Name
+    role: Role
+    token: Name | None
+    address: Text
+    robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
+
+
+class SessionList(Answer):
+    """The sessions of the server, in the order in which they came."""
+
+    type: Literal["session_list"] = "session_list"
+    sessions: Annotated[tuple[SessionInfo, ...], Field(max_length=MAX_SESSIONS)]
+
+
+class Kicked(Answer):
+    """A session was ended."""
+
+    type: Literal["kicked"] = "kicked"
+    session: Name
+
+
 class Error(Answer):
     """Something was wrong with what the peer sent; after a fatal one the connection is closed."""
 
@@ -467,10 +507,11 @@ class Error(Answer):
 
 CLIENT_MESSAGES: tuple[type[Message], ...] = (
     Hello, Describe, Asset, Acquire, Release, Command, Pass, Subscribe, Signal, Stop, Reset, Ping, Bye,
+    Sessions, Kick,
 )  # fmt: skip
 SERVER_MESSAGES: tuple[type[Message], ...] = (
     Welcome, Description, Chunk, Lease, Verdict, State, Subscribed,
-    Signaled, Stopped, Resumed, Pong, Error, Bye,
+    Signaled, Stopped, Resumed, Pong, Error, Bye, SessionList, Kicked,
 )  # fmt: skip
 
 ANSWERS: dict[type[Request], type[Answer]] = {
@@ -484,6 +525,8 @@ ANSWERS: dict[type[Request], type[Answer]] = {
     Stop: Stopped,
     Reset: Resumed,
     Ping: Pong,
+    Sessions: SessionList,
+    Kick: Kicked,
 }
 """What answers a request, if no error does."""
 

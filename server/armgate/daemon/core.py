@@ -1,6 +1,7 @@
 """Every message and every tick: what they do to gate, leases, signals and states. No sockets, no clock."""
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any
 
 from armgate.cell import events
@@ -31,6 +32,8 @@ RIGHTS: dict[type[m.Message], frozenset[m.Role]] = {
     m.Release: frozenset({"controller", "operator"}),
     m.Signal: frozenset({"controller", "operator"}),
     m.Reset: frozenset({"operator"}),
+    m.Sessions: frozenset({"operator"}),
+    m.Kick: frozenset({"operator"}),
 }
 """Which role may send what. Taking a lease over is the operator's too; the lease machine sees to it."""
 
@@ -270,6 +273,10 @@ class Core:
                 self._stop(peer, message)
             case m.Reset():
                 self._reset(peer, message)
+            case m.Sessions():
+                peer.say(answer(m.SessionList, message, sessions=self._sessions()))
+            case m.Kick():
+                self._kick(peer, message)
             case m.Ping():
                 now = self._now()
                 peer.say(answer(m.Pong, message, time=message.time, received=now, sent=now))
@@ -285,6 +292,31 @@ class Core:
         if subscription.every:
             newest = map(self._board.newest, robots)
             peer.show(*(state.of(fields) for state in newest if state is not None))
+
+    # --- sessions of others ------------------------------------------------------------------------------
+
+    def _sessions(self) -> tuple[m.SessionInfo, ...]:
+        return tuple(
+            m.SessionInfo(
+                session=peer.id,
+                name=peer.name,
+                role=peer.role,
+                token=peer.token_name,
+                address=peer.address,
+                robots=tuple(robot for robot in self.robots if robot in self.leasing.held_by(peer.id)),
+            )
+            for peer in islice(self.peers.values(), m.MAX_SESSIONS)
+        )
+
+    def _kick(self, peer: Peer, request: m.Kick) -> None:
+        other = self.peers.get(request.session)
+        if other is None:
+            text = f"no session {request.session}; `sessions` lists those that there are"
+            raise RemoteProtocolError(ErrorCode.UNKNOWN_SESSION, text, about="kick")
+        self._log.warning("kicked", session=other.id, name=other.name, by=peer.name, reason=request.reason)
+        peer.say(answer(m.Kicked, request, session=other.id))
+        reason = f": {request.reason}" if request.reason else ""
+        other.expel(RemoteProtocolError(ErrorCode.KICKED, f"{peer.name} ended this session{reason}"))
 
     # --- stop and reset -----------------------------------------------------------------------------------
 

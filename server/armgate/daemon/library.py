@@ -18,6 +18,9 @@ _LARGEST_ID = 2**31 - 1
 STOP_REPLACES = "stop.replaces"
 """The capability of servers in which a repeated stop takes the place of the one that it repeats."""
 
+SESSIONS = "sessions"
+"""The capability of servers that list sessions and end one of them for operators."""
+
 BODY_EXACT = "body.exact"
 """The capability that says that bodies may be something else than the primitives around them."""
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from armgate.protocol import RemoteProtocolError
 from armgate.protocol.messages import Answer, Message, Request, Role, State
 
 A = TypeVar("A", bound=Answer)
@@ -44,6 +45,13 @@ class Peer(Protocol):
     @property
     def token_name(self) -> str | None:
         """Name of its token, None without one."""
+
+    @property
+    def address(self) -> str:
+        """Where it connects from."""
+
+    def expel(self, error: RemoteProtocolError) -> None:
+        """End the session at once; its client is told why."""
 
     def say(self, message: Message, frame: bytes | None = None) -> None:
         """Send a message that may not be dropped; its frame is given if it is encoded already."""

@@ -22,7 +22,7 @@ from armgate.daemon.attempts import Attempts
 from armgate.daemon.core import Core, OnState
 from armgate.daemon.driven import Driven
 from armgate.daemon.heard import Heard
-from armgate.daemon.library import BODY_EXACT, STOP_REPLACES
+from armgate.daemon.library import BODY_EXACT, SESSIONS, STOP_REPLACES
 from armgate.daemon.listener import Listener
 from armgate.daemon.lockstep import Lockstep
 from armgate.daemon.log import Log
@@ -583,7 +583,7 @@ class Daemon:
             version=session.version,
             versions=tuple(dialect.version for dialect in self._dialects),
             client_versions=hello.versions,
-            capabilities=(BODY_EXACT, STOP_REPLACES),
+            capabilities=(BODY_EXACT, STOP_REPLACES, SESSIONS),
             start=self.start,
             session=session.id,
             name=session.name,

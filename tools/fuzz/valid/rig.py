@@ -41,6 +41,7 @@ class Client:
         self.role: m.Role = role
         self.identity = "memory"
         self.token_name: str | None = None
+        self.address = "memory"
         self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
         self.expects = Expectations(rig.knowledge(), exact=True)
@@ -78,6 +79,12 @@ class Client:
         """Send a last message; the session has ended."""
         self.say(message)
         self.gone = True
+
+    def expel(self, error: RemoteProtocolError) -> None:
+        """End the session on behalf of an operator."""
+        if not self.gone:
+            self.end(error.message())
+            self._rig.leave(self)
 
     def _deliver(self, frame: bytes) -> None:
         for item in self._here.receive(frame):
@@ -187,7 +194,7 @@ class Rig:
             case m.Hello():
                 self._welcome(client, message)
             case m.Bye():
-                self._leave(client)
+                self.leave(client)
                 client.say(m.Bye())
             case _ if isinstance(self.pace, Lockstep):
                 self.pace.handle(client, message)
@@ -256,7 +263,8 @@ class Rig:
             session=client.id, name=client.name, role=client.role, lockstep=self.lockstep, limits=limits,
         )  # fmt: skip
 
-    def _leave(self, client: Client) -> None:
+    def leave(self, client: Client) -> None:
+        """Take the session of a client away."""
         if isinstance(self.pace, Lockstep):
             self.pace.leave(client)
         else:

@@ -108,6 +108,52 @@ async def _refused(trial: Trial, target: Target, token: str, name: str) -> None:
     await wire.fails("unauthorized")
 
 
+def _lists_sessions(trial: Trial) -> None:
+    if "sessions" not in trial.facts.welcome.get("capabilities", ()):
+        raise Skip("the server does not name the capability sessions")
+
+
+@case(
+    "SEC-15/listed",
+    "As operator, ask for the sessions while a client holds the robot",
+    "A session_list with both, in order, and the robot at its holder",
+    also=("SEC-17",),
+)
+async def _(trial: Trial) -> None:
+    _lists_sessions(trial)
+    holder = await trial.holder()
+    wire = await trial.operator()
+    listed = (await wire.answered("sessions", "session_list"))["sessions"]
+    assert isinstance(listed, tuple | list)
+    found = {one["session"]: one for one in listed}
+    check(len(found) == len(listed), "a session is listed twice")
+    own, other = (found.get(each.welcome["session"]) for each in (wire, holder.wire))
+    check(own is not None and own["role"] == "operator", "the operator is not listed")
+    check(other is not None and trial.robot in other["robots"], "the holder is not listed with its robot")
+    places = [one["session"] for one in listed]
+    first, second = holder.wire.welcome["session"], wire.welcome["session"]
+    check(places.index(first) < places.index(second), "the order is another one")
+    await holder.wire.refused("sessions", "forbidden")
+    await holder.wire.refused("kick", "forbidden", session=wire.welcome["session"])
+
+
+@case(
+    "SEC-16/kicked",
+    "As operator, end the session of a client that holds the robot; end it again",
+    "kicked; a fatal kicked for the client; its robot is free; then unknown_session",
+    also=("SEC-17",),
+)
+async def _(trial: Trial) -> None:
+    _lists_sessions(trial)
+    holder = await trial.holder()
+    wire = await trial.operator()
+    session = holder.wire.welcome["session"]
+    await wire.answered("kick", "kicked", session=session, reason="tried by the kit")
+    await holder.wire.fails("kicked")
+    await trial.freed()
+    await wire.refused("kick", "unknown_session", session=session)
+
+
 @case(
     "SEC-10/plain",
     "Speak the protocol without TLS",

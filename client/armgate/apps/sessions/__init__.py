@@ -1,0 +1,1 @@
+"""``armgate sessions``: lists the sessions of a daemon, and ends one of them."""

@@ -1,0 +1,55 @@
+"""Operators list the sessions and end one of them."""
+
+import pytest
+
+from armgate.protocol import messages as m
+from support.cells import arms_config
+from support.peers import Bench
+
+
+@pytest.fixture
+def bench(tmp_path):
+    return Bench(arms_config(tmp_path)).start()
+
+
+def code(peer):
+    return peer.last(m.Error).code
+
+
+def test_an_operator_sees_all_sessions_in_order(bench):
+    holder, _ = bench.holder("wave", "B")
+    boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
+    boss.token_name = "alice"
+    bench.core.handle(boss, m.Sessions(id=3))
+    listed = boss.last(m.SessionList)
+    assert listed.re == 3
+    assert [(s.session, s.name, s.role, s.token, s.robots) for s in listed.sessions] == [
+        (holder.id, "wave", "controller", None, ("B",)),
+        (boss.id, "boss", "operator", "alice", ()),
+        (eye.id, "eye", "observer", None, ()),
+    ]
+
+
+def test_an_operator_ends_a_session(bench):
+    holder, _ = bench.holder("wave", "B")
+    boss = bench.client("boss", "operator")
+    bench.core.handle(boss, m.Kick(session=holder.id, reason="too fast", id=4))
+    assert boss.last(m.Kicked) == m.Kicked(re=4, session=holder.id)
+    error = holder.last(m.Error)
+    assert (error.code, error.fatal, error.text) == ("kicked", True, "boss ended this session: too fast")
+    assert holder.ended
+
+
+def test_a_session_that_there_is_not(bench):
+    boss = bench.client("boss", "operator")
+    bench.core.handle(boss, m.Kick(session="s99", id=4))
+    assert code(boss) == "unknown_session"
+
+
+@pytest.mark.parametrize("role", ["observer", "controller"])
+@pytest.mark.parametrize("request_", [m.Sessions(), m.Kick(session="s1")], ids=["sessions", "kick"])
+def test_only_operators_may(bench, role, request_):
+    bench.client("first")
+    peer = bench.client("x", role)
+    bench.core.handle(peer, request_)
+    assert code(peer) == "forbidden"
