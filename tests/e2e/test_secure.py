@@ -619,7 +619,7 @@ async def test_an_operator_lists_sessions_and_ends_one_from_the_command_line(tmp
     lab, _ = await token(file, "--role", "controller", "--name", "lab")
     boss = tmp_path / "boss"
     await token(file, "--role", "operator", "--name", "alice", "--out", boss)
-    config.write_text(arms_yaml(server="{tokens: tokens}"))
+    config.write_text(arms_yaml(server="{tokens: tokens, lease_ttl: 60.0}"))
     async with Process.serving(config) as daemon:
         address = f"127.0.0.1:{daemon.port}"
         raw, welcome = await login(daemon.port, "controller", lab)
