@@ -202,3 +202,12 @@ def test_what_no_reader_would_take_is_not_written(tmp_path, monkeypatch):
         pytest.raises(OSError, match="more than a recording can hold"),
     ):
         Sink(stream, records.header(assets={"a": "A" * 6000}))
+
+
+def test_a_robot_that_never_ticked_is_shown_without_a_position(tmp_path):
+    one = records.header()
+    robots = one.description["robots"]
+    description = one.description | {"robots": [*robots, robots[0] | {"name": "B"}]}
+    records.write(tmp_path, description=description)
+    state = StateSeries(Recording.open(tmp_path)).at(0.5)
+    assert [(entry.robot, entry.q is None) for entry in state.entries] == [("A", False), ("B", True)]

@@ -101,10 +101,13 @@ class StateSeries:
 
     def _state(self, known: _Known) -> m.State | None:
         moment = known.moment
-        if moment is None or not moment.ticks or len(known.entries) < len(self.robots):
+        if moment is None or not moment.ticks:
             return None
         robot = list(moment.ticks)[-1]
-        entries = tuple(known.entries[name] for name in self.robots if name in known.entries)
+        # Before its first tick nothing is known of a robot.
+        entries = tuple(
+            known.entries.get(name) or m.Entry(robot=name, tick=0, time=moment.time) for name in self.robots
+        )
         more: dict[str, Any] = {} if moment.step is None else {"step": moment.step}
         return m.State.model_construct(
             robot=robot,
