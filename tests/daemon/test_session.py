@@ -272,6 +272,17 @@ async def test_what_waits_is_written_before_the_end_is(line):
     assert line.transport.eof
 
 
+async def test_no_state_follows_the_last_message(line):
+    line.hello()
+    line.session.pause_writing()
+    state = m.State(robot="A", tick=1, time=0.0, entries=())
+    line.session.show(Encoded(state, encode(state)))
+    line.session.end(m.Bye(reason="over"))
+    line.session.resume_writing()
+    assert [x.type for x in line.received()] == ["bye"]
+    assert line.transport.eof
+
+
 async def test_answers_to_what_came_as_one_go_as_one(line):
     line.hello()
     before = line.transport.writes

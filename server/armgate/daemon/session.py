@@ -460,6 +460,7 @@ class Session(asyncio.BufferedProtocol, Place):
             return
         self._closing = True
         self.allow(None)
+        self._outbox.drop_states()  # nothing follows the last message
         self._transport.resume_reading()  # to see when the client closes
         self._timer = asyncio.get_running_loop().call_later(_LINGER, self._transport.abort)
         self._write_eof()
