@@ -93,3 +93,21 @@ def test_two_robots_inside_a_margin_move_apart(tmp_path):
     away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *nearer[GANTRY][3:]]}
     assert again.toward(away, 150) == []
     assert again.monitor._floors == {}
+
+
+def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(tmp_path):
+    watched = Watched(demo(ARM, GANTRY), tmp_path)
+    watched.toward(TOGETHER, 260)
+    watched.rest(60)
+    start = {name: watched.runner.view(name).setpoint for name in (ARM, GANTRY)}
+    nearer = {**start, GANTRY: (start[GANTRY][0] - 0.02, *start[GANTRY][1:])}
+    again = Watched(demo(ARM, GANTRY), tmp_path, start=nearer)
+    again.rest(3)
+    floors = dict(again.monitor._floors)
+    gantry = again.links.pop(GANTRY)
+    again.rest(6)
+    assert again.monitor._floors == floors != {}
+    again.links[GANTRY] = gantry
+    gantry._player._tick = again.tick
+    again.rest(3)
+    assert again.findings == []

@@ -104,6 +104,10 @@ class Clearances:
         """Forget the ends of a robot's stop: it may have another plan by now."""
         self._fresh[robot] = END
 
+    def sees(self, robot: int) -> bool:
+        """Return True if the poses of a robot are known."""
+        return self._poses[robot] is not None
+
     def forget(self, robot: int) -> None:
         """Forget the poses of a robot, whose states are missing."""
         self._poses[robot], self._complete = None, False

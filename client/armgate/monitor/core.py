@@ -187,7 +187,9 @@ class Monitor:
         return found
 
     def _concerns(self, pair: int, robot: int) -> bool:
-        return robot in self._robots_of(pair)
+        """Return True if a state of a robot tells how near a pair is now."""
+        robots = self._robots_of(pair)
+        return robot in robots and all(self._clearances.sees(one) for one in robots)
 
     def _robots_of(self, pair: int) -> frozenset[int]:
         both = self.cell.pairs[pair]
