@@ -122,7 +122,12 @@ def _header_lines(data: bytes) -> Iterator[tuple[int, list[bytes], int]]:
         raise ModelError(f"line 1: begins with {shown(data[:8])}; expected 'ply' alone in the first line")
     start, line = 3 + len(ending), 2
     while (at := data.find(ending, start)) >= 0:
-        words = data[start:at].split()
+        text = data[start:at].strip()
+        if b"\r" in text or b"\n" in text:
+            raise ModelError(
+                f"line {line}: another line end than that of line 1; expected the same in the header"
+            )
+        words = text.split()
         start = at + len(ending)
         if words and words[0] not in (b"comment", b"obj_info"):
             yield line, words, start
