@@ -138,6 +138,7 @@ def test_a_link_that_is_not_ready_may_move_its_robot_to_prove_that_it_obeys():
 
 
 def test_a_probe_keeps_the_speed_bound_and_adds_up():
+    assert probing(1.0 * T)[2] == []
     assert probing(1.001 * T)[2] == ["left's link moves J0 faster than its speed bound"]
     assert "do not add up" in probing(STEP, setpoint=(0.3,))[2][0]
 
@@ -203,13 +204,67 @@ def test_after_a_reset_the_link_may_report_the_old_setpoint():
     assert hands.send(held(hands, hands.q[0])) == []
 
 
+class Carts(Link):
+    """Two carts of two joints; ``fast`` is spoken to, and measured where it began."""
+
+    def __init__(self):
+        super().__init__(scenes.crossing(window=0.0, periods=(0.012, 0.012)))
+        self.begun = self.q[0]
+
+    def moves(self, *us):
+        for u in us:
+            assert self.ask(u).outcome == "admitted"
+            tick = replace(self.honest(), q=self.begun)
+            self.tick[0], self.q[0] = tick.tick, tick.setpoint
+            assert self.send(tick) == []
+        return self
+
+    def says(self, at, u=(0.0, 0.0), **changes):
+        number = self.tick[0] + 1
+        return self.send(replace(Tick("fast", number, 0.012 * number, self.begun, at, u), **changes))
+
+
+def test_a_lagging_robot_may_be_held_at_the_setpoint_before_the_last_but_no_earlier_one():
+    """Round a corner, where neither is on the way from the measured position to the setpoint."""
+    first, second = (5e-4, 0.0), (0.0, 5e-4)
+    x, y = Carts().begun
+    assert Carts().moves(first, second).says((x + 5e-4, y), rebased=True) == []
+    earlier = Carts().moves(first, second, (0.0, 4.9e-4)).says((x + 5e-4, y), rebased=True)
+    assert earlier == ["fast's link reports a robot that is held where it was never sent"]
+
+
+def test_one_joint_that_moves_is_motion():
+    hands = Carts().moves((5e-4, 0.0))
+    x, y = hands.q[0]
+    assert "held and moves" in hands.says((x, y), (0.0, 1e-4), rebased=True)[0]
+    hands = Carts()
+    assert "plan does not have" in hands.says((hands.q[0][0] + 1e-4, hands.q[0][1]), (1e-4, 0.0))[0]
+    hands.gate.step(LinkChange("fast", LinkState.LOST, "gone"))
+    hands = Carts()
+    hands.gate.step(LinkChange("fast", LinkState.LOST, "gone"))
+    assert hands.says((hands.q[0][0] + 1e-4, hands.q[0][1]), (1e-4, 0.0)) == []
+
+
+def test_a_plan_of_one_joint_is_not_ended_early_either():
+    hands = Carts()
+    u = 0.0
+    for _ in range(4):
+        u += 5e-4
+        hands.ask((u, 0.0))
+        tick = hands.honest()
+        hands.tick[0], hands.q[0] = tick.tick, tick.setpoint
+        hands.send(tick)
+        hands.begun = hands.q[0]
+    assert hands.says(hands.q[0]) == ["fast's link ends its plan before the robot is at rest"]
+
+
 # --- ticks that say nothing -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "change",
     [{field: value} for field in ("q", "setpoint", "increment") for value in ((math.nan,), (math.inf,), ())]
-    + [{"time": math.nan}, {"tick": 0}, {"q": (0.0, 0.0)}],
+    + [{"time": math.nan}, {"tick": 0}, {"tick": 6}, {"q": (0.0, 0.0)}],
 )
 def test_a_tick_that_cannot_be_read_stops_its_robot_and_nothing_is_believed_of_it(change):
     hands = moving()

@@ -31,13 +31,12 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
         return _held_elsewhere(s, event)
     if probes(s, event):
         return _too_fast(s, event) or _not_added_up(s, event)
-    due = s.remaining[0] if s.remaining else s.zeros
     if event.plan is None:
-        if s.remaining and any(map(any, s.remaining)):
+        if any(s.brake):
             return f"{s.name}'s link ends its plan before the robot is at rest"
     elif s.held is None or event.plan != s.held.key or event.index != s.played + 1 or not s.remaining:
         return f"{s.name}'s link plays a plan that the gate has not given it"
-    if not _close(event.increment, due):
+    if not _close(event.increment, s.brake):
         return f"{s.name}'s link plays an increment that its plan does not have"
     return _not_added_up(s, event)
 
