@@ -2,6 +2,7 @@
 
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,6 +129,35 @@ def test_the_largest_increments_are_kept_for_their_time_and_a_quarter_more(ticks
         bound = np.abs(given[-5 * math.ceil(ticks / 4) :]).max(axis=0)
         assert all(least <= most.largest)
         assert all(most.largest <= bound)
+
+
+@pytest.mark.parametrize("ticks", [4, 8, 20])
+def test_what_lasts_counts_at_the_next_tick_too(ticks):
+    most, rng = LargestIncrements(ticks, 2), random.Random(ticks)
+    assert (most.largest, most.lasting) == ((0.0, 0.0), (0.0, 0.0))
+    kept = []
+    for k in range(6 * ticks):
+        lasting = most.lasting
+        assert np.all(np.array(lasting) <= most.largest)
+        kept.append(lasting == most.largest)
+        most.add((rng.uniform(-1, 1) * 0.9**k, rng.uniform(-1, 1)))
+        assert np.all(np.array(lasting) <= most.largest)  # of what was added before, it is a lower bound
+    assert not all(kept)
+
+
+def test_all_parts_but_the_one_that_goes_last():
+    most = LargestIncrements(4, 1)
+    for u in (5.0, 4.0, 3.0, 2.0, 1.0):
+        most.add((u,))
+    assert (most.largest, most.lasting) == ((5.0,), (4.0,))
+    most.add((0.5,))
+    assert (most.largest, most.lasting) == ((4.0,), (3.0,))
+
+
+def test_the_middle_lag_is_between_the_shortest_and_the_longest():
+    robot = replace(unlike(0.006).robot("FR"), lags=(0.02, 0.03, 0.04, 0.02, 0.02, 0.02))
+    assert stray_of(robot) == stray_of(unlike(0.006).robot("FR"))
+    assert memory(robot) == memory(unlike(0.006).robot("FR"))
 
 
 # --- the gate ---------------------------------------------------------------------------------------------

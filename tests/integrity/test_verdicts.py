@@ -17,7 +17,7 @@ def test_every_reason_of_an_attack_is_complete_and_true(scene, response):
     cell = scenes.SCENES[scene](response=response, **({"gap": 1.1} if scene == "duel" else {}))
     oracle = Oracle(cell)
     rig = Rig(cell, 5, 0.03, 0.0, ROUGH, oracle=oracle, stops=0.0)
-    rig.run(Adversary(random.Random(2), ("greedy", "wild", "limits")), 400)
+    rig.run(Adversary(random.Random(2), ("greedy", "wild", "limits")), 700)
     verdicts = [o for out in rig.outputs for o in out if isinstance(o, Verdict)]
     names = [tuple(oracle.names[k] for k in pair) for pair in oracle.pairs]
     seen = set()

@@ -153,7 +153,7 @@ class Judge:
         limit = float(self._clearance.limits[binding.pair])
         proven = f"{round(1e3 * binding.lb, 1) + 0.0:.1f} mm" if np.isfinite(binding.lb) else "no distance"
         text = f"{a} and {b}: {proven} could be proven on the way to rest, {1e3 * limit:.1f} mm must be kept"
-        value = round(binding.lb, _DIGITS) if np.isfinite(binding.lb) else None
+        value = math.floor(binding.lb * 10**_DIGITS) / 10**_DIGITS if np.isfinite(binding.lb) else None
         points = _rounded(self._witness(binding, state))
         return Reason(Cause.CLEARANCE, text, pair=(a, b), value=value, bound=limit, points=points)
 
