@@ -122,8 +122,10 @@ async def rig(tmp_path):
 
 async def test_it_is_let_go_of_and_its_plan_is_played_to_the_end_while_the_krc_is_answered(rig):
     daemon = await Daemon.welcomed(rig, "d1")
-    for _ in range(30):
+    for _ in range(600):
         await rig.cycle()
+        if rig.link.core.state.value == "ready":
+            break
     while (last := await daemon.get(Played)).event.time < rig.time:
         pass
     increments = ((STEP, 0.0, 0.0, 0.0, 0.0, 0.0),) * 5000

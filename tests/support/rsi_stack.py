@@ -99,7 +99,7 @@ class RsiStack:
         self.folder, self.socket = folder, folder / "s"
         self.exits = contextlib.AsyncExitStack()
         self.robots = self.krc = self.daemon = None
-        self.movers = []
+        self.movers, self.dq = [], DQ
 
     async def begin(self):
         """A controller that moves the robot, whatever was left behind before."""
@@ -167,7 +167,9 @@ class RsiStack:
         before = (await self.krc.tell("status"))["setpoint"]
         watch = await self.watch()
         await watch.get(m.State, lambda state: state.entries[0].holder is None)
-        mover = await Mover.start(self.daemon.port, "R", "mover", DQ)
+        # To and fro in turn, so that many tests do not lead the robot to a limit.
+        mover = await Mover.start(self.daemon.port, "R", "mover", self.dq)
+        self.dq = tuple(-u for u in self.dq)
         self.movers.append(mover)
         await mover.moves_on(20)
         await self.krc.until(lambda status: status["setpoint"] != before)
