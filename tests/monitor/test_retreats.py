@@ -80,34 +80,35 @@ def test_a_robot_that_is_pushed_and_reset_retreats_again(tmp_path):
     assert watched.verdicts[-1].outcome != "refused"
 
 
-def test_two_robots_inside_a_margin_move_apart(tmp_path):
-    """The gate lets them go one at a time."""
+@pytest.fixture
+def too_near(tmp_path):
+    """Two robots that start 20 mm nearer to each other than they may be, and where they stand."""
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.toward(TOGETHER, 260)
     watched.rest(60)
     start = {name: watched.runner.view(name).setpoint for name in (ARM, GANTRY)}
-    nearer = {**start, GANTRY: (start[GANTRY][0] - 0.02, *start[GANTRY][1:])}
-    again = Watched(demo(ARM, GANTRY), tmp_path, start=nearer)
+    start[GANTRY] = (start[GANTRY][0] - 0.02, *start[GANTRY][1:])
+    again = Watched(demo(ARM, GANTRY), tmp_path, start=start)
     again.rest(3)
     assert again.monitor.account.retreats >= 1
-    away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *nearer[GANTRY][3:]]}
-    assert again.toward(away, 150) == []
-    assert again.monitor._floors == {}
+    return again, start
 
 
-def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(tmp_path):
-    watched = Watched(demo(ARM, GANTRY), tmp_path)
-    watched.toward(TOGETHER, 260)
-    watched.rest(60)
-    start = {name: watched.runner.view(name).setpoint for name in (ARM, GANTRY)}
-    nearer = {**start, GANTRY: (start[GANTRY][0] - 0.02, *start[GANTRY][1:])}
-    again = Watched(demo(ARM, GANTRY), tmp_path, start=nearer)
-    again.rest(3)
-    floors = dict(again.monitor._floors)
-    gantry = again.links.pop(GANTRY)
-    again.rest(6)
-    assert again.monitor._floors == floors != {}
-    again.links[GANTRY] = gantry
-    gantry._player._tick = again.tick
-    again.rest(3)
-    assert again.findings == []
+def test_two_robots_inside_a_margin_move_apart(too_near):
+    """The gate lets them go one at a time."""
+    watched, start = too_near
+    away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *start[GANTRY][3:]]}
+    assert watched.toward(away, 150) == []
+    assert watched.monitor._floors == {}
+
+
+def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(too_near):
+    watched, _ = too_near
+    floors = dict(watched.monitor._floors)
+    gantry = watched.links.pop(GANTRY)
+    watched.rest(6)
+    assert watched.monitor._floors == floors != {}
+    watched.links[GANTRY] = gantry
+    gantry._player._tick = watched.tick
+    watched.rest(3)
+    assert watched.findings == []

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from armgate.monitor.core import Account
 
 SILENCE = 1.0
+"""Default of ``--silence``, s; as in ``tolerances``, which is not loaded for the help."""
 
 
 def monitor(

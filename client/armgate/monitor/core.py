@@ -85,7 +85,7 @@ class Monitor:
 
         Args:
             sample: The robot at its tick.
-            others: Where other robots are now, if the state tells: they have samples of their own, too.
+            others: Other robots as the same state shows them; each has states of its own, too.
         """
         if (wrong := self._wrong_form(sample)) is not None:
             return self._report(sample, [wrong])
@@ -187,7 +187,7 @@ class Monitor:
         return found
 
     def _concerns(self, pair: int, robot: int) -> bool:
-        """Return True if a state of a robot tells how near a pair is now."""
+        """Return True if a pair is of this robot, and the poses of both bodies are known."""
         robots = self._robots_of(pair)
         return robot in robots and all(self._clearances.sees(one) for one in robots)
 

@@ -23,7 +23,7 @@ _BLOCK = 4_000_000
 
 
 def surface(triangles: Array) -> Solid:
-    """Return the solid of bare triangles (t, 3, 3): boxes in boxes, opened when somebody looks closer."""
+    """Return the solid of bare triangles (t, 3, 3): boxes in boxes, opened only when they are near."""
     if len(triangles) == 1:
         return hull(triangles[0])
     return box_around(triangles.reshape(-1, 3), 0.0, lambda: _halves(triangles))

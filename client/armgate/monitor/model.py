@@ -78,7 +78,7 @@ class Robot:
     Attributes:
         name: Its name.
         joints: Names of the joints.
-        revolute: Whether a joint turns; else it slides, (n,).
+        revolute: True for joints that turn, False for those that slide, (n,).
         parents: Index of the joint that carries each one, −1 for the base.
         origins: Placement of each joint in its parent's frame, in the world for the first, (n, 4, 4).
         axes: (n, 3), unit length.

@@ -17,7 +17,7 @@ MEASURED, SETPOINT, END, BRAKING = range(4)
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One robot at one of its ticks, as a state tells it; positions in rad or m."""
+    """State of one robot at one of its ticks; positions in rad or m."""
 
     robot: str
     tick: int
