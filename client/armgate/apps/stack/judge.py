@@ -1,6 +1,6 @@
 """The second judge of a run: ``armgate monitor``, live by the clock, on the recording in lock-step.
 
-In lock-step time waits for the participants only, so an observer could miss states, and its stop would come at
+In lock-step time waits for the participants only: an observer could miss states, and its stop would come at
 another step each time. The recording holds every state.
 """
 
