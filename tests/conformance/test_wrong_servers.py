@@ -208,11 +208,16 @@ def fences_do_not_grow(patch):
 
 def leases_never_expire(patch):
     patch.setattr(Leases, "expire", lambda self, now: [])
-    around(patch, Leases, "renew", lambda right: lambda self, session, now: right(self, session, now + 1e6))
+    around(
+        patch,
+        Leases,
+        "renew",
+        lambda right: lambda self, session, now, heard: right(self, session, now + 1e6, 0.0),
+    )
 
 
 def pings_renew_nothing(patch):
-    patch.setattr(Leases, "renew", lambda self, session, now: None)
+    patch.setattr(Leases, "renew", lambda self, session, now, heard: None)
 
 
 def leases_kept_after_loss(patch):
@@ -365,7 +370,7 @@ def doubled_keys_accepted(patch):
 
 
 def deep_values_accepted(patch):
-    patch.setattr(codec, "_check_depth", lambda value: None)
+    patch.setattr(codec, "_is_deep", lambda value: False)
 
 
 def garbage_skipped(patch):

@@ -116,8 +116,12 @@ def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
     except (ValueError, msgpack.UnpackException, RecursionError):
         value = None
     if not isinstance(value, dict) or _is_deep(value):
-        raise RemoteProtocolError(ErrorCode.MALFORMED, fault_in(payload, _bounds(max_array)))
+        raise _malformed(fault_in(payload, _bounds(max_array)))
     return value
+
+
+def _malformed(text: str) -> RemoteProtocolError:
+    return RemoteProtocolError(ErrorCode.MALFORMED, text)
 
 
 def _bounds(max_array: int) -> Bounds:
