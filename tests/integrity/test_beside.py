@@ -230,9 +230,13 @@ def test_a_stop_that_only_was_raised_then_is_kept():
     assert both.now == []
     assert_followed(both, way=False)
     hands.rest(0, (x + 0.03,), count=2)
+    kept = both.beside._clearance.bound[0]
     assert hands.gate.step(Reset(stopped.id, "x"))[0] == ResetAnswer(stopped.id, True)
     assert both.now[0] == ResetAnswer(stopped.id, True)
     assert_followed(both, way=False)
+    state = both.beside._robots[0]
+    assert state.main.occupied.end == state.setpoint == (x + 0.03,)
+    assert both.beside._clearance.bound[0] < kept - 0.02
 
 
 def test_of_two_stops_the_one_that_was_raised_is_kept_with_its_number():
