@@ -201,6 +201,7 @@ def test_damaged_files_are_refused_with_one_clear_error(suffix, data, text):
     with pytest.raises(ModelError, match=text) as error:
         read_mesh(data, suffix, UNIT)
     assert "\n" not in str(error.value)
+    assert mesh_fuzz.CLEAR.search(str(error.value))
 
 
 def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_what_is_lost():

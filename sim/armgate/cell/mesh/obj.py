@@ -70,15 +70,14 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
         begun += words
         if continued and begun and begun[0] in _IGNORED:
             # A name that ends in a backslash, as a folder's, must not swallow the next statement.
-            raise ModelError(
-                f"line {line}: a name that ends in a backslash; rename it, or remove the backslash"
-            )
+            raise ModelError(f"line {line}: a name that ends in a backslash; expected another end: rename it")
         if begun and not continued:
             yield first, begun
             begun = []
     if begun:
         raise ModelError(
-            f"line {first}: the statement is continued beyond the end of the file: it is cut off"
+            f"line {first}: the statement is continued beyond the end of the file: it is cut off; "
+            f"export it again"
         )
 
 
