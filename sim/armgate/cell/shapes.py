@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.cell.errors import ModelError
+from armgate.cell.units import MAX_EXTENT
 
 Kind = Literal["sphere", "capsule", "cylinder", "box", "cone", "convex"]
 Points = tuple[tuple[float, float, float], ...]
-
-MAX_EXTENT = 1e3
-"""Largest length of a cell: sizes and coordinates, m."""
 
 THINNEST = 1e-6
 """A convex body must be at least this thick, m, and 1e-5 of its extent: flat ones have no inside."""

@@ -17,6 +17,9 @@ _BASE = {
 _PER_TIME = {"": "", "/s": "/s", "/s2": "/s²", "/s^2": "/s²", "/s²": "/s²"}
 _FORM = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°]+)(/s(?:2|\^2|²)?)?")
 
+MAX_EXTENT = 1e3
+"""Largest length of a cell: sizes and coordinates, m."""
+
 UNITS = {
     "angle": "rad or deg",
     "length": "m, cm or mm",

@@ -19,7 +19,8 @@ from typing import Literal
 from armgate.cell.errors import ModelError
 from armgate.cell.names import NAME_TEXT, is_name, is_part_name, whole_name
 from armgate.cell.placement import Placement
-from armgate.cell.shapes import MAX_EXTENT, Box, Convex, Shape, shape_from
+from armgate.cell.shapes import Box, Convex, Shape, shape_from
+from armgate.cell.units import MAX_EXTENT
 from armgate.cell.urdf_words import VERSIONS, unread
 from armgate.cell.urdf_xml import parse_xml, place
 

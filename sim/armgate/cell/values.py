@@ -16,8 +16,7 @@ from pydantic import (
 )
 
 from armgate.cell.names import NAME
-from armgate.cell.shapes import MAX_EXTENT
-from armgate.cell.units import Quantity, quantity, to_si
+from armgate.cell.units import MAX_EXTENT, Quantity, quantity, to_si
 
 
 def _si(dimension: str) -> BeforeValidator:

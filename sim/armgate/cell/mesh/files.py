@@ -16,7 +16,8 @@ from armgate.cell.mesh.off import read_off
 from armgate.cell.mesh.ply import read_ply
 from armgate.cell.mesh.soup import Soup, triangulated
 from armgate.cell.mesh.stl import read_stl
-from armgate.cell.shapes import MAX_EXTENT, is_solid
+from armgate.cell.shapes import is_solid
+from armgate.cell.units import MAX_EXTENT
 
 Array = NDArray[np.float64]
 
