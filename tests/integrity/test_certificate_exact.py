@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from armgate.cell.shapes import Box, Convex, Sphere
+from armgate.cell.shapes import Convex, Sphere
 from armgate.integrity import certificate
 from armgate.integrity.certificate import Budget, Certifier
 from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
