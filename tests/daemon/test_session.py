@@ -26,9 +26,10 @@ class Transport(asyncio.Transport):
         self.writes = 0
         self.eof = self.aborted = self.closed = False
         self.socket = socket.socket()
+        self.peername = ("127.0.0.1", 4711)
 
     def get_extra_info(self, name, default=None):
-        return {"socket": self.socket, "peername": ("127.0.0.1", 4711)}.get(name, default)
+        return {"socket": self.socket, "peername": self.peername}.get(name, default)
 
     def set_write_buffer_limits(self, high=None, low=None):
         self.high = high
@@ -499,3 +500,24 @@ async def test_the_end_of_a_stream_that_has_no_half_is_its_close(line, monkeypat
     line.session.end(m.Bye())
     assert closed == [True]
     assert not line.transport.eof
+
+
+@pytest.mark.parametrize("peername", ["a", "/tmp/a", b"\x00a", b"\x00abc", "", None, ("x", "y", 0)])
+async def test_a_client_of_the_unix_socket_may_choose_any_peer_name(peername):
+    desk, transport = Desk(), Transport()
+    session = Session(desk, 1, Guest("uid 1000", 1000), 1000, Turns(lambda: 0.0))
+    transport.peername = peername
+    session.connection_made(transport)
+    assert (session.address, desk.told) == ("uid 1000", ["opened"])
+    session.connection_lost(None)
+    transport.socket.close()
+
+
+async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
+    desk, transport = Desk(), Transport()
+    transport.socket.close()
+    session = Session(desk, 1, Guest("127.0.0.1"), 1000, Turns(lambda: 0.0))
+    session.connection_made(transport)
+    assert transport.aborted
+    session.connection_lost(None)
+    assert desk.told == ["gone: connection lost", "closed"]

@@ -179,10 +179,13 @@ class Session(asyncio.BufferedProtocol, Place):
         self._transport = transport
         # What waits waits in the outbox. Not high=0: TLS pauses at once then, and for ever.
         transport.set_write_buffer_limits(high=1, low=0)
-        self._line = line_of(transport.get_extra_info("socket"))
+        try:
+            self._line = line_of(transport.get_extra_info("socket"))
+        except OSError:  # the connection is lost already
+            self.abort()
+            return
         self._watch_on()
-        host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
-        self.address = f"{host}:{port}" if self.guest.uid is None else self.guest.origin
+        self.address = _address(self.guest, transport.get_extra_info("peername"))
         self._guarded(self._desk.opened, self)
 
     def get_buffer(self, sizehint: int) -> memoryview:
@@ -493,3 +496,12 @@ class Session(asyncio.BufferedProtocol, Place):
             function(*arguments)
         except Exception as error:
             self._desk.failed(error)
+
+
+def _address(guest: Guest, peername: object) -> str:
+    """Return the address for the log; clients of the Unix socket choose their peer name freely."""
+    match peername:
+        case (host, port, *_) if guest.uid is None:
+            return f"{host}:{port}"
+        case _:
+            return guest.origin
