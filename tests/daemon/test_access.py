@@ -5,7 +5,7 @@ import io
 import json
 import os
 import socket
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -161,6 +161,17 @@ def test_the_socket_takes_the_place_of_one_that_was_left_and_of_nothing_else(tmp
     with pytest.raises(LocalError, match="is no socket"):
         LocalSocket(path)
     assert path.read_text() == "something"
+
+
+def test_a_socket_that_was_replaced_by_a_file_can_be_closed(tmp_path):
+    path = tmp_path / "cell.sock"
+    served = LocalSocket(path)
+    path.unlink()
+    path.write_text("something")
+    served.close()
+    assert path.read_text() == "something"
+    path.unlink()
+    LocalSocket(path).close()  # the lock is free
 
 
 # --- failures ---------------------------------------------------------------------------------------------
@@ -359,3 +370,64 @@ def test_a_rotated_token_has_a_new_secret_and_the_old_one_for_a_while(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["tokens"]
     with pytest.raises(t.TokenError, match="no secret of c; expected one of b, a"):
         t.rotate(file, "c", None)
+
+
+def soon(hours):
+    return datetime.now(UTC).replace(microsecond=0) + timedelta(hours=hours)
+
+
+def test_a_rotated_secret_is_valid_no_longer_than_before(tmp_path):
+    file = tmp_path / "tokens"
+    first = t.make("a", "controller", None, expires=soon(1))
+    t.append(file, first.token)
+    second = t.rotate(file, "a", soon(24))
+    known = t.read(file)
+    assert known.find(first.secret).expires == first.token.expires
+    assert known.find(second.secret).expires == first.token.expires
+
+
+@pytest.mark.parametrize("overlap", [None, 24])
+def test_an_expired_token_is_not_rotated(tmp_path, overlap):
+    file = tmp_path / "tokens"
+    t.append(file, t.make("a", "controller", None, expires=soon(-1)).token)
+    before = file.read_text()
+    with pytest.raises(t.TokenError, match="a has expired; delete its line"):
+        t.rotate(file, "a", overlap and soon(overlap))
+    assert file.read_text() == before
+
+
+def lines_of(*tokens):
+    return "".join(token.model_dump_json(exclude_none=True) + "\n" for token in tokens)
+
+
+FIRST = t.make("a", "observer", ["FR"], soon(1)).token
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"role": "operator"},
+        {"robots": None},
+        {"robots": ("FR", "GR")},
+        {"sha256": None, "certificate": "1" * 64},
+    ],
+)
+def test_two_lines_of_a_name_allow_the_same_by_secrets(tmp_path, more):
+    file = tmp_path / "tokens"
+    file.touch(0o600)
+    second = FIRST.model_copy(update={"sha256": "0" * 64, "expires": None})
+    file.write_text(lines_of(FIRST, second))
+    assert len([*t.read(file)]) == 2
+    file.write_text(lines_of(FIRST, second.model_copy(update=more)))
+    with pytest.raises(t.TokenError, match="two tokens named a"):
+        t.read(file)
+
+
+@pytest.mark.parametrize("proof", [{"sha256": "0" * 64}, {"sha256": None, "certificate": "0" * 64}])
+def test_two_names_have_two_proofs(tmp_path, proof):
+    file = tmp_path / "tokens"
+    file.touch(0o600)
+    file.write_text(lines_of(*(FIRST.model_copy(update={"name": name} | proof) for name in "ab")))
+    with pytest.raises(t.TokenError, match="the same secret or certificate for a and b") as caught:
+        t.read(file)
+    assert "000" not in str(caught.value)

@@ -62,7 +62,8 @@ def token(
         if role or name or certificate or days is not None or robots != ALL:
             raise CalledWronglyError("--rotate: expected only --file, --overlap and --out beside it")
         made = tokens.rotate(file, rotate, _after(hours=overlap) if overlap else None)
-        _tell(made.token, f"has a new secret, the old one is valid for {overlap:g} h more", made.secret, out)
+        valid = f"the old one is valid for {overlap:g} h more at most"
+        _tell(made.token, f"has a new secret, {valid}", made.secret, out)
         return
     if role is None:
         raise CalledWronglyError("--role: expected observer, controller or operator")

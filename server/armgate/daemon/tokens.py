@@ -9,6 +9,7 @@ The file is one JSON object a line: who deletes a line takes that token back. On
 
 import hashlib
 import hmac
+import math
 import os
 import secrets
 import stat
@@ -17,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from time import time
 from typing import Annotated, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -164,21 +166,33 @@ def rotate(file: Path, name: str, until: datetime | None) -> Made:
     Args:
         file: The file of the tokens.
         name: Whose token it is.
-        until: How long the old secret stays valid; None: not at all.
+        until: End of the time in which the old secret is valid too, at most until it expires; None: none.
 
     Raises:
-        TokenError: The file cannot be read, or holds no secret of that name.
+        TokenError: The file cannot be read, or holds no secret of that name, or only expired ones.
         OSError: It cannot be written.
     """
     known = [*read(file)]
     old = [token for token in known if token.name == name and token.sha256 is not None]
     if not old:
         raise TokenError(f"{file}: no secret of {name}; expected one of {', '.join(t.name for t in known)}")
-    made = make(name, old[-1].role, old[-1].robots, old[-1].expires)
+    last = max(old, key=_end)
+    if last.expired(time()):
+        raise TokenError(f"{file}: {name} has expired; delete its line and make a new token")
+    made = make(name, last.role, last.robots, last.expires)
     rest = [token for token in known if token.name != name]
-    kept = [] if until is None else [old[-1].model_copy(update={"expires": until})]
+    kept = [] if until is None else [last.model_copy(update={"expires": _earlier(until, last.expires)})]
     _write(file, [*rest, *kept, made.token])
     return made
+
+
+def _end(token: Token) -> float:
+    """Return the Unix time at which a token expires, s."""
+    return math.inf if token.expires is None else token.expires.timestamp()
+
+
+def _earlier(until: datetime, expires: datetime | None) -> datetime:
+    return until if expires is None else min(until, expires)
 
 
 def _write(file: Path, tokens: Sequence[Token]) -> None:
@@ -212,9 +226,23 @@ def _token(file: Path, number: int, line: str) -> Token:
 
 
 def _once(file: Path, tokens: Sequence[Token]) -> None:
-    """Check that names are unique, but for a secret that was rotated and expires."""
-    names = [token.name for token in tokens]
-    lasting = [token.name for token in tokens if token.expires is None]
-    twice = sorted({name for name in names if names.count(name) > 2 or lasting.count(name) > 1})
-    if twice:
+    """Check that names and proofs are unique, except for the name of a rotated secret, which expires."""
+    named: dict[str, list[Token]] = {}
+    proven: dict[tuple[str | None, str | None], list[Token]] = {}
+    for token in tokens:
+        named.setdefault(token.name, []).append(token)
+        proven.setdefault((token.sha256, token.certificate), []).append(token)
+    if twice := sorted(name for name, same in named.items() if len(same) > 1 and not _rotated(same)):
         raise TokenError(f"{file}: two tokens named {', '.join(twice)}; give every token a name of its own")
+    for same in proven.values():
+        if len(same) > 1:
+            text = f"{file}: the same secret or certificate for {' and '.join(token.name for token in same)}"
+            raise TokenError(f"{text}; make a token of its own for each")
+
+
+def _rotated(same: Sequence[Token]) -> bool:
+    """Return True if tokens of one name are an old and a new secret that allow the same."""
+    allowed = {(token.role, frozenset(token.robots or ()), token.robots is None) for token in same}
+    secrets_only = all(token.sha256 is not None for token in same)
+    expiring = any(token.expires is not None for token in same)
+    return len(same) == 2 and len(allowed) == 1 and secrets_only and expiring
