@@ -251,6 +251,17 @@ def test_the_purpose_of_a_certificate(tmp_path, purposes, expected):
         assert not is_for_clients(der[:end])
 
 
+@pytest.mark.parametrize(
+    "data",
+    [
+        bytes.fromhex("3000"),  # nothing in it
+        bytes.fromhex("30083006a30430023000"),  # an extension without an id
+    ],
+)
+def test_a_certificate_with_a_part_missing_is_for_nobody(data):
+    assert not is_for_clients(data)
+
+
 @given(st.binary(max_size=60))
 def test_what_is_no_certificate_is_for_nobody(data):
     assert not is_for_clients(data)

@@ -246,3 +246,21 @@ async def test_a_reader_that_never_reads_delays_nobody(tmp_path):
         mover = await Mover.start(running.port, "A")
         await mover.moves_on(50)
         await mover.stop()
+
+
+async def test_told_to_end_it_stops_the_robots_though_it_cannot_stop_listening(tmp_path, monkeypatch):
+    async with Running(config_of(tmp_path)) as running:
+        eye = await Raw.hello(running.port, "eye", "observer")
+        close, told = running.daemon._listener.close, []
+
+        def broken():
+            close()
+            told.append(running.daemon._core.ending)
+            raise PermissionError(13, "no")
+
+        monkeypatch.setattr(running.daemon._listener, "close", broken)
+        with pytest.raises(PermissionError):
+            running.daemon.end()
+        assert [x.by for x in await eye.rest() if isinstance(x, m.Stopped)] == ["daemon"]
+        assert await running.status() == 0
+        assert told == [True]

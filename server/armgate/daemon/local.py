@@ -6,6 +6,7 @@ import pwd
 import socket
 import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from armgate.protocol.messages import Role
@@ -75,7 +76,8 @@ class LocalSocket:
     def close(self) -> None:
         """Listen no more, and remove the socket."""
         self.socket.close()
-        _unlink(self.path)
+        with suppress(OSError):  # another program may have replaced the file
+            _unlink(self.path)
         os.close(self._lock)
 
 

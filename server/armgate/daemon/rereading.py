@@ -46,16 +46,18 @@ class Rereading:
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def _run(self) -> None:
-        while self._wanted:
-            self._wanted = False
-            for source in self._sources:
-                await self._read(source)
-        self._task = None
+        try:
+            while self._wanted:
+                self._wanted = False
+                for source in self._sources:
+                    await self._read(source)
+        finally:
+            self._task = None
 
     async def _read(self, source: Source) -> None:
         try:
             found = await asyncio.to_thread(source.read)
-        except (TokenError, TlsError) as error:
+        except (TokenError, TlsError, OSError) as error:
             text = f"{error}; the {source.name} read before stay in force"
             self._log.error(f"{source.name}.kept", error=text)
         else:

@@ -237,6 +237,7 @@ class Daemon:
             self.failed(error)
         else:
             self._pace.let_rest(judging=True)
+        self._listener.close()
 
     def failed(self, error: BaseException) -> None:
         """Something of ours failed: trust the gate no more, let the robots play their plans to rest, end."""
@@ -250,6 +251,7 @@ class Daemon:
         for session in tuple(self._sessions):
             session.end(RemoteProtocolError(ErrorCode.INTERNAL, text, fatal=True).message())
         self._pace.let_rest(judging=False)
+        self._listener.close()
 
     def _heed_hangup(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._rereading is not None:
@@ -272,7 +274,6 @@ class Daemon:
         self._phase = phase
         playing = max(link.remaining * self._periods[link.robot] for link in self._links)
         self._rest_by = self._pace.now() + playing + _SETTLE
-        self._listener.close()
 
     def _instant(self, instant: Instant) -> None:
         if self._phase is Phase.OVER:
