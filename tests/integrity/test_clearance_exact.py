@@ -93,6 +93,36 @@ def test_a_survey_asks_about_near_pairs_only():
     assert clearance.below(0) == []
 
 
+def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_it_is_proven_anew():
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    clearance.survey(0)
+    assert clearance.below(0) == []
+    clearance.bound.put(0, np.array([np.nan]))
+    clearance.watch()
+    assert clearance.below(0) == clearance.below(1) == [0]
+    found, _ = judged(clearance, (-0.5, 0.0), step=(0.0, 0.0), budget=0)
+    assert found.binding.pair == 0
+    assert clearance.prove_held(0, 0, Budget(1)).lb == pytest.approx(0.9, abs=1e-8)
+    assert clearance.below(0) == []
+
+
+@pytest.mark.parametrize("tube", [np.nan, np.inf])
+def test_a_way_whose_width_is_not_a_number_proves_nothing(tube):
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    wide = clearance.space.sweep_nodes(0, np.array([[-0.5, 0.0]]), np.full(2, tube))
+    with np.errstate(invalid="ignore"):
+        found = clearance.judge(0, wide, None, np.array([LIMIT]), Budget(PLENTY))
+        assert found.binding.pair == 0
+        clearance.hold(0, [wide])
+        clearance.survey(0)
+        assert clearance.prove_held(0, 0, Budget(PLENTY)).lb == -np.inf
+    assert clearance.below(1) == [0]
+
+
 def test_directions_between_centres_are_of_length_one_and_up_where_they_are_none():
     around = {"here": sphere(0.5, -0.5), "there": sphere(0.8, -0.1), "near": sphere(0.501, -0.5)}
     clearance = ball(around, (0.5, -0.5, 0.0))

@@ -3,9 +3,11 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from armgate.cell.events import LinkChange, LinkState, PlanKey, Reset, Stop, Stopped, Tick
+from armgate.integrity import Gate
 from integrity import scenes
 from integrity.hands import STEP, Hands, T, pair
 
@@ -264,6 +266,7 @@ def test_a_plan_of_one_joint_is_not_ended_early_either():
 @pytest.mark.parametrize(
     "change",
     [{field: value} for field in ("q", "setpoint", "increment") for value in ((math.nan,), (math.inf,), ())]
+    + [{field: (x,)} for field in ("q", "setpoint", "increment") for x in (1.001e9, -1e160, 1e308)]
     + [{"time": math.nan}, {"tick": 0}, {"tick": 6}, {"q": (0.0, 0.0)}],
 )
 def test_a_tick_that_cannot_be_read_stops_its_robot_and_nothing_is_believed_of_it(change):
@@ -277,6 +280,23 @@ def test_a_tick_that_cannot_be_read_stops_its_robot_and_nothing_is_believed_of_i
     assert hands.ask((STEP,)).outcome == "refused"
     reset = hands.gate.step(Reset(after.stops[0], "x"))
     assert not reset[0].accepted  # it is not known to rest
+
+
+@pytest.mark.parametrize("field", ["q", "setpoint", "increment"])
+@pytest.mark.parametrize("far", [1e9, -1e9])
+@pytest.mark.parametrize("compiled", [False, None])
+def test_a_slide_that_reports_the_farthest_position_in_range_stops_its_neighbour(field, far, compiled):
+    """The lengths of its levers are computed anew, and all bounds are numbers still."""
+    arms = {name: {"urdf": scenes.slide(), "base": {"xyz": [x, 0, 0]}, "start": [1.5, 0.2, 0.0]}
+            for name, x in (("A", 0.0), ("B", 2.0))}  # fmt: skip
+    cell = scenes.build(arms)
+    hands = Hands(cell, gate=Gate(cell, "s", compiled))
+    number, q = hands.tick[0] + 1, hands.q[0]
+    tick = Tick("A", number, number * cell.robots[0].period, q, q, (0.0,) * 3)
+    wrong = replace(tick, **{field: (q[0], far, q[2])})
+    robots = [one.robots for one in hands.gate.step(wrong) if isinstance(one, Stopped)]
+    assert robots == ([("A",), ("B",)] if field != "increment" else [("A",)])
+    assert np.all(np.isfinite(hands.gate._clearance.bound.of(1)))
 
 
 def test_a_first_tick_that_cannot_be_read_is_no_position():

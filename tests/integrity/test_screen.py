@@ -103,6 +103,28 @@ def test_a_robot_of_unknown_position_leaves_its_pairs_open(compiled):
     assert np.all(np.isneginf(lb[np.isin(clearance.pairs_of[0], with_other)]))
 
 
+@pytest.mark.parametrize("name", sorted(CELLS))
+@pytest.mark.parametrize("compiled", FORMS)
+@pytest.mark.parametrize("what", ["tube", "first node", "middle node", "last node", "kept bound"])
+def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name):
+    """Whatever must be kept: nothing is proven by NaN."""
+    clearance = Clearance(CELLS[name], compiled)
+    for occupied, robot, one, _, (_, n) in states(CELLS[name], 4, seed=3):
+        held(clearance, occupied)
+        ids, new = clearance.pairs_of[robot], clearance.space.sweep(robot, one)
+        nodes, tube, step, bound = new.nodes.copy(), new.tube, None, np.ones(len(ids))
+        match what:
+            case "tube":
+                tube = np.full_like(tube, np.nan)
+            case "kept bound":
+                bound, step = np.full_like(bound, np.nan), np.zeros_like(tube)
+            case _:
+                nodes[{"first node": 0, "middle node": 1, "last node": -1}[what]] = np.nan
+        new = clearance.space.sweep_nodes(robot, nodes, tube)
+        _, left = clearance.screen.run(robot, new, step, np.full(len(ids), -1e300), (bound, n))
+        assert len(left) == len(ids)
+
+
 @pytest.mark.skipif(numba is None, reason="compares with the compiled form")
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_compiled_placements_are_pinocchios(name):

@@ -10,6 +10,7 @@ before left open:
 4. subdivision of both occupancies into cells, each with its own direction.
 
 Stages 3 and 4 share one small budget per command. Used up, the pair counts as too near.
+So does a pair whose bound is not a number.
 """
 
 from collections.abc import Sequence
@@ -86,10 +87,10 @@ class Clearance:
         self._watched = [True] * len(self.groups)
 
     def below(self, robot: int) -> list[int]:
-        """Returns a robot's pairs whose kept bound is below their limit."""
+        """Returns a robot's pairs whose kept bound does not reach their limit."""
         if not self._watched[robot]:
             return []
-        near: list[int] = self.pairs_of[robot][self.bound.of(robot) < self.limits_of[robot]].tolist()
+        near: list[int] = self.pairs_of[robot][~(self.bound.of(robot) >= self.limits_of[robot])].tolist()
         self._watched[robot] = bool(near)
         return near
 
@@ -107,7 +108,7 @@ class Clearance:
         for mine in self.held[robot]:
             found = self._pursue(Question(group, k, robot, mine, float(self.limits[pair])), budget)
             lowest, points = min(lowest, found.lb), ordered(group, k, found.points) or points
-        self.bound[pair] = max(self.bound[pair], lowest)
+        self.bound[pair] = max(lowest, self.bound[pair])
         return Binding(pair, self.bound[pair], float(self.limits[pair]), points)
 
     def survey(self, robot: int) -> None:
@@ -129,7 +130,7 @@ class Clearance:
             lb = np.min([self._slab(group, robot, mine, every, n) for mine in self.held[robot]], axis=0)
             better = lb > best
             self._n[group.ids[better]] = n[better] * group.sign[better, None]
-            best = np.maximum(best, lb)
+            best = np.fmax(best, lb)
         return best
 
     def known(self, pair: int) -> bool:
@@ -154,8 +155,8 @@ class Clearance:
             pair, wanted = int(self.pairs_of[robot][place]), float(need[place])
             group, k = self.find(robot, pair)
             found = self._pursue(Question(group, k, robot, new, wanted), budget)
-            lb[place] = max(lb[place], found.lb)
-            if lb[place] < wanted:
+            lb[place] = max(found.lb, lb[place])
+            if not lb[place] >= wanted:
                 points = ordered(group, k, found.points)
                 return Judgement(lb, Binding(pair, float(lb[place]), wanted, points))
         return Judgement(lb, None)
@@ -195,8 +196,8 @@ class Clearance:
             lb = float(self._slab(ask.group, ask.robot, ask.new, ask.sel, n)[0])
             if lb > best.lb:
                 self.keep_n(ask.group, ask.k, proof.n)
-            best = Found(max(lb, best.lb), proof.points)
-            if best.lb >= ask.need or proof.lb - ask.loss(at[0]) < ask.need:
+            best = Found(max(best.lb, lb), proof.points)
+            if best.lb >= ask.need or not proof.lb - ask.loss(at[0]) >= ask.need:
                 return best
         sides = self._others(ask.group, ask.robot, ask.new)
         proven = all(self._cells(ask, side, budget) for side in sides)
@@ -222,10 +223,10 @@ class Clearance:
             proof = self.certifier.prove(
                 ask.group, ask.k, *self._cell(ask, side, middle(a), middle(b)), (0, 0)
             )
-            if proof.lb - ask.loss(side) < ask.need:
+            if not proof.lb - ask.loss(side) >= ask.need:
                 return False  # too near where it stands: smaller cells prove no more
             lb, _, _ = ask.group.slab(*self._cell(ask, side, a, b), ask.sel, proof.n[None, :])
-            if lb[0] - MARGIN < ask.need:
+            if not lb[0] - MARGIN >= ask.need:
                 stack.extend(self._halve(ask, a, b))
         return True
 

@@ -126,7 +126,7 @@ class Judge:
         """
         held = self._clearance.bound[binding.pair] - binding.need
         tried = binding.lb - binding.need
-        if not np.isfinite(tried) or held <= 0.0:
+        if not (np.isfinite(tried) and held > 0.0):
             return 0.5 * beta
         return math.floor(_SECANT * beta * held / (held - tried) / _GRID) * _GRID
 

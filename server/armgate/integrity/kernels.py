@@ -52,6 +52,12 @@ def _dot(a, b):
 
 
 @kernel
+def _larger(a, b):
+    """`np.maximum`: NaN if one of both is; the built-in ``max`` would lose it."""
+    return a if a >= b or np.isnan(a) else b
+
+
+@kernel
 def _turned(R, v):
     """R v."""
     return (
@@ -146,7 +152,7 @@ def _curl(nodes, bend):
             if way > 0.0:
                 for j in range(nodes.shape[1]):
                     total += way * bend[i, j] * abs(nodes[s + 1, j] - nodes[s, j])
-        most = max(most, total)
+        most = _larger(most, total)
     return most / 8.0
 
 
@@ -187,7 +193,7 @@ def _support(cell, body, v):
         most = -np.inf
         for k in range(len(corners)):
             p = corners[k]
-            most = max(most, p[0] * v[0] + p[1] * v[1] + p[2] * v[2] + p[3] * level)
+            most = _larger(most, p[0] * v[0] + p[1] * v[1] + p[2] * v[2] + p[3] * level)
         h += most
     return h
 
@@ -199,7 +205,7 @@ def _reach(cell, body, n, R, t, stray):
         return np.inf
     most = -np.inf
     for m in range(len(t)):
-        most = max(most, _support(cell, body, _turned_back(R[m], n)) + _dot(t[m], n) + stray[m])
+        most = _larger(most, _support(cell, body, _turned_back(R[m], n)) + _dot(t[m], n) + stray[m])
     return most
 
 
@@ -214,7 +220,7 @@ def _chained(cell, pair, n, R, t):
         away = (-w[0], -w[1], -w[2])
         apart = (t[m, tip, 0] - t[m, base, 0], t[m, tip, 1] - t[m, base, 1], t[m, tip, 2] - t[m, base, 2])
         far = _support(cell, cell[2][pair.theirs], _turned_back(R[m, tip], away)) - _dot(apart, w)
-        most = max(most, far)
+        most = _larger(most, far)
     return -_support(cell, cell[2][pair.mine], n) - most
 
 

@@ -8,6 +8,7 @@ import math
 from itertools import chain
 
 from armgate.cell.events import Joints, LinkState, Tick
+from armgate.cell.urdf import MAX_NUMBER
 from armgate.integrity.limits import ROUNDING
 from armgate.integrity.occupancy import settle_measured
 from armgate.integrity.robot import RobotState, same
@@ -20,6 +21,8 @@ def unreadable(s: RobotState, event: Tick) -> str | None:
         return f"{s.name}'s link reports positions of another number of joints"
     if not all(map(math.isfinite, chain(*rows, (event.time,)))):
         return f"{s.name}'s link reports a number that is not finite"
+    if max(map(abs, chain(*rows)), default=0.0) > MAX_NUMBER:
+        return f"{s.name}'s link reports a position out of range; expected numbers within ±{MAX_NUMBER:g}"
     if event.tick <= s.tick:
         return f"{s.name}'s link reports tick {event.tick} after tick {s.tick}"
     return None

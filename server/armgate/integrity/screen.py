@@ -4,6 +4,8 @@ Pairs that the kept bounds leave open are few, but they belong to many groups: w
 what never moves, with the robot itself. What every robot holds stands in one table by body, so that one pass
 of array operations takes all open pairs together, whatever stands at the other side. Only pairs of one chain,
 whose bodies move together, are another formula.
+
+A bound that is not a number proves nothing: comparisons are written so that it leaves its pair open.
 """
 
 from collections.abc import Sequence
@@ -103,13 +105,13 @@ class Screen:
         """
         (bound, n), own = kept, self.pairs[robot]
         lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
-        left = (lb < need).nonzero()[0]
+        left = (~(lb >= need)).nonzero()[0]
         if not len(left):
             return lb, left
         tried = left if step is None else self._with_next(own, step, need - lb, left)
         directions = n.take(own.ids[tried], axis=0) * own.sign[tried, None]
-        lb[tried] = np.maximum(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
-        return lb, left[lb[left] < need[left]]
+        lb[tried] = np.fmax(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
+        return lb, left[~(lb[left] >= need[left])]
 
     def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
         """The open pairs and those soon open, ascending, of the sides that have to be looked at anyway."""
