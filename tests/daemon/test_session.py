@@ -398,6 +398,17 @@ async def test_a_stop_overtakes_the_pings_before_it(bounded):
     assert line.transport.reading
 
 
+async def test_a_stop_that_overtook_a_reset_is_the_last_word(bounded):
+    line = bounded
+    line.hello()
+    line.session.data_received(
+        pings(line, 9) + line.client.send(m.Reset(stop=5)) + line.client.send(m.Stop())
+    )
+    await until(lambda: len(heard(line)) == 9)
+    await until(lambda: any(isinstance(message, m.Error) for message in line.received()))
+    assert [type(message) for message in line.desk.told if isinstance(message, m.Stop | m.Reset)] == [m.Stop]
+
+
 async def test_not_more_stops_overtake_than_a_bound(bounded):
     line = bounded
     line.hello()

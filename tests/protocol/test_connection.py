@@ -463,6 +463,16 @@ def test_what_only_names_a_stop_or_is_none_keeps_its_turn(other):
     assert second == other or isinstance(second, Refusal)
 
 
+def test_a_reset_that_a_stop_overtook_is_refused_and_later_ones_are_not():
+    before, after = m.Reset(id=1, stop=5), m.Reset(id=2, stop=6)
+    server = pushed(PING, before, PING, STOP, PING, after)
+    assert [server.overtake(), server.overtake()] == [STOP, None]
+    first, refusal, *rest = popped(server)
+    assert (first, rest) == (PING, [PING, PING, after])
+    error = refusal.error
+    assert (error.code, error.fatal, error.about, error.re) == ("unknown_stop", False, "reset", 1)
+
+
 def test_before_the_welcome_and_for_a_client_nothing_is_taken():
     server = connection(Side.SERVER, State.AWAIT_HELLO)
     server.push(encode(STOP))

@@ -26,7 +26,7 @@ from armgate.protocol import versions as v
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode, unpack
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
-from armgate.protocol.messages import Command, Error, Hello, Message, Request, Stop, Welcome
+from armgate.protocol.messages import Command, Error, Hello, Message, Request, Reset, Stop, Welcome
 
 
 class Side(Enum):
@@ -59,6 +59,8 @@ class ConnectionState(Enum):
 _STOP = b"stop"
 _LOOKED_AT = 128
 """Messages that one call looks at in search of a stop."""
+
+_OVERTAKEN = "a stop that was sent after this reset was acted on first; reset the stops that states name"
 
 _State = ConnectionState
 Key = tuple[ConnectionState, Side, str]
@@ -140,6 +142,7 @@ class Connection:
         self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
         self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
         self._in_order = not server
+        self._overtaken = 0  # frames still to be popped that a stop has overtaken
 
     def receive(self, data: bytes) -> list[Message | Refusal]:
         """Takes bytes from the peer and returns what they complete, in order.
@@ -177,7 +180,8 @@ class Connection:
     def overtake(self) -> Stop | None:
         """Take a complete ``stop`` from behind other unread messages, ahead of its turn; None: there is none.
 
-        Nothing is taken from behind a ``bye`` or a fatal fault. Each call looks at a bounded number of
+        Nothing is taken from behind a ``bye`` or a fatal fault. ``pop`` refuses each ``reset`` that the stop
+        overtook: it was sent before the stop and must not lift it. Each call looks at a bounded number of
         messages, at none of them twice.
         """
         if not self.may_overtake:
@@ -189,6 +193,7 @@ class Connection:
             message = self._read_ahead(payload)
             if message is not None:
                 self._decoder.take_seen(len(payload))
+                self._overtaken = self._decoder.ahead
                 return message
             if self._in_order:
                 return None
@@ -264,6 +269,7 @@ class Connection:
         return HANDSHAKE_LIMIT if self.state is ConnectionState.AWAIT_HELLO else INBOUND_LIMIT
 
     def _accept(self, payload: bytes) -> Message:
+        overtaken, self._overtaken = self._overtaken > 0, max(0, self._overtaken - 1)
         dialect = self._dialect
         known = dialect.client if self.role is Side.SERVER else dialect.server
         message = decode(payload, known, self._max_array)
@@ -273,6 +279,8 @@ class Connection:
                 text = f"{message.type}: not allowed from the {self.role.other.value}"
                 text += f" in state {self.state.value}"
                 raise RemoteProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
+            if overtaken and isinstance(message, Reset):
+                raise RemoteProtocolError(ErrorCode.UNKNOWN_STOP, _OVERTAKEN, about=message.type)
             self._agree(message)
             inward = dialect.inward(message)
         except RemoteProtocolError as error:

@@ -26,12 +26,14 @@ class FrameDecoder:
 
     Attributes:
         limit: The longest payload accepted; may be changed between two frames.
+        ahead: Number of frames that were looked at ahead and are still to be popped.
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._buffer = bytearray()
         self._seen = 0  # bytes of whole frames at the buffer's beginning that were looked at ahead
+        self.ahead = 0
         self._needed = HEADER  # bytes to wait for; more once the length of a frame is read
         self._error: RemoteProtocolError | None = None
 
@@ -76,6 +78,7 @@ class FrameDecoder:
         payload = bytes(memoryview(self._buffer)[HEADER : self._needed])
         del self._buffer[: self._needed]
         self._seen = max(0, self._seen - self._needed)
+        self.ahead = max(0, self.ahead - 1)
         self._needed = HEADER
         return payload
 
@@ -92,6 +95,7 @@ class FrameDecoder:
         if end is None:
             return None
         begin, self._seen = self._seen + HEADER, end
+        self.ahead += 1
         return bytes(memoryview(self._buffer)[begin:end])
 
     def _unseen_end(self) -> int | None:
@@ -105,6 +109,7 @@ class FrameDecoder:
         begin = self._seen - HEADER - length
         del self._buffer[begin : self._seen]
         self._seen = begin
+        self.ahead -= 1
         if not begin:
             self._needed = HEADER
 
