@@ -5,6 +5,7 @@ import itertools
 import socket
 from time import monotonic
 
+import msgpack
 import pytest
 
 from armgate.daemon.allowance import Allowance, Allowances, Rates
@@ -14,6 +15,7 @@ from armgate.daemon.session import Session
 from armgate.daemon.turns import Turns
 from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
 from armgate.protocol import messages as m
+from armgate.protocol.framing import frame
 from support.clients import until
 
 
@@ -436,6 +438,16 @@ async def test_a_request_for_much_takes_a_whole_turn(slow):
     assert asked() == 1
     await asyncio.sleep(0)
     assert asked() == 2
+
+
+async def test_a_large_message_takes_a_whole_turn(slow):
+    slow.hello()
+    await asyncio.sleep(0)
+    payload = msgpack.packb({"type": "ping", "time": 0.0, "pad": [[1] * 250] * 15})
+    slow.session.data_received(frame(payload) * 3)
+    assert len(heard(slow)) == 1
+    await asyncio.sleep(0)
+    assert len(heard(slow)) == 2
 
 
 async def test_what_comes_meanwhile_keeps_its_place(line):

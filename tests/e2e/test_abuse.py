@@ -130,7 +130,7 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
         assert among.late <= without.late
 
 
-CROWDS = ("pings", "subscribes", "describes", "large", "fields")
+CROWDS = ("pings", "subscribes", "describes", "large", "crooked", "fields")
 CROWD_BLOCK = 300 if LONG else 40
 SHARE = 0.7
 """Most of a core that one observer may make the daemon use."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, answering, decode, encode
 from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, MAX_DEPTH, MAX_MAP, MAX_STR, _bounds, unpack
-from armgate.protocol.faults import fault_in
+from armgate.protocol.faults import Reader, fault_in
 from armgate.protocol.framing import HEADER, frame
 from support.messages import FROM_CLIENT, FROM_SERVER
 
@@ -159,6 +159,27 @@ def test_the_byte_told_is_where_the_value_begins():
     text = refused(payload).text
     assert text == "subscribe.robots[2]: expected a text; got an integer 7 at byte 28"
     assert payload[28] == 7
+
+
+CROOKED = {"type": "stop", "robot": 5, "pad": [[1] * 250] * 250}
+LATE = {"type": "stop", "pad": [[1] * 250] * 250, "robot": 5}
+
+
+@pytest.mark.parametrize(
+    ("payload", "told"),
+    [
+        (msgpack.packb(CROOKED), r"stop\.robot: .*at byte 17"),
+        (msgpack.packb(LATE), r"stop\.robot: expected a text; got an integer 5"),
+        (msgpack.packb(LATE)[:-1] + b"\xc1", "the payload is not a map of this protocol"),
+    ],
+    ids=["near", "far", "malformed"],
+)
+def test_no_more_values_are_read_again_than_a_bound(payload, told, monkeypatch):
+    read = []
+    head = Reader._head
+    monkeypatch.setattr(Reader, "_head", lambda self: read.append(1) or head(self))
+    assert re.fullmatch(told, refused(payload).text)
+    assert len(read) < 200
 
 
 def test_a_missing_field_is_named():

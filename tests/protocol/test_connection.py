@@ -473,6 +473,17 @@ def test_a_reset_that_a_stop_overtook_is_refused_and_later_ones_are_not():
     assert (error.code, error.fatal, error.about, error.re) == ("unknown_stop", False, "reset", 1)
 
 
+def test_one_call_looks_at_a_bounded_number_of_bytes_and_locates_no_fault(monkeypatch):
+    monkeypatch.setattr("armgate.protocol.codec.offset_of", None)
+    crooked = frame(msgpack.packb({"type": "stop", "robot": 5, "pad": [[1] * 250] * 15}))
+    server = pushed(crooked * 60)
+    looked = 0
+    while server.may_overtake:
+        assert server.overtake() is None
+        looked += 1
+    assert looked >= 30
+
+
 def test_before_the_welcome_and_for_a_client_nothing_is_taken():
     server = connection(Side.SERVER, State.AWAIT_HELLO)
     server.push(encode(STOP))

@@ -4,8 +4,8 @@ Writes "ready" when all are at work, which lasts until it is killed. Kinds:
 
 - ``mixed`` (the default): one sends garbage and comes again, one floods with messages that cannot be read,
   one never reads, 200 say no hello, and 1000 come and go;
-- ``pings``, ``subscribes``, ``describes``, ``large``: one observer on many connections, which send such
-  messages as fast as they are taken;
+- ``pings``, ``subscribes``, ``describes``, ``large``, ``crooked``: one observer on many connections, which
+  send such messages as fast as they are taken; ``crooked`` are stops with a wrong field and much padding;
 - ``fields``: one observer on many connections, each of which subscribes other fields at every tick.
 """
 
@@ -120,6 +120,7 @@ def crowd(kind):
         "pings": framed(type="ping", time=1.0, id=1) * 200,
         "describes": framed(type="describe", id=1) * 100,
         "large": framed(type="x", a=[[1.0] * 250] * 28),
+        "crooked": framed(type="stop", robot=5, pad=[[1] * 250] * 15) * 60,
     }[kind]
     return [message] * 60
 

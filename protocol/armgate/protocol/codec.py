@@ -92,6 +92,14 @@ def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: in
         raise _invalid(kind, fields, error, payload, max_array) from None
 
 
+def valid(model: type[Message], fields: Mapping[str, Any]) -> Message | None:
+    """Return the message in unpacked fields; None if they do not validate: a fault is not located."""
+    try:
+        return model.model_validate(fields)
+    except ValidationError:
+        return None
+
+
 def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
     """The map in ``payload``, its arrays as tuples.
 

@@ -23,7 +23,7 @@ from enum import Enum
 from functools import cache
 
 from armgate.protocol import versions as v
-from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode, unpack
+from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode, unpack, valid
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
 from armgate.protocol.messages import Command, Error, Hello, Message, Request, Reset, Stop, Welcome
@@ -59,6 +59,8 @@ class ConnectionState(Enum):
 _STOP = b"stop"
 _LOOKED_AT = 128
 """Messages that one call looks at in search of a stop."""
+_BYTES_LOOKED_AT = 4096
+"""Bytes after which one call looks at no further message."""
 
 _OVERTAKEN = "a stop that was sent after this reset was acted on first; reset the stops that states name"
 
@@ -182,20 +184,22 @@ class Connection:
 
         Nothing is taken from behind a ``bye`` or a fatal fault. ``pop`` refuses each ``reset`` that the stop
         overtook: it was sent before the stop and must not lift it. Each call looks at a bounded number of
-        messages, at none of them twice.
+        messages and bytes, at none of them twice.
         """
         if not self.may_overtake:
             return None
+        looked_at = 0
         for _ in range(_LOOKED_AT):
             payload = self._decoder.look_ahead()
             if payload is None:
                 return None
+            looked_at += len(payload)
             message = self._read_ahead(payload)
             if message is not None:
                 self._decoder.take_seen(len(payload))
                 self._overtaken = self._decoder.ahead
                 return message
-            if self._in_order:
+            if self._in_order or looked_at >= _BYTES_LOOKED_AT:
                 return None
         return None
 
@@ -205,10 +209,11 @@ class Connection:
             fields = unpack(payload, self._max_array)
             kind = fields.get("type")
             self._in_order = kind in ("bye", "hello")
-            message = decode(payload, self._dialect.client, self._max_array) if kind == "stop" else None
+            model = self._dialect.client.get("stop") if kind == "stop" else None
+            message = None if model is None else valid(model, fields)
             return message if isinstance(message, Stop) else None
-        except ProtocolError as error:
-            self._in_order = error.fatal
+        except ProtocolError:
+            self._in_order = True
             return None
 
     def receive_eof(self) -> list[Message | Refusal]:

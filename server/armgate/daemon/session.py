@@ -58,7 +58,7 @@ _STOPS = 20.0
 """Stops of a client that are acted on ahead of its other messages, per second and at once."""
 
 _BYTES = 2048
-"""Bytes that count as one more message."""
+"""Bytes that count as one more message, and after which a turn's worth is read."""
 
 
 class Desk(Protocol):
@@ -418,8 +418,8 @@ class Session(asyncio.BufferedProtocol, Place):
     def _hear_some(self) -> tuple[float, bool]:
         """Hear a turn's worth of messages; return what they cost, and True if there may be more."""
         cost, self._bytes = self._bytes / _BYTES, 0
-        limit = cost + _AT_ONCE
-        while cost < limit:
+        limit, before = cost + _AT_ONCE, self._connection.buffered
+        while cost < limit and before - self._connection.buffered < _BYTES:
             item = None if self._closing else self._connection.pop()
             if item is None:
                 return cost, False
