@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import socket
 from time import monotonic
+from unittest.mock import Mock
 
 import msgpack
 import pytest
@@ -411,6 +412,17 @@ async def test_a_stop_that_overtook_a_reset_is_the_last_word(bounded):
     assert [type(message) for message in line.desk.told if isinstance(message, m.Stop | m.Reset)] == [m.Stop]
 
 
+async def test_a_stop_does_not_wait_for_an_allowance_that_others_have_used_up():
+    allowances = Allowances(Rates(client=1e6, identity=100.0, address=1e6, in_all=1e6), monotonic)
+    line = Line(allowance=Allowance(allowances, "127.0.0.1")).hello()
+    Allowance(allowances, "127.0.0.1").spend(1000.0, privileged=False)
+    line.send(m.Ping(time=0.0), m.Stop(reason="now"))
+    await until(lambda: stops(line) == ["now"], turns=100)
+    assert heard(line) == []
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
 async def test_not_more_stops_overtake_than_a_bound(bounded):
     line = bounded
     line.hello()
@@ -481,6 +493,31 @@ async def test_after_the_end_of_a_stream_of_tls_the_rest_is_heard_in_turns_too(l
     await until(lambda: line.desk.told[-1] == "closed")
     assert heard(line) == [*range(30)]
     assert line.desk.told[-2:] == ["gone: closed by the client", "closed"]
+
+
+async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(line, monkeypatch):
+    monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    line.session.eof_received()
+    line.session.connection_lost(None)
+    line.session.abort()
+    await until(lambda: line.desk.told[-1] == "closed")
+    assert line.desk.told[-2].startswith("gone: ")
+
+
+async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_heard(monkeypatch):
+    monkeypatch.setattr("armgate.daemon.session._WATCH", 0.0)
+    line = Line().hello()
+    watched = []
+    monkeypatch.setattr(line.session, "_line", Mock(vanished=lambda: watched.append(1)))
+    line.session.data_received(pings(line, 30))
+    line.session.eof_received()
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+    await until(lambda: line.desk.told[-1] == "closed")
+    await asyncio.sleep(0.01)
+    assert not watched
 
 
 async def test_a_bye_in_a_flood_is_the_last_that_is_heard(line):

@@ -221,15 +221,15 @@ class Session(asyncio.BufferedProtocol, Place):
     def connection_lost(self, exc: Exception | None) -> None:
         """Handle the loss of the connection; after an end of the stream what came before is read first."""
         self.allow(None)
+        for timer in (self._looking, self._watching):
+            if timer is not None:
+                timer.cancel()
         self._lost = True
         if exc is None and self._ended and self._reading and not self._closing:
             return
         self._closing = True
         if self._pause is not None:
             self._pause.cancel()
-        for timer in (self._looking, self._watching):
-            if timer is not None:
-                timer.cancel()
         self._leave(self._overflow or ("connection lost" if exc is None else str(exc)))
         self._tell_closed()
 
@@ -356,6 +356,7 @@ class Session(asyncio.BufferedProtocol, Place):
         privileged = self._desk.privileged(self)
         wait = 0.0 if self._allowance is None else self._allowance.reserve(privileged)
         if wait:
+            self._read_ahead()
             self._pause = asyncio.get_running_loop().call_later(wait, self._resume)
         else:
             give(self.identity, privileged, self._read)
@@ -408,8 +409,8 @@ class Session(asyncio.BufferedProtocol, Place):
         if not self._closing:
             for item in self._connection.receive_eof():
                 self._guarded(self._hear, item)
-            self._leave("closed by the client")
-            self._closing = True
+        self._leave(self._overflow or "closed by the client")
+        self._closing = True
         if self._lost:
             self._tell_closed()
         else:
