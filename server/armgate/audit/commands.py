@@ -31,14 +31,15 @@ def replay(
 
     recording = Recording.open(run)
     chain = verify(recording)
-    _tell_chain(chain)
     if settings:
-        cell = changed_cell(recording.header, settings)
+        cell, differing = changed_cell(recording.header, settings), 0
         _tell_changes(replayed(recording, cell, otherwise=True), settings)
-        return
-    outcome = replayed(recording, recorded_cell(recording.header))
-    _tell_replay(outcome)
-    raise typer.Exit(1 if outcome.count or chain.breaks else 0)
+    else:
+        outcome = replayed(recording, recorded_cell(recording.header))
+        differing = outcome.count
+        _tell_replay(outcome)
+    _tell_chain(chain)
+    raise typer.Exit(1 if differing or chain.breaks else 0)
 
 
 def explain(
