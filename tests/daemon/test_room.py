@@ -93,3 +93,13 @@ def test_a_place_is_free_again_when_its_connection_is_closed(role):
     for guest in hall.guests:
         hall.room.leave(guest)
     assert hall.room.empty
+
+
+def test_a_connection_that_has_sent_nothing_makes_room_before_one_that_has():
+    hall = Hall(per_origin=3)
+    hall.come(3)
+    hall.guests[0].silent = False
+    assert hall.come(1) == [1]
+    for guest in hall.guests:
+        guest.silent = False
+    assert hall.come(1) == [0]

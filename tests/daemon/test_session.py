@@ -13,6 +13,7 @@ from armgate.daemon.allowance import Allowance, Allowances, Rates
 from armgate.daemon.listener import Guest
 from armgate.daemon.peer import Encoded
 from armgate.daemon.session import Session
+from armgate.daemon.tokens import make
 from armgate.daemon.turns import Turns
 from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
 from armgate.protocol import messages as m
@@ -581,3 +582,35 @@ async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
     assert transport.aborted
     session.connection_lost(None)
     assert desk.told == ["gone: connection lost", "closed"]
+
+
+async def test_a_hello_does_not_wait_for_what_others_of_its_address_send():
+    allowances = Allowances(Rates(client=2000.0, identity=1.0, address=1.0, in_all=1.0), lambda: 0.0)
+    Allowance(allowances, "127.0.0.1").spend(1e6, privileged=False)
+    line = Line(allowance=Allowance(allowances, "127.0.0.1"))
+    assert line.session.guest.silent
+    line.hello()
+    assert not line.session.guest.silent
+    line.send(m.Ping(time=1.0))
+    assert not line.desk.told[1:]  # what follows waits
+    line.session.connection_lost(OSError("closed"))
+    line.transport.socket.close()
+
+
+@pytest.mark.parametrize("message", [m.Describe(), m.Sessions()])
+async def test_messages_with_large_answers_count_more(line, message):
+    line.hello()
+    line.session._connection.push(line.client.send(message))
+    cost, _ = line.session._hear_some()
+    assert cost >= 20
+
+
+@pytest.mark.parametrize(
+    ("uid", "token", "known_as"),
+    [(None, None, None), (1000, None, "uid 1000"), (1000, "lab", "lab"), (None, "lab", "lab")],
+)
+def test_a_client_is_known_by_its_token_or_its_user(uid, token, known_as):
+    guest = Guest("192.0.2.1" if uid is None else f"uid {uid}", uid)
+    session = Session(Desk(), 1, guest, 1000, Turns(lambda: 0.0))
+    session.token = token and make(token, "observer", None).token
+    assert session.known_as == known_as

@@ -53,3 +53,13 @@ def test_only_operators_may(bench, role, request_):
     peer = bench.client("x", role)
     bench.core.handle(peer, request_)
     assert code(peer) == "forbidden"
+
+
+def test_what_a_session_holds_is_looked_up_once(bench, monkeypatch):
+    boss, asked = bench.client("boss", "operator"), []
+    held_by = bench.core.leasing.held_by
+    monkeypatch.setattr(
+        bench.core.leasing, "held_by", lambda session: asked.append(session) or held_by(session)
+    )
+    bench.core.handle(boss, m.Sessions())
+    assert asked.count(boss.id) == 1

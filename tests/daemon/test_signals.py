@@ -2,8 +2,10 @@
 
 import pytest
 
+from armgate.cell.errors import ConfigError
 from armgate.daemon.signals import KEPT, Reserved, Sharer, Signals
 from armgate.protocol import RemoteProtocolError
+from support.cells import arms_config
 
 
 def code_of(signals, *arguments):
@@ -68,8 +70,8 @@ def test_a_session_that_sends_too_fast_is_throttled_and_others_are_not():
 # --- authority --------------------------------------------------------------------------------------------
 
 
-def sharer(name="a", role="controller", session=None, token=None):
-    return Sharer(session or name, name, role, token)
+def sharer(name="a", role="controller", session=None, known_as=None):
+    return Sharer(session or name, name, role, known_as)
 
 
 @pytest.fixture
@@ -78,6 +80,7 @@ def ruled():
         "operator.": Reserved(operator=True),
         "lead.": Reserved(operator=False, clients=frozenset({"leader"})),
         "lead.open.": Reserved(operator=False),
+        "local.": Reserved(operator=False, clients=frozenset({"uid 1000"})),
     }
     return Signals(1000.0, per_client=32, reserved=reserved)
 
@@ -91,8 +94,8 @@ def test_names_under_a_prefix_are_for_its_role(ruled):
 
 def test_names_under_a_prefix_are_for_its_clients_by_token_and_else_by_name(ruled):
     assert code_of(ruled, sharer("other"), "lead.progress", (1.0,), 0.0) == "forbidden"
-    assert code_of(ruled, sharer("leader", token="other"), "lead.progress", (1.0,), 0.0) == "forbidden"
-    ruled.set(sharer("x", token="leader"), "lead.progress", (1.0,), 0.0)
+    assert code_of(ruled, sharer("leader", known_as="other"), "lead.progress", (1.0,), 0.0) == "forbidden"
+    ruled.set(sharer("x", known_as="leader"), "lead.progress", (1.0,), 0.0)
     ruled.drop("x")
     ruled.set(sharer("leader"), "lead.progress", (1.0,), 0.0)
 
@@ -104,13 +107,13 @@ def test_the_longest_prefix_counts(ruled):
 def test_a_client_has_a_bound_of_its_own_and_a_token_one_for_all_its_sessions(ruled):
     for number in range(16):
         ruled.set(sharer("a"), f"a{number}", (0.0,), 0.0)
-        ruled.set(sharer("b", session=f"b{number % 2}", token="lab"), f"b{number}", (0.0,), 0.0)
+        ruled.set(sharer("b", session=f"b{number % 2}", known_as="lab"), f"b{number}", (0.0,), 0.0)
     few = Signals(1000.0, per_client=2)
-    few.set(sharer("x", session="s1", token="lab"), "x", (0.0,), 0.0)
-    few.set(sharer("y", session="s2", token="lab"), "y", (0.0,), 0.0)
-    assert code_of(few, sharer("z", session="s3", token="lab"), "z", (0.0,), 0.0) == "too_many_signals"
+    few.set(sharer("x", session="s1", known_as="lab"), "x", (0.0,), 0.0)
+    few.set(sharer("y", session="s2", known_as="lab"), "y", (0.0,), 0.0)
+    assert code_of(few, sharer("z", session="s3", known_as="lab"), "z", (0.0,), 0.0) == "too_many_signals"
     few.drop("s1")
-    few.set(sharer("z", session="s3", token="lab"), "z", (0.0,), 0.0)
+    few.set(sharer("z", session="s3", known_as="lab"), "z", (0.0,), 0.0)
 
 
 def test_clients_that_take_all_names_leave_places_for_reserved_ones(ruled):
@@ -119,3 +122,24 @@ def test_clients_that_take_all_names_leave_places_for_reserved_ones(ruled):
     assert code_of(ruled, sharer("more"), "y", (0.0,), 0.0) == "too_many_signals"
     ruled.set(sharer("leader"), "lead.progress", (0.0,), 0.0)
     ruled.set(sharer("boss", "operator"), "operator.distance", (0.0,), 0.0)
+
+
+def test_users_of_the_unix_socket_are_known_by_their_number_and_not_by_the_name_they_say(ruled):
+    assert code_of(ruled, sharer("leader", known_as="uid 1000"), "lead.progress", (1.0,), 0.0) == "forbidden"
+    assert code_of(ruled, sharer("uid:1000", known_as="uid 1001"), "local.x", (1.0,), 0.0) == "forbidden"
+    ruled.set(sharer("x", known_as="uid 1000"), "local.x", (1.0,), 0.0)
+
+
+def test_a_user_has_one_bound_for_all_sessions():
+    few = Signals(1000.0, per_client=1)
+    few.set(sharer("x", session="s1", known_as="uid 1000"), "x", (0.0,), 0.0)
+    again = sharer("y", session="s2", known_as="uid 1000")
+    assert code_of(few, again, "y", (0.0,), 0.0) == "too_many_signals"
+    few.set(sharer("y", session="s3", known_as="uid 1001"), "y", (0.0,), 0.0)
+
+
+def test_a_rule_names_tokens_and_users(tmp_path):
+    config = arms_config(tmp_path, server='{signals: {lead.: {clients: ["uid 1000", leader]}}}')
+    assert config.server.signals["lead."].clients == ("uid 1000", "leader")
+    with pytest.raises(ConfigError, match="clients"):
+        arms_config(tmp_path, server='{signals: {lead.: {clients: ["uid root"]}}}')

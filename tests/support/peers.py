@@ -17,6 +17,7 @@ class Peer:
     def __init__(self, id_, name, role="controller"):
         self.id, self.name, self.role = id_, name, role
         self.identity, self.token_name, self.address = "here", None, "127.0.0.1:4711"
+        self.known_as = None
         self.robots = self.subscription = None
         self.heard = []
         self.ended = False

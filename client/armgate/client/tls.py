@@ -77,12 +77,7 @@ def check_token(token: str | None, tls: ssl.SSLContext | None, peer: Any) -> Non
     Raises:
         BadArgument: It would be readable on the way; nothing was sent.
     """
-    if (
-        token is None
-        or tls is not None
-        or _is_local(peer)
-        or ipaddress.ip_address(peer[0].partition("%")[0]).is_loopback
-    ):
+    if token is None or tls is not None or _is_local(peer):
         return
     raise BadArgument(
         f"token: everybody on the way to {peer[0]} could read it; connect with tls=… (--ca FILE)"

@@ -256,7 +256,7 @@ class Core:
                 self.check_command(message)
                 self.judge(peer, message)
             case m.Signal():
-                sharer = Sharer(peer.id, peer.name, peer.role, peer.token_name)
+                sharer = Sharer(peer.id, peer.name, peer.role, peer.known_as)
                 self._signals.set(sharer, message.name, message.value, self._now())
                 peer.say(answer(m.Signaled, message, name=message.name))
             case m.Acquire():
@@ -296,16 +296,17 @@ class Core:
     # --- sessions of others ------------------------------------------------------------------------------
 
     def _sessions(self) -> tuple[m.SessionInfo, ...]:
-        return tuple(
-            m.SessionInfo(
-                session=peer.id,
-                name=peer.name,
-                role=peer.role,
-                token=peer.token_name,
-                address=peer.address,
-                robots=tuple(robot for robot in self.robots if robot in self.leasing.held_by(peer.id)),
-            )
-            for peer in islice(self.peers.values(), m.MAX_SESSIONS)
+        return tuple(self._session(peer) for peer in islice(self.peers.values(), m.MAX_SESSIONS))
+
+    def _session(self, peer: Peer) -> m.SessionInfo:
+        held = self.leasing.held_by(peer.id)
+        return m.SessionInfo(
+            session=peer.id,
+            name=peer.name,
+            role=peer.role,
+            token=peer.token_name,
+            address=peer.address,
+            robots=tuple(robot for robot in self.robots if robot in held),
         )
 
     def _kick(self, peer: Peer, request: m.Kick) -> None:

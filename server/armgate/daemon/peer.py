@@ -47,6 +47,10 @@ class Peer(Protocol):
         """Name of its token, None without one."""
 
     @property
+    def known_as(self) -> str | None:
+        """Name of its token, or ``uid N`` on the Unix socket; None if only its name is known."""
+
+    @property
     def address(self) -> str:
         """Where it connects from."""
 

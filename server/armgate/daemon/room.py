@@ -1,10 +1,10 @@
 """Room for connections: how many there may be, in all and from one address, and whose place is kept.
 
 A connection is *waiting* until its hello is accepted, then it is a *session*. Waiting connections never take
-the place of a session, and no number of them keeps a new connection out: if there is no room, the waiting
-connection that came first makes room. Of each bound a part is kept for operators, and another for operators
-and controllers, so that observers or controllers cannot fill it. Observers of one token, wherever they
-connect from, have the same bound as those of one address.
+the place of a session, and no number of them keeps a new connection out: if there is no room, a waiting
+connection makes room, first one that has sent nothing, then the one that came first. Of each bound a part is
+kept for operators, and another for operators and controllers, so that observers or controllers cannot fill
+it. Observers of one token, wherever they connect from, have the same bound as those of one address.
 """
 
 from collections import Counter
@@ -26,6 +26,7 @@ class Guest:
         origin: The address that it counts for.
         uid: The user at its other end, None if it does not come over the Unix socket.
         refusal: Why it may not stay; empty if it may.
+        silent: True until it has sent something.
         identity: The token that its session counts for; empty while it waits or has none.
         role: The role of its session; None while it waits.
     """
@@ -33,6 +34,7 @@ class Guest:
     origin: str
     uid: int | None = None
     refusal: str = ""
+    silent: bool = True
     identity: str = ""
     role: Role | None = field(default=None)
 
@@ -108,7 +110,9 @@ class Room:
         return sum(guest.origin == origin for guest in (*self._waiting, *self._sessions))
 
     def _oldest(self, origin: str) -> Guest | None:
-        return next((guest for guest in self._waiting if guest.origin == origin), None)
+        """Return the waiting connection of an origin that came first, if there is one a silent one."""
+        waiting = [guest for guest in self._waiting if guest.origin == origin]
+        return next((guest for guest in waiting if guest.silent), waiting[0] if waiting else None)
 
     def _crowded(self) -> str:
         """Return the origin with most waiting connections."""

@@ -45,7 +45,8 @@ _PATIENT = (m.Signaled, m.Verdict)
 """Answers that may wait for what comes with them; nothing else said is held up."""
 
 _COSTS: dict[type[object], float] = {
-    m.Describe: 20, m.Asset: 20, m.Stop: 8, m.Reset: 8, m.Subscribe: 4, m.Acquire: 2, m.Release: 2,
+    m.Describe: 20, m.Asset: 20, m.Sessions: 20,
+    m.Stop: 8, m.Reset: 8, m.Subscribe: 4, m.Acquire: 2, m.Release: 2,
 }  # fmt: skip
 """Messages that count as more than one: their answers are large, or go to all clients."""
 
@@ -161,6 +162,11 @@ class Session(asyncio.BufferedProtocol, Place):
         return None if self.token is None else self.token.name
 
     @property
+    def known_as(self) -> str | None:
+        """Name of the token, or ``uid N`` on the Unix socket; None if only the name is known."""
+        return self.guest.origin if self.token is None and self.guest.uid is not None else self.token_name
+
+    @property
     def certificate(self) -> bytes | None:
         """The client's certificate in DER, None if it showed none."""
         tls = self._transport.get_extra_info("ssl_object")
@@ -199,6 +205,7 @@ class Session(asyncio.BufferedProtocol, Place):
     def data_received(self, data: bytes) -> None:
         """These bytes came in."""
         if not self._closing:
+            self.guest.silent = False
             self._connection.push(data)
             self._bytes += len(data)
             if self._reading:
@@ -354,7 +361,9 @@ class Session(asyncio.BufferedProtocol, Place):
     def _ask_for_turn(self, give: Callable[[str, bool, Callable[[], None]], None]) -> None:
         """Read when it is this session's turn, and when its allowance permits it."""
         privileged = self._desk.privileged(self)
-        wait = 0.0 if self._allowance is None else self._allowance.reserve(privileged)
+        # Others must not delay a hello: before it only the session's own allowance counts.
+        alone = privileged or not self.greeted
+        wait = 0.0 if self._allowance is None else self._allowance.reserve(alone)
         if wait:
             self._read_ahead()
             self._pause = asyncio.get_running_loop().call_later(wait, self._resume)

@@ -18,7 +18,8 @@ class Reserved:
 
     Attributes:
         operator: True if only operators may.
-        clients: Names of the clients that may (of their tokens, if they have one); None: all.
+        clients: Names of tokens, or ``uid N`` for users on the Unix socket; names of clients that have
+            neither. None: all.
     """
 
     operator: bool
@@ -33,18 +34,18 @@ class Sharer:
         session: Id of its session, which owns what it sets.
         name: Its name, as states show it.
         role: Its role.
-        token: Name of its token, None without one.
+        known_as: Name of its token, or ``uid N`` on the Unix socket; None if the daemon only knows its name.
     """
 
     session: str
     name: str
     role: Role
-    token: str | None = None
+    known_as: str | None = None
 
     @property
     def account(self) -> str:
-        """What its signals count for: all sessions of a token together, else this session."""
-        return self.session if self.token is None else f"token {self.token}"
+        """What its signals count for: all sessions of a token or a user together, else this session."""
+        return f"session {self.session}" if self.known_as is None else f"client {self.known_as}"
 
 
 class Signals:
@@ -122,7 +123,7 @@ class Signals:
         prefix, rule = found
         if rule.operator and sharer.role != "operator":
             text = f"signal {name}: names under {prefix} are for operators; connect as operator"
-        elif rule.clients is not None and (sharer.token or sharer.name) not in rule.clients:
+        elif rule.clients is not None and (sharer.known_as or sharer.name) not in rule.clients:
             text = f"signal {name}: names under {prefix} are for {', '.join(sorted(rule.clients))}"
         else:
             return

@@ -21,6 +21,7 @@ from armgate.cell.shapes import Kind, Shape, shape_from
 from armgate.cell.source import Node, Path_, finding, read_tree
 from armgate.cell.values import (
     Acceleration,
+    Account,
     Angle,
     Duration,
     Factor,
@@ -306,11 +307,12 @@ class SignalRuleConfig(Part):
 
     Attributes:
         role: The least role.
-        clients: Names of clients (of their tokens, if the server has tokens); None: all.
+        clients: Names of tokens, or ``uid N`` for users on the Unix socket; names of clients if the server
+            has neither tokens nor a socket. None: all.
     """
 
     role: Literal["controller", "operator"] = "controller"
-    clients: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
+    clients: Annotated[tuple[Account, ...], Field(min_length=1)] | None = None
 
 
 class ServerConfig(Part):

@@ -36,6 +36,8 @@ MAX_TIME = 1e6
 """Longest time that can be configured, s."""
 
 Name = Annotated[str, StringConstraints(pattern=NAME)]
+Account = Annotated[str, StringConstraints(pattern=f"{NAME}|^uid [0-9]{{1,10}}$")]
+"""Name of a token, or a user of this machine by number."""
 Length = Annotated[float, _si("length"), Field(ge=-MAX_EXTENT, le=MAX_EXTENT)]
 Size = Annotated[Length, Field(gt=0.0)]
 Angle = Annotated[float, _si("angle"), Field(ge=-MAX_ANGLE, le=MAX_ANGLE)]

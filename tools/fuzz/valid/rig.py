@@ -41,6 +41,7 @@ class Client:
         self.role: m.Role = role
         self.identity = "memory"
         self.token_name: str | None = None
+        self.known_as: str | None = None
         self.address = "memory"
         self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
