@@ -5,8 +5,11 @@ import subprocess
 import pytest
 import yaml
 
+from armgate.daemon.recorder import Recorder
+from armgate.daemon.signer import load_signer
 from armgate.recording import Recording, part_name
 from armgate.recording.scan import scan
+from support import records
 from support.cells import arms_yaml
 from support.clients import Mover, Process, run
 
@@ -89,6 +92,25 @@ async def test_a_signature_that_is_taken_out_or_changed_is_missed(tmp_path):
     plain, _ = await recorded_beside(tmp_path)
     status, _, err = await run("audit", plain, "--key", public)
     assert (status, "is not signed" in err) == (1, True)
+
+
+async def test_a_signed_run_without_its_last_or_first_part_fails(tmp_path):
+    private, public = keys(tmp_path, "recorder")
+    recorder = Recorder(tmp_path / "run", rotate=20_000, flush=0.0, signer=load_signer(private))
+    recorder.begin(records.header(), lambda: 0.5)
+    for k in range(400):
+        recorder.tap(records.tick_items(k)[0][1].event, ())
+    recorder.close()
+    *_, last = files = sorted((tmp_path / "run").iterdir())
+    status, said, err = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, err, f"in parts 1 to {len(files)}, sealed" in said) == (0, "", True)
+    last.rename(tmp_path / last.name)
+    status, said, _ = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, f"part {len(files)} followed, and is missing" in said) == (1, True)
+    (tmp_path / last.name).rename(last)
+    files[0].unlink()
+    status, said, _ = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, "part 1 is missing" in said) == (1, True)
 
 
 async def recorded_beside(folder):

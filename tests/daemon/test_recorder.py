@@ -11,6 +11,7 @@ from armgate.daemon.record_file import RecordFile
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.turn_recorder import TurnRecorder
 from armgate.recording import Gap, LogLine, Recording, Step
+from armgate.recording.verify import verify
 from support import records
 
 
@@ -43,6 +44,10 @@ def test_files_turn_by_size_and_each_is_whole(tmp_path):
     assert len(recording.parts) > 3
     assert [step.event.tick for _, step in recording.steps()] == list(range(400))
     assert [part.header.part for part in recording.parts] == list(range(1, len(recording.parts) + 1))
+    assert [verify(Recording.open(part.file)).last for part in recording.parts][-2:] == [False, True]
+    recording.parts[-1].file.unlink()
+    (missing,) = verify(Recording.open(tmp_path)).breaks
+    assert f"part {len(recording.parts)} followed" in str(missing)
 
 
 class Clock:
@@ -176,14 +181,14 @@ async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
             descriptors.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
             return cls(path, descriptors[0], header, write)
 
-        def close(self):
+        def close(self, **how):
             if at == "index":
                 self.flush()
             if at == "fsync":
                 monkeypatch.setattr(os, "fsync", failing)
             else:
                 full.append(True)
-            return super().close()
+            return super().close(**how)
 
     def failing(_descriptor):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -9,6 +9,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 
 from armgate.recording import Recording, Sink, part_name
+from armgate.recording.chain import ChainWriter
 from armgate.recording.scan import PREFIX, scan
 from armgate.recording.verify import verify
 from support import records
@@ -26,7 +27,7 @@ def written(folder: Path, parts=1, ticks=160, signer=None):
                 sink.put(item, time)
             if k % 8 == 7:
                 sink.flush()
-        previous = sink.close().digest.hex()
+        previous = sink.close(last=part == parts).digest.hex()
         stream.file.close()
     return folder
 
@@ -138,6 +139,31 @@ def test_a_part_of_another_recording_is_found(tmp_path, part):
     (other / part_name(part)).replace(mine / part_name(part))
     breaks = verify(Recording.open(mine)).breaks
     assert any("follows another part" in str(found) for found in breaks)
+
+
+@pytest.mark.parametrize(("part", "text"), [(3, "part 3 followed, and is missing"), (1, "part 1 is missing")])
+def test_a_part_removed_at_the_end_or_the_beginning_is_found(tmp_path, part, text):
+    (written(tmp_path, parts=3) / part_name(part)).unlink()
+    (found,) = verify(Recording.open(tmp_path)).breaks
+    assert text in str(found)
+    assert found.time == pytest.approx(0.012 * 319 if part == 3 else 0.0, abs=0.001)
+    for file in tmp_path.iterdir():  # one file that is named is not the folder
+        assert verify(Recording.open(file)).breaks == ()
+
+
+def test_a_part_that_is_followed_cannot_be_made_the_last_one(tmp_path):
+    (written(tmp_path, parts=3) / part_name(3)).unlink()
+    change(tmp_path, lambda data, chunks: data.replace(b"false", b"truth"), part=2)
+    (found,) = verify(Recording.open(tmp_path)).breaks
+    assert "its hash is another" in str(found)
+
+
+@pytest.mark.parametrize("last", [True, None])
+def test_a_recording_that_does_not_state_its_end_is_distinguished(tmp_path, monkeypatch, last):
+    finish = ChainWriter.finish
+    monkeypatch.setattr(ChainWriter, "finish", lambda self, **_: finish(self, last=last))
+    chain = verify(Recording.open(written(tmp_path, parts=2)))
+    assert (chain.breaks, chain.parts, chain.last) == ((), (1, 2), last)
 
 
 def test_a_recording_without_a_chain_has_none(tmp_path):

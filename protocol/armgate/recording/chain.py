@@ -2,8 +2,9 @@
 
 Let s₀, s₁, … be the bytes of a file, divided before each chunk that begins with a link. Link k + 1 holds
 dₖ₊₁ = SHA-256(dₖ ‖ sₖ), with d₀ empty; the seal, written when the file is closed, holds the last one. The
-header of a later part names the seal of the part before it. So no byte can be changed, removed or inserted
-without changing all later links and the seal; a signature of the seal shows who wrote it.
+header of a later part names the seal of the part before it, and the last bytes before a seal state if another
+part follows. So no byte can be changed, removed or inserted, and no part removed, without changing all later
+links and the seal; a signature of the seal shows who wrote it.
 """
 
 import json
@@ -90,7 +91,7 @@ class _Hashed:
         return self._stream.write(data)
 
     def link(self) -> bytes:
-        """Return the digest of what was written since the last link, which begins the next one."""
+        """Return the digest of the last link and of what was written since then; begin the next one."""
         found = self._digest.digest()
         self._digest = sha256(found)
         return found
@@ -124,8 +125,7 @@ class ChainWriter:
         self.register_channel: Callable[[str, str, int], int] = self._writer.register_channel
         self.add_metadata: Callable[[str, dict[str, str]], None] = self._writer.add_metadata
         self._channel: int | None = None
-        self._link: bytes | None = None
-        self._waiting = True
+        self._due, self._waiting = False, True
 
     def chain(self, channel: int) -> None:
         """Write links on this channel from the next chunk on."""
@@ -137,9 +137,10 @@ class ChainWriter:
         Raises:
             OSError: It cannot be written.
         """
-        if self._link is not None and self._channel is not None:
-            link, self._link = json.dumps({"sha256": self._link.hex()}).encode(), None
+        if self._due and self._channel is not None:
+            link = json.dumps({"sha256": self._hashed.link().hex()}).encode()
             self._writer.add_message(self._channel, ns, link, ns, sequence)
+            self._due = False
         self._writer.add_message(channel, ns, data, ns, sequence)
         self._waiting = True
 
@@ -151,16 +152,21 @@ class ChainWriter:
         """
         if self._waiting:
             self._writer.flush()
-            self._link, self._waiting = self._hashed.link(), False
+            self._due, self._waiting = True, False
 
-    def finish(self) -> Seal:
+    def finish(self, *, last: bool | None = None) -> Seal:
         """Seal the chain and write the index: then the file is whole.
+
+        Args:
+            last: True if this part ends the recording, False if another one follows; None: not known.
 
         Raises:
             OSError: It cannot be written.
         """
         self.flush()
-        digest, signer = self._link or b"", self._signer
+        if last is not None:
+            self._writer.add_metadata(form.END, form.end(last))
+        digest, signer = self._hashed.link(), self._signer
         public, signature = (b"", b"") if signer is None else (signer.public, signer.sign(digest))
         seal = Seal(digest, public, signature, self._library)
         self._writer.add_metadata(form.SEAL, seal.metadata())

@@ -25,6 +25,9 @@ METADATA = "armgate"
 SEAL = "armgate.seal"
 """Name of the metadata record that ends the hash chain of a closed file."""
 
+END = "armgate.end"
+"""Name of the metadata record before the seal that states if another part follows."""
+
 RUN, STATE, LOG, GAP, CHAIN = "/run", "/state", "/log", "/gap", "/chain"
 
 EVENTS: dict[str, type] = {
@@ -124,6 +127,11 @@ def metadata(header: Header) -> dict[str, str]:
     """Return the metadata that a file begins with."""
     said = {"format": header.format, "start": header.start, "part": header.part, "hash": header.hash}
     return {key: str(value) for key, value in said.items()}
+
+
+def end(last: bool) -> dict[str, str]:
+    """Return the metadata that states if a file ends the recording, or is followed by another part."""
+    return {"last": "true" if last else "false"}
 
 
 def robot_topic(robot: str) -> str:

@@ -66,13 +66,16 @@ class Sink:
         """
         self._writer.flush()
 
-    def close(self) -> Seal:
+    def close(self, *, last: bool = True) -> Seal:
         """Write the seal and the index: then the file is whole. The stream stays open.
+
+        Args:
+            last: False if another part follows.
 
         Raises:
             OSError: It cannot be written.
         """
-        return self._writer.finish()
+        return self._writer.finish(last=last)
 
     def _put(self, topic: str, data: bytes, time: float) -> None:
         channel = self._channels.get(topic) or self._channel(topic)

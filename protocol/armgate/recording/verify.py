@@ -23,6 +23,7 @@ from armgate.recording.scan import PREFIX, Place, records
 _NS = 1_000_000_000
 _BLOCK = 1 << 20
 _SHORT = 1 << 16
+_LAST = {form.end(last)["last"]: last for last in (True, False)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +57,17 @@ class Chain:
         breaks: Places at which the chain does not hold.
         unsealed: Files without a seal: they were not closed by a daemon.
         seals: The seals, a file each.
+        parts: Numbers of the first and the last part.
+        last: True if the last part states that it ends the recording, False if it states that another one
+            follows; None if it states neither, as if a daemon of an earlier version closed it.
     """
 
     links: int
     breaks: Sequence[Break]
     unsealed: Sequence[Path]
     seals: Sequence[Seal]
+    parts: tuple[int, int]
+    last: bool | None
 
     @property
     def present(self) -> bool:
@@ -70,7 +76,7 @@ class Chain:
 
 
 def verify(recording: Recording) -> Chain:
-    """Verify the chain through all parts of a recording.
+    """Verify the chain through all parts of a recording; a folder must hold all of them.
 
     Raises:
         OSError: A file cannot be read.
@@ -88,7 +94,21 @@ def verify(recording: Recording) -> Chain:
             unsealed.append(part.file)
         else:
             seals.append(checked.seal)
-    return Chain(links, tuple(breaks), tuple(unsealed), tuple(seals))
+    if recording.path.is_dir():
+        breaks += _missing(recording, checked)
+    numbers = recording.header.part, recording.parts[-1].header.part
+    return Chain(links, tuple(breaks), tuple(unsealed), tuple(seals), numbers, checked.last)
+
+
+def _missing(recording: Recording, last: "_Checked") -> Iterator[Break]:
+    """Yield the breaks where parts before the first or after the last one were removed."""
+    first, end = recording.parts[0], recording.parts[-1]
+    if (number := first.header.part) != 1:
+        yield Break(first.file, 0, 0, 0.0, f"begins with part {number}; part {number - 1} is missing")
+    if last.last is False:
+        size, number = end.chunks[-1].end, end.header.part
+        time = (end.chunks[-1].last_ns - recording.header.origin_ns) / _NS
+        yield Break(end.file, size, size, time, f"part {number + 1} followed, and is missing")
 
 
 class _Checked:
@@ -97,7 +117,7 @@ class _Checked:
     def __init__(self, recording: Recording, part: Part) -> None:
         self._part, self._origin = part, recording.header.origin_ns
         self.links, self.breaks = 0, list[Break]()
-        self.seal, end = _seal(part)
+        self.seal, self.last, end = _tail(part)
         before = b""
         with open_file(part.file) as stream:
             for first, last, place, claimed in self._segments(end):
@@ -156,26 +176,38 @@ def _digest(stream: BinaryIO, before: bytes, first: int, end: int) -> bytes:
     return found.digest()
 
 
-def _seal(part: Part) -> tuple[Seal | None, int]:
-    """Return the seal and the byte at which it begins; without one, the end of the last chunk."""
-    place = part.chunks[-1]
+def _tail(part: Part) -> tuple[Seal | None, bool | None, int]:
+    """Return the seal, the statement of ``form.END`` before it, and the byte at which the seal begins.
+
+    Without a seal, the byte is the end of the last chunk.
+    """
+    place, last = part.chunks[-1], None
     with open_file(part.file) as stream:
         at = part.chunks[0].end
         size = stream.seek(0, 2)
         while at + PREFIX.size <= size:
             stream.seek(at)
             kind, length = PREFIX.unpack(stream.read(PREFIX.size))
-            if kind == Opcode.METADATA and length <= _SHORT and (seal := _read_seal(stream.read(length))):
-                return seal, at
+            found = _metadata(stream.read(length)) if kind == Opcode.METADATA and length <= _SHORT else None
+            if found is not None and (seal := _read_seal(found)):
+                return seal, last, at
+            if found is not None and found.name == form.END:
+                last = _LAST.get(found.metadata.get("last", ""))
             if kind in (0, Opcode.DATA_END):
                 break
             at += PREFIX.size + length
-    return None, place.end
+    return None, None, place.end
 
 
-def _read_seal(content: bytes) -> Seal | None:
+def _metadata(content: bytes) -> Metadata | None:
     try:
-        found = Metadata.read(ReadDataStream(BytesIO(content)))
-        return Seal.read(found.metadata) if found.name == form.SEAL else None
+        return Metadata.read(ReadDataStream(BytesIO(content)))
     except (McapError, EOFError, ValueError):
+        return None
+
+
+def _read_seal(found: Metadata) -> Seal | None:
+    try:
+        return Seal.read(found.metadata) if found.name == form.SEAL else None
+    except ValueError:
         return None

@@ -152,7 +152,15 @@ def _tell_chain(chain: "Chain") -> None:
     if not chain.breaks:
         end = "not sealed" if chain.unsealed else f"sealed {chain.seals[-1].digest.hex()}"
         writers = ", ".join(sorted({seal.by[:40] for seal in chain.seals if seal.by}))
-        _say(f"hash chain intact: {chain.links} links, {end}{f', written by {writers}' if writers else ''}")
+        by = f", written by {writers}" if writers else ""
+        _say(f"hash chain intact: {chain.links} links in {_parts(chain)}, {end}{by}")
+
+
+def _parts(chain: "Chain") -> str:
+    """Return the range of the parts, and a note if it is not known if more of them followed."""
+    first, last = chain.parts
+    text = f"part {first}" if first == last else f"parts {first} to {last}"
+    return text if chain.last is not None else f"{text} (does not state if another part followed)"
 
 
 def _recovery(one: "Recovered") -> str:

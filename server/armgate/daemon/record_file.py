@@ -98,14 +98,17 @@ class RecordFile:
         self._sink.flush()
         self._good = self._sink.size
 
-    def close(self) -> Seal:
+    def close(self, *, last: bool = True) -> Seal:
         """Make the file whole; return the end of its hash chain.
+
+        Args:
+            last: False if another part follows.
 
         Raises:
             OSError: It cannot be written; some file systems report a full disk only here.
         """
         self.flush()
-        seal = self._sink.close()
+        seal = self._sink.close(last=last)
         os.fsync(self._descriptor)
         descriptor, self._descriptor = self._descriptor, -1
         os.close(descriptor)

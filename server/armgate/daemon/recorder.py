@@ -234,11 +234,11 @@ class Recorder:
             self._turn()
 
     def _turn(self) -> None:
-        previous, header = self._close_part().digest.hex(), self._part.header
+        previous, header = self._close_part(last=False).digest.hex(), self._part.header
         self._part = self._open(header.model_copy(update={"part": header.part + 1, "previous": previous}))
 
-    def _close_part(self) -> Seal:
-        self.seal = self._part.close()
+    def _close_part(self, *, last: bool = True) -> Seal:
+        self.seal = self._part.close(last=last)
         return self.seal
 
     def _open(self, header: Header) -> RecordFile:
