@@ -24,7 +24,7 @@ def check(host, origin=None, path="/?token=s3cret", door=DOOR, local="127.0.0.1"
         headers["Origin"] = origin
     for name, value in more.items():
         headers[name] = value
-    door.check(headers, path, local, "view")
+    door.check(headers, path, local)
 
 
 @pytest.mark.parametrize(
@@ -78,14 +78,16 @@ def test_the_page_of_another_origin_is_refused_and_the_text_names_the_option(ori
 
 
 @pytest.mark.parametrize("path", ["/", "/?token=", "/?token=s3cre", "/?x=s3cret", "/?token=s3cret%20"])
-@pytest.mark.parametrize("cookie", ["", "view=", "view=s3cre", "other=s3cret", "s3cret"])
+@pytest.mark.parametrize(
+    "cookie", ["", f"{DOOR.cookie}=", f"{DOOR.cookie}=s3cre", "armgate-view-7480=s3cret", "s3cret"]
+)
 def test_without_the_secret_nothing_is_served(path, cookie):
     with pytest.raises(RefusedError, match="open the address that armgate view printed"):
         check("127.0.0.1:7480", path=path, Cookie=cookie)
 
 
 def test_the_secret_may_come_in_a_cookie():
-    check("127.0.0.1:7480", path="/", Cookie="a=b; view=s3cret")
+    check("127.0.0.1:7480", path="/", Cookie=f"a=b; {DOOR.cookie}=s3cret")
 
 
 def test_secrets_differ_from_start_to_start_and_are_not_shown():
@@ -174,6 +176,34 @@ def test_the_token_moves_from_the_address_into_a_cookie(port):
     answer, body = get(port, "/", Cookie=cookie.partition(";")[0])
     assert (answer.status, b"<html" in body) == (200, True)
     assert get(port, "/")[0].status == 403
+
+
+def test_viewers_at_one_address_keep_each_others_cookies(port):
+    """A browser sends the cookies of a host to all its ports."""
+    with page_server(Place("127.0.0.1", 0, Door(secret="0ther"))) as other:
+        pages = [(port, "s3cret"), (other.get_port(), "0ther")]
+        kept = {}
+        for at, secret in pages:
+            answer, _ = get(at, f"/?token={secret}", Host="127.0.0.1:7480", Cookie=jar(kept))
+            for cookie in answer.headers.get_all("Set-Cookie"):
+                name, _, value = cookie.partition(";")[0].partition("=")
+                kept[name] = value
+        assert [get(at, "/", Host="127.0.0.1:7480", Cookie=jar(kept))[0].status for at, _ in pages] == [
+            200,
+            200,
+        ]
+
+
+def jar(cookies):
+    return "; ".join(f"{name}={value}" for name, value in cookies.items())
+
+
+def test_cookies_of_many_old_viewers_are_removed_and_no_others():
+    old = [Door().cookie for _ in range(20)]
+    headers = Headers(Cookie=jar(dict.fromkeys(["a", *old, DOOR.cookie], "x")))
+    first, *ended = DOOR.cookies(headers)
+    assert first.startswith(f"{DOOR.cookie}=s3cret;")
+    assert ended == [f"{name}=; Path=/; Max-Age=0" for name in old[:4]]
 
 
 @pytest.mark.parametrize("path", ["/?token=s3cret", "/", "/none?token=s3cret"])

@@ -9,6 +9,7 @@ import ipaddress
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from hmac import compare_digest
 from secrets import token_urlsafe
 from typing import Protocol
@@ -17,6 +18,9 @@ from urllib.parse import parse_qsl, urlencode
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z_.-]{1,253})(?::([0-9]{1,5}))?")
 _PORTS = {"http": 80, "https": 443}
 _TOKEN = "token"  # noqa: S105  (the name of the query parameter)
+_COOKIE = "armgate-view-"
+_OTHERS = 16
+"""Cookies of other viewers that a browser keeps: all of them must fit into the header of a request."""
 _PROXY = "--host-name NAME, with the name in the address bar (NAME:PORT if the port is not 80 or 443)"
 
 HEADERS = {
@@ -80,21 +84,29 @@ class Door:
     secret: str = field(default_factory=token_urlsafe, repr=False)
     _tickets: set[str] = field(default_factory=set, repr=False)
 
-    def check(self, headers: Headers, path: str, local: str, cookie: str) -> None:
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie that holds the secret.
+
+        Cookies ignore ports: viewers that a browser reaches at the same address, as through two SSH tunnels,
+        need different names.
+        """
+        return f"{_COOKIE}{sha256(self.secret.encode()).hexdigest()[:16]}"
+
+    def check(self, headers: Headers, path: str, local: str) -> None:
         """Check a request for the page or for its websocket.
 
         Args:
             headers: Its headers.
             path: Its path and query.
             local: IP address of this machine at which it arrived.
-            cookie: Name of the cookie that holds the secret.
 
         Raises:
             RefusedError: It must not be answered.
         """
         host = self._host(headers, local)
         self._check_origin(headers, host)
-        if not (self.has_token(path) or self._is_secret(_cookies(headers).get(cookie, ""))):
+        if not (self.has_token(path) or self._is_secret(_cookies(headers).get(self.cookie, ""))):
             raise RefusedError(
                 "open the address that armgate view printed: it contains the token of this start"
             )
@@ -103,6 +115,12 @@ class Door:
         """Return True if the query of a path contains the secret or a ticket."""
         given = [value for key, value in _query(path) if key == _TOKEN]
         return any(self._is_secret(value) or value in self._tickets for value in given)
+
+    def cookies(self, headers: Headers) -> list[str]:
+        """Return the cookies to set for a request with the token: the secret, and expired old ones."""
+        others = [name for name in _cookies(headers) if name.startswith(_COOKIE) and name != self.cookie]
+        ended = [f"{name}=; Path=/; Max-Age=0" for name in others[:-_OTHERS]]
+        return [f"{self.cookie}={self.secret}; Path=/; HttpOnly; SameSite=Lax", *ended]
 
     def use_up(self, path: str) -> None:
         """Make the tickets in a path worthless."""

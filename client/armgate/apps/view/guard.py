@@ -42,10 +42,9 @@ class Guard:
 
     def answer(self, connection: ServerConnection, request: Request, page: Any) -> Any:
         """Answer a request: with a refusal, the page, or a websocket (None)."""
-        host, port, *_ = connection.local_address
-        cookie = f"armgate-view-{port}"
+        host, *_ = connection.local_address
         try:
-            self.door.check(request.headers, request.path, host, cookie)
+            self.door.check(request.headers, request.path, host)
         except RefusedError as refused:
             return _with_headers(connection.respond(HTTPStatus.FORBIDDEN, f"armgate: {refused}\n"))
         if "websocket" in map(str.lower, request.headers.get_all("Upgrade")):
@@ -54,14 +53,15 @@ class Guard:
             text = f"armgate: {MOST_PAGES} pages are open already; close one\n"
             return _with_headers(connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, text))
         if self.door.has_token(request.path):
-            return self._without_token(request, cookie)
+            return self._without_token(request)
         return _with_headers(page(connection, request))
 
-    def _without_token(self, request: Request, cookie: str) -> Response:
+    def _without_token(self, request: Request) -> Response:
         """Move the secret from the address, which users copy and browsers keep, into a cookie."""
         self.door.use_up(request.path)
         headers = Headers({"Location": without_token(request.path), "Content-Length": "0"})
-        headers["Set-Cookie"] = f"{cookie}={self.door.secret}; Path=/; HttpOnly; SameSite=Lax"
+        for cookie in self.door.cookies(request.headers):
+            headers["Set-Cookie"] = cookie
         return _with_headers(Response(HTTPStatus.FOUND, "Found", headers))
 
 
