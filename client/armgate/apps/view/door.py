@@ -93,28 +93,29 @@ class Door:
         """
         return f"{_COOKIE}{sha256(self.secret.encode()).hexdigest()[:16]}"
 
-    def check(self, headers: Headers, path: str, local: str) -> None:
+    def check(self, headers: Headers, path: str, local: str, *, page: bool) -> None:
         """Check a request for the page or for its websocket.
 
         Args:
             headers: Its headers.
             path: Its path and query.
             local: IP address of this machine at which it arrived.
+            page: False for a websocket. A ticket opens a page only: a websocket does not use it up.
 
         Raises:
             RefusedError: It must not be answered.
         """
         host = self._host(headers, local)
         self._check_origin(headers, host)
-        if not (self.has_token(path) or self._is_secret(_cookies(headers).get(self.cookie, ""))):
+        token = self.has_token(path) if page else self._has_secret(path)
+        if not (token or self._is_secret(_cookies(headers).get(self.cookie, ""))):
             raise RefusedError(
                 "open the address that armgate view printed: it contains the token of this start"
             )
 
     def has_token(self, path: str) -> bool:
         """Return True if the query of a path contains the secret or a ticket."""
-        given = [value for key, value in _query(path) if key == _TOKEN]
-        return any(self._is_secret(value) or value in self._tickets for value in given)
+        return self._has_secret(path) or not self._tickets.isdisjoint(_tokens(path))
 
     def cookies(self, headers: Headers) -> list[str]:
         """Return the cookies to set for a request with the token: the secret, and expired old ones."""
@@ -124,7 +125,7 @@ class Door:
 
     def use_up(self, path: str) -> None:
         """Make the tickets in a path worthless."""
-        self._tickets.difference_update(value for key, value in _query(path) if key == _TOKEN)
+        self._tickets.difference_update(_tokens(path))
 
     def query(self, *, once: bool = False) -> str:
         """Return the query that the address of the page needs; with a ticket, it opens the page once."""
@@ -133,6 +134,9 @@ class Door:
         ticket = token_urlsafe()
         self._tickets.add(ticket)
         return urlencode({_TOKEN: ticket})
+
+    def _has_secret(self, path: str) -> bool:
+        return any(map(self._is_secret, _tokens(path)))
 
     def _is_secret(self, value: str) -> bool:
         return compare_digest(value.encode(errors="surrogateescape"), self.secret.encode())
@@ -199,6 +203,10 @@ def _plain(
 
 def _query(path: str) -> list[tuple[str, str]]:
     return parse_qsl(path.partition("?")[2], keep_blank_values=True)
+
+
+def _tokens(path: str) -> list[str]:
+    return [value for key, value in _query(path) if key == _TOKEN]
 
 
 def _cookies(headers: Headers) -> Mapping[str, str]:

@@ -43,11 +43,12 @@ class Guard:
     def answer(self, connection: ServerConnection, request: Request, page: Any) -> Any:
         """Answer a request: with a refusal, the page, or a websocket (None)."""
         host, *_ = connection.local_address
+        page_asked = "websocket" not in map(str.lower, request.headers.get_all("Upgrade"))
         try:
-            self.door.check(request.headers, request.path, host)
+            self.door.check(request.headers, request.path, host, page=page_asked)
         except RefusedError as refused:
             return _with_headers(connection.respond(HTTPStatus.FORBIDDEN, f"armgate: {refused}\n"))
-        if "websocket" in map(str.lower, request.headers.get_all("Upgrade")):
+        if not page_asked:
             if len(connection.server.connections) < MOST_PAGES:
                 return None
             text = f"armgate: {MOST_PAGES} pages are open already; close one\n"
