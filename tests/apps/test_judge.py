@@ -1,13 +1,14 @@
 """The monitor of a run: what its lines and its end mean for the run."""
 
 import json
+import signal
 import sys
 
 import pytest
 
 from armgate.apps.errors import AppError
 from armgate.apps.stack import judge
-from armgate.apps.stack.processes import Crew, Exited, Printed
+from armgate.apps.stack.processes import Asked, Crew, Exited, Printed
 from armgate.apps.stack.run import _goes_on
 
 VIOLATED = "armgate: monitor: violated: FR, tick 7 (0.084 s): FR/link_3 and post are 48 mm apart"
@@ -33,12 +34,26 @@ def test_a_monitor_that_ends_before_the_run_does_fails_it(tmp_path):
             _goes_on(crew, Exited(judge.MONITOR, 0))
 
 
-def audited(folder, code: str, monkeypatch):
-    """What the audit by a child means that runs this code."""
+def test_the_line_of_another_child_is_no_finding():
+    assert judge.finding(Printed("viewer", VIOLATED)) is None
+
+
+def test_a_broken_rule_is_the_cause_of_an_end_that_comes_before_it(tmp_path):
+    with Crew(tmp_path) as crew:
+        crew.log("follower").write_text("stopped\n")
+        crew.events.put(Printed(judge.MONITOR, VIOLATED))
+        with pytest.raises(AppError, match="FR/link_3 and post are 48 mm apart"):
+            _goes_on(crew, Exited("follower", 1))
+
+
+def audited(folder, code: str, monkeypatch, *events):
+    """Return the result of an audit by a child that runs this code."""
     with Crew(folder) as crew:
         monkeypatch.setattr(
             crew, "launch", lambda name, arguments, priority: crew.start(name, [sys.executable, "-c", code])
         )
+        for event in events:
+            crew.events.put(event)
         return judge.audit(crew, folder)
 
 
@@ -51,12 +66,25 @@ def audited(folder, code: str, monkeypatch):
     ],
 )
 def test_an_audit_fails_a_run_if_it_finds_something_or_fails_itself(tmp_path, monkeypatch, code, said):
-    error = audited(tmp_path, code, monkeypatch)
+    done, error = audited(tmp_path, code, monkeypatch)
+    assert done
     if said is None:
         assert error is None
     else:
         with pytest.raises(AppError, match=said):
             raise error
+
+
+def test_an_audit_ends_when_the_user_asks_for_it(tmp_path, monkeypatch):
+    code = "import time; time.sleep(600)"
+    assert audited(tmp_path, code, monkeypatch, Asked(signal.SIGINT)) == (False, None)
+
+
+def test_an_audit_has_one_limit_of_time_however_much_it_prints(tmp_path, monkeypatch):
+    monkeypatch.setattr(judge, "AUDIT_TIME", 1.0)
+    code = "import time\nfor _ in range(300): print('on', flush=True); time.sleep(0.1)"
+    _, error = audited(tmp_path, code, monkeypatch)
+    assert "took longer than 1 s" in str(error)
 
 
 def test_the_account_is_what_the_monitor_wrote(tmp_path):

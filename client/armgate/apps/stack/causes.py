@@ -1,4 +1,4 @@
-"""Causes of a failed run: which child ended first, with its log, and which stops the daemon raised."""
+"""Causes of a failed run: a broken rule, or which child ended first, with its log; stops of the daemon."""
 
 import json
 import signal
@@ -8,23 +8,31 @@ from typing import Any
 
 from armgate.apps.errors import AppError
 from armgate.apps.stack.child import INTERRUPTED
-from armgate.apps.stack.processes import Crew, Exited
+from armgate.apps.stack.judge import finding
+from armgate.apps.stack.processes import Asked, Crew, Exited, Printed
 from armgate.cell.text import printable
 
 _TOGETHER = 1.0
-"""Longest time between the end of a child by a signal and the ends of those that lost it, s."""
+"""Longest time between a cause and the ends of the children that it leads to, s."""
 _MOST = 3
 """Stops that are reported."""
 
 
-def cause_of(crew: Crew, event: Exited) -> Exited:
-    """Return the cause among ends that come together: a signal ended that child, the others lost it."""
+def failure_of(crew: Crew, event: Exited) -> AppError:
+    """Return the cause among events that come together with the end of a child.
+
+    If the monitor found a broken rule, it stopped the robots; if a signal ended a child, the others lost it.
+    """
     deadline = time.monotonic() + _TOGETHER
     while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
         other = crew.next(left)
+        if isinstance(other, Asked):
+            break
+        if isinstance(other, Printed) and (error := finding(other)) is not None:
+            return error
         if isinstance(other, Exited) and _by_signal(other):
-            return other
-    return event
+            event = other
+    return died(crew, event)
 
 
 def _by_signal(event: Exited) -> bool:

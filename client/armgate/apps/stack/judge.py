@@ -6,12 +6,14 @@ another step each time. The recording holds every state.
 
 import json
 import re
+import signal
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from armgate.apps.errors import AppError
-from armgate.apps.stack.processes import Crew, Exited, Printed
+from armgate.apps.stack.processes import Asked, Crew, Printed
 
 MONITOR = "monitor"
 WATCHING = re.compile(r"^armgate: monitor: (watching .+)$")
@@ -35,21 +37,29 @@ def _file(folder: Path) -> Path:
 
 def finding(event: Printed) -> AppError | None:
     """Return the error that a line of the monitor means, None for any other line."""
-    match = VIOLATED.match(event.text)
+    match = VIOLATED.match(event.text) if event.name == MONITOR else None
     return None if match is None else AppError(f"the monitor found a rule broken: {match[1]}")
 
 
-def audit(crew: Crew, folder: Path) -> AppError | None:
-    """Audit the recording of a run that has ended; return the error that it means."""
+def audit(crew: Crew, folder: Path) -> tuple[bool, AppError | None]:
+    """Audit the recording of a run that has ended.
+
+    Returns:
+        True if the audit was not interrupted, and the error that it means.
+    """
     crew.launch(MONITOR, ["monitor", str(folder), *_written(folder)], priority=0)
     found: AppError | None = None
-    while (event := crew.next(AUDIT_TIME)) is not None:
-        if isinstance(event, Printed) and event.name == MONITOR:
+    deadline = time.monotonic() + AUDIT_TIME
+    while (event := crew.next(max(0.0, deadline - time.monotonic()))) is not None:
+        if isinstance(event, Asked):
+            crew.send(signal.SIGKILL, MONITOR)
+            return False, found
+        if isinstance(event, Printed):
             found = found or finding(event)
-        elif isinstance(event, Exited) and event.name == MONITOR:
+        elif event.name == MONITOR:
             failed = AppError(f"the monitor ended ({event.status}): {' '.join(crew.tail(MONITOR)[-1:])}")
-            return found or (failed if event.status else None)
-    return AppError(f"the audit took longer than {AUDIT_TIME:g} s; see {crew.log(MONITOR)}")
+            return True, found or (failed if event.status else None)
+    return True, AppError(f"the audit took longer than {AUDIT_TIME:g} s; see {crew.log(MONITOR)}")
 
 
 def account(folder: Path | None) -> Mapping[str, Any] | None:

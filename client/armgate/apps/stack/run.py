@@ -12,7 +12,7 @@ from pathlib import Path
 import typer
 
 from armgate.apps.errors import AppError
-from armgate.apps.stack.causes import cause_of, died, stops_in
+from armgate.apps.stack.causes import died, failure_of, stops_in
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, watching
 from armgate.apps.stack.observation import Observation
@@ -135,7 +135,7 @@ class Ended:
 
     Attributes:
         watch: Everything that was observed.
-        complete: True if all participants did their work to its end.
+        complete: True if all participants did their work to its end, and no audit of it was interrupted.
         failure: The first failure after the participants were started, None if there was none.
     """
 
@@ -178,7 +178,7 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
         complete, failure = _watched(crew, plan, watch, show)
         reader.join(REST_TIME)
     if plan.monitor and plan.lockstep and plan.record is not None and complete:
-        failure = audit(crew, plan.record)
+        complete, failure = audit(crew, plan.record)
     return Ended(watch, complete and failure is None, failure)
 
 
@@ -264,10 +264,10 @@ def _goes_on(crew: Crew, event: Event | None) -> bool:
     if isinstance(event, Printed | Exited) and event.name == VIEWER:
         _tell_of_viewer(crew, event)
         return True
-    if isinstance(event, Printed) and event.name == MONITOR and (error := finding(event)) is not None:
+    if isinstance(event, Printed) and (error := finding(event)) is not None:
         raise error
     if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
-        raise died(crew, cause_of(crew, event))
+        raise failure_of(crew, event)
     return not isinstance(event, Asked)
 
 
@@ -296,7 +296,7 @@ def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
         crew.send(signal.SIGTERM, name)
         crew.wait([name], REST_TIME)
     while (event := crew.next(0.0)) is not None:
-        if failure is None and isinstance(event, Printed) and event.name == MONITOR:
+        if failure is None and isinstance(event, Printed):
             failure = finding(event)
         if failure is None and isinstance(event, Exited) and event.name != VIEWER:
             failure = died(crew, event) if event.status not in _ASKED else None
