@@ -76,8 +76,10 @@ def test_an_audit_fails_a_run_if_it_finds_something_or_fails_itself(tmp_path, mo
 
 
 def test_an_audit_ends_when_the_user_asks_for_it(tmp_path, monkeypatch):
+    (tmp_path / "monitor.json").write_text('{"states":')  # not whole
     code = "import time; time.sleep(600)"
     assert audited(tmp_path, code, monkeypatch, Asked(signal.SIGINT)) == (False, None)
+    assert judge.account(tmp_path) is None
 
 
 def test_an_audit_has_one_limit_of_time_however_much_it_prints(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from armgate.apps.stack import run as course
 from armgate.apps.stack.causes import died, stops_in
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.folder import socket_in
+from armgate.apps.stack.judge import account
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.apps.stack.robots import robots_of
 from armgate.cell.config import load_config
@@ -72,6 +74,21 @@ def test_the_commands() -> None:
 def test_the_address_is_what_the_daemon_prints(crew: Crew) -> None:
     crew.start("daemon", [*PYTHON, "print('warming up'); print('armgate: listening on 127.0.0.1:4711')"])
     assert listening(crew) == "127.0.0.1:4711"
+
+
+def test_a_run_in_a_used_folder_does_not_show_the_earlier_monitors_account(
+    crew: Crew, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connect(*_: object, **__: object) -> None:
+        raise AppError("not connected")
+
+    (tmp_path / "monitor.json").write_text('{"states": 7}')
+    daemon = [*PYTHON, "print('armgate: listening on 127.0.0.1:4711')"]
+    monkeypatch.setattr(crew, "launch", lambda name, *_, **__: crew.start(name, daemon))
+    monkeypatch.setattr(course, "connect", connect)
+    with pytest.raises(AppError, match="not connected"):
+        course.run(crew, replace(plan(), record=tmp_path), lambda _: None)
+    assert account(tmp_path) is None
 
 
 def test_a_daemon_that_cannot_start_is_told_with_its_log(crew: Crew) -> None:

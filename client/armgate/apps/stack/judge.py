@@ -20,6 +20,8 @@ WATCHING = re.compile(r"^armgate: monitor: (watching .+)$")
 VIOLATED = re.compile(r"^armgate: monitor: (violated: .+)$")
 AUDIT_TIME = 600.0
 """How long the audit of a recording may take, s."""
+_KILLED = 5.0
+"""How long the end of a killed child may take, s."""
 
 
 def watching(address: str, configs: Sequence[Path], folder: Path | None) -> list[str]:
@@ -33,6 +35,11 @@ def _written(folder: Path | None) -> list[str]:
 
 def _file(folder: Path) -> Path:
     return folder / "monitor.json"
+
+
+def forget(folder: Path) -> None:
+    """Remove what the monitor of an earlier run wrote into this folder."""
+    _file(folder).unlink(missing_ok=True)
 
 
 def finding(event: Printed) -> AppError | None:
@@ -53,6 +60,8 @@ def audit(crew: Crew, folder: Path) -> tuple[bool, AppError | None]:
     while (event := crew.next(max(0.0, deadline - time.monotonic()))) is not None:
         if isinstance(event, Asked):
             crew.send(signal.SIGKILL, MONITOR)
+            crew.wait([MONITOR], _KILLED)
+            forget(folder)  # it may be half written
             return False, found
         if isinstance(event, Printed):
             found = found or finding(event)

@@ -14,7 +14,7 @@ import typer
 from armgate.apps.errors import AppError
 from armgate.apps.stack.causes import died, failure_of, stops_in
 from armgate.apps.stack.child import INTERRUPTED
-from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, watching
+from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, forget, watching
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
 from armgate.apps.stack.robots import KRC, SERVER, Robots
@@ -157,6 +157,8 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
     # The first run after an installation compiles the law: here, and not while the leader is on its way.
     prepare()
     address = _printed(crew, DAEMON, LISTENING)
+    if plan.record is not None:
+        forget(plan.record)
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower), cell.description)
         # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
