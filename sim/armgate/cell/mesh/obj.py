@@ -11,7 +11,7 @@ import numpy as np
 
 from armgate.cell.errors import ModelError
 from armgate.cell.mesh.soup import Soup
-from armgate.cell.mesh.text import lines_of, numbers, shown, whole
+from armgate.cell.mesh.text import is_number, lines_of, numbers, shown, whole, without_comment
 
 _IGNORED = frozenset(
     b"o g s mg usemtl mtllib usemap maplib lod bevel c_interp d_interp shadow_obj trace_obj".split()
@@ -62,7 +62,7 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
     begun: list[bytes] = []
     first = 0
     for line, raw in enumerate(lines_of(data), start=1):
-        text, _, _ = raw.partition(b"#")
+        text = without_comment(raw)
         continued = text.endswith(b"\\")
         words = (text[:-1] if continued else text).split()
         if not begun:
@@ -92,11 +92,7 @@ def _check_name(words: list[bytes], line: int) -> None:
 
 def _check_numbers(words: list[bytes], line: int) -> None:
     """Refuse anything else than numbers: a face may have got into the line. A normal need not be finite."""
-    try:
-        count = len(list(map(float, words[1:])))
-    except ValueError:
-        count = -1
-    if count not in _NUMBERS[words[0]]:
+    if len(words) - 1 not in _NUMBERS[words[0]] or not all(map(is_number, words[1:])):
         raise ModelError(
             f"line {line}: {shown(b' '.join(words))}; expected {words[0].decode()} and its numbers"
         )

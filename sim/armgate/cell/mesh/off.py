@@ -6,7 +6,7 @@ import numpy as np
 
 from armgate.cell.errors import ModelError
 from armgate.cell.mesh.soup import Soup
-from armgate.cell.mesh.text import lines_of, numbers, shown, whole, wholes
+from armgate.cell.mesh.text import lines_of, numbers, shown, whole, wholes, without_comment
 
 _VERTEX = {b"OFF": (3,), b"COFF": (6, 7), b"NOFF": (6,)}
 """How many numbers a vertex has: coordinates, then a colour of 3 or 4 numbers, or a normal."""
@@ -53,7 +53,7 @@ def read_off(data: bytes) -> Soup:
 def _filled(data: bytes) -> Lines:
     """Yield the words of each line that has any, without comments, and its number."""
     for line, text in enumerate(lines_of(data), start=1):
-        words = text.partition(b"#")[0].split()
+        words = without_comment(text).split()
         if words:
             yield line, words
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from armgate.cell.errors import ModelError
 from armgate.cell.mesh.soup import Soup
-from armgate.cell.mesh.text import lines_of, numbers, shown
+from armgate.cell.mesh.text import is_number, lines_of, numbers, shown
 
 _HEAD = 84
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
@@ -119,13 +119,10 @@ def _check_form(word: bytes, words: list[bytes], line: int) -> None:
 
 
 def _check_normal(words: list[bytes], line: int) -> None:
-    """Refuse words that are no numbers; without an area a normal may be "nan", "-nan(ind)" or "1.#QNAN"."""
+    """Refuse words that are no numbers; the normal of a facet without an area need not be finite."""
     for word in words:
-        try:
-            float(word)
-        except ValueError:
-            if b"nan" not in word.lower() and b".#" not in word:
-                raise ModelError(f"line {line}: {shown(word)} in a normal; expected a number") from None
+        if not is_number(word):
+            raise ModelError(f"line {line}: {shown(word)} in a normal; expected a number")
 
 
 def _unexpected(line: int, word: bytes, state: str) -> str:

@@ -1,12 +1,15 @@
 """Lines and numbers of mesh files in text form."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 from armgate.cell.errors import ModelError
 
 _MARK = b"\xef\xbb\xbf"
 """The byte order mark with which some editors begin a UTF-8 file."""
+
+_COMMENT = re.compile(rb"(?<!1\.)#|#(?!QNAN|SNAN|IND|INF)")
 
 
 def lines_of(data: bytes) -> list[bytes]:
@@ -21,6 +24,11 @@ def lines_of(data: bytes) -> list[bytes]:
             f"UTF-8): export it again"
         )
     return data.removeprefix(_MARK).splitlines()
+
+
+def without_comment(line: bytes) -> bytes:
+    """Return a line up to its comment; the sign in "1.#QNAN" and "1.#INF" begins none."""
+    return _COMMENT.split(line, maxsplit=1)[0]
 
 
 def shown(token: bytes) -> str:
@@ -40,12 +48,21 @@ def numbers(tokens: Sequence[bytes], line: int) -> list[float]:
     except ValueError:
         values = [math.nan]
     if not all(map(math.isfinite, values)) or any(b"_" in token for token in tokens):
-        bad = next(token for token in tokens if not _is_number(token))
+        bad = next(token for token in tokens if not _is_finite(token))
         raise ModelError(f"line {line}: {shown(bad)} is no finite number; expected a number, as 0.25")
     return values
 
 
-def _is_number(token: bytes) -> bool:
+def is_number(token: bytes) -> bool:
+    """Return True for a number, finite or not, in any spelling: NaN is also "-nan(ind)" or "1.#QNAN"."""
+    try:
+        float(token)
+    except ValueError:
+        return b"nan" in token.lower() or b".#" in token
+    return True
+
+
+def _is_finite(token: bytes) -> bool:
     try:
         return math.isfinite(float(token)) and b"_" not in token
     except ValueError:
