@@ -56,6 +56,8 @@ ORIGIN = BOX.replace("<geometry>", "<origin {}/><geometry>")
         (urdf(attributes='xmlns:x="http://www.ros.org/wiki/xacro"', more="<x:arm/>"), "<x:arm> is left over"),
         (urdf(more="<loop_joint/>"),
          "line 7: <loop_joint> in <robot> is not supported; expected link, joint"),
+        (urdf(base="<self_collision_checking/>"),
+         "visual, inertial, contact: remove it; the shapes in <collision> are checked"),
         (urdf(base="<colision/>"), "line 2: link 'base': <colision> in <link> is not supported"),
         (urdf(arm=BOX.replace("</geometry>", "</geometry><surface/>")), "line 3: link 'arm': <surface>"),
         (urdf(arm=BOX.replace("<geometry>", "<origin/><origin/><geometry>")),

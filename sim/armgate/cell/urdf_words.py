@@ -11,6 +11,10 @@ from armgate.cell.urdf_xml import place
 
 VERSIONS = ("1.0", "1.1", "1.2")
 _XACRO = "http://www.ros.org/wiki/xacro", "http://wiki.ros.org/xacro", "http://ros.org/wiki/xacro"
+_HINTS = {
+    "self_collision_checking": ": remove it; the shapes in <collision> are checked against the robot itself"
+}
+"""Elements of earlier URDF versions, and what to do with them."""
 
 
 @dataclass(frozen=True)
@@ -114,4 +118,5 @@ def _unread_children(element: ET.Element, owner: str, prefixes: set[str]) -> Ite
             yield from _unread(child, owner, prefixes)
         elif tag != "geometry":  # an unknown shape is refused where shapes are read
             known = ", ".join((*form.once, *form.many, *form.ignored)) or "nothing"
-            yield f"{where}<{child.tag}> in <{tag}> is not supported; expected {known}"
+            hint = _HINTS.get(child.tag, "")
+            yield f"{where}<{child.tag}> in <{tag}> is not supported; expected {known}{hint}"
