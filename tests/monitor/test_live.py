@@ -88,6 +88,17 @@ async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_
         assert int(lines[-1].split()[2]) > 100
 
 
+async def test_a_daemon_on_a_unix_socket_is_watched(tmp_path):
+    file = config(tmp_path, server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: observer}}}}}}")
+    async with Process.serving(file, "--require-login", host="unix"):
+        process = await launch("monitor", f"unix:{tmp_path / 'cell.sock'}", str(file))
+        assert "watching" in await line_of(process)
+        await asyncio.sleep(0.3)
+        status, lines, err = await ended(process)
+    assert status == 0, err
+    assert "no violations" in lines[-1]
+
+
 async def test_a_daemon_that_serves_another_cell_is_stopped(tmp_path):
     other = config(tmp_path, "other.yaml")
     other.write_text(other.read_text().replace("[0.05, 1.0]", "[0.06, 1.0]"))

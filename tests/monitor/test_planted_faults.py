@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from armgate.cell import events as e
+from armgate.daemon import translate
 from armgate.integrity import braking, judge
+from armgate.monitor.samples import sample_of
 from armgate.protocol import messages as m
 from monitor.watched import ARM, GANTRY, Change, Tree, Watched, demo
 
@@ -222,6 +224,14 @@ def test_a_wrong_state_is_found(name, tmp_path):
     assert watched.toward(DOWN, 130)
 
 
+@pytest.mark.parametrize("liar", [ARM, GANTRY])
+def test_wrong_distances_of_each_of_two_robots_are_found(tmp_path, liar):
+    lie = LIES["distances are 1 mm too large"]
+    watched = Watched(demo(ARM, GANTRY), tmp_path)
+    watched.lie = lambda s: lie(s) if s.robot == liar else s
+    assert {(f.kind, f.robot) for f in watched.rest(60)} == {("distance", liar)}
+
+
 def test_a_reset_that_moves_the_setpoint_is_found(tmp_path):
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
@@ -246,3 +256,47 @@ def test_a_robot_that_falls_silent_is_found(tmp_path):
     del watched.links[GANTRY]
     found = watched.rest(100)
     assert [(f.kind, f.robot) for f in found] == [("silence", GANTRY)]
+
+
+@pytest.mark.parametrize("link", ["lost", "faulted", "waiting"])
+def test_a_robot_whose_link_has_ended_is_not_silent(tmp_path, link):
+    watched = Watched(demo(ARM, GANTRY), tmp_path)
+    watched.rest(3)
+    arm = sample_of(translate.entry(ARM, watched.runner.view(ARM), None).model_copy(update={"link": link}))
+    for tick in range(3, 200):
+        own = translate.entry(GANTRY, watched.runner.view(GANTRY), None)
+        own = own.model_copy(update={"tick": tick, "time": tick * 0.012})
+        assert watched.monitor.take(sample_of(own), [arm]) == []
+    assert watched.monitor.silent(2.0) != []  # of the other one
+    assert {f.robot for f in watched.monitor.account.findings} == {GANTRY}
+
+
+def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
+    """Its last place, in the states of the other robot, counts no longer after 2.5 periods."""
+    watched = Watched(demo(ARM, GANTRY), tmp_path)
+    watched.rest(3)
+    monitor, index = watched.monitor, [r.name for r in watched.monitor.cell.robots].index(ARM)
+    own, arm = (sample_of(translate.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
+    for ticks, seen in ((1, True), (2, True), (3, False), (4, False)):
+        monitor.take(replace(own, tick=own.tick + ticks, time=own.time + ticks * 0.012), [arm])
+        assert monitor._clearances.sees(index) == seen
+
+
+def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
+    """The gate bounds only speeds then."""
+    watched = Watched(demo(ARM), tmp_path)
+    watched.rest(3)
+    monitor = watched.monitor
+    sample = sample_of(translate.entry(ARM, watched.runner.view(ARM), None))
+    fast = 0.9 * monitor.cell.robots[0].velocity[0] * 0.012
+
+    def kinds(step, ready):
+        nonlocal sample
+        q = sample.setpoint + np.eye(len(sample.q))[0] * step
+        sample = replace(sample, tick=sample.tick + 1, time=sample.time + 0.012, setpoint=q, stop_end=q)
+        sample = replace(sample, ready=ready)
+        return {finding.kind for finding in monitor.take(sample)}
+
+    for step, ready in ((0.0, False), (fast, False), (0.0, False), (0.0, True)):
+        assert kinds(step, ready) == set()
+    assert "acceleration" in kinds(fast, True)

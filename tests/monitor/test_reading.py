@@ -84,6 +84,22 @@ def test_overlays_merge_as_the_documents_say(tmp_path):
     assert tree["mesh"]["file"].path == tmp_path / "links" / "b.stl"
 
 
+def test_an_empty_section_of_an_overlay_changes_nothing_and_null_removes(tmp_path):
+    below = written(tmp_path, "a: {x: 1}\nb: {y: 2}\nc: {kind: k, v: 1}\nd: 1\n")
+    above = written(tmp_path, "a:\nb: null\nc: {kind: , w: 2}\nd:\ne: [~, {f: }]\n", "above.yaml")
+    expected = {"a": {"x": 1}, "b": None, "c": {"kind": None, "v": 1, "w": 2}, "d": None}
+    assert read_files([below, above]) == {**expected, "e": [None, {"f": None}]}
+
+
+@pytest.mark.parametrize("section", ["surroundings", "robots", "  A"])
+def test_the_gate_and_the_monitor_keep_what_lies_below_an_empty_section(tmp_path, section):
+    files = [written(tmp_path, arms_yaml())]
+    head = "robots:\n" if section.startswith(" ") else ""
+    files.append(written(tmp_path, f"{head}{section}:\n", "above.yaml"))
+    mine, theirs = build(read_files(files)), build_cell(load_config(files))
+    assert {body.name for body in mine.bodies} == {body.name for body in theirs.bodies}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

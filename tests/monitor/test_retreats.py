@@ -112,3 +112,26 @@ def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(too
     gantry._player._tick = watched.tick
     watched.rest(3)
     assert watched.findings == []
+
+
+def test_a_joint_that_goes_on_beyond_its_limit_after_a_reset_is_found_again(tmp_path):
+    def wide(tree):
+        file = Path(tree["robots"][ARM]["urdf"])
+        (tmp_path / "wide.urdf").write_text(file.read_text().replace("3.2288591161895095", "6.0"))
+        tree["robots"][ARM]["urdf"] = str(tmp_path / "wide.urdf")
+
+    inside = np.radians([184.5, -94, 108, 0, -5.5, 0])
+    watched = started(tmp_path, inside, wrong=wide)
+    assert watched.toward({ARM: BEYOND}, 60)[0].kind == "limit"
+    for _ in range(20):  # well beyond, before the stop acts
+        watched.instant()
+        watched.command(ARM, [0.01, 0, 0, 0, 0, 0])
+    watched.rest(60)
+    watched.findings.clear()
+    assert watched.stop_and_reset()
+    watched.runner.feed(e.LeaseChange(ARM, 1))
+    assert watched.rest(20) == []
+    assert watched.toward({ARM: inside}, 5, speed=0.05) == []  # a retreat is no finding
+    assert watched.runner.view(ARM).setpoint[0] > np.radians(185.5)
+    found = watched.toward({ARM: BEYOND + np.radians([20, 0, 0, 0, 0, 0])}, 60)
+    assert [(f.kind, f.joint) for f in found] == [("limit", "A1")]

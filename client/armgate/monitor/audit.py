@@ -4,6 +4,7 @@ import binascii
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -14,7 +15,7 @@ from armgate.monitor.errors import DescriptionError, MonitorError
 from armgate.monitor.model import Cell, build
 from armgate.monitor.samples import sample_of
 from armgate.monitor.yaml_files import read_files
-from armgate.recording import Header, Recording, Shown
+from armgate.recording import Header, Recording, Shown, Step
 
 MAX_FILES = 256
 MAX_BYTES = 256 << 20
@@ -41,8 +42,11 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
     cell = _cell(recording.header, description, configs)
     monitor = Monitor(cell, silence)
     monitor.differ(differences(cell, description))
-    for _, item in recording.items("/robots/"):
-        if isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
+    for _, item in recording.items("/robots/", "/gate/link"):
+        if isinstance(item, Step):
+            change: Any = item.event  # of a link; the monitor does not import its type
+            monitor.link(change.robot, ended=change.state != "ready")
+        elif isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
             monitor.take(sample)
     if not monitor.account.states:
         raise MonitorError(f"{run}: holds no state of any robot; nothing was checked")

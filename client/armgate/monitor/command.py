@@ -19,8 +19,9 @@ def monitor(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="HOST:PORT|RUN",
-            help="The address of the daemon; or a recording: the folder of the run, or one of its files.",
+            metavar="HOST:PORT|unix:PATH|RUN",
+            help="The address or Unix socket of the daemon; or a recording: the folder of the run, "
+            "or one of its files.",
         ),
     ],
     config: Annotated[
@@ -57,7 +58,7 @@ def monitor(
         from armgate.monitor.audit import audit  # noqa: PLC0415
 
         if not Path(source).exists():
-            raise DescriptionError(f"{source}: neither HOST:PORT nor a recording")
+            raise DescriptionError(f"{source}: neither HOST:PORT, unix:PATH nor a recording")
         _, account = audit(Path(source), configs, silence)
         _end(account, json_)
         return
@@ -105,4 +106,6 @@ def _write(account: "Account", json_: Path | None) -> None:
 
 def recorded(source: str) -> bool:
     """Return True if a recording is meant, by its path, and not an address."""
+    if source.startswith("unix:"):
+        return False
     return Path(source).exists() or re.search(r":\d+$", source) is None

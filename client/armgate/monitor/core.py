@@ -15,7 +15,7 @@ _KEPT = 1000
 """Findings that are kept; the others are counted."""
 
 _ASKED_EVERY = 8
-"""Of so many states one has a reported distance recomputed."""
+"""Of so many states of a robot one has a reported distance recomputed."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class Account:
         violations: How many findings there were.
         findings: The first of them.
         smallest: By kind of pairs.
+        late: States that the live watch judged more than 0.5 s late.
         share: CPU time of the live watch by time on the wall; 0 of an audit.
     """
 
@@ -54,6 +55,7 @@ class Account:
     findings: list[Finding] = field(default_factory=list)
     smallest: dict[Kind, Smallest] = field(default_factory=dict)
     share: float = 0.0
+    late: int = 0
 
 
 class Monitor:
@@ -78,6 +80,9 @@ class Monitor:
         self._silent: set[int] = set()
         self._measured: set[int] = set()
         self._open: set[tuple[str, str]] = set()
+        self._stops: dict[str, frozenset[int]] = {}
+        self._asked: dict[str, int] = {}
+        self._ended: set[int] = set()
         self._bodies = {body.name: i for i, body in enumerate(cell.bodies) if not body.meshed}
 
     def take(self, sample: Sample, others: Iterable[Sample] = ()) -> list[Finding]:
@@ -87,14 +92,16 @@ class Monitor:
             sample: The robot at its tick.
             others: Other robots as the same state shows them; each has states of its own, too.
         """
+        self._reopen(sample)
         if (wrong := self._wrong_form(sample)) is not None:
             return self._report(sample, [wrong])
         robot = self._index[sample.robot]
         motion = self._motions[robot]
         self._count(motion, sample)
         self._age(sample)
+        self.link(sample.robot, ended=sample.ended)
         for other in others:
-            self._see(other)
+            self._see(sample, other)
         poses, found = motion.take(sample)
         self._clearances.move(robot, poses)
         found += self._pairs(robot, sample, motion.moved)
@@ -108,12 +115,17 @@ class Monitor:
         self._add(found)
         return found
 
+    def link(self, robot: str, *, ended: bool) -> None:
+        """Take over if the link of a robot has ended: its states may then stop."""
+        if (index := self._index.get(robot)) is not None:
+            (self._ended.add if ended else self._ended.discard)(index)
+
     def silent(self, seconds: float) -> list[Finding]:
         """Take over that no state came at all for so long; return the findings, one per robot."""
         found = []
         for index, motion in enumerate(self._motions):
             last = motion.last
-            if last is not None and seconds > self._silence and index not in self._silent:
+            if last is not None and seconds > self._silence and index not in self._silent | self._ended:
                 self._silent.add(index)
                 text = f"no state for {seconds:.2f} s"
                 found.append(Finding("silence", last.robot, last.tick, last.time, text))
@@ -131,10 +143,15 @@ class Monitor:
             elif abs(age) > tol.STEP:
                 self._clearances.age_ends(other)
 
-    def _see(self, other: Sample) -> None:
-        if self._wrong_form(other) is None:
+    def _see(self, sample: Sample, other: Sample) -> None:
+        """Take over the place of another robot, unless it is too old by its own time."""
+        if self._wrong_form(other) is not None:
+            return
+        index = self._index[other.robot]
+        self.link(other.robot, ended=other.ended)
+        if sample.time - other.time <= tol.STALE * self.cell.robots[index].period:
             poses = np.stack([other.q, other.setpoint, other.stop_end, other.stop_end])
-            self._clearances.move(self._index[other.robot], poses)
+            self._clearances.move(index, poses)
 
     # --- form and coverage --------------------------------------------------------------------------------
 
@@ -160,7 +177,7 @@ class Monitor:
             last = motion.last
             if last is None or sample.time - last.time <= self._silence:
                 self._silent.discard(index)
-            elif index not in self._silent:
+            elif index not in self._silent | self._ended:
                 self._silent.add(index)
                 text = f"no state for {sample.time - last.time:.2f} s while other robots tick"
                 found.append(Finding("silence", last.robot, last.tick, last.time, text))
@@ -242,7 +259,8 @@ class Monitor:
 
     def _reported(self, sample: Sample) -> list[Finding]:
         """Recompute, now and then, one of the distances that the state reports as certified."""
-        turn, rest = divmod(self.account.states, _ASKED_EVERY)
+        self._asked[sample.robot] = self._asked.get(sample.robot, 0) + 1
+        turn, rest = divmod(self._asked[sample.robot], _ASKED_EVERY)
         if rest or not sample.nearest:
             return []
         a, b, distance = sample.nearest[turn % len(sample.nearest)]
@@ -275,6 +293,13 @@ class Monitor:
         return sum(self._clearances.lever(pair, robot) for robot in self._robots_of(pair))
 
     # --- findings -----------------------------------------------------------------------------------------
+
+    def _reopen(self, sample: Sample) -> None:
+        """Let a rule that is still broken be found again when a stop of the robot was lifted."""
+        before = self._stops.get(sample.robot, frozenset())
+        if before > sample.stops:
+            self._open = {key for key in self._open if key[0] != sample.robot}
+        self._stops[sample.robot] = sample.stops
 
     def _report(self, sample: Sample, found: list[Finding]) -> list[Finding]:
         """Return the findings that were not there at the robot's state before."""

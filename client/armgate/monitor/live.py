@@ -2,12 +2,13 @@
 
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from armgate.client import Cell as Connection
-from armgate.client import ClientError, State, TimedOut
+from armgate.client import ClientError, Refused, State, TimedOut
 from armgate.monitor.agreement import differences, orders_of
 from armgate.monitor.core import Account, Monitor
 from armgate.monitor.errors import MonitorError
@@ -29,6 +30,12 @@ MEASURED_EVERY = 8
 BETWEEN_STOPS = 1.0
 """A cell is stopped again after this time at the earliest, s."""
 
+LATE = 0.5
+"""States that are judged later than this are noted, s."""
+
+_DRIFT = 2e-4
+"""Clocks of two machines may drift apart by this share."""
+
 _LONGEST = 500
 Tell = Callable[[str], None]
 
@@ -46,8 +53,12 @@ class Watch:
     def __init__(self, cell: Connection, configs: Sequence[Path], silence: float, tell: Tell) -> None:
         self._connection = cell
         self._tell = tell
-        self._stopped = -BETWEEN_STOPS
-        self._last: State | None = None
+        self._asked = -BETWEEN_STOPS
+        self._due: Finding | None = None
+        self._stop = 0
+        self._stops: dict[str, frozenset[int]] = {}
+        self._judged: deque[State] = deque(maxlen=BACKLOG)
+        self._age = Age()
         model = build(read_files(configs), orders_of(cell.description))
         self._monitor = Monitor(model, silence, MEASURED_EVERY)
         for note in model.notes:
@@ -79,42 +90,92 @@ class Watch:
     def _listen(self, ended: Callable[[], bool]) -> None:
         """Judge states until none comes for the time of the silence, or ``ended``."""
         waited = 0.0
+        states = self._new_states()
         while not ended():
             try:
-                for state in self._new_states():
-                    waited = 0.0
-                    self._take(state)
-                    if ended():
-                        return
+                state = next(states)
             except TimedOut:
+                states = self._new_states()
                 waited += LOOK
-                if not self._connection.welcome.lockstep:
-                    self._act(self._monitor.silent(waited))
+                self._silence(waited)
+            else:
+                waited = 0.0
+                self._take(state)
+
+    def _silence(self, waited: float) -> None:
+        if not self._connection.welcome.lockstep:
+            self._act(self._monitor.silent(waited))
 
     def _new_states(self) -> Iterator[State]:
-        """Yield states; the connection begins with those that it has kept, up to the last one yielded."""
-        known = self._last is not None
-        for state in self._connection.states(timeout=LOOK, backlog=BACKLOG):
-            if known:
-                known = state is not self._last
-                continue
-            self._last = state
+        """Yield states; the connection begins with those that it has kept, of which some were judged."""
+        states = self._connection.states(timeout=LOOK, backlog=BACKLOG)
+        state = next(states)
+        if any(state is one for one in self._judged):
+            while state is not self._judged[-1]:
+                state = next(states)
+            state = next(states)
+        while True:
+            self._judged.append(state)
             yield state
+            state = next(states)
 
     def _take(self, state: State) -> None:
         sample, others = of_state(state)
-        if sample is not None:
-            self._act(self._monitor.take(sample, others))
+        if sample is None:
+            return
+        self._stops |= {one.robot: one.stops for one in (sample, *others)}
+        if not self._connection.welcome.lockstep and self._age.take(sample.time, time.monotonic()):
+            self.account.late += 1
+            if self._age.rises:
+                self._tell(f"note: states are judged {self._age.seconds:.1f} s late; the machine is too busy")
+        self._act(self._monitor.take(sample, others))
 
     def _act(self, found: list[Finding]) -> None:
-        """Print findings, and stop the cell."""
+        """Print findings, and stop the cell: at once, or as soon as it may be stopped again."""
         for finding in found:
             self._tell(f"violated: {finding}")
+        if found and self._due is None:
+            self._due = found[0]
         now = time.monotonic()
-        if found and now - self._stopped >= BETWEEN_STOPS:
-            stopped = self._connection.stop(reason=f"monitor: {found[0]}"[:_LONGEST])
-            self._stopped = now
-            self._tell(f"stopped the cell: stop {stopped.stop}")
+        if self._due is None or now - self._asked < BETWEEN_STOPS:
+            return
+        self._asked = now
+        if not (self._stop and all(self._stop in stops for stops in self._stops.values())):
+            self._stop_for(self._due)
+        else:
+            self._due = None  # the stop for the finding before is still in force
+
+    def _stop_for(self, finding: Finding) -> None:
+        """Stop the cell; a stop that was not answered or is refused stays due."""
+        try:
+            self._stop = self._connection.stop(reason=f"monitor: {finding}"[:_LONGEST]).stop
+        except (TimedOut, Refused) as error:
+            self._tell(f"the cell could not be stopped, to be repeated: {error}")
+            return
+        self._due = None
+        self._tell(f"stopped the cell: stop {self._stop}")
+
+
+class Age:
+    """How late states are judged, by the least delay between the clocks of daemon and monitor.
+
+    Attributes:
+        seconds: Age of the newest state.
+        rises: True if it is the first late one.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self.rises = 0.0, False
+        self._least = self._now = float("inf")
+
+    def take(self, time: float, now: float) -> bool:
+        """Take a state's daemon time and the time at which it is judged; return True if that is late."""
+        before = self.seconds > LATE
+        drift = _DRIFT * max(0.0, now - self._now)
+        self._least, self._now = min(self._least + drift, now - time), now
+        self.seconds = now - time - self._least
+        self.rises = self.seconds > LATE and not before
+        return self.seconds > LATE
 
 
 @contextmanager

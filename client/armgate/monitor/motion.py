@@ -17,7 +17,12 @@ MEASURED, SETPOINT, END, BRAKING = range(4)
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """State of one robot at one of its ticks; positions in rad or m."""
+    """State of one robot at one of its ticks; positions in rad or m.
+
+    Attributes:
+        ready: True if the link of the robot can move it.
+        ended: True if the link is lost, faulted or waiting, so that states need not come.
+    """
 
     robot: str
     tick: int
@@ -28,6 +33,7 @@ class Sample:
     stops: frozenset[int] = frozenset()
     ready: bool = True
     nearest: tuple[tuple[str, str, float], ...] = ()
+    ended: bool = False
 
 
 @dataclass(eq=False)
@@ -109,7 +115,7 @@ class Motion:
             self.step = None
             return
         held = self.robot.holds and not step.any()
-        if self.step is not None and not held:
+        if self.step is not None and not held and before.ready and sample.ready:
             allowed = change_excess(self.step, step, self._accel, self._decel)
             slack = tol.STEP / np.minimum(self._accel, self._decel)
             over = np.where(np.abs(step - self.step) > tol.STEP, allowed - (1.0 + tol.RATE + slack), -1.0)
@@ -187,9 +193,10 @@ class Motion:
             if (worst > 0.0).any():
                 bound = np.clip(poses[row], self.robot.lower, self.robot.upper)
                 yield from self._per_joint(sample, "limit", poses[row], worst, bound, name)
-                break
-        # The way back is one way, by the measured position: it is the last to come back.
-        self.outside = np.minimum(self.outside, excess[:, :2].max(axis=1))
+                self.outside = excess.max(axis=1)  # once found, a joint may come back only
+                return
+        # The way back is one way; the measured position is the last to come back.
+        self.outside = np.minimum(self.outside, excess.max(axis=1))
 
     # --- findings -----------------------------------------------------------------------------------------
 

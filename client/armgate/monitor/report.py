@@ -27,6 +27,7 @@ def summary(account: Account) -> str:
     missed = sum(account.missed.values())
     words = [f"{account.states} states, {account.positions} positions checked"]
     words += [f"{missed} states missed"] if missed else []
+    words += [f"{account.late} states judged late"] if account.late else []
     words += [f"{account.retreats} margins violated at the start"] if account.retreats else []
     words += [f"{account.violations or 'no'} violation{'' if account.violations == 1 else 's'}"]
     return ", ".join(words)

@@ -8,6 +8,8 @@ from armgate.monitor.motion import Sample
 FIELDS = ("q", "setpoint", "stop_end", "stops", "link", "nearest")
 """What of an entry the monitor subscribes to."""
 
+_ENDED = ("waiting", "lost", "faulted")
+
 
 def sample_of(entry: Entry) -> Sample | None:
     """Return the sample of an entry; None if the robot has not ticked yet."""
@@ -24,6 +26,7 @@ def sample_of(entry: Entry) -> Sample | None:
         frozenset(entry.stops or ()),
         entry.link == "ready",
         nearest,
+        entry.link in _ENDED,
     )
 
 

@@ -20,8 +20,11 @@ MAX_DEPTH = 32
 
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_EMPTY = object()
+"""Value where nothing at all stands, not even ``null``; it leaves a mapping below as it is."""
+
 _WORDS: dict[str, object] = {
-    "": None, "~": None, "null": None, "Null": None, "NULL": None,
+    "": _EMPTY, "~": None, "null": None, "Null": None, "NULL": None,
     "true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False,
 }  # fmt: skip
 _FILE_KEYS = {"urdf", "file"}
@@ -42,18 +45,36 @@ def read_files(paths: Sequence[Path], *, confined: bool = False) -> dict[str, An
     tree: dict[str, Any] = {}
     for path in paths:
         tree = _merged(tree, _Reader(path, confined).read())
-    return tree
+    return {key: _settled(value) for key, value in tree.items()}
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Overlay one mapping on another; a mapping of another ``kind`` replaces, and so does all else."""
+    """Overlay one mapping on another; a mapping of another ``kind`` replaces, and so does all else.
+
+    An empty section keeps the mapping below.
+    """
     result = dict(below)
     for key, value in above.items():
         old = result.get(key)
-        if isinstance(old, dict) and isinstance(value, dict) and value.get("kind") in (None, old.get("kind")):
+        if isinstance(old, dict) and value is _EMPTY:
+            continue
+        if isinstance(old, dict) and isinstance(value, dict) and _kind(value) in (None, _kind(old)):
             value = _merged(old, value)  # noqa: PLW2901
         result[key] = value
     return result
+
+
+def _kind(mapping: dict[str, Any]) -> object:
+    return _settled(mapping.get("kind"))
+
+
+def _settled(value: Any) -> Any:
+    """Return a value with None for what is empty in it."""
+    if isinstance(value, dict):
+        return {key: _settled(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_settled(item) for item in value]
+    return None if value is _EMPTY else value
 
 
 class _Reader:

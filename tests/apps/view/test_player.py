@@ -111,6 +111,7 @@ def test_damage_on_the_way_is_a_problem_and_no_end(tmp_path, clock):
         ("127.0.0.1:7411", False),
         ("[::1]:7411", False),
         ("cell.example:7411", False),
+        ("unix:/run/armgate/cell.sock", False),
         ("runs/today", True),
         ("recording-0001.mcap", True),
         (".", True),

@@ -13,7 +13,7 @@ def view(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="HOST:PORT|RUN",
+            metavar="HOST:PORT|unix:PATH|RUN",
             help="Where the daemon listens; or a recording: the run's folder, or one of its files.",
         ),
     ] = "127.0.0.1:7411",
@@ -73,5 +73,7 @@ def view(
 
 
 def recorded(source: str) -> bool:
-    """Whether a recording is meant, by its path, and not an address."""
+    """Return True if a recording is meant, by its path, and not an address."""
+    if source.startswith("unix:"):
+        return False
     return Path(source).exists() or re.search(r":\d+$", source) is None
