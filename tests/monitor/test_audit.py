@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
+from armgate.cell import events as e
 from armgate.daemon.recorder import Recorder
 from armgate.recording import Recording
 from armgate.recording.form import METADATA, PROFILE
+from armgate.recording.verify import verify
 from monitor.test_planted_faults import DOWN
-from monitor.watched import ARM, Watched, demo, saved
+from monitor.watched import ARM, GANTRY, Watched, demo, saved
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,53 @@ def test_states_that_were_left_out_are_counted_as_missed(run, tmp_path):
     assert "3 states missed" in out.splitlines()[-1]
 
 
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory) -> Path:
+    """A recording of two robots at rest."""
+    folder = tmp_path_factory.mktemp("pair")
+    recorder = Recorder(folder / "run", limit=1 << 30)
+    Watched(demo(ARM, GANTRY), folder, recorder=recorder).rest(10)
+    recorder.close()
+    return folder / "run"
+
+
+@pytest.mark.parametrize(("ready", "expected"), [(True, 1), (False, 0)])
+def test_a_robot_without_a_state_is_named_and_fails_if_its_link_was_ready(pair, tmp_path, ready, expected):
+    def without(topic, value):
+        gone = topic.startswith("/robots/") and value["robot"] == GANTRY
+        return None if gone or (topic == "/gate/link" and not ready) else value
+
+    status, out, _ = monitor(rewritten(pair, tmp_path / "run", without))
+    assert status == expected, out
+    assert "never seen: GR" in out.splitlines()[-1]
+    assert ("violated: GR" in out) == ready
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_silence_after_a_link_was_lost_is_no_violation(tmp_path, told):
+    recorder = Recorder(tmp_path / "run", limit=1 << 30)
+    watched = Watched(demo(ARM, GANTRY), tmp_path, recorder=recorder)
+    watched.rest(5)
+    if told:
+        watched.runner.feed(e.LinkChange(GANTRY, e.LinkState.LOST))
+    del watched.links[GANTRY]
+    watched.rest(100)
+    recorder.close()
+    status, out, _ = monitor(tmp_path / "run")
+    assert status == (0 if told else 1)
+    assert ("violated: GR, tick 4 (0.048 s): no state for" in out) == (not told)
+
+
+def test_a_recording_whose_chain_is_broken_is_violated(run, tmp_path):
+    data = (run / "recording-0001.mcap").read_bytes()
+    digest = verify(Recording.open(run)).seals[0].digest.hex().encode()
+    assert data.count(digest) == 1
+    (tmp_path / "recording-0001.mcap").write_bytes(data.replace(digest, b"0" * len(digest)))
+    status, out, _ = monitor(tmp_path)
+    assert status == 1
+    assert "violated: the recording was changed" in out
+
+
 def entry(**changes):
     def change(topic, value):
         if topic.startswith("/robots/") and value["tick"] == 50:
@@ -157,7 +206,7 @@ def test_a_recording_that_breaks_off_says_how_to_recover_it(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("nowhere",), "neither HOST:PORT nor a recording"),
+        (("nowhere",), "neither HOST:PORT, unix:PATH nor a recording"),
         (("tests",), "holds no recording"),
         (("127.0.0.1:1",), "no configuration given"),
         (("127.0.0.1:1", "none.yaml"), "none.yaml|no connection"),

@@ -51,6 +51,9 @@ class Line:
         self._kept.append(state)
         self._count += 1
 
+    def ping(self):
+        raise TimedOut("no answer to ping")
+
     def stop(self, reason):
         self.asked.append(reason)
         if self.fails:
@@ -76,7 +79,7 @@ def watched(tmp_path, monkeypatch):
         clock = SimpleNamespace(monotonic=lambda: line.now, process_time=lambda: 0.0)
         monkeypatch.setattr(live, "time", clock)
         watch = live.Watch(line, [file], 1.0, lines.append)
-        with pytest.raises(live.MonitorError, match="the script ends"):
+        with pytest.raises(live.MonitorError, match=r"the script ends|no answer to ping"):
             watch.run(lambda: False)
         return line, lines, watch.account
 
@@ -148,3 +151,10 @@ def test_a_rule_that_is_broken_after_a_reset_stops_again(watched):
     line, lines, _ = watched(script)
     assert len(line.asked) == 2
     assert "stopped the cell: stop 2" in lines
+
+
+def test_a_robot_that_never_ticks_is_noted_and_a_dead_connection_ends_the_watch(watched):
+    line, lines, account = watched([0.1] * 60)
+    assert account.unseen == ["A"]
+    assert [text for text in lines if "no state yet of A" in text] == lines[1:]
+    assert line.now < 100.0 + 50 * 0.1 + 0.05  # before the script ends

@@ -16,6 +16,7 @@ from armgate.monitor.model import Cell, build
 from armgate.monitor.samples import sample_of
 from armgate.monitor.yaml_files import read_files
 from armgate.recording import Header, Recording, Shown, Step
+from armgate.recording.verify import verify
 
 MAX_FILES = 256
 MAX_BYTES = 256 << 20
@@ -42,12 +43,14 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
     cell = _cell(recording.header, description, configs)
     monitor = Monitor(cell, silence)
     monitor.differ(differences(cell, description))
+    monitor.differ(f"the recording was changed: {place}" for place in verify(recording).breaks)
     for _, item in recording.items("/robots/", "/gate/link"):
         if isinstance(item, Step):
             change: Any = item.event  # of a link; the monitor does not import its type
             monitor.link(change.robot, ended=change.state != "ready")
         elif isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
             monitor.take(sample)
+    monitor.absent()
     if not monitor.account.states:
         raise MonitorError(f"{run}: holds no state of any robot; nothing was checked")
     return cell, monitor.account

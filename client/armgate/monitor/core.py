@@ -38,6 +38,7 @@ class Account:
     Attributes:
         states: States of robots.
         positions: Measured positions, setpoints and ends in them.
+        unseen: Robots of which no state came: nothing of them was checked.
         missed: Ticks whose states did not come, by robot.
         retreats: Margins that were violated at the start, when watching began or a robot was moved by hand.
         violations: How many findings there were.
@@ -49,6 +50,7 @@ class Account:
 
     states: int = 0
     positions: int = 0
+    unseen: list[str] = field(default_factory=list)
     missed: dict[str, int] = field(default_factory=dict)
     retreats: int = 0
     violations: int = 0
@@ -69,7 +71,7 @@ class Monitor:
 
     def __init__(self, cell: Cell, silence: float = tol.SILENCE, measured_every: int = 1) -> None:
         self.cell = cell
-        self.account = Account()
+        self.account = Account(unseen=[robot.name for robot in cell.robots])
         self._silence = silence
         self._measured_every = measured_every
         self._index = {robot.name: r for r, robot in enumerate(cell.robots)}
@@ -83,6 +85,7 @@ class Monitor:
         self._stops: dict[str, frozenset[int]] = {}
         self._asked: dict[str, int] = {}
         self._ended: set[int] = set()
+        self._ready: set[str] = set()
         self._bodies = {body.name: i for i, body in enumerate(cell.bodies) if not body.meshed}
 
     def take(self, sample: Sample, others: Iterable[Sample] = ()) -> list[Finding]:
@@ -115,8 +118,17 @@ class Monitor:
         self._add(found)
         return found
 
+    def absent(self) -> list[Finding]:
+        """Take over that a recording ends; return the robots whose link was ready, but that have no state."""
+        names = [name for name in self.account.unseen if name in self._ready]
+        found = [Finding("silence", name, 0, 0.0, "no state, although its link was ready") for name in names]
+        self._add(found)
+        return found
+
     def link(self, robot: str, *, ended: bool) -> None:
         """Take over if the link of a robot has ended: its states may then stop."""
+        if not ended:
+            self._ready.add(robot)
         if (index := self._index.get(robot)) is not None:
             (self._ended.add if ended else self._ended.discard)(index)
 
@@ -166,6 +178,8 @@ class Monitor:
     def _count(self, motion: Motion, sample: Sample) -> None:
         self.account.states += 1
         self.account.positions += 3
+        if motion.last is None:
+            self.account.unseen.remove(sample.robot)
         if motion.last is not None and sample.tick > motion.last.tick + 1:
             missed = sample.tick - motion.last.tick - 1
             self.account.missed[sample.robot] = self.account.missed.get(sample.robot, 0) + missed

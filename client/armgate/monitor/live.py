@@ -24,6 +24,9 @@ BACKLOG = 2_000
 LOOK = 0.1
 """After so long without a state the silence is looked at, s."""
 
+LOOKS_BETWEEN_PINGS = 50
+"""After so many looks without a state the daemon must answer a ping."""
+
 MEASURED_EVERY = 8
 """At one of so many ticks of a robot the smallest clearances are measured: it costs more than all else."""
 
@@ -59,6 +62,8 @@ class Watch:
         self._stops: dict[str, frozenset[int]] = {}
         self._judged: deque[State] = deque(maxlen=BACKLOG)
         self._age = Age()
+        self._silence_time = silence
+        self._begun, self._noted = time.monotonic(), False
         model = build(read_files(configs), orders_of(cell.description))
         self._monitor = Monitor(model, silence, MEASURED_EVERY)
         for note in model.notes:
@@ -77,7 +82,8 @@ class Watch:
         Raises:
             MonitorError: The connection is lost.
         """
-        wall, cpu = time.monotonic(), time.process_time()
+        wall = self._begun = time.monotonic()
+        cpu = time.process_time()
         try:
             self._connection.subscribe(fields=FIELDS)
             while not ended():
@@ -88,23 +94,37 @@ class Watch:
             self.account.share = (time.process_time() - cpu) / max(time.monotonic() - wall, 1e-9)
 
     def _listen(self, ended: Callable[[], bool]) -> None:
-        """Judge states until none comes for the time of the silence, or ``ended``."""
-        waited = 0.0
+        """Judge states, and look after each time without one, until ``ended``."""
+        looks = 0
         states = self._new_states()
         while not ended():
             try:
                 state = next(states)
             except TimedOut:
                 states = self._new_states()
-                waited += LOOK
-                self._silence(waited)
+                looks += 1
+                self._silence(looks)
             else:
-                waited = 0.0
+                looks = 0
                 self._take(state)
+            self._note_unseen()
 
-    def _silence(self, waited: float) -> None:
-        if not self._connection.welcome.lockstep:
-            self._act(self._monitor.silent(waited))
+    def _silence(self, looks: int) -> None:
+        """Act on the silence of robots, or of the daemon: a stop that is due is a ping, too."""
+        if self._connection.welcome.lockstep:
+            return
+        self._act(self._monitor.silent(looks * LOOK))
+        if looks % LOOKS_BETWEEN_PINGS == 0 and self._due is None:
+            self._connection.ping()
+
+    def _note_unseen(self) -> None:
+        """Print once of which robots no state came for the time of the silence."""
+        if self._noted or time.monotonic() - self._begun <= self._silence_time:
+            return
+        self._noted = True
+        if self.account.unseen:
+            names = ", ".join(self.account.unseen)
+            self._tell(f"note: no state yet of {names}; nothing of them is checked until they tick")
 
     def _new_states(self) -> Iterator[State]:
         """Yield states; the connection begins with those that it has kept, of which some were judged."""

@@ -26,6 +26,7 @@ def summary(account: Account) -> str:
     """Return the account in one line."""
     missed = sum(account.missed.values())
     words = [f"{account.states} states, {account.positions} positions checked"]
+    words += [f"never seen: {' '.join(account.unseen)}"] if account.unseen else []
     words += [f"{missed} states missed"] if missed else []
     words += [f"{account.late} states judged late"] if account.late else []
     words += [f"{account.retreats} margins violated at the start"] if account.retreats else []
