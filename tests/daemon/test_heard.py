@@ -1,10 +1,12 @@
 """Leases end by the time up to which everything was read, also after a stall of the daemon."""
 
 import asyncio
+import itertools
 import os
 import signal
 
 from armgate.daemon.heard import Heard
+from armgate.daemon.turns import Turns
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
 from support.clients import Process, Raw, until
@@ -12,7 +14,7 @@ from support.clients import Process, Raw, until
 
 async def test_the_time_follows_when_the_sockets_were_polled_and_nothing_waits():
     now, waiting = 1.0, True
-    heard = Heard(lambda: now, lambda: waiting)
+    heard = Heard(lambda: now, lambda: 3, lambda number: waiting)
     assert heard() == float("-inf")
     now = 5.0
     for _ in range(10):
@@ -23,13 +25,27 @@ async def test_the_time_follows_when_the_sockets_were_polled_and_nothing_waits()
     await until(lambda: heard() == 5.0)
 
 
+async def test_the_time_follows_though_there_is_always_work_that_came_later():
+    """Holders that send without a pause keep their lane from ever being empty."""
+    turns = Turns(itertools.count().__next__)  # each piece of work takes a whole turn
+
+    def again(name):
+        turns.later(name, True, lambda: again(name))
+
+    for name in "abc":
+        again(name)
+    heard = Heard(lambda: 1.0, turns.holders_queued, turns.holders_wait)
+    await until(lambda: heard() == 1.0, turns=100)
+    assert turns.holders_wait(turns.holders_queued())
+
+
 async def test_what_a_socket_held_is_read_before_the_time_follows():
     """A stall of the process: the event loop finds data and a timer at once."""
     server_read = []
     here, there = os.pipe()
     loop = asyncio.get_running_loop()
     loop.add_reader(here, lambda: server_read.append(os.read(here, 100)))
-    heard = Heard(lambda: 7.0, lambda: False)
+    heard = Heard(lambda: 7.0, lambda: 0, lambda number: False)
     heard()
     os.write(there, b"ping")
     await until(lambda: heard() == 7.0)

@@ -48,6 +48,21 @@ def test_a_lane_does_no_more_in_a_turn_than_its_slice():
     assert lane.waiting
 
 
+def test_work_waits_until_all_that_was_queued_up_to_it_is_done():
+    works = Works()
+    lane = Lane(1.5e-4, works.clock)
+    for name in "aab":
+        lane.add(name, works.of(name))
+    queued = lane.queued
+    lane.add("b", works.of("later"))
+    lane.run()
+    assert works.done == ["a", "b"]
+    assert lane.waits(queued)
+    lane.run()
+    assert lane.queued == queued + 1
+    assert not lane.waits(queued)
+
+
 def test_identities_take_turns_however_much_each_has_queued():
     works = Works()
     lane = Lane(1.0, works.clock)

@@ -86,3 +86,34 @@ def test_the_limit_may_change_between_two_frames():
     assert decoder.pop() == b"1234"
     decoder.limit = 5
     assert decoder.pop() == b"12345"
+
+
+def test_a_word_is_searched_once_in_what_is_kept():
+    """Searches stay cheap while much is kept: no byte is passed twice, though frames are popped."""
+    decoder = FrameDecoder(1000)
+    decoder.push(frame(b"x" * 500) * 500)
+    decoder._buffer = Searched(decoder._buffer)
+    while decoder.pop() is not None:
+        assert not decoder.may_hold(b"word")
+    assert decoder._buffer.passed < 2 * 500 * 504
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_a_word_that_comes_in_pieces_is_found(cut):
+    decoder, data = FrameDecoder(1000), frame(b"12word34")
+    decoder.push(frame(b"x") + data[:cut])
+    assert not decoder.may_hold(b"word") or cut >= 10
+    decoder.push(data[cut:])
+    decoder.pop()
+    assert decoder.may_hold(b"word")
+
+
+class Searched(bytearray):
+    """Counts the bytes that searches pass."""
+
+    passed = 0
+
+    def find(self, word, begin):
+        at = super().find(word, begin)
+        self.passed += (len(self) if at < 0 else at) - begin
+        return at

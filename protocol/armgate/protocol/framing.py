@@ -33,6 +33,7 @@ class FrameDecoder:
         self.limit = limit
         self._buffer = bytearray()
         self._seen = 0  # bytes of whole frames at the buffer's beginning that were looked at ahead
+        self._searched = 0  # bytes at the buffer's beginning behind which a word is searched on
         self.ahead = 0
         self._needed = HEADER  # bytes to wait for; more once the length of a frame is read
         self._error: RemoteProtocolError | None = None
@@ -78,13 +79,22 @@ class FrameDecoder:
         payload = bytes(memoryview(self._buffer)[HEADER : self._needed])
         del self._buffer[: self._needed]
         self._seen = max(0, self._seen - self._needed)
+        self._searched = max(0, self._searched - self._needed)
         self.ahead = max(0, self.ahead - 1)
         self._needed = HEADER
         return payload
 
     def may_hold(self, word: bytes) -> bool:
-        """Return True if a complete frame was not looked at yet, and these bytes stand there or behind it."""
-        return self._unseen_end() is not None and self._buffer.find(word, self._seen) >= 0
+        """Return True if a complete frame was not looked at yet, and these bytes stand there or behind it.
+
+        Args:
+            word: The bytes, always the same ones: what was searched once is not searched again.
+        """
+        if self._unseen_end() is None:
+            return False
+        at = self._buffer.find(word, max(self._seen, self._searched))
+        self._searched = max(0, len(self._buffer) - len(word) + 1) if at < 0 else at
+        return at >= 0
 
     def look_ahead(self) -> bytes | None:
         """Return the next complete payload that was not looked at yet, and leave it; None if there is none.
@@ -108,7 +118,7 @@ class FrameDecoder:
         """Take the payload, of this length, that ``look_ahead`` returned last: ``pop`` will not give it."""
         begin = self._seen - HEADER - length
         del self._buffer[begin : self._seen]
-        self._seen = begin
+        self._seen = self._searched = begin
         self.ahead -= 1
         if not begin:
             self._needed = HEADER

@@ -3,7 +3,8 @@
 A daemon that was stalled finds messages in its sockets that came in time. It must not end a lease for
 silence before it has read them. asyncio polls all sockets once in each turn of the event loop, and runs
 callbacks of ``call_soon`` from the turn before ahead of what the poll found. So what was sent before some
-moment has been handed to the sessions two turns later, and has been read when none waits for its turn.
+moment has been handed to the sessions two turns later, and has been read when the work that waits then is
+done.
 """
 
 import asyncio
@@ -15,11 +16,16 @@ class Heard:
 
     Args:
         now: Daemon time, s.
-        waiting: Returns True while sessions that hold a robot wait to read on.
+        queued: Returns the number of the newest work that waits for sessions that hold a robot.
+        waiting: Returns True while such work up to a number waits. Newer work is not waited for: the lease of
+            a session whose earlier work is done was renewed since.
     """
 
-    def __init__(self, now: Callable[[], float], waiting: Callable[[], bool]) -> None:
+    def __init__(
+        self, now: Callable[[], float], queued: Callable[[], int], waiting: Callable[[int], bool]
+    ) -> None:
         self._now = now
+        self._queued = queued
         self._waiting = waiting
         self._time = float("-inf")
         self._following = False
@@ -32,10 +38,13 @@ class Heard:
         return self._time
 
     def _polled(self, time: float) -> None:
-        asyncio.get_running_loop().call_soon(self._read, time)
+        asyncio.get_running_loop().call_soon(self._handed, time)
 
-    def _read(self, time: float) -> None:
-        if self._waiting():
-            asyncio.get_running_loop().call_soon(self._read, time)
+    def _handed(self, time: float) -> None:
+        self._read(time, self._queued())
+
+    def _read(self, time: float, queued: int) -> None:
+        if self._waiting(queued):
+            asyncio.get_running_loop().call_soon(self._read, time, queued)
         else:
             self._time, self._following = time, False

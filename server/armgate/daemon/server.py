@@ -157,7 +157,7 @@ class Daemon:
         runner = GateRunner(judge, {link.robot: link for link in links}, tap)
         # In lock-step what a client is sent must not depend on how fast others are.
         defer = None if lockstep else self._show_later
-        heard = Heard(self._pace.now, lambda: self._turns.holders_wait)
+        heard = Heard(self._pace.now, self._turns.holders_queued, self._turns.holders_wait)
         self._core = Core(cell, runner, links, self._pace.now, lockstep, log, defer=defer, heard=heard)
         self._periods = dict(zip((link.robot for link in links), periods, strict=True))
         self._links = links

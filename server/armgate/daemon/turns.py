@@ -26,13 +26,17 @@ class Lane:
     Args:
         slice_: Time that this lane may use in one turn, s.
         clock: A clock for durations, s.
+
+    Attributes:
+        queued: Number of the newest work that was queued, counted from 1.
     """
 
     def __init__(self, slice_: float, clock: Callable[[], float]) -> None:
         self._slice = slice_
         self._clock = clock
         self._used = 0.0
-        self._queues: dict[str, deque[Work]] = {}
+        self._queues: dict[str, deque[tuple[int, Work]]] = {}
+        self.queued = 0
 
     @property
     def free(self) -> bool:
@@ -46,7 +50,12 @@ class Lane:
 
     def add(self, identity: str, work: Work) -> None:
         """Queue work of an identity."""
-        self._queues.setdefault(identity, deque()).append(work)
+        self.queued += 1
+        self._queues.setdefault(identity, deque()).append((self.queued, work))
+
+    def waits(self, number: int) -> bool:
+        """Return True if work that was queued up to this number waits."""
+        return any(queue[0][0] <= number for queue in self._queues.values())
 
     def do(self, work: Work) -> None:
         """Do work now and count its time."""
@@ -60,7 +69,7 @@ class Lane:
         while self._queues and self._used < self._slice:
             identity, queue = next(iter(self._queues.items()))
             del self._queues[identity]
-            work = queue.popleft()
+            _, work = queue.popleft()
             if queue:
                 self._queues[identity] = queue
             self.do(work)
@@ -78,10 +87,13 @@ class Turns:
         self._others = Lane(_OTHERS, clock)
         self._armed = False
 
-    @property
-    def holders_wait(self) -> bool:
-        """True if a session that holds a robot waits for its turn."""
-        return self._holders.waiting
+    def holders_queued(self) -> int:
+        """Return the number of the newest work that was queued for sessions that hold a robot."""
+        return self._holders.queued
+
+    def holders_wait(self, number: int) -> bool:
+        """Return True if such work that was queued up to this number waits."""
+        return self._holders.waits(number)
 
     def now(self, identity: str, holder: bool, work: Work) -> None:
         """Do work at once if this turn has time for it, else queue it."""
