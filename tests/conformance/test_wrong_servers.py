@@ -289,6 +289,21 @@ def replaced_stops_unknown(patch):
     around(patch, Stops, "find", lambda right: lambda self, id_: self._in_force.get(id_))
 
 
+def overtaken_resets_lift(patch):
+    def accept(right):
+        def wrong(self, payload):
+            self._overtaken = 0
+            return right(self, payload)
+
+        return wrong
+
+    around(patch, connection.Connection, "_accept", accept)
+
+
+def replaced_stops_lifted(patch):
+    patch.setattr(Core, "_in_force", lambda self, stop: True)
+
+
 def first_reason_only(patch):
     around(patch, translate, "reasons", lambda right: lambda given: right(given)[:1])
 
@@ -538,6 +553,8 @@ WRONG = {
     "stops pile up": (stops_pile_up, "STP-15/again", "session"),
     "more stops than allowed": (more_stops_than_allowed, "STP-16/many", "session"),
     "replaced stops unknown": (replaced_stops_unknown, "STP-17/replaced", "session"),
+    "overtaken resets lift": (overtaken_resets_lift, "MSG-12/overtaken", "session"),
+    "replaced stops lifted": (replaced_stops_lifted, "STP-18/replaced", "session"),
     "the first reason only": (first_reason_only, "CMD-38/joints", "session"),
     "anybody resets": (anybody_resets, "STP-8/controller", "session"),
     "observers signal": (observers_signal, "SIG-2/observer", "session"),

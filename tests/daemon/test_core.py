@@ -271,6 +271,20 @@ def test_a_robot_under_two_stops_is_free_after_the_second_reset(bench):
     assert boss.last(m.Lease).state == "held"
 
 
+def test_a_client_that_knows_of_replaced_stops_lifts_only_the_stop_that_it_names(bench):
+    boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
+    boss.capabilities = frozenset({"stop.replaces"})
+    for _ in range(2):
+        bench.core.handle(eye, m.Stop(robot="A"))
+    bench.tick()
+    first, second = [stopped.stop for stopped in eye.take(m.Stopped)]
+    bench.core.handle(boss, m.Reset(stop=first))
+    error(boss, "unknown_stop")
+    assert eye.take(m.Resumed) == []
+    bench.core.handle(boss, m.Reset(stop=second))
+    assert boss.last(m.Resumed).stop == second
+
+
 def test_many_stops_of_one_client_are_one_stop(bench):
     boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
     for _ in range(200):

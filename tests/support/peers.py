@@ -14,8 +14,9 @@ from armgate.protocol import messages as m
 class Peer:
     """A client whose messages are kept."""
 
-    def __init__(self, id_, name, role="controller"):
+    def __init__(self, id_, name, role="controller", capabilities=()):
         self.id, self.name, self.role = id_, name, role
+        self.capabilities = frozenset(capabilities)
         self.identity, self.token_name, self.address = "here", None, "127.0.0.1:4711"
         self.known_as = None
         self.robots = self.subscription = None

@@ -246,7 +246,7 @@ class Cell(CellHandle):
         """Lifts a stop (operators); leases must be taken again.
 
         Raises:
-            Refused: ``unknown_stop``, ``moving`` or ``forbidden``.
+            Refused: ``unknown_stop`` (also if a newer stop took its place), ``moving`` or ``forbidden``.
         """
         return await self._ask(build(Reset, stop=stop), Resumed)
 

@@ -192,7 +192,7 @@ class Cell(CellHandle):
         """Lifts a stop (operators); leases must be taken again.
 
         Raises:
-            Refused: ``unknown_stop``, ``moving`` or ``forbidden``.
+            Refused: ``unknown_stop`` (also if a newer stop took its place), ``moving`` or ``forbidden``.
         """
         return self._ask(build(Reset, stop=stop), Resumed)
 

@@ -39,6 +39,9 @@ from armgate.protocol.messages import (
 KEEPALIVE_SHARE = 1 / 3
 """A sign of life is given after this share of a lease's time to live."""
 
+_CAPABILITIES = ("stop.replaces",)
+"""Capabilities named in hello: this client resets only stops that it knows to be in force."""
+
 
 class Session:
     """One client's conversation with a daemon.
@@ -77,9 +80,9 @@ class Session:
 
     def hello(self, name: str, role: Role, token: str | None, software: str) -> bytes:
         """The first message; the shell then waits for ``welcome``."""
-        own = {} if token is None else {"token": token}
-        versions = self._connection.versions
-        return self._say(build(Hello, versions=versions, name=name, role=role, software=software, **own))
+        own: dict[str, Any] = {} if token is None else {"token": token}
+        own |= {"versions": self._connection.versions, "capabilities": _CAPABILITIES}
+        return self._say(build(Hello, name=name, role=role, software=software, **own))
 
     def ask(self, request: Request) -> tuple[int, bytes]:
         """A request: the number by which ``pending.answer`` finds the answer, and its bytes."""

@@ -10,7 +10,7 @@ from armgate.cell.config import ServerConfig, SignalRuleConfig
 from armgate.daemon import translate
 from armgate.daemon.board import Board, Newest
 from armgate.daemon.leasing import LeaseTime, Leasing
-from armgate.daemon.library import Library
+from armgate.daemon.library import STOP_REPLACES, Library
 from armgate.daemon.log import Log
 from armgate.daemon.peer import Peer, answer
 from armgate.daemon.runner import GateRunner, Told
@@ -331,7 +331,13 @@ class Core:
         if self.ending:
             text = "the daemon is ending: nothing is reset any more"
             raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, text, fatal=False, about="reset")
+        if STOP_REPLACES in peer.capabilities and not self._in_force(request.stop):
+            # It may have been replaced by a stop that this operator has not seen yet.
+            raise RemoteProtocolError(*_unknown_stop(request.stop), about="reset")
         self._feed(events.Reset(request.stop, peer.name), peer, request)
+
+    def _in_force(self, stop: int) -> bool:
+        return any(stop in self._runner.view(robot).stops for robot in self.robots)
 
     def _stopped(self, stopped: events.Stopped, asker: Peer | None, request: m.Request | None) -> None:
         reason = translate.text(stopped.reason)

@@ -16,7 +16,10 @@ from armgate.protocol import messages as m
 _LARGEST_ID = 2**31 - 1
 
 STOP_REPLACES = "stop.replaces"
-"""The capability of servers in which a repeated stop takes the place of the one that it repeats."""
+"""The capability of servers in which a repeated stop takes the place of the one that it repeats.
+
+A client that names it too lifts no stop by the id of one that was replaced.
+"""
 
 SESSIONS = "sessions"
 """The capability of servers that list sessions and end one of them for operators."""

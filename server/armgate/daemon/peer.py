@@ -43,6 +43,10 @@ class Peer(Protocol):
     subscription: Subscription | None
 
     @property
+    def capabilities(self) -> frozenset[str]:
+        """The capabilities that it named in its hello."""
+
+    @property
     def token_name(self) -> str | None:
         """Name of its token, None without one."""
 

@@ -152,6 +152,11 @@ class Session(asyncio.BufferedProtocol, Place):
         return self._connection.version
 
     @property
+    def capabilities(self) -> frozenset[str]:
+        """The capabilities that the client named in its hello."""
+        return self._connection.capabilities
+
+    @property
     def greeted(self) -> bool:
         """Whether the client has been welcomed."""
         return bool(self.id)

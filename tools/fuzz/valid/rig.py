@@ -40,6 +40,7 @@ class Client:
         self.name: str = name
         self.role: m.Role = role
         self.identity = "memory"
+        self.capabilities: frozenset[str] = frozenset()
         self.token_name: str | None = None
         self.known_as: str | None = None
         self.address = "memory"

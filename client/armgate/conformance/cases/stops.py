@@ -274,6 +274,42 @@ async def _(trial: Trial) -> None:
     await wire.answered("acquire", "lease", robot=trial.robot)
 
 
+@case(
+    "MSG-12/overtaken",
+    "Stop a robot; send many pings, a reset of that stop and the same stop again in one write",
+    "The robot is still stopped when all are answered, by the second stop",
+)
+async def _(trial: Trial) -> None:
+    wire = await trial.operator()
+    first = (await wire.answered("stop", "stopped", robot=trial.robot))["stop"]
+    await trial.rested()
+    pings = [{"type": "ping", "time": 0.0} for _ in range(200)]
+    last = {"type": "stop", "id": 501, "robot": trial.robot}
+    wire.say(
+        *pings, {"type": "reset", "id": 500, "stop": first}, last, {"type": "ping", "id": 502, "time": 0.0}
+    )
+    await wire.answer_to(502)
+    await wire.refused("acquire", "stopped", robot=trial.robot)
+
+
+@case(
+    "STP-18/replaced",
+    "As an operator with the capability stop.replaces, stop a robot twice for one reason, and reset the first stop",
+    "unknown_stop, and the second stop stays in force until it is reset",
+    also=("STP-9",),
+)
+async def _(trial: Trial) -> None:
+    if "stop.replaces" not in trial.facts.welcome.get("capabilities", ()):
+        raise Skip("the server does not name the capability stop.replaces")
+    wire = await trial.client("operator", "operator", capabilities=["stop.replaces"])
+    first, second = [(await wire.answered("stop", "stopped", robot=trial.robot))["stop"] for _ in range(2)]
+    await trial.rested()
+    await wire.refused("reset", "unknown_stop", stop=first)
+    await wire.refused("acquire", "stopped", robot=trial.robot)
+    await trial.lifted(wire, second)
+    await wire.answered("acquire", "lease", robot=trial.robot)
+
+
 # --- signals ----------------------------------------------------------------------------------------------
 
 _SIGNALS = 64
