@@ -104,6 +104,11 @@ def refused(rig, travel, farthest, krc):
     assert rig.krc_setpoint == pytest.approx(travel.start, abs=1e-7)
 
 
+def farther(shape, lost):
+    """Return the bounds of a probe in which so many datagrams are lost in one piece."""
+    return [far + lost * amplitude for far, amplitude in zip(shape.farthest, shape.amplitude, strict=True)]
+
+
 @pytest.mark.parametrize(("cell", "krc"), list(product(MODES, MODES)))
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
@@ -118,10 +123,28 @@ def test_a_datagram_that_is_lost_in_the_probe_moves_it_little_farther(tmp_path, 
     travel.cycles(600, lambda: rig.state in ("ready", "faulted"))
     assert rig.state == ("ready" if cell == krc and hold != (cell == "relative") else rig.state)
     assert (rig.state == "ready") <= (cell == krc)
-    bounds = [2.0 * far for far in shape.farthest]
-    assert travel.within(bounds)
-    rig.cycles(100)
-    assert travel.within(bounds)
+    assert travel.within(farther(shape, 1))
+    travel.cycles(100)
+    assert travel.within(farther(shape, 1))
+
+
+@pytest.mark.parametrize(("cell", "krc"), list(product(MODES, MODES)))
+@pytest.mark.parametrize("hold", [0, 1])
+@pytest.mark.parametrize("count", [3, 15])
+def test_replies_lost_at_the_peak_of_the_probe_add_one_amplitude_each(tmp_path, cell, krc, hold, count):
+    rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold)
+    rig.operate("start")
+    shape, travel = shape_of(rig.setup), Travel(rig)
+    travel.cycles(100, lambda: rig.krc_setpoint != travel.start)
+    travel.cycles(shape.half // 2 - 1)
+    travel.cycles(count, to_krc=False)
+    travel.cycles(700, lambda: rig.state in ("ready", "faulted"))
+    travel.cycles(100)
+    assert travel.within(farther(shape, count))
+    if krc == "relative" and hold == 1:
+        assert travel.far[0] > count * shape.amplitude[0]
+    if cell != krc:
+        assert rig.state == "faulted"
 
 
 @pytest.mark.parametrize("krc", MODES)
@@ -241,6 +264,31 @@ def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, 
     stands = rig.krc_setpoint
     rig.cycles(50, to_krc=False)
     assert rig.krc_setpoint == stands
+
+
+@pytest.mark.parametrize(("speed", "missed", "outwards"), [(5.0, 0, 1.0), (60.0, 0, -1.0), (20.0, 5, 1.0)])
+@pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
+def test_an_absolute_krc_whose_robot_is_pushed_keeps_its_total(tmp_path, profile, speed, missed, outwards):
+    """Zeros would command a step of the whole total, 20° here, to a robot that did not run away."""
+    rig = Rig(tmp_path, profile, lag="120 ms" if profile == "krc2-rsi2" else "30 ms").begin()
+    start = rig.krc_setpoint[0]
+    rig.drive(round(0.7 / rig.period), *(outwards * 0.6 * rig.period if j == 0 else 0.0 for j in range(6)))
+    at_rest(rig, round(1.0 / rig.period))
+    held, total = rig.krc_setpoint, rig.replies[-1]
+    assert outwards * (held[0] - start) > math.radians(20.0)
+    pushed = 0.0
+
+    def push(data):
+        return re.sub(
+            rb'(<AIPos A1=")([^"]*)', lambda m: m[1] + b"%.6f" % (float(m[2]) + outwards * pushed), data
+        )
+
+    for number in range(60):
+        pushed = min(pushed + speed * rig.period, 2.0)
+        rig.cycle(edit=push, to_pc=number % (missed + 1) == missed)
+        assert re.findall(rb"<AK[^>]*>", rig.replies[-1]) == re.findall(rb"<AK[^>]*>", total)
+    assert rig.krc_setpoint == held
+    assert rig.stops
 
 
 def test_a_run_that_is_proven_is_not_probed_again(tmp_path):

@@ -190,9 +190,10 @@ class RsiLink:
         sequence = Sequence(telegram.ipoc, telegram.delay)
         reference = telegram.programmed if self._setup.programmed else telegram.q
         commanded = Commanded(self._setup.axes, reference, self._setup.relative)
+        runaway = Runaway(self._setup.tolerance, self._setup.speed, self._setup.period)
         run = Run(
             self._setup, source[:2], sequence, commanded, telegram.q, telegram.programmed, now,
-            Probe(self._setup), Runaway(self._setup.tolerance, self._setup.period),
+            Probe(self._setup), runaway,
         )  # fmt: skip
         self._run, self._rebased = run, self._player.tick >= 0
         self._player.drop()
@@ -234,7 +235,7 @@ class RsiLink:
             self._contradict(objection)
         self._agree(run, telegram, follows, now)
         if run.proven and not self._setup.relative and not run.adds:
-            self._watch(run, telegram)
+            self._watch(run, telegram, follows.missed + 1)
         return self._answer(run, telegram, now)
 
     def _jumped(self, run: Run, telegram: Telegram, now: float) -> Answer:
@@ -293,10 +294,10 @@ class RsiLink:
         self._rebased = True
         return True
 
-    def _watch(self, run: Run, telegram: Telegram) -> None:
+    def _watch(self, run: Run, telegram: Telegram, cycles: int) -> None:
         """Find out whether the robot runs away under its held total, which zeros stop then."""
         commanded = run.commanded
-        number = run.runaway.take(telegram.q, commanded.setpoint, commanded.reference)
+        number = run.runaway.take(telegram.q, commanded.setpoint, commanded.reference, cycles)
         if number is not None:
             run.adds = self._rebased = True
             self._player.drop()

@@ -3,7 +3,8 @@
 The probe has excluded it before anything moved. This is the second line, in case the KRC's mode has changed
 since: repeating the held total would then move the robot on, and silence too if HOLDON is 1. A robot that
 follows a commanded path with a lag stays between the setpoints of the past, and is no faster than they were.
-One that adds up leaves them in the direction of its correction, and is faster.
+One that adds up leaves them in the direction of its correction, and moves by its total in each cycle, or as
+fast as the axis can. A pushed robot is slower: zeros would throw it back by its whole total.
 """
 
 from collections import deque
@@ -12,10 +13,12 @@ from armgate.cell.events import Joints
 
 _WINDOW = 0.5
 """Setpoints of this time at least are those of the past, s."""
-_CYCLES = 4
+_TELEGRAMS = 4
 """Telegrams over which speeds are compared."""
 _FASTER, _FASTEST = 1.5, 1.3
 """Speed in commanded speeds from which on, and in speeds of a relative KRC up to which, a robot adds up."""
+_SLOWEST, _HURRIES = 0.25, 0.5
+"""Speed from which on a robot adds up, in speeds of a relative KRC (a lag hides some) or in top speeds."""
 _OUTSIDE = 2.0
 """Distance from the setpoints of the past, in tolerances."""
 
@@ -25,21 +28,25 @@ class Runaway:
 
     Args:
         tolerance: How far a resting joint may be from where it should be, rad or m.
+        speed: Top speed of each joint, per s.
         period: s.
     """
 
-    def __init__(self, tolerance: Joints, period: float) -> None:
+    def __init__(self, tolerance: Joints, speed: Joints, period: float) -> None:
         self._tolerance = tolerance
         self._room = tuple(_OUTSIDE * one for one in tolerance)
+        self._hurries = tuple(_HURRIES * one * period for one in speed)
         self._size = max(round(_WINDOW / period), 1)
-        self._past: deque[tuple[Joints, Joints]] = deque(maxlen=_CYCLES + 1)
+        self._past: deque[tuple[Joints, Joints, int]] = deque(maxlen=_TELEGRAMS + 1)
+        self._cycle = 0
         self._count = self._size
         self._ranges: deque[list[list[float]]] = deque(maxlen=2)
 
-    def take(self, q: Joints, setpoint: Joints, reference: Joints) -> int | None:
-        """Take a telegram over; return the axis that adds up, None if none does."""
-        self._past.append((q, setpoint))
-        before, was = self._past[0]
+    def take(self, q: Joints, setpoint: Joints, reference: Joints, cycles: int) -> int | None:
+        """Take a telegram over, ``cycles`` after the last one; return the axis that adds up, if any."""
+        self._cycle += cycles
+        self._past.append((q, setpoint, self._cycle))
+        before, was, then = self._past[0]
         if self._count >= self._size:
             self._count = 0
             self._ranges.append([list(setpoint), list(setpoint), [0.0] * len(q)])
@@ -50,7 +57,7 @@ class Runaway:
         for j, (x, room) in enumerate(zip(q, self._room, strict=True)):
             if low[j] - room <= x <= high[j] + room:
                 continue
-            if self._adds(j, x, x - before[j], setpoint[j] - reference[j]):
+            if self._adds(j, x, x - before[j], setpoint[j] - reference[j], self._cycle - then):
                 return j
         return None
 
@@ -63,14 +70,15 @@ class Runaway:
                 high[j] = now
             fast[j] = max(fast[j], abs(now - then))
 
-    def _adds(self, j: int, q: float, moved: float, total: float) -> bool:
+    def _adds(self, j: int, q: float, moved: float, total: float, cycles: int) -> bool:
         """Return True if an axis is outside of older setpoints too, and as fast as if it added up."""
         low = min(ranges[0][j] for ranges in self._ranges)
         high = max(ranges[1][j] for ranges in self._ranges)
         fast = max(ranges[2][j] for ranges in self._ranges)
         outside, along = (q - high, moved) if total > 0.0 else (low - q, -moved)
+        adding = cycles * abs(total)
         return (
             outside > self._room[j]
             and along > _FASTER * fast + 0.5 * self._tolerance[j]
-            and along < _FASTEST * _CYCLES * abs(total)
+            and min(_SLOWEST * adding, self._hurries[j] * cycles) < along < _FASTEST * adding
         )
