@@ -68,6 +68,7 @@ def test_no_combination_moves_an_axis_farther_than_stated(tmp_path, cell, krc, h
     farthest, travel = shape_of(rig.setup).farthest, Travel(rig)
     travel.cycles(600, lambda: rig.state in ("ready", "faulted"))
     assert travel.within(farthest)
+    assert not any(any(tick.increment) for tick in rig.ticks)  # no plan was played
     if cell != krc:
         refused(rig, travel, farthest, krc)
         return
