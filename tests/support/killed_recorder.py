@@ -72,11 +72,11 @@ def mortal(death):
             if death.where == "after_chunk" and death.put >= 300:
                 death.now()
 
-        def close(self):
+        def close(self, **how):
             self.flush()
             if death.where == "closing" and death.ending:
                 death.writes = 1
-            return super().close()
+            return super().close(**how)
 
     return Mortal.create
 
