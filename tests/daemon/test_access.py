@@ -163,6 +163,44 @@ def test_the_socket_takes_the_place_of_one_that_was_left_and_of_nothing_else(tmp
     assert path.read_text() == "something"
 
 
+def test_the_socket_has_its_mode_from_the_beginning(tmp_path, monkeypatch):
+    monkeypatch.setattr(t.Path, "chmod", lambda *_: pytest.fail("a link may be in its place by then"))
+    before = os.umask(0o077)
+    try:
+        served = LocalSocket(tmp_path / "cell.sock")
+        assert os.umask(0o077) == 0o077
+    finally:
+        os.umask(before)
+    assert served.path.stat().st_mode & 0o777 == 0o666
+    served.close()
+
+
+@pytest.mark.parametrize(("mode", "refused"), [(0o755, False), (0o775, True), (0o757, True), (0o1777, False)])
+def test_the_socket_is_in_a_folder_that_no_other_user_can_write(tmp_path, mode, refused):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    folder.chmod(mode)
+    if refused:
+        with pytest.raises(LocalError, match="other users may write"):
+            LocalSocket(folder / "cell.sock")
+        assert not [*folder.iterdir()]
+    else:
+        LocalSocket(folder / "cell.sock").close()
+
+
+def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(t.os, "geteuid", lambda: 4711)
+    if tmp_path.stat().st_uid == 0:
+        os.chown(tmp_path, 4712, -1)
+    with pytest.raises(LocalError, match="other users may write"):
+        LocalSocket(tmp_path / "cell.sock")
+
+
+def test_a_folder_that_there_is_not_is_named(tmp_path):
+    with pytest.raises(LocalError, match=r"none: No such file or directory; expected a folder"):
+        LocalSocket(tmp_path / "none" / "cell.sock")
+
+
 def test_a_socket_that_was_replaced_by_a_file_can_be_closed(tmp_path):
     path = tmp_path / "cell.sock"
     served = LocalSocket(path)

@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import stat
 
 import pytest
@@ -586,6 +587,23 @@ async def test_on_a_unix_socket_the_kernel_tells_who_a_client_is(tmp_path, conne
     assert welcome["address"] == f"uid {os.getuid()}"
     with pytest.raises(ConnectionLost, match="does `armgate serve` run there"):
         await connect(address, "me", role)
+
+
+@pytest.mark.parametrize("name", ["a", "\0a", "\0abc"])
+async def test_the_name_of_a_clients_own_socket_does_no_harm(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    config = tmp_path / "arms.yaml"
+    config.write_text(
+        arms_yaml(server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: observer}}}}}}")
+    )
+    async with Process.serving(config, host="unix") as daemon:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.bind(name)
+            client.connect("cell.sock")
+            async with await aio.connect(f"unix:{tmp_path / 'cell.sock'}", "me", "observer") as cell:
+                await cell.ping()
+        daemon.signal()
+        assert (await daemon.end())[0] == 0
 
 
 async def test_a_user_that_is_not_listed_needs_a_token(tmp_path):

@@ -8,6 +8,7 @@ connection.
 # ruff: noqa: ASYNC109 (timeouts are parameters here as there)
 
 import asyncio
+import socket
 import ssl
 from collections.abc import AsyncIterator, Callable, Iterable
 from time import monotonic
@@ -19,6 +20,7 @@ from armgate.client.asset import Download
 from armgate.client.errors import ClientError, TimedOut
 from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
 from armgate.client.session import Session, build
+from armgate.client.stream import AGAIN
 from armgate.client.tick import Tick
 from armgate.client.tls import Tls, check_token, context_of, no_connection, no_tls_on
 from armgate.protocol.messages import (
@@ -104,7 +106,24 @@ async def _call(wire: "Wire", address: str, context: ssl.SSLContext | None) -> N
         await loop.create_connection(lambda: wire, *parse_address(address), ssl=context)
     else:
         no_tls_on(address, context)
-        await loop.create_unix_connection(lambda: wire, path)
+        await loop.create_unix_connection(lambda: wire, sock=await _connected(path))
+
+
+async def _connected(path: str) -> socket.socket:
+    """Connect to a Unix socket; while its queue is full, which asyncio takes for success, try again."""
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    sock.setblocking(False)
+    try:
+        while True:
+            try:
+                sock.connect(path)
+            except BlockingIOError:
+                await asyncio.sleep(AGAIN)
+            else:
+                return sock
+    except BaseException:
+        sock.close()
+        raise
 
 
 class Wire(asyncio.Protocol):

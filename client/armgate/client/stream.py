@@ -3,10 +3,15 @@
 import select
 import socket
 import ssl
+from errno import ETIMEDOUT
+from time import monotonic, sleep
 from typing import Any
 
 _CHUNK = 64 * 1024
 """Room for what comes at once: more than this is memory that the system makes anew each time."""
+
+AGAIN = 0.02
+"""Time between two attempts to connect while the queue of a Unix socket is full, s."""
 
 
 class Stream:
@@ -48,12 +53,12 @@ class Stream:
         """Connect to a Unix socket within ``timeout``.
 
         Raises:
-            OSError: No daemon listens there.
+            OSError: No daemon listens there, or its queue is full until the end of ``timeout``.
         """
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             sock.settimeout(timeout)
-            sock.connect(path)
+            _connect(sock, path, monotonic() + timeout)
         except BaseException:
             sock.close()
             raise
@@ -100,3 +105,16 @@ class Stream:
     def close(self) -> None:
         """Closes it."""
         self._socket.close()
+
+
+def _connect(sock: socket.socket, path: str, end: float) -> None:
+    """Connect to a Unix socket; while its queue is full, which the kernel reports at once, try again."""
+    while True:
+        try:
+            sock.connect(path)
+        except BlockingIOError:
+            if monotonic() + AGAIN > end:
+                raise TimeoutError(ETIMEDOUT, f"the queue of {path} is full") from None
+            sleep(AGAIN)
+        else:
+            return

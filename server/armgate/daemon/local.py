@@ -59,12 +59,12 @@ class LocalSocket:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        _check_folder(path.parent)
         self._lock = _locked(path.with_name(path.name + ".lock"))
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             _unlink(path)
-            self.socket.bind(str(path))
-            path.chmod(0o666)
+            _bind(self.socket, path)
             self.socket.listen(_QUEUE)
         except OSError as error:
             self.socket.close()
@@ -79,6 +79,31 @@ class LocalSocket:
         with suppress(OSError):  # another program may have replaced the file
             _unlink(self.path)
         os.close(self._lock)
+
+
+def _check_folder(folder: Path) -> None:
+    """Check that no other user could put a socket of its own in the place of the daemon's.
+
+    Raises:
+        LocalError: Another user could, or there is no such folder.
+    """
+    try:
+        found = folder.stat()
+    except OSError as error:
+        raise LocalError(f"server.socket.path: {folder}: {error.strerror}; expected a folder") from error
+    writable = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not found.st_mode & stat.S_ISVTX
+    if writable or found.st_uid not in (os.geteuid(), 0):
+        text = f"server.socket.path: other users may write {folder}, and so replace the socket"
+        raise LocalError(f"{text}; expected a folder of this user or of root with mode 755 or less")
+
+
+def _bind(sock: socket.socket, path: Path) -> None:
+    """Bind with the mode 666 from the beginning: a chmod afterwards could meet another file."""
+    before = os.umask(0o111)
+    try:
+        sock.bind(str(path))
+    finally:
+        os.umask(before)
 
 
 def _unlink(path: Path) -> None:
