@@ -4,12 +4,14 @@ import asyncio
 import io
 import socket
 import ssl
+from time import monotonic
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from armgate.daemon import listener as module
+from armgate.daemon.attempts import Attempts
 from armgate.daemon.listener import Listener, Place
 from armgate.daemon.log import Log
 from armgate.daemon.room import Room
@@ -44,7 +46,7 @@ class House:
         self.places, self.clients, self.lost, self.evicted = [], [], 0, 0
         self.log = io.StringIO()
         self.writer = Log(self.log)
-        given = {"rate": 1e6, "tls": None, "handshake": 5.0}
+        given = {"rate": 1e6, "tls": None, "handshake": 5.0, "refused": Attempts(1e6, 1e6, 0.0)}
         self.room = Room(more.pop("in_all", 100), more.pop("per_origin", 100))
         self.listener = Listener(lambda guest: Seat(self, guest), self.room, log=self.writer, **given | more)
 
@@ -204,6 +206,20 @@ async def test_half_open_tls_ends_in_time_and_leaves_its_place(tmp_path):
         assert await asyncio.wait_for(loop.sock_recv(house.clients[1], 4096), PATIENCE) is not None
         await until(lambda: house.room.empty)
         assert house.lost == 0
+    assert house.log.getvalue().count("tls.failed") == 2
+
+
+async def test_failed_tls_is_logged_up_to_a_number(tmp_path):
+    context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
+    async with House(tls=context, refused=Attempts(2.0, 2.0, monotonic())) as house:
+        await house.connect(6)
+        loop = asyncio.get_running_loop()
+        for client in house.clients:
+            await loop.sock_sendall(client, b"GET / HTTP/1.1\r\n\r\n")
+        for client in house.clients:
+            while await asyncio.wait_for(loop.sock_recv(client, 4096), PATIENCE):
+                pass
+        await until(lambda: house.room.empty)
     assert house.log.getvalue().count("tls.failed") == 2
 
 

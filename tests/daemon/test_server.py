@@ -9,8 +9,10 @@ import pytest
 
 from armgate.cell import events
 from armgate.cell.cell import build_cell
+from armgate.daemon.access import Keys
 from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
+from armgate.daemon.tokens import Tokens
 from armgate.integrity import Gate
 from armgate.protocol import messages as m
 from armgate.protocol.framing import frame
@@ -45,12 +47,14 @@ class Broken:
 class Running:
     """A daemon that serves."""
 
-    def __init__(self, config, make=Gate):
+    def __init__(self, config, make=Gate, keys=None):
         self.log = io.StringIO()
         self.writer = Log(self.log)
         self.cell = build_cell(config)
         self.made = []
-        self.daemon = Daemon(self.cell, lambda *a: self.made.append(make(*a)) or self.made[-1], self.writer)
+        self.daemon = Daemon(
+            self.cell, lambda *a: self.made.append(make(*a)) or self.made[-1], self.writer, keys
+        )
 
     async def __aenter__(self):
         port = asyncio.get_running_loop().create_future()
@@ -264,3 +268,30 @@ async def test_told_to_end_it_stops_the_robots_though_it_cannot_stop_listening(t
         assert [x.by for x in await eye.rest() if isinstance(x, m.Stopped)] == ["daemon"]
         assert await running.status() == 0
         assert told == [True]
+
+
+FEW = {"login_failures": 3, "login_failures_per_address": 3}
+
+
+async def test_connections_that_are_never_welcomed_leave_a_bounded_log(tmp_path):
+    async with Running(config_of(tmp_path, server=FEW), keys=Keys(tokens=Tokens([]))) as running:
+        for _ in range(10):
+            guess, crooked, silent = [await Raw.open(running.port) for _ in range(3)]
+            guess.send(m.Hello(versions=(1,), name="guess", token="guess"))
+            crooked.send_bytes(b"\x00" * 4)
+            await silent.close()
+            assert (await guess.rest())[-1].code == "unauthorized"
+            await crooked.rest()
+    assert len(running.logged("login.failed")) == 3
+    assert not running.logged("gone")
+    assert not running.logged("refused")
+
+
+async def test_other_refusals_are_logged_up_to_a_number(tmp_path, monkeypatch):
+    async with Running(config_of(tmp_path, server=FEW)) as running:
+        monkeypatch.setattr(running.daemon._room, "admit", lambda *_: "there is no room")
+        for _ in range(10):
+            wire = await Raw.open(running.port)
+            wire.send(m.Hello(versions=(1,), name="stranger"))
+            await wire.rest()
+    assert [line["name"] for line in running.logged("refused")] == ["stranger"] * 3

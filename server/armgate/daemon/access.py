@@ -132,8 +132,5 @@ class Access:
         raise RemoteProtocolError(ErrorCode.UNAUTHORIZED, text, about="hello")
 
     def _note(self, hello: Hello, guest: Guest, now: float, why: str, token: str | None) -> None:
-        unlogged = self._attempts.failed(guest.origin, now)
-        if unlogged is None:
-            return
-        more = {"unlogged": unlogged} if unlogged else {}
-        self._log.warning("login.failed", origin=guest.origin, why=why, token=token, role=hello.role, **more)
+        fields = {"why": why, "token": token, "role": hello.role}
+        self._attempts.note(self._log, "login.failed", guest.origin, now, **fields)

@@ -1,4 +1,4 @@
-"""Failed logins: how many are logged one by one, from one address and in all.
+"""Failed logins and refused connections: how many are logged one by one, from one address and in all.
 
 Guessing a token is hopeless (2^256), so failures close no door: a right token is accepted whatever else comes
 from its address. What failures cost is lines of the log; these are bounded here.
@@ -7,6 +7,7 @@ from its address. What failures cost is lines of the log; these are bounded here
 from collections import OrderedDict
 
 from armgate.daemon.bucket import Bucket
+from armgate.daemon.log import Log
 
 _REMEMBERED = 1024
 _MINUTE = 60.0
@@ -38,3 +39,10 @@ class Attempts:
             return unlogged
         self._unlogged += 1
         return None
+
+    def note(self, log: Log, event: str, origin: str, now: float, **fields: object) -> None:
+        """Count a failure and log it as a warning, unless too many were logged already."""
+        unlogged = self.failed(origin, now)
+        if unlogged is not None:
+            more = {"unlogged": unlogged} if unlogged else {}
+            log.warning(event, origin=origin, **fields, **more)

@@ -13,6 +13,7 @@ from pathlib import Path
 from time import monotonic
 
 from armgate.daemon.address import origin
+from armgate.daemon.attempts import Attempts
 from armgate.daemon.bucket import Bucket
 from armgate.daemon.local import LocalSocket
 from armgate.daemon.log import Log
@@ -54,6 +55,7 @@ class Listener:
         tls: Encrypts them; None: they are not.
         handshake: How long TLS may take, s.
         log: Where failures are logged.
+        refused: Counts the connections that were refused, to bound what is logged.
     """
 
     def __init__(
@@ -65,7 +67,9 @@ class Listener:
         tls: ssl.SSLContext | None,
         handshake: float,
         log: Log,
+        refused: Attempts,
     ) -> None:
+        self._refused = refused
         self._make = make
         self._room = room
         self._tls = tls
@@ -204,7 +208,7 @@ class Listener:
                 ssl_handshake_timeout=None if local else self._handshake,
             )
         except OSError as error:
-            self._log.warning("tls.failed", origin=guest.origin, error=str(error))
+            self._refused.note(self._log, "tls.failed", guest.origin, monotonic(), error=str(error))
             self.left(guest)
 
 

@@ -133,8 +133,9 @@ class Daemon:
         self._numbers = 0
         self._keys = keys = keys or Keys()
         self._room = Room(self._settings.max_connections, self._settings.max_connections_per_address)
+        self._refused = self._attempts()
         self._listener = self._listening(keys)
-        self._access = self._door(keys)
+        self._access = Access(keys.tokens, self._attempts(), self._log, keys.users)
         self._turns = Turns()
         self._allowances = _allowances(self._settings)
         self._rereading = self._reread_by(keys)
@@ -449,13 +450,17 @@ class Daemon:
             tls=keys.tls,
             handshake=own.handshake_timeout,
             log=self._log,
+            refused=self._refused,
         )
 
-    def _door(self, keys: Keys) -> Access:
-        now = monotonic()
+    def _attempts(self) -> Attempts:
         own = self._settings
-        attempts = Attempts(own.login_failures, own.login_failures_per_address, now)
-        return Access(keys.tokens, attempts, self._log, keys.users)
+        return Attempts(own.login_failures, own.login_failures_per_address, monotonic())
+
+    def _note(self, event: str, session: Session, **fields: object) -> None:
+        """Log what became of a connection that was never welcomed, up to a bound."""
+        origin = session.guest.origin
+        self._refused.note(self._log, event, origin, monotonic(), session=session.number, **fields)
 
     def _session(self, guest: Guest) -> Session:
         self._numbers += 1
@@ -476,7 +481,7 @@ class Daemon:
         if session.guest.refusal:
             session.end(RemoteProtocolError(ErrorCode.TOO_MANY, session.guest.refusal).message())
         elif session.certificate is not None and not is_for_clients(session.certificate):
-            self._log.warning("certificate.refused", session=session.number, origin=session.guest.origin)
+            self._note("certificate.refused", session)
             session.end(RemoteProtocolError(ErrorCode.UNAUTHORIZED, _NOT_FOR_CLIENTS).message())
         else:
             seconds = self._settings.handshake_timeout
@@ -498,7 +503,8 @@ class Daemon:
             self._pace.join(session)
         except RemoteProtocolError as error:
             session.id, error.re = "", hello.id
-            self._log.warning("refused", session=session.number, name=hello.name, code=error.code)
+            if error.code is not ErrorCode.UNAUTHORIZED:  # else it is logged as login.failed
+                self._note("refused", session, name=hello.name, code=error.code)
             session.end(error.message())
             return
         session.allow(None)
@@ -549,7 +555,8 @@ class Daemon:
 
     def gone(self, session: Session, reason: str) -> None:
         """A connection is gone, or about to be."""
-        self._log.info("gone", session=session.id or session.number, name=session.name, reason=reason)
+        if session.greeted:
+            self._log.info("gone", session=session.id, name=session.name, reason=reason)
         if session.greeted and self._phase in (Phase.RUNNING, Phase.RESTING):
             self._pace.leave(session)
 
