@@ -9,6 +9,10 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
+from armgate.cell.mesh.obj import read_obj
+from armgate.cell.mesh.off import read_off
+from armgate.cell.mesh.ply import read_ply
+from armgate.cell.mesh.stl import read_stl
 from armgate.monitor.errors import DescriptionError
 from armgate.monitor.mesh_files import read_mesh
 from armgate.monitor.model import build
@@ -180,6 +184,38 @@ def test_quaternions_and_accelerations_of_a_urdf_are_read_as_the_cell_reads_them
         assert np.allclose(places[body.name][:3, 3], body.placement.t)
 
 
+BALL = '<collision name="NAME"><geometry><sphere radius="0.01"/></geometry></collision>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<robot", "<!-- no <!DOCTYPE here --><robot"),
+        ("<robot", '<robot xmlns="http://example.org/urdf" xmlns:a="b"'),
+        ("<collision>", "<collision><drake:proximity_properties/>"),
+        ("</robot>", '<drake:collision_filter_group name="x"/></robot>'),
+        ("<collision>", '<collision><origin xmlns:a="b" xyz="1 0 0"/>'),
+        ("<collision>", f"{BALL}<collision>"),
+        ("</collision>", f"</collision>{BALL}"),
+    ],
+)  # fmt: skip
+def test_the_monitor_reads_a_urdf_as_the_gate_does(tmp_path, old, new):
+    """Namespaces, comments, and names for nameless collisions."""
+    text = (CONFIGS / "robots" / "planar3.urdf").read_text()
+    link = text[: text.index("<collision>")].rpartition('<link name="')[2].partition('"')[0]
+    if "<origin" in new:
+        own = text[text.index("<collision>") :].partition("</collision>")[0]
+        text = text.replace(
+            own, own[: own.index("<origin")] + own[own.index("/>", own.index("<origin")) + 2 :]
+        )
+    urdf = written(tmp_path, text.replace(old, new.replace("NAME", link), 1), "arm.urdf")
+    file = written(tmp_path, arms_yaml("A").replace(str(CONFIGS / "robots" / "planar3.urdf"), urdf.name))
+    mine, theirs = build(read_files([file])), build_cell(load_config([file]))
+    assert sorted(body.name for body in mine.bodies) == sorted(body.name for body in theirs.bodies)
+    places = {body.name: body.placement for body in mine.bodies}
+    assert all(np.allclose(places[body.name][:3, 3], body.placement.t) for body in theirs.bodies)
+
+
 # --- meshes -----------------------------------------------------------------------------------------------
 
 
@@ -241,6 +277,39 @@ def test_relative_indices_and_polygons_of_an_obj_are_read(tmp_path):
     mesh = read_mesh(written(tmp_path, text, "m.obj"))
     assert len(mesh.triangles) == 3
     assert len(mesh.vertices) == 5
+
+
+_GATE = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
+BOM = b"\xef\xbb\xbf"
+OBJ, OFF, PLY, STL = FILES["c.obj"], FILES["d.off"], FILES["e.ply"], FILES["b.stl"]
+VARIANTS = {
+    "bom.stl": BOM + STL,
+    "vertex.stl": STL.replace(b"solid a b", b"solid vertex cover"),
+    "latin.stl": STL.replace(b"solid a b", b"solid H\xf6he"),
+    "bom.obj": BOM + OBJ,
+    "latin.obj": b"# H\xf6he\no T\xfcr\n" + OBJ,
+    "nel.obj": "# Å v 1 2 3\n".encode() + OBJ,
+    "fo.obj": OBJ.replace(b"\nf ", b"\nfo "),
+    "continued.obj": OBJ.replace(b"\nf ", b"\nf \\\r\n"),
+    "utf.ply": PLY.replace(b"comment x", "comment ü".encode()),
+    "latin.ply": PLY.replace(b"comment x", b"comment \xfc"),
+    "lower.off": OFF.replace(b"OFF", b"off"),
+    "coloured.off": off(np.hstack([BLOCK[0], np.ones((len(BLOCK[0]), 4))]), BLOCK[1]).replace(
+        b"OFF", b"COFF"
+    ),
+    "normals.off": off(np.hstack([BLOCK[0], np.ones((len(BLOCK[0]), 3))]), BLOCK[1]).replace(b"OFF", b"NOFF"),
+    "latin.off": OFF.replace(b"OFF\n", b"OFF # \xfc\n"),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_variants_that_the_gate_reads_are_read(tmp_path, name):
+    (tmp_path / name).write_bytes(VARIANTS[name])
+    assert VARIANTS[name] not in (OBJ, OFF, PLY, STL)
+    mesh = read_mesh(tmp_path / name)
+    assert np.allclose(np.unique(mesh.vertices, axis=0), np.unique(BLOCK[0], axis=0), atol=1e-7)
+    assert len(mesh.triangles) == len(BLOCK[1])
+    _GATE[Path(name).suffix](VARIANTS[name])
 
 
 @pytest.mark.parametrize("name", FILES)

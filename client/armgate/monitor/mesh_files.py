@@ -3,8 +3,9 @@
 Whatever does not fit the format is refused, so that no part of a mesh is left out unnoticed.
 """
 
+import codecs
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 
 MAX_BYTES = 64 << 20
 MAX_TRIANGLES = 200_000
+_OFF_KINDS = ("OFF", "COFF", "NOFF")
 _PLY_TYPES = {
     "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H",
     "uint16": "H", "int": "i", "int32": "i", "uint": "I", "uint32": "I", "float": "f", "float32": "f",
@@ -75,12 +77,23 @@ def _stl(data: bytes) -> Parsed:
         rows = np.frombuffer(data, np.dtype([("v", "<f4", (12,)), ("a", "<u2")]), count, 84)
         corners = rows["v"][:, 3:].astype(np.float64).reshape(-1, 3)
     else:
-        corners = _stl_text(data.decode("utf-8").split())
+        corners = _stl_text(data)
     return corners, np.arange(len(corners)).reshape(-1, 3).tolist()
 
 
-def _stl_text(words: list[str]) -> Array:
-    """Return the corners of all facets of all solids."""
+def _rows(data: bytes, *, comments: bool = True) -> list[list[str]]:
+    """Return the words of each line, without comments from # on; names may be of any encoding."""
+    lines = data.removeprefix(codecs.BOM_UTF8).splitlines()
+    texts = [line.split(b"#", 1)[0] for line in lines] if comments else lines
+    return [[word.decode("latin-1") for word in text.split()] for text in texts]
+
+
+def _stl_text(data: bytes) -> Array:
+    """Return the corners of all facets of all solids, whatever the names of the solids are."""
+    words: list[str] = []
+    for row in _rows(data, comments=False):
+        named = row and row[0].lower() in ("solid", "endsolid")
+        words += row[:1] if named else row
     if not words or words[0].lower() != "solid":
         raise ValueError("neither binary STL of the right length nor text that begins with 'solid'")
     corners: list[list[float]] = []
@@ -102,13 +115,25 @@ def _stl_text(words: list[str]) -> Array:
 def _obj(data: bytes) -> Parsed:
     vertices: list[list[float]] = []
     faces: list[list[int]] = []
-    for line in data.decode("utf-8").replace("\\\n", " ").splitlines():
-        word, *rest = line.split("#", 1)[0].split() or [""]
+    for word, *rest in _obj_statements(data):
         if word == "v":
             vertices.append([float(x) for x in rest[:3]])
-        elif word == "f":
+        elif word in ("f", "fo"):
             faces.append([_obj_index(part, len(vertices)) for part in rest])
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), faces
+
+
+def _obj_statements(data: bytes) -> Iterator[list[str]]:
+    """Yield the words of each statement; a backslash at the end of a line continues it."""
+    begun: list[str] = []
+    for row in _rows(data):
+        continued = bool(row) and row[-1].endswith("\\")
+        begun += [*row[:-1], row[-1][:-1]] if continued else row
+        if begun and not continued:
+            yield [word for word in begun if word]
+            begun = []
+    if begun:
+        raise ValueError("a statement is continued beyond the end of the file")
 
 
 def _obj_index(part: str, known: int) -> int:
@@ -120,26 +145,22 @@ def _obj_index(part: str, known: int) -> int:
 
 
 def _off(data: bytes) -> Parsed:
-    lines = (line.split("#", 1)[0] for line in data.decode("utf-8").splitlines())
-    words = [word for line in lines for word in line.split()]
-    if not words or words[0] != "OFF":
-        raise ValueError("expected 'OFF' first")
-    n_vertices, n_faces = int(words[1]), int(words[2])
-    end = 4 + 3 * n_vertices
-    vertices = np.array([float(x) for x in words[4:end]], dtype=np.float64).reshape(n_vertices, 3)
-    rows = [line.split() for line in _lines_after(data, n_vertices)[:n_faces]]
-    faces = [[int(x) for x in row[1 : 1 + int(row[0])]] for row in rows]
-    if len(faces) != n_faces:
-        raise ValueError("fewer faces than announced")
+    rows = [row for row in _rows(data) if row]
+    if not rows or rows[0][0].upper() not in _OFF_KINDS:
+        raise ValueError(f"expected one of {', '.join(_OFF_KINDS)} first")
+    head = 1 if len(rows[0]) > 1 else 2  # the counts may stand in the first line
+    counts = [int(word) for word in [*rows[0][1:], *(rows[1] if head == 2 and len(rows) > 1 else [])]]
+    if len(counts) != 3:
+        raise ValueError("expected the numbers of vertices, faces and edges after OFF")
+    n_vertices, n_faces, _ = counts
+    if min(n_vertices, n_faces) < 0 or len(rows) < head + n_vertices + n_faces:
+        raise ValueError("fewer vertices or faces than announced")
+    points, polygons = rows[head : head + n_vertices], rows[head + n_vertices :][:n_faces]
+    vertices = np.array([[float(x) for x in row[:3]] for row in points], dtype=np.float64).reshape(-1, 3)
+    faces = [[int(x) for x in row[1 : 1 + int(row[0])]] for row in polygons]
+    if any(len(face) != int(row[0]) for face, row in zip(faces, polygons, strict=True)):
+        raise ValueError("a face with fewer corners than announced")
     return vertices, faces
-
-
-def _lines_after(data: bytes, vertices: int) -> list[str]:
-    """Return the lines of an OFF file that hold the faces: those after the vertices."""
-    lines = [line.split("#", 1)[0].strip() for line in data.decode("utf-8").splitlines()]
-    lines = [line for line in lines if line]
-    head = 1 if len(lines[0].split()) > 1 else 2  # the counts may stand in the first line
-    return lines[head + vertices :]
 
 
 def _ply(data: bytes) -> Parsed:
@@ -147,7 +168,7 @@ def _ply(data: bytes) -> Parsed:
     if not mark or not head.startswith(b"ply"):
         raise ValueError("no PLY header")
     body = body[2:] if body[:2] == b"\r\n" else body[1:]
-    form, elements = _ply_header(head.decode("ascii"))
+    form, elements = _ply_header(_rows(head, comments=False))
     values = _Words(body) if form == "ascii" else _Bytes(body, "<" if "little" in form else ">")
     vertices: list[list[float]] = []
     faces: list[list[int]] = []
@@ -166,10 +187,10 @@ Property = tuple[str, str, str]
 """Name, type of the length of a list ("" for none), and type of the values."""
 
 
-def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
+def _ply_header(rows: list[list[str]]) -> tuple[str, list[tuple[str, int, list[Property]]]]:
     form, elements = "", list[tuple[str, int, list[Property]]]()
-    for line in text.splitlines()[1:]:
-        match line.split():
+    for row in rows[1:]:
+        match row:
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as form, _]:
                 pass
             case ["element", name, count]:
@@ -181,7 +202,7 @@ def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
             case ["comment" | "obj_info", *_] | []:
                 pass
             case _:
-                raise ValueError(f"the header line {line:.60}")
+                raise ValueError(f"the header line {' '.join(row):.60}")
     if not form or sum(count for _, count, _ in elements) > 4 * MAX_TRIANGLES:
         raise ValueError("no format, or too many elements")
     return form, elements

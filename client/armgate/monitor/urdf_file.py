@@ -8,6 +8,7 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from xml.parsers import expat
 
 import numpy as np
 
@@ -80,14 +81,27 @@ def read_urdf(file: Path) -> Description:
         DescriptionError: It cannot be read or holds something that the monitor does not know.
     """
     try:
-        text = read_bytes(file, MAX_BYTES, "").decode("utf-8")
-        if "<!DOCTYPE" in text or "<!ENTITY" in text:
-            raise DescriptionError(f"{file}: a document type or entities are not allowed")
-        return _description(ET.fromstring(text))  # noqa: S314  (entities are refused above)
-    except (ET.ParseError, ValueError) as error:
+        return _description(_tree(read_bytes(file, MAX_BYTES, "").decode("utf-8")))
+    except (expat.ExpatError, ValueError, AssertionError) as error:
         raise DescriptionError(f"{file}: not a URDF in UTF-8: {error}") from error
     except DescriptionError as error:
         raise error if str(error).startswith(str(file)) else DescriptionError(f"{file}: {error}") from error
+
+
+def _tree(text: str) -> ET.Element:
+    """Return the outer element; prefixes of namespaces stay in the names, declared or not."""
+    tree, parser = ET.TreeBuilder(), expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        tree.start(tag, {key: v for key, v in attributes.items() if not key.startswith(("xmlns", "xml:"))})
+
+    def refuse(*_: object) -> None:
+        raise DescriptionError("a document type or entities are not allowed")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, tree.end
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(text, True)
+    return tree.close()
 
 
 def _description(robot: ET.Element) -> Description:
@@ -216,9 +230,14 @@ def _link_of(element: ET.Element, end: str, joint: str, links: list[str]) -> str
 
 
 def _bodies(link: ET.Element) -> list[Body]:
-    bodies = []
-    for number, element in enumerate(link.findall("collision"), start=1):
-        name = element.get("name", _name(link) if number == 1 else f"{_name(link)}_{number}")
+    """Return the bodies of a link; nameless ones get names that none was given."""
+    bodies, elements = [], link.findall("collision")
+    given = {element.get("name") for element in elements}
+    for number, element in enumerate(elements, start=1):
+        nameless = _name(link) if number == 1 else f"{_name(link)}_{number}"
+        while nameless in given:
+            nameless += "_"
+        name = element.get("name", nameless)
         bodies.append(Body(name, _name(link), _origin(element), _shape(element, name)))
     return bodies
 
