@@ -45,10 +45,10 @@ _PATIENT = (m.Signaled, m.Verdict)
 """Answers that may wait for what comes with them; nothing else said is held up."""
 
 _COSTS: dict[type[object], float] = {
-    m.Describe: 20, m.Asset: 20, m.Sessions: 20,
+    Refusal: 2, m.Describe: 20, m.Asset: 20, m.Sessions: 20,
     m.Stop: 8, m.Reset: 8, m.Subscribe: 4, m.Acquire: 2, m.Release: 2,
 }  # fmt: skip
-"""Messages that count as more than one: their answers are large, or go to all clients."""
+"""What counts as more than one message: the answer is large, goes to all clients, or takes long to write."""
 
 _EVICTED = "no hello came while others waited for the place; say hello at once after connecting"
 
