@@ -185,3 +185,13 @@ def test_a_finger_at_its_end_is_told_in_millimetres():
     assert [reason.text for reason in found.reasons] == [
         "slide: the joint limit with braking allows 0 mm this tick, asked for -0.0512 mm"
     ]
+
+
+@pytest.mark.parametrize("dq", [0.0, 5.0, -5.0, math.inf])
+@pytest.mark.parametrize("last", [3.0, -3.0, 1.5])
+@pytest.mark.parametrize("upper", [100.0, 1.2])
+def test_no_increment_exceeds_the_speed_bound_whatever_was_played_last(dq, last, upper):
+    wish = shape_wish(
+        (dq,), (last,), (0.0,), (0.0,), bounds(accel=0.3, decel=0.2, lower=-upper, upper=upper), 1.0
+    )
+    assert abs(wish.u[0]) <= 1.0

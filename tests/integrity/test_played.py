@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armgate.cell.events import LinkChange, LinkState, PlanKey, Reset, Stop, Stopped, Tick
+from armgate.cell.events import LeaseChange, LinkChange, LinkState, PlanKey, Reset, Stop, Stopped, Tick
 from armgate.integrity import Gate
 from integrity import scenes
 from integrity.hands import STEP, Hands, T, pair
@@ -122,27 +122,47 @@ def test_a_link_without_a_plan_cannot_move():
 # --- links that are not ready ------------------------------------------------------------------------------
 
 
-def probing(u, **changes):
-    """A link that is not ready moves left by u; returns the hands, the kept bound before, and the reasons."""
+@pytest.mark.parametrize("state", [LinkState.LOST, LinkState.WAITING, LinkState.FAULTED])
+def test_a_link_that_is_not_ready_does_not_move_its_robot_by_increments_of_its_own(state):
     hands = link()
-    hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
-    kept = hands.kept()
-    tick = Tick("left", 1, T, hands.q[0], (hands.q[0][0] + u,), (u,))
-    return hands, kept, hands.send(replace(tick, **changes))
+    hands.gate.step(LinkChange("left", state, "gone"))
+    tick = Tick("left", 1, T, hands.q[0], (hands.q[0][0] + STEP,), (STEP,))
+    assert hands.send(tick) == ["left's link plays an increment that its plan does not have"]
 
 
-def test_a_link_that_is_not_ready_may_move_its_robot_to_prove_that_it_obeys():
-    hands, kept, reasons = probing(STEP)
-    assert reasons == []
-    assert hands.view().setpoint == pytest.approx((hands.q[0][0] + STEP,))
-    assert hands.kept() == pytest.approx(kept - STEP)  # and what is proven of it is lowered by as much
-    assert hands.kept(1) == hands.kept()
+def test_a_link_that_is_not_ready_does_not_lead_the_setpoint_out_of_its_limits():
+    hands = link()
+    hands.gate.step(LinkChange("left", LinkState.WAITING))
+    stops, x = [], hands.q[0][0]
+    for k in range(1, 1000):
+        x -= T
+        stops += hands.send(Tick("left", k, k * T, (x,), (x,), (-T,)))
+    assert stops
 
 
-def test_a_probe_keeps_the_speed_bound_and_adds_up():
-    assert probing(1.0 * T)[2] == []
-    assert probing(1.001 * T)[2] == ["left's link moves J0 faster than its speed bound"]
-    assert "do not add up" in probing(STEP, setpoint=(0.3,))[2][0]
+@pytest.mark.parametrize("increment", [(0.0,), (STEP,)])
+@pytest.mark.parametrize("plan", [None, OTHER])
+@pytest.mark.parametrize("index", [-1, 0])
+@pytest.mark.parametrize("rebased", [False, True])
+def test_a_first_tick_tells_of_a_robot_at_rest(increment, plan, index, rebased):
+    hands = link()
+    hands.gate = Gate(hands.cell, "s")
+    first = Tick("left", 0, 0.0, hands.q[0], hands.q[0], increment, plan, index, rebased)
+    moves = any(increment) or plan is not None or index != -1
+    assert hands.send(first) == (["left's link begins with a robot in motion"] if moves else [])
+
+
+def test_a_leap_in_a_first_tick_leads_to_none():
+    """The acceleration bound counts from the last increment: what a link invents there is no bound."""
+    hands = link()
+    hands.gate = Gate(hands.cell, "s")
+    hands.send(Tick("left", 0, 0.0, hands.q[0], hands.q[0], (1.0,)))
+    hands.send(Tick("right", 0, 0.0, hands.q[1], hands.q[1], (0.0,)))
+    for name in hands.names:
+        hands.gate.step(LinkChange(name, LinkState.READY))
+        hands.gate.step(LeaseChange(name, 1))
+    assert hands.ask((0.0,)).outcome == "refused"
+    assert all(abs(u) <= T for u in hands.ask((0.0,)).dq)
 
 
 def test_a_link_that_is_lost_plays_what_it_still_has_of_its_plan():
@@ -241,10 +261,6 @@ def test_one_joint_that_moves_is_motion():
     assert "held and moves" in hands.says((x, y), (0.0, 1e-4), rebased=True)[0]
     hands = Carts()
     assert "plan does not have" in hands.says((hands.q[0][0] + 1e-4, hands.q[0][1]), (1e-4, 0.0))[0]
-    hands.gate.step(LinkChange("fast", LinkState.LOST, "gone"))
-    hands = Carts()
-    hands.gate.step(LinkChange("fast", LinkState.LOST, "gone"))
-    assert hands.says((hands.q[0][0] + 1e-4, hands.q[0][1]), (1e-4, 0.0)) == []
 
 
 def test_a_plan_of_one_joint_is_not_ended_early_either():

@@ -38,7 +38,7 @@ from armgate.integrity.clearance import Clearance
 from armgate.integrity.judge import Decision, Judge
 from armgate.integrity.nearest import NearestPairs
 from armgate.integrity.occupancy import deviation, settle_measured
-from armgate.integrity.played import contradiction, probes, unreadable
+from armgate.integrity.played import contradiction, unreadable
 from armgate.integrity.reservations import Reservations
 from armgate.integrity.robot import RobotState, robot_state
 from armgate.integrity.stops import FAULT, LINK, MET, StopCause, Stops
@@ -105,8 +105,6 @@ class Gate:
         strayed = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
         if settled is None and fault is None:
             fault = f"{s.name} measured {strayed:.4g} rad or m off its stop path"
-        if not event.rebased and probes(s, event):
-            self._reservations.extend(s, event.increment)
         s.take_tick(event, event.q if settled is None else settled)
         self._reservations.hold_plan(s)
         if event.rebased:
@@ -116,11 +114,13 @@ class Gate:
         return out
 
     def _first_tick(self, s: RobotState, event: Tick) -> list[GateOutput]:
+        fault = contradiction(s, event)
         s.take_tick(event, event.q)
         self._reservations.hold_plan(s)
         self._reservations.renew(s)
+        out = self._fault(s, fault, 0.0) if fault is not None else []
         self._report(s)
-        return []
+        return out
 
     def _not_heard(self, s: RobotState, why: str) -> list[GateOutput]:
         """Stops a robot whose tick says nothing of it; what was reserved for it stays."""

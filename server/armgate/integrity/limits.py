@@ -89,7 +89,7 @@ def _is_free(u: Joints, last: Joints, bounds: StepBounds, share: float) -> bool:
 
 
 def acceleration_box(last: float, accel: float, decel: float) -> tuple[float, float]:
-    """Returns the increments that one joint may take after ``last``.
+    """Return the increments that one joint may take after ``last``.
 
     Away from zero it gains at most ``accel``, toward zero it loses at most ``decel``; through zero the rest
     of the tick accelerates: |last|/decel + |u|/accel ≤ 1.
@@ -99,6 +99,13 @@ def acceleration_box(last: float, accel: float, decel: float) -> tuple[float, fl
         return -high, -low
     back = last - decel if last >= decel else -accel * (1.0 - last / decel)
     return back, last + accel
+
+
+def _follows(j: int, last: Joints, bounds: StepBounds) -> tuple[float, float]:
+    """Return the acceleration box of a joint, within its speed bound whatever was played last."""
+    low, high = acceleration_box(last[j], bounds.accel[j], bounds.decel[j])
+    most = bounds.speed[j]
+    return min(max(low, -most), most), min(max(high, -most), most)
 
 
 def stays_inside(u: Joints, setpoint: Joints, bounds: StepBounds) -> int | None:
@@ -151,7 +158,7 @@ def _clamp_speed(u: Joints, bounds: StepBounds, share: float) -> tuple[Joints, l
 
 def _clamp_acceleration(u: Joints, last: Joints, bounds: StepBounds) -> tuple[Joints, list[Reason]]:
     def box(j: int) -> tuple[float, float]:
-        return acceleration_box(last[j], bounds.accel[j], bounds.decel[j])
+        return _follows(j, last, bounds)
 
     return _clamp_each(u, box, Cause.ACCELERATION, bounds)
 
@@ -171,7 +178,7 @@ def _clamp_limits(
         return _inside_box(j, -largest_stopping(down, bounds.decel[j]), largest_stopping(up, bounds.decel[j]))
 
     def _inside_box(j: int, low: float, high: float) -> tuple[float, float]:
-        least, most = acceleration_box(last[j], bounds.accel[j], bounds.decel[j])
+        least, most = _follows(j, last, bounds)
         return min(low, most), max(high, least)
 
     alone, reasons = _clamp_each(u, own, Cause.JOINT_LIMIT, bounds)

@@ -30,10 +30,10 @@ def unreadable(s: RobotState, event: Tick) -> str | None:
 
 def contradiction(s: RobotState, event: Tick) -> str | None:
     """Return what contradicts the plan that the gate believes the link plays; None if nothing does."""
+    if s.tick < 0:
+        return _begun_in_motion(s, event)
     if event.rebased:
         return _held_elsewhere(s, event)
-    if probes(s, event):
-        return _too_fast(s, event) or _not_added_up(s, event)
     if event.plan is None:
         if any(s.brake):
             return f"{s.name}'s link ends its plan before the robot is at rest"
@@ -44,16 +44,13 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
     return _not_added_up(s, event)
 
 
-def probes(s: RobotState, event: Tick) -> bool:
-    """Return True if a link that is not ready moves its robot by itself, to prove that the robot obeys."""
-    return s.link is not LinkState.READY and event.plan is None and not s.remaining and any(event.increment)
+def _begun_in_motion(s: RobotState, event: Tick) -> str | None:
+    """A link's first tick comes before any plan of the gate."""
+    return f"{s.name}'s link begins with a robot in motion" if _plays(event) else None
 
 
-def _too_fast(s: RobotState, event: Tick) -> str | None:
-    for name, u, most in zip(s.bounds.names, event.increment, s.bounds.speed, strict=True):
-        if abs(u) > most + ROUNDING:
-            return f"{s.name}'s link moves {name} faster than its speed bound"
-    return None
+def _plays(event: Tick) -> bool:
+    return event.plan is not None or event.index != -1 or any(event.increment)
 
 
 def _not_added_up(s: RobotState, event: Tick) -> str | None:
@@ -64,7 +61,7 @@ def _not_added_up(s: RobotState, event: Tick) -> str | None:
 
 def _held_elsewhere(s: RobotState, event: Tick) -> str | None:
     """A robot that was held rests at a setpoint of its own; a link that is not ready may begin anew."""
-    if event.plan is not None or event.index != -1 or any(event.increment):
+    if _plays(event):
         return f"{s.name}'s link reports a robot that is held and moves"
     if s.link is not LinkState.READY or any(same(one, event.setpoint) for one in (s.setpoint, s.before)):
         return None

@@ -59,16 +59,6 @@ class Reservations:
         self._staged.pop(s.index, None)
         self._hold(s)
 
-    def extend(self, s: RobotState, increment: Joints) -> None:
-        """Lower what is proven of a robot that its link moves by itself by how much nearer it may come."""
-        step = np.abs(increment)
-        if s.stray is not None:
-            step += s.stray.of(tuple(step.tolist()))[0]
-        grown = self._clearance.growth(s.index, step)
-        self._clearance.watch()
-        self._clearance.bound.lower(s.index, self._clearance.bound.of(s.index) - grown)
-        self._lower_staged(s.index, self._clearance.bound.of(s.index))
-
     def renew(self, s: RobotState) -> None:
         """Proves a robot's pairs anew where what was proven is void; also for what waits for an answer."""
         self._clearance.survey(s.index)
