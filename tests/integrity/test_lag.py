@@ -9,9 +9,11 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
+from armgate.cell.events import Tick
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.integrity.lag import LargestIncrements, memory, stray_of
 from integrity import scenes
+from integrity.hands import Hands
 from integrity.rig import Rig, Traffic
 
 DEMO = scenes.CONFIGS / "demo.yaml"
@@ -193,6 +195,48 @@ def test_the_tube_does_not_cost_a_robot_at_full_speed_its_way():
     """5 % declared: no more commands are refused than without a difference, but for a few."""
     without, declared = (runs(unlike(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
     assert declared.accepted > without.accepted - 0.03
+
+
+# --- robots that creep ------------------------------------------------------------------------------------
+
+R = 1e-4
+
+
+def crept(step, way, difference=0.1, ticks=60):
+    """How far across its way a robot creeps, by ``step`` a tick, before it is faulted; None if never."""
+    cell = scenes.crossing(window=0.0, tolerance=R, periods=(0.012, 0.012))
+    hands = Hands(scenes.lagging(cell, 0.03, difference) if difference else cell)
+    off = 0.0
+    for k in range(ticks):
+        before, u, key, index = hands.q[0], (0.0, 0.0), None, -1
+        if any(way):
+            share = min(1.0, 0.2 * (k + 1))
+            assert hands.ask(tuple(share * x for x in way)).outcome == "admitted"
+            plan = hands.held[0]
+            u, key, index = plan.increments[0], plan.key, 0
+        hands.tick[0] += 1
+        hands.q[0] = tuple(a + b for a, b in zip(before, u, strict=True))
+        off += step if k >= 10 else 0.0
+        q = (before[0], before[1] + off)
+        number = hands.tick[0]
+        if hands.gate.step(Tick("fast", number, 0.012 * number, q, hands.q[0], u, key, index)):
+            return abs(off)
+    return None
+
+
+@pytest.mark.parametrize("step", [0.3, 0.9, 1.9, -0.5, -1.9])
+@pytest.mark.parametrize("way", [(0.0, 0.0), (2e-3, 0.0)])
+@pytest.mark.parametrize("difference", [0.0, 0.1])
+def test_a_joint_at_rest_that_creeps_is_noticed_beyond_two_tolerances(step, way, difference):
+    off = crept(step * R, way, difference)
+    assert 2.0 * R < off < (2.0 + abs(step)) * R + 1e-9
+
+
+@pytest.mark.parametrize("step", [1.0, 1.9, -1.9])
+def test_a_robot_that_creeps_off_its_way_while_all_its_joints_move_is_noticed(step):
+    off = crept(step * R, (2e-3, 2e-3))
+    assert off is not None
+    assert off < 40.0 * R
 
 
 # --- stamps -----------------------------------------------------------------------------------------------

@@ -84,12 +84,11 @@ def settle_measured(
 ) -> Joints | None:
     """Returns the measured position to go on with, None if no held occupancy explains it.
 
-    The robot is within the rounding of the proven cover (which begins at a measurement too), and what is
-    measured within the rounding of the robot. A measurement off the cover by no more than both is taken at
-    the cover's edge, so that rounding never makes an occupancy grow.
-
-    Axes that lag differently put it off the polyline, too: it is taken nearer to it by as much. So a robot
-    that creeps away a little each tick is noticed.
+    The robot is within the proven cover (which begins at a measurement too), and what is measured within the
+    rounding of the robot. Any position is good to go on with that is, joint by joint, as near to every place
+    where the robot can then be as axes that lag differently and the rounding allow. Of these the nearest to
+    the middle of the polyline's stretch that explains ``q`` is taken. So a measurement at the cover's edge
+    is taken inside of it, and a robot that creeps away a little each tick is noticed.
 
     Args:
         q: The measured position.
@@ -97,26 +96,27 @@ def settle_measured(
         tolerance: Rounding of the measured q, rad or m.
         unlike: By how much the robot may be off its companion from now on, per joint; () if axes lag alike.
     """
-    if unlike:
-        return _settle_unlike(q, held, tolerance, unlike)
-    if any(_stretches(q, one, -tolerance) for one in held):
+    off = tuple([tolerance + e for e in unlike]) if unlike else (tolerance,) * len(q)
+    at_ticks = [_at_tick(one) for one in held]
+    inner = [replace(one, tube=tuple(map(sub, one.tube, off))) for one in at_ticks]
+    if any(_stretches(q, one, 0.0) for one in inner):
         return q
-    near = [(p, one.tube) for one in held for stretch in _stretches(q, one, tolerance) for p in stretch]
+    found = [(_stretches(q, one, tolerance), own.tube) for one, own in zip(at_ticks, inner, strict=True)]
+    near = [(p, tube) for stretches, tube in found for stretch in stretches for p in stretch]
     if not near:
         return None
-    # Wherever on these stretches the robot is near to: a joint's value is within the rounding of this one.
-    low = [min(p[j] - (e[j] - tolerance) for p, e in near) for j in range(len(q))]
-    high = [max(p[j] + (e[j] - tolerance) for p, e in near) for j in range(len(q))]
-    return tuple(min(max(x, lo), hi) for x, lo, hi in zip(q, low, high, strict=True))
+    # The robot is near to some point of these stretches: each joint within ``off`` of [low, high].
+    low = [min(p[j] - e[j] for p, e in near) for j in range(len(q))]
+    high = [max(p[j] + e[j] for p, e in near) for j in range(len(q))]
+    middles = [_between(*stretch, 0.5) for stretches, _ in found for stretch in stretches]
+    middle = min(middles, key=lambda p: math.dist(p, q))
+    rows = zip(q, middle, low, high, unlike or (0.0,) * len(q), strict=True)
+    return tuple([min(max(p, min(x - e, hi)), max(x + e, lo)) for x, p, lo, hi, e in rows])
 
 
-def _settle_unlike(q: Joints, held: Sequence[Occupancy], tolerance: float, unlike: Joints) -> Joints | None:
-    for one in held:
-        at_tick = replace(one, tube=tuple(map(sub, one.tube, one.between)) if one.between else one.tube)
-        for low, high in _stretches(q, at_tick, tolerance):
-            off = zip(q, _between(low, high, 0.5), unlike, strict=True)
-            return tuple([x - min(max(x - p, -e), e) for x, p, e in off])
-    return None
+def _at_tick(one: Occupancy) -> Occupancy:
+    """Return the cover without what counts between the ticks only."""
+    return replace(one, tube=tuple(map(sub, one.tube, one.between))) if one.between else one
 
 
 def deviation(q: Joints, one: Occupancy) -> float:
