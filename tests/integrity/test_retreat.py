@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armgate.cell.events import Cause, LeaseChange, LinkChange, LinkState, Outcome
+from armgate.cell.events import Cause, LeaseChange, LinkChange, LinkState, Outcome, Reset, Stopped
 from integrity import scenes
 from integrity.rig import Rig
 
@@ -291,6 +291,7 @@ def test_a_robot_that_came_clear_and_is_found_too_near_again_begins_anew():
     (stopped,) = rig.feed(player.play(rig.now, [0.43, 0.0]))
     rig.feed(player.play(rig.now, [0.43, 0.0]))
     assert rig.reset(stopped.id)[0].accepted
+    rig.feed(player.play(rig.now, [0.43, 0.0]))
     assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
 
 
@@ -309,3 +310,24 @@ def test_what_is_proven_piece_by_piece_to_be_just_enough_is_no_violation():
     assert clearance.bound[0] == clearance.limits[0] == 0.02
     assert (demand.violated, demand.forbidden) == ((), None)
     assert demand.need.tolist() == [0.02]
+
+
+@pytest.mark.parametrize("window", [0.0, 0.024])
+def test_the_first_floor_after_a_fault_is_that_of_the_place_where_the_robot_was_found(window):
+    """It is pushed 3 mm out of a violation of 1 cm, and its old setpoint still counts after the reset."""
+    cell = scenes.crossing(window=window, periods=(0.012, 0.012))
+    rig = Rig(cell, stops=0.0, start=[np.array((0.0, 0.0)), np.array((0.0, 0.11))])
+    rig.expect_faults = True
+    rig.drives[0].push(np.array((0.0, -0.003)))
+    stop = next(one for one in rig.held(0) if isinstance(one, Stopped))
+    for _ in range(3):
+        rig.held(0)
+    for met in (one for one in rig.stopped if one is not stop):
+        rig.feed(Reset(met.id, "rig"))
+    assert rig.feed(Reset(stop.id, "rig"))[0].accepted
+    floors, at_once = rig.gate._judge._retreat._floor, rig.command(0, AWAY["fast"])
+    assert at_once.outcome is Outcome.REFUSED
+    for _ in range(4):
+        rig.held(0)
+    assert rig.command(0, AWAY["fast"]).outcome is not Outcome.REFUSED
+    assert floors[0] == pytest.approx(0.013, abs=1e-6)

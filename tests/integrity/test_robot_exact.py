@@ -57,8 +57,8 @@ def test_a_delayed_robot_rests_once_its_window_has_passed(since, rests):
     state = cart(window=0.5)
     tick(state, NOT, time=0.0)
     tick(state, (1.0, 0.0), NOT, time=0.9)
-    tick(state, NOT, time=1.0)
-    tick(state, NOT, time=1.0 + since)
+    for k in range(43):
+        tick(state, NOT, time=1.0 + since * k / 42)
     assert state.resting == rests
 
 
@@ -258,3 +258,17 @@ def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
     tick(state, NOT)
     state.rebase((0.5, 0.25))
     assert state.largest.largest == (0.5, 0.25)
+
+
+@pytest.mark.parametrize("wrong", [1e9, -1e9])
+def test_a_wrong_stamp_makes_a_change_neither_last_for_ever_nor_over_at_once(wrong):
+    """A lag window of 24 ms, ticks of 12 ms, and another setpoint at the tick whose stamp is wrong."""
+    state = cart(window=0.024)
+    tick(state, NOT)
+    assert state.resting
+    tick(state, (0.1, 0.0), time=wrong)
+    rests = []
+    for _ in range(4):
+        tick(state, (0.1, 0.0))
+        rests.append(state.resting)
+    assert rests == ([False, False, True, True] if wrong > 0 else [False, True, True, True])

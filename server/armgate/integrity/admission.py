@@ -25,9 +25,9 @@ def inadmissible(command: Command, state: RobotState, max_age: int) -> Reason | 
 def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.fence is None:
         if state.stops:
-            text = f"{state.name} is stopped ({_stops(state)}) and nobody holds it: an operator must reset it"
+            text = f"{state.name} is stopped ({_stops(state)}) and no client has its lease: an operator must reset it"
             return Reason(Cause.LEASE, f"{text}, then acquire it")
-        return Reason(Cause.LEASE, f"nobody holds the lease of {state.name}: acquire it first")
+        return Reason(Cause.LEASE, f"no client has the lease of {state.name}: acquire it first")
     if command.fence != state.fence:
         return Reason(
             Cause.FENCE, f"fence {command.fence} is not that of the lease in force: acquire {state.name}",

@@ -267,7 +267,7 @@ class Gate:
         return [self._raise_stop([s], reason, "gate", LINK)]
 
     def _fault(self, s: RobotState, reason: str, strayed: float) -> list[GateOutput]:
-        """Stops a robot that is not where it can be, and whoever's stop path may now meet it; nobody else.
+        """Stop a robot that is not where it can be, and the robots whose stop paths may now meet it.
 
         Its occupancy starts from what was measured, widened by as much as it has strayed in all.
         """

@@ -2,7 +2,8 @@
 
 A pair whose certified bound is below its limit has a floor, the best value it has reached. An increment
 keeps the way back open if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at
-least one margin is proven to widen, and nothing new is violated. A retreat begins at rest.
+least one margin is proven to widen, and nothing new is violated. A retreat begins at rest, when no setpoint
+of the past counts any more: the first floor is what was reached where the robot stands.
 
 Two robots that violate a pair move one at a time, the first in the configuration first: as long as it is
 asked to move, and could, the other is refused and brakes. It gives way by resting, or if it finds no way out.
@@ -61,7 +62,7 @@ class Retreat:
             binding = self._clearance.prove_held(state.index, pair, Budget(_PROOF_BUDGET))
             if binding.lb >= binding.need:
                 self._floor.pop(pair, None)
-            elif not (pair in self._floor or state.resting):
+            elif not (pair in self._floor or (state.resting and state.arrived)):
                 forbidden = binding
             elif not self._has_turn(state, states, pair):
                 forbidden, waits = binding, True

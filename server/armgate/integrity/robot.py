@@ -51,7 +51,7 @@ class RobotState:
         held: The plan that the link plays; ``played`` is the index of its last increment played, −1 for none.
         pending: A plan that the link has not answered yet.
         stillness: How long it was measured in one place.
-        changed: When its link last reported another setpoint, s.
+        changed: When its link last reported another setpoint, s; ``still`` ticks have passed since.
         main: The occupancy along the held plan; ``next`` along the pending one.
         unheard: Its link was lost or faulted, and its clock has not spoken since: it is not known to rest.
         strayed: By how much a faulted robot was found off its stop path in all.
@@ -77,6 +77,7 @@ class RobotState:
     before: Joints = ()
     last: Joints = ()
     changed: float = -math.inf
+    still: float = math.inf
     held: Plan | None = None
     played: int = -1
     pending: Plan | None = None
@@ -135,10 +136,15 @@ class RobotState:
         """True if nothing is left to play, no plan is under way, and the measured q has come to rest."""
         if self.unheard or self.pending is not None or any(map(any, (self.last, *self.remaining))):
             return False
-        if self.time < self._last_change - _SAME_TIME:
+        if self.time < self._last_change - _SAME_TIME or self.still < self._delay:
             return False
         room = self.robot.q_tolerance + STILL
         return self.stillness.reached or within(self.measured, self.setpoint, room)
+
+    @property
+    def arrived(self) -> bool:
+        """True if no setpoint of the past counts any more but the one in force."""
+        return all(same(q, self.setpoint) for _, q in self.history)
 
     def limits_now(self) -> StepBounds:
         """Returns the bounds, widened where the robot started outside and has not come back yet."""
@@ -197,9 +203,10 @@ class RobotState:
     def take_tick(self, event: Tick, settled: Joints) -> None:
         """Takes over what the clock told; ``settled`` is the measured q to go on with."""
         self._remember(event)
+        self.changed, self.still = min(self.changed, event.time), self.still + 1
         if self.tick >= 0 and not same(event.setpoint, self.setpoint):
-            self.changed = event.time
-        if event.time <= self._last_change + _SAME_TIME:
+            self.changed, self.still = event.time, 0
+        if event.time <= self._last_change + _SAME_TIME or self.still < self._delay:
             self.stillness.begin()
         self.stillness.note(event.q)
         if self.stray is not None:
@@ -225,13 +232,13 @@ class RobotState:
         self.history.append((event.time, self.setpoint))
         past = [(min(until, event.time), q) for until, q in self.history]
         # By ticks and by time: stamps jitter, and a clock may be faster than its period says.
-        earliest, recent = event.time - window - _SAME_TIME, len(past) - self._delay
+        earliest, recent = event.time - window - _SAME_TIME, len(past) - self._delay - 1
         self.history = deque(one for k, one in enumerate(past) if k >= recent or one[0] >= earliest)
 
     @property
     def _delay(self) -> int:
-        """For how many ticks a setpoint is under way: the lag window, and a tick more for jitter."""
-        return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME) + 1
+        """The lag window in ticks. Stamps jitter: a setpoint of the past counts for one more."""
+        return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME)
 
     def stand(self) -> Joints:
         """Return the setpoint after a reset: where the robot stands.

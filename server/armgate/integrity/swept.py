@@ -2,7 +2,7 @@
 
 Between two nodes q and q + δ each point x of a body strays from its chord by at most K/8 with
 K = Σ_ij |δ_i||δ_j|·G_ij, G_ij bounding |∂²x/∂q_i∂q_j|; the tube e adds Σ_j R_j·e_j, R_j bounding |∂x/∂q_j|.
-so for a fixed direction n and *every* position in the occupancy
+So for a fixed direction n and *every* position in the occupancy
 
     n·x ≤ max over the nodes of n·x + K/8 + Σ_j R_j e_j.
 

@@ -1,4 +1,4 @@
-"""How far bodies can move: bounds that hold at every position within the limits, computed once.
+"""Bounds of how far bodies can move, for every position whose prismatic joints are within given ends.
 
 A point of body b moves by its distance from joint j's axis per rad of j. To bound that distance, walk the
 chain from b back to j. The body's points as seen from its own joint's parent lie on circles around that
