@@ -25,8 +25,8 @@ def inadmissible(command: Command, state: RobotState, max_age: int) -> Reason | 
 def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.fence is None:
         if state.stops:
-            text = f"{state.name} is stopped ({_stops(state)}) and no client has its lease: an operator must reset it"
-            return Reason(Cause.LEASE, f"{text}, then acquire it")
+            text = f"{state.name} is stopped ({_stops(state)}) and no client has its lease"
+            return Reason(Cause.LEASE, f"{text}: an operator must reset it, then acquire it")
         return Reason(Cause.LEASE, f"no client has the lease of {state.name}: acquire it first")
     if command.fence != state.fence:
         return Reason(
