@@ -59,8 +59,13 @@ def page(browser, viewing):
 
 
 def take(page, robot="GR"):
-    # Pressed again where the page was just being built anew.
-    page.until(lambda: f"Give {robot} back" in page.text or page.press(f"Drive {robot}"), "the handles")
+    def taken():
+        if f"Give {robot} back" in page.text:
+            return True
+        page.pressed(f"Drive {robot}")  # again if the page is just being built anew
+        return False
+
+    page.until(taken, "the handles")
 
 
 def give_back(page, eye, robot="GR"):

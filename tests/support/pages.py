@@ -92,8 +92,12 @@ class Page:
         return self.until(lambda: re.search(r"([\d.]+) of ([\d.]+) s", self.text), "the moment that is shown")
 
     def press(self, label):
-        """Presses a button."""
-        assert self.browser.execute_script(_PRESS, label), f"no button {label!r}"
+        """Press a button."""
+        assert self.pressed(label), f"no button {label!r}"
+
+    def pressed(self, label):
+        """Press a button if it is there; return True if it was."""
+        return self.browser.execute_script(_PRESS, label)
 
     def picture(self):
         """The camera's picture (height, width, 3); None before the first."""
