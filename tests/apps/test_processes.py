@@ -36,7 +36,7 @@ def expect(crew: Crew, kind: type[Event]) -> Event:
 
 
 def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(crew: Crew) -> None:
-    crew.start("child", [*PYTHON, "import sys; print('hello'); print('oh', file=sys.stderr); sys.exit(3)"])
+    crew.start("child", [*PYTHON, "import sys; print('hello'); sys.stderr.write('oh\\n'); sys.exit(3)"])
     assert crew.next(WAIT) == Printed("child", "hello")
     assert expect(crew, Exited) == Exited("child", 3)
     assert sorted(crew.tail("child")) == ["hello", "oh"]

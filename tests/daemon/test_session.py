@@ -29,6 +29,7 @@ class Transport(asyncio.Transport):
         self.written = b""
         self.writes = 0
         self.eof = self.aborted = self.closed = False
+        self.resumed = asyncio.Event()
         self.socket = socket.socket()
         self.peername = ("127.0.0.1", 4711)
 
@@ -54,6 +55,7 @@ class Transport(asyncio.Transport):
 
     def resume_reading(self):
         self.reading = True
+        self.resumed.set()
 
     def is_closing(self):
         return self.aborted or self.closed
@@ -228,6 +230,18 @@ async def test_bye_is_answered(line):
     assert line.desk.told[-1] == "gone: bye: done"
     line.session.say(m.Pong(time=0.0, received=0.0, sent=0.0))
     assert line.received() == []
+
+
+async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowly(line):
+    line.hello().session.end(m.Bye())
+    assert line.transport.reading
+    line.session.data_received(bytes(1000))
+    assert not line.transport.reading
+    begin, line.transport.resumed = monotonic(), asyncio.Event()
+    await asyncio.wait_for(line.transport.resumed.wait(), 10.0)
+    assert monotonic() - begin >= 0.009
+    line.session.data_received(bytes(1000))
+    assert not line.transport.reading
 
 
 async def test_a_client_that_closes_is_gone_once(line):

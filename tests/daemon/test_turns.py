@@ -1,6 +1,7 @@
 """Turns of the event loop and allowances: bounded by time, fair between identities, holders first."""
 
 import asyncio
+from time import perf_counter, sleep
 
 import pytest
 
@@ -110,6 +111,30 @@ async def test_holders_are_served_before_others_and_both_in_every_turn():
     for _ in range(50):
         await asyncio.sleep(0)
     assert len(works.done) == 200
+
+
+async def test_sessions_without_a_robot_get_their_share_of_a_core_and_holders_the_rest():
+    works = Works()
+    turns = Turns(works.clock, share=0.5)
+    for _ in range(2000):
+        turns.later("a", False, works.of("a"))
+    while works.clock.now < 0.1:
+        works.clock.now += 5e-5  # what the event loop does besides
+        turns.later("h", True, works.of("h", 5e-5))
+        await asyncio.sleep(0)
+    assert 0.9 * (0.02 + 0.05) <= 1e-4 * works.done.count("a") <= 1.05 * (0.02 + 0.05)
+    assert works.done.count("h") >= 0.9 * 0.1 / 3e-4
+
+
+async def test_what_waits_for_time_of_its_share_is_done_later_without_new_work():
+    turns, done = Turns(share=0.5), asyncio.Event()
+    begin = perf_counter()
+    for _ in range(100):
+        turns.later("a", False, lambda: sleep(1e-3))
+    turns.later("a", False, done.set)
+    async with asyncio.timeout(30.0):
+        await done.wait()
+    assert perf_counter() - begin >= 0.1 + 0.06
 
 
 # --- allowances -------------------------------------------------------------------------------------------

@@ -132,10 +132,13 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
 
 CROWDS = ("pings", "subscribes", "describes", "large", "crooked", "fields")
 CROWD_BLOCK = 300 if LONG else 40
-SHARE = 0.9
-"""Most of a core that one observer may make the daemon use; a daemon without limits uses all of it.
+CROWD_BURST = 40
+"""Ticks in which a crowd uses up the bursts of its allowances."""
 
-The limits are of messages, whose cost is the machine's: 0.75 was seen on a busy one.
+SHARE = 0.8
+"""Share of a core that the daemon may use because of one observer, after its bursts.
+
+The allowances count messages: 0.45 to 0.57 on a quiet machine. A daemon without limits uses all of a core.
 """
 
 
@@ -143,22 +146,24 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
     """Its 60 connections share one allowance, and their work waits for ticks and for holders of robots."""
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
-    without, among = Seen(), {kind: Seen() for kind in CROWDS}
+    without, among, shares = Seen(), {kind: Seen() for kind in CROWDS}, {}
     async with Process.serving(config) as daemon:
         good = await Controller.start(daemon.port)
         for _ in range(5 if LONG else 1):
             for kind in CROWDS:
                 without += await good.over(CROWD_BLOCK)
                 async with abused(daemon.port, kind):
+                    among[kind] += await good.over(CROWD_BURST)
                     begin, used = monotonic(), cpu(daemon.process.pid)
                     among[kind] += await good.over(CROWD_BLOCK)
-                    share = (cpu(daemon.process.pid) - used) / (monotonic() - begin)
-                    assert share <= SHARE, kind
+                    shares[kind] = (cpu(daemon.process.pid) - used) / (monotonic() - begin)
         good.task.cancel()
         daemon.signal()
         status, _ = await daemon.end()
     assert status == 0
-    tell(f"without: {without}", *(f"among {kind}: {seen}" for kind, seen in among.items()))
+    figures = (f"among {kind}: {seen}, {shares[kind]:.2f} of a core" for kind, seen in among.items())
+    tell(f"without: {without}", *figures)
+    assert max(shares.values()) <= SHARE, shares
     assert good.causes <= {"stale", "occupied"}  # nothing but lateness
     if LONG:  # figures of time: on a machine that others use too they say nothing
         for kind, seen in among.items():

@@ -126,14 +126,25 @@ def crowd(kind):
 
 
 async def one_of_crowd(port, data, again):
-    reader, writer = await open_(port)
-    writer.write(HELLO + data)
-    reading = asyncio.create_task(read_all(reader))
-    while again:
+    """Connects again whenever the daemon has refused or ended the connection."""
+    while True:
+        try:
+            reader, writer = await open_(port)
+            writer.write(HELLO + data)
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(read_all(reader))
+                if again:
+                    tasks.create_task(write_on(writer, data))
+        except* OSError:
+            pass
+        await asyncio.sleep(0.1)
+
+
+async def write_on(writer, data):
+    while not writer.is_closing():
         writer.write(data)
         await writer.drain()
         await asyncio.sleep(0)
-    await reading
 
 
 async def read_all(reader):

@@ -136,7 +136,8 @@ class Daemon:
         self._refused = self._attempts()
         self._listener = self._listening(keys)
         self._access = Access(keys.tokens, self._attempts(), self._log, keys.users)
-        self._turns = Turns()
+        # In lock-step the pace is the clients' own, and no tick comes late.
+        self._turns = Turns(share=1.0) if lockstep else Turns()
         self._allowances = _allowances(self._settings)
         self._rereading = self._reread_by(keys)
         periods = [robot.period for robot in cell.robots]

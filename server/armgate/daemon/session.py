@@ -38,6 +38,9 @@ _WATCH = 5.0
 _ROOM = 16 * 1024
 """Bytes that are read at once: asyncio's own 256 KiB are memory that the system makes anew each time."""
 
+_DISCARD = 0.01
+"""Time between two reads of a connection that is closing, s: what a client still sends costs little then."""
+
 _AT_ONCE = 8
 """Messages of one client that are read at once: then other clients have their turn."""
 
@@ -209,7 +212,9 @@ class Session(asyncio.BufferedProtocol, Place):
 
     def data_received(self, data: bytes) -> None:
         """These bytes came in."""
-        if not self._closing:
+        if self._closing:
+            self._read_later()
+        else:
             self.guest.silent = False
             self._connection.push(data)
             self._bytes += len(data)
@@ -218,6 +223,12 @@ class Session(asyncio.BufferedProtocol, Place):
             else:
                 self._reading = True
                 self._ask_for_turn(self._turns.now)
+
+    def _read_later(self) -> None:
+        if self._pause is not None:
+            self._pause.cancel()
+        self._transport.pause_reading()
+        self._pause = asyncio.get_running_loop().call_later(_DISCARD, self._transport.resume_reading)
 
     def eof_received(self) -> bool:
         """Handle the end of the client's stream once all that came before is read.
