@@ -8,6 +8,7 @@ import contextlib
 import os
 import sys
 from dataclasses import dataclass
+from math import comb
 from pathlib import Path
 from time import monotonic
 
@@ -92,6 +93,15 @@ class Controller:
             self.seen.late += message.target is not None and message.target > message.tick + 1
 
 
+def more_than_by_chance(many, few):
+    """Return True if of ``many + few`` events in equal times so many would fall on one side in 1 of 100 runs.
+
+    The machine itself delays a command now and then: one event more says nothing, seven to none do.
+    """
+    total = many + few
+    return sum(comb(total, k) for k in range(many, total + 1)) < 0.01 * 2**total
+
+
 @contextlib.asynccontextmanager
 async def abused(port, kind="mixed"):
     process = await asyncio.create_subprocess_exec(
@@ -126,8 +136,8 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
     assert good.causes <= {"stale", "occupied"}  # nothing but lateness
     assert among.commands >= BLOCK * (TICKS // BLOCK) / 2
     if LONG:  # figures of time: on a machine that others use too they say nothing
-        assert among.refused <= without.refused
-        assert among.late <= without.late
+        assert not more_than_by_chance(among.refused, without.refused)
+        assert not more_than_by_chance(among.late, without.late)
 
 
 CROWDS = ("pings", "subscribes", "describes", "large", "crooked", "fields")
@@ -151,7 +161,7 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
         good = await Controller.start(daemon.port)
         for _ in range(5 if LONG else 1):
             for kind in CROWDS:
-                without += await good.over(CROWD_BLOCK)
+                without += await good.over(CROWD_BURST + CROWD_BLOCK)
                 async with abused(daemon.port, kind):
                     among[kind] += await good.over(CROWD_BURST)
                     begin, used = monotonic(), cpu(daemon.process.pid)
@@ -168,8 +178,9 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
     if LONG:  # figures of time: on a machine that others use too they say nothing
         for kind, seen in among.items():
             assert seen.latest <= without.latest + 0.05, kind
-        assert sum(seen.refused for seen in among.values()) <= without.refused
-        assert sum(seen.late for seen in among.values()) <= without.late
+        refused, late = (sum(getattr(seen, name) for seen in among.values()) for name in ("refused", "late"))
+        assert not more_than_by_chance(refused, without.refused)
+        assert not more_than_by_chance(late, without.late)
 
 
 def cpu(pid):
