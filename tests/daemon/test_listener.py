@@ -34,6 +34,9 @@ class Seat(asyncio.Protocol, Place):
         self.house.evicted += 1
         self.transport.close()
 
+    def serve(self, work):
+        work()
+
     def connection_lost(self, exc):
         self.house.listener.left(self.guest)
         self.house.lost += 1

@@ -49,6 +49,18 @@ def test_a_lane_does_no_more_in_a_turn_than_its_slice():
     assert lane.waiting
 
 
+def test_work_within_work_counts_once():
+    works = Works()
+    lane = Lane(1e-3, works.clock, share=0.5)
+
+    def outer():
+        works.of("outer")()
+        lane.do(works.of("inner", 3e-4))
+
+    lane.do(outer)
+    assert lane._used == pytest.approx(4e-4)
+
+
 def test_work_waits_until_all_that_was_queued_up_to_it_is_done():
     works = Works()
     lane = Lane(1.5e-4, works.clock)

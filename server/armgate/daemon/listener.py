@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 
+from armgate.daemon import tls_stream
 from armgate.daemon.address import origin
 from armgate.daemon.attempts import Attempts
 from armgate.daemon.bucket import Bucket
@@ -43,6 +44,10 @@ class Place(asyncio.BaseProtocol, ABC):
     def evict(self) -> None:
         """Close, to make room for another connection: no hello came."""
 
+    @abstractmethod
+    def serve(self, work: Callable[[], None]) -> None:
+        """Do work of this connection when it is its turn."""
+
 
 class Listener:
     """Listens at one address.
@@ -73,7 +78,7 @@ class Listener:
         self._make = make
         self._room = room
         self._tls = tls
-        self._handshake = handshake if tls else None
+        self._handshake = handshake
         self._log = log
         self._leaving: set[Guest] = set()
         self._places: dict[Guest, Place] = {}
@@ -198,15 +203,12 @@ class Listener:
 
     async def _seat(self, taken: socket.socket, guest: Guest) -> None:
         loop = asyncio.get_running_loop()
-        local = guest.uid is not None
-        protocol = self._places[guest] = self._make(guest)
+        place = self._places[guest] = self._make(guest)
         try:
-            await loop.connect_accepted_socket(
-                lambda: protocol,
-                taken,
-                ssl=None if local else self._tls,
-                ssl_handshake_timeout=None if local else self._handshake,
-            )
+            if self._tls is None or guest.uid is not None:
+                await loop.connect_accepted_socket(lambda: place, taken)
+            else:
+                await tls_stream.accept(taken, place, self._tls, self._handshake, place.serve)
         except OSError as error:
             self._refused.note(self._log, "tls.failed", guest.origin, monotonic(), error=str(error))
             self.left(guest)

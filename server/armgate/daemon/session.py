@@ -363,6 +363,10 @@ class Session(asyncio.BufferedProtocol, Place):
         self._closing = True
         self._transport.abort()
 
+    def serve(self, work: Callable[[], None]) -> None:
+        """Do work of this connection when it is its turn."""
+        self._turns.now(self.identity, self._desk.privileged(self), work)
+
     def allow(self, seconds: float | None, error: RemoteProtocolError | None = None) -> None:
         """Close with ``error`` unless this is called again within ``seconds``; None: no limit."""
         if self._timer is not None:

@@ -76,10 +76,10 @@ class Lane:
         return any(queue[0][0] <= number for queue in self._queues.values())
 
     def do(self, work: Work) -> None:
-        """Do work now and count its time."""
-        begin = self._clock()
+        """Do work now and count its time; work within other work counts once."""
+        begin, used = self._clock(), self._used
         work()
-        spent = self._clock() - begin
+        spent = self._clock() - begin - (self._used - used)
         self._used += spent
         if self._budget is not None:
             self._budget.spend(spent / _UNIT)
