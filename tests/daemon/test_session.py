@@ -345,6 +345,15 @@ async def test_a_client_that_does_not_read_the_end_is_cut_off(line, monkeypatch)
     await until(lambda: line.transport.aborted)
 
 
+async def test_a_client_that_closes_its_end_and_reads_nothing_is_cut_off(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.session._LINGER", 0.01)
+    line.session.pause_writing()
+    line.session.eof_received()
+    assert line.transport.closed
+    assert not line.transport.aborted
+    await until(lambda: line.transport.aborted)
+
+
 async def test_a_defect_of_ours_is_told_and_not_raised(line):
     line.hello()
     line.desk.fail_on = "ping"

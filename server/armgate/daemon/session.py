@@ -444,6 +444,7 @@ class Session(asyncio.BufferedProtocol, Place):
             self._tell_closed()
         else:
             self._transport.close()
+            self._abort_later()
 
     def _hear_some(self) -> tuple[float, bool]:
         """Hear a turn's worth of messages; return what they cost, and True if there may be more."""
@@ -492,11 +493,15 @@ class Session(asyncio.BufferedProtocol, Place):
         if self._closing:
             return
         self._closing = True
-        self.allow(None)
         self._outbox.drop_states()  # nothing follows the last message
         self._transport.resume_reading()  # to see when the client closes
-        self._timer = asyncio.get_running_loop().call_later(_LINGER, self._transport.abort)
+        self._abort_later()
         self._write_eof()
+
+    def _abort_later(self) -> None:
+        """End the connection also if the client does not read what is left."""
+        self.allow(None)
+        self._timer = asyncio.get_running_loop().call_later(_LINGER, self._transport.abort)
 
     def _write_eof(self) -> None:
         # Closing with unread bytes of the client would make the kernel take back what was written last: say
