@@ -226,7 +226,9 @@ def test_urdf_that_is_no_text(write, tmp_path):
     text = path.read_text().splitlines()
     text[4] = "    urdf: bad.urdf"
     path.write_text("\n".join(text))
-    assert "bad.urdf is not UTF-8; expected a URDF file" in str(refused(path, build=True))
+    assert "bad.urdf: line 1: not UTF-8; expected UTF-8: save the file as UTF-8" in str(
+        refused(path, build=True)
+    )
 
 
 def test_errors_without_a_file():

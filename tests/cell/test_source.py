@@ -1,3 +1,6 @@
+import os
+from pathlib import Path
+
 import pytest
 
 from armgate.cell.errors import ConfigError
@@ -87,7 +90,7 @@ def test_files_that_cannot_be_read(tmp_path, write):
         read_tree([tmp_path])
     with pytest.raises(ConfigError, match="no configuration file given"):
         read_tree([])
-    with pytest.raises(ConfigError, match="expected at most"):
+    with pytest.raises(ConfigError, match="more than 4194304 bytes"):
         read_tree([write("big.yaml", b"#" * (MAX_BYTES + 1))])
 
 
@@ -96,3 +99,46 @@ def test_the_second_file_is_named(write):
     with pytest.raises(ConfigError) as caught:
         read_tree([good, bad])
     assert caught.value.file == bad
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("a: 1\nb: !!int abc\n", 2, "b: 'abc' is not of its tag 'tag:yaml.org,2002:int'; remove the tag"),
+        ("a: [1, !!float x]\n", 1, "a.1: 'x' is not of its tag"),
+        ("a: !!bool abc\n", 1, "a: 'abc' is not of its tag"),
+        ("a: !!null abc\n", 1, "a: 'abc' is not of its tag"),
+        ("a: !!set {b}\n", 1, "a: the tag 'tag:yaml.org,2002:set' is not known"),
+        ("a: !!python/object/apply:os.system [id]\n", 1, "a: the tag "),
+        ('a: "x\\0y"\n', 1, "a: the character '\\x00' is not allowed; remove it"),
+        ('a: 1\n"\\uD800": 1\n', 2, "the character '\\ud800' is not allowed; remove it"),
+    ],
+)
+def test_values_that_do_not_fit_their_tag_and_characters_that_no_name_can_hold(write, text, line, what):
+    path = write("a.yaml", text)
+    with pytest.raises(ConfigError) as caught:
+        read_tree([path])
+    assert str(caught.value).startswith(f"{path}:{line}: ")
+    assert what in str(caught.value)
+
+
+def test_explicit_tags_that_fit_are_read(write):
+    text = "a: !!str 1\nb: !!int 2\nc: !!float 1.5\nd: !!map {e: !!seq [1]}\nf: !!null\n"
+    assert read_tree([write("a.yaml", text)]).plain() == {
+        "a": "1", "b": 2, "c": 1.5, "d": {"e": (1,)}, "f": None,
+    }  # fmt: skip
+
+
+def test_devices_pipes_and_folders_are_refused(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, reason in (
+        (Path("/dev/zero"), "it is a device or pipe; expected a regular file"),
+        (pipe, "it is a device or pipe; expected a regular file"),
+        (tmp_path, "Is a directory; check the path"),
+        (tmp_path / ("a" * 300), "File name too long; check the path"),
+        (tmp_path / "a\0b", "no file can have this name; check the path"),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            read_tree([path])
+        assert f"{path}: cannot be read: {reason}" in str(caught.value)

@@ -74,3 +74,9 @@ def test_reading_twice_changes_nothing():
     read = quantity("3 mm")
     assert quantity(read) is read
     assert read.given == "3 mm"
+
+
+@pytest.mark.parametrize("text", ["٦٠٠ mm", "６ m", "6_0 mm", "600\u00a0mm"])
+def test_only_ascii_digits_are_numbers(text):
+    with pytest.raises(ValueError, match="cannot read"):
+        quantity(text)

@@ -1,5 +1,6 @@
 """Robot descriptions: what is not read is refused by name and line, all findings of a run together."""
 
+import os
 import re
 from pathlib import Path
 
@@ -33,13 +34,17 @@ def urdf(base=BOX, arm=BOX, joint=LIMIT, more="", attributes="", kind="revolute"
 
 
 def cell_of(tmp_path, text, post=True, **own):
-    (tmp_path / "r.urdf").write_text(text)
+    return build_cell(load_config([cell_file(tmp_path, text, post, **own)]))
+
+
+def cell_file(tmp_path, text, post=True, **own):
+    (tmp_path / "r.urdf").write_bytes(text if isinstance(text, bytes) else text.encode())
     cell = {"armgate": 1, "name": "c", "robots": {"R": {"urdf": "r.urdf", "start": [0.0]} | own}}
     if post:
         cell["surroundings"] = {"post": {"shape": {"sphere": 0.1}, "xyz": [3, 0, 0]}}
     path = tmp_path / "c.yaml"
     path.write_text(yaml.safe_dump(cell, sort_keys=False))
-    return build_cell(load_config([path]))
+    return path
 
 
 # --- refused by name ----------------------------------------------------------------------------------------
@@ -269,3 +274,78 @@ def test_lines_are_those_of_the_file():
     root = parse_xml(urdf())
     assert [element.line for element in root] == [2, 3, 4, 5, 6]
     assert read_robot(root).root == "base"
+
+
+@pytest.mark.parametrize("number", ["-1_0", "-١", "-１", "0x1", "-1\u00a0", "1.", ".5", "-1e0"])
+def test_numbers_are_ascii_decimal_numbers(number):
+    text = urdf(joint=LIMIT.replace('"-1"', f'"{number}"'), arm=BOX)
+    if number in ("1.", ".5", "-1e0"):
+        assert read_urdf(text.replace('upper="1"', 'upper="5"')).joints[0].lower == float(number)
+        return
+    with pytest.raises(ModelError, match=r"line 5: joint 'J': lower=.* expected 1 finite number"):
+        read_urdf(text)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "cp500", "latin-1"])
+def test_files_in_other_encodings_are_refused_with_their_line(tmp_path, encoding):
+    data = urdf(more="<!-- ä -->").encode(encoding)
+    with pytest.raises(ConfigError, match=r"r.urdf: line \d: .*expected UTF-8: save the file as UTF-8"):
+        cell_of(tmp_path, data)
+
+
+def test_a_byte_order_mark_of_utf_8_is_read(tmp_path):
+    assert cell_of(tmp_path, urdf().encode("utf-8-sig")).robots[0].model.n == 1
+
+
+def test_pipes_are_refused_as_a_urdf(tmp_path):
+    path = cell_file(tmp_path, urdf())
+    (tmp_path / "r.urdf").unlink()
+    os.mkfifo(tmp_path / "r.urdf")
+    with pytest.raises(ConfigError, match=r"r.urdf cannot be read: it is a device or pipe"):
+        build_cell(load_config([path]))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("file://[a/x.stl", "not a URI"),
+        ("a" * 5000 + ".stl", "there is no file /"),
+        ("file:///a%00.stl", "there is no file"),
+        ("package://../x.stl", "package '..' is not known"),
+    ],
+)
+def test_file_names_of_meshes_that_no_file_can_have(tmp_path, name, reason):
+    arm = BOX.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{name}"/>')
+    with pytest.raises(ConfigError, match=re.escape(reason)) as caught:
+        cell_of(tmp_path, urdf(arm=arm))
+    assert "line 3: link 'arm', body 'arm': " in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_descriptions_with_too_many_elements_are_refused_at_once(tmp_path):
+    links = "".join(f'<link name="l{number}"/>' for number in range(50_000))
+    with pytest.raises(ConfigError, match="50003 elements <link>; expected at most 256: simplify") as caught:
+        cell_of(tmp_path, urdf(more=links))
+    assert len(str(caught.value)) < 500
+
+
+def test_a_robot_moves_as_many_joints_as_the_protocol_describes():
+    chain = "".join(
+        f'<link name="l{number}"/><joint name="j{number}" type="revolute"><parent link="base"/>'
+        f'<child link="l{number}"/>{LIMIT}</joint>'
+        for number in range(64)
+    )
+    with pytest.raises(ModelError, match="65 joints that move; expected at most 64"):
+        RobotModel.from_urdf(urdf(more=chain), Placement.identity())
+
+
+def test_convex_bodies_with_too_many_corners_are_refused():
+    corners = " ".join(f"{number % 10} {number // 10 % 10} {number // 100}" for number in range(5000))
+    convex = BOX.replace('<box size="0.1 0.1 0.1"/>', f'<convex vertices="{corners}"/>')
+    with pytest.raises(ModelError, match="5000 corners of a convex body; expected at most 4096"):
+        read_urdf(urdf(arm=convex))
+
+
+def test_options_of_meshes_name_bodies_even_if_there_is_no_mesh(tmp_path):
+    with pytest.raises(ConfigError, match=r"meshes.bodies names 'elbow', but the URDF has no such link"):
+        cell_of(tmp_path, urdf(), meshes={"bodies": {"elbow": {"method": "hull"}}})

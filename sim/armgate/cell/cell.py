@@ -28,8 +28,10 @@ from armgate.cell.pairs import (
     collect_pairs,
     collect_surroundings,
 )
+from armgate.cell.plain_file import read_file
 from armgate.cell.source import Path_
-from armgate.cell.urdf import parse_xml, plain_origins, read_robot, unique_bodies
+from armgate.cell.urdf import check_counts, parse_xml, plain_origins, read_robot, unique_bodies
+from armgate.cell.urdf_xml import MAX_BYTES, decoded
 
 __all__ = ["Body", "Cell", "Pair", "PairKind", "Robot", "build_cell"]
 
@@ -150,8 +152,8 @@ def _has_meshes(config: CellConfig) -> bool:
 
 def _mentions_mesh(path: Path) -> bool:
     try:
-        return b"<mesh" in path.read_bytes()
-    except OSError:  # reported where it is read
+        return b"<mesh" in read_file(path, MAX_BYTES)
+    except ModelError:  # reported where it is read
         return False
 
 
@@ -212,13 +214,13 @@ def _robot(config: CellConfig, name: str, outline: bool) -> Robot:
 def _parsed(config: CellConfig, name: str) -> ET.Element:
     path, key = config.urdf_path(name), ("robots", name, "urdf")
     try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise config.error(key, f"{path} cannot be read: {error.strerror}; expected a URDF file") from error
-    except UnicodeDecodeError as error:
-        raise config.error(key, f"{path} is not UTF-8; expected a URDF file") from error
+        data = read_file(path, MAX_BYTES)
+    except ModelError as error:
+        raise config.error(key, f"{path} {error}") from error
     with _blaming(config, key, f"{path}: "):
-        return parse_xml(text)
+        robot = parse_xml(decoded(data))
+        check_counts(robot)
+        return robot
 
 
 def _composed(config: CellConfig, name: str, robot: ET.Element, outline: bool) -> str:
@@ -227,7 +229,7 @@ def _composed(config: CellConfig, name: str, robot: ET.Element, outline: bool) -
         unique_bodies(robot)
         read_robot(robot, meshes=True)
         plain_origins(robot)
-        if robot.find("link/collision/geometry/mesh") is not None:
+        if config.robots[name].meshes.bodies or robot.find("link/collision/geometry/mesh") is not None:
             _inline_meshes(config, name, robot, path.parent, outline)
         read_robot(robot)
     _add_parts(config, name, robot, outline)

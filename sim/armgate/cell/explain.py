@@ -82,6 +82,8 @@ def _text(detail: ErrorDetails, path: Path_, model: type[BaseModel]) -> str:
         numbers = {
             key: _shown(value) if isinstance(value, float) else value for key, value in context.items()
         }
+        if numbers.get("actual_length", 0) is None:  # pydantic stops counting the entries of a mapping
+            numbers["actual_length"] = f"more than {numbers['max_length']}"
         return _TEXTS[kind].format(input=_shown(detail["input"]), **numbers)
     return f"{detail['msg']} (got {_shown(detail['input'])})"
 

@@ -19,6 +19,9 @@ from armgate.cell.urdf import Urdf, kinematics_only, read_urdf
 
 Array = NDArray[np.float64]
 
+MAX_JOINTS = 64
+"""Most joints of a robot that move: the protocol describes no more."""
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -114,6 +117,9 @@ class RobotModel:
             raise ModelError(
                 "the robot has no joint that moves; expected at least one revolute or prismatic joint"
             )
+        moving = sum(joint.kind != "fixed" for joint in urdf.joints)
+        if moving > MAX_JOINTS:
+            raise ModelError(f"the robot has {moving} joints that move; expected at most {MAX_JOINTS}")
         try:
             pin_model = pin.buildModelFromXML(kinematics_only(text))
         except ValueError as error:  # our own reading is stricter, so this should have been found before

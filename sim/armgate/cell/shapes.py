@@ -21,6 +21,9 @@ Points = tuple[tuple[float, float, float], ...]
 THINNEST = 1e-6
 """A convex body must be at least this thick, m, and 1e-5 of its extent: flat ones have no inside."""
 
+MAX_CORNERS = 4096
+"""Most points of a convex body: its hull takes time and memory."""
+
 _RIM = 16
 """Corners of the polygon that holds the rim of a cone."""
 
@@ -204,6 +207,8 @@ class Convex(Primitive):
         points = np.array(self.vertices, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
             raise ModelError(f"{len(self.vertices)} corners of a convex body; expected 4 points or more")
+        if len(points) > MAX_CORNERS:
+            raise ModelError(f"{len(points)} corners of a convex body; expected at most {MAX_CORNERS}")
         if not (np.all(np.isfinite(points)) and math.isfinite(self.radius) and self.radius >= 0.0):
             raise ModelError("a convex body has a corner or a radius that is no finite number of metres")
         if np.abs(points).max() > MAX_EXTENT or self.radius > MAX_EXTENT:

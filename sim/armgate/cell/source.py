@@ -12,7 +12,8 @@ from pathlib import Path
 
 import yaml
 
-from armgate.cell.errors import ConfigError
+from armgate.cell.errors import ConfigError, ModelError
+from armgate.cell.plain_file import read_file
 
 Scalar = None | bool | int | float | str
 Path_ = tuple[str | int, ...]
@@ -121,12 +122,9 @@ def _read_file(path: Path) -> Node:
 
 def _read_text(path: Path) -> str:
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        hint = "check the path and its permissions"
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}; {hint}", path) from error
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: {len(data)} bytes; expected at most {MAX_BYTES}", path)
+        data = read_file(path, MAX_BYTES)
+    except ModelError as error:
+        raise ConfigError(f"{path}: {error}", path) from error
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -157,6 +155,8 @@ class _Converter:
         if id(node) in around:
             raise self._error(node, path, "the alias refers to a value that holds it; expected no loops")
         around = (*around, id(node))
+        if not isinstance(node, yaml.ScalarNode) and node.tag not in _COLLECTIONS:
+            raise self._error(node, path, f"the tag {node.tag!r} is not known; expected plain values")
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, path, around)
         if isinstance(node, yaml.SequenceNode):
@@ -174,7 +174,7 @@ class _Converter:
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise self._error(key_node, path, "a key that is no text; expected 'key: value'")
-            key = key_node.value
+            key = self._text(key_node, path)
             if key in values:
                 text = f"the key stands here again; expected it once (first in line {keys[key].line})"
                 raise self._error(key_node, (*path, key), text)
@@ -183,7 +183,14 @@ class _Converter:
         return Node(values, self._mark(node), keys)
 
     def _scalar(self, node: yaml.Node, path: Path_) -> Scalar:
-        text = str(node.value)
+        text = self._text(node, path)
+        if node.tag == "tag:yaml.org,2002:str":
+            return text
+        form = _FORMS.get(node.tag)
+        if form is None:
+            raise self._error(node, path, f"the tag {node.tag!r} is not known; expected plain values")
+        if not any(one.fullmatch(text) for one in form):
+            raise self._error(node, path, f"{text!r} is not of its tag {node.tag!r}; remove the tag")
         if node.tag == "tag:yaml.org,2002:null":
             return None
         if node.tag == "tag:yaml.org,2002:bool":
@@ -192,11 +199,15 @@ class _Converter:
             if len(text) > _DIGITS:
                 raise self._error(node, path, f"a number of {len(text)} digits; expected at most {_DIGITS}")
             return int(text)
-        if node.tag == "tag:yaml.org,2002:float":
-            return float(text.replace(".inf", "inf").replace(".nan", "nan"))
-        if node.tag == "tag:yaml.org,2002:str":
-            return text
-        raise self._error(node, path, f"the tag {node.tag!r} is not known; expected plain values")
+        return float(text.replace(".inf", "inf").replace(".nan", "nan"))
+
+    def _text(self, node: yaml.Node, path: Path_) -> str:
+        """Return the text of a scalar; no file, name or message can hold NUL or half a surrogate pair."""
+        text = str(node.value)
+        odd = next((sign for sign in text if sign == "\0" or "\ud800" <= sign <= "\udfff"), None)
+        if odd is not None:
+            raise self._error(node, path, f"the character {odd!r} is not allowed; remove it")
+        return text
 
     def _mark(self, node: yaml.Node) -> Mark:
         return Mark(self._path, node.start_mark.line + 1)
@@ -211,8 +222,16 @@ class _CoreLoader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
 
+_FORMS: dict[str, list[re.Pattern[str]]] = {"tag:yaml.org,2002:null": [re.compile("")]}
+"""Forms of the scalars of each tag: explicit tags (``!!int abc``) must fit, too."""
+
+_COLLECTIONS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
+
+
 def _resolve(tag: str, pattern: str, first: str) -> None:
-    _CoreLoader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(pattern), list(first))
+    form = re.compile(pattern)
+    _FORMS.setdefault(f"tag:yaml.org,2002:{tag}", []).append(form)
+    _CoreLoader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", form, list(first))
 
 
 _resolve("null", r"^(?:~|null|Null|NULL|)$", "~nN")

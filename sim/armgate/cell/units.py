@@ -15,7 +15,9 @@ _BASE = {
     "ms": ("time", 1e-3),
 }
 _PER_TIME = {"": "", "/s": "/s", "/s2": "/s²", "/s^2": "/s²", "/s²": "/s²"}
-_FORM = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°]+)(/s(?:2|\^2|²)?)?")
+_FORM = re.compile(
+    r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°]+)(/s(?:2|\^2|²)?)?", re.ASCII
+)
 
 MAX_EXTENT = 1e3
 """Largest length of a cell: sizes and coordinates, m."""

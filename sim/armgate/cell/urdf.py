@@ -10,6 +10,7 @@ All findings of a description are reported together.
 """
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -36,6 +37,13 @@ _SIZES = {
 }
 MAX_NUMBER = 1e9
 """Largest number, in whatever unit."""
+
+MAX_LINKS = 256
+MAX_BODIES = 4096
+"""Most links, joints and bodies of a description: the protocol describes no more."""
+
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+"""Form of a number; Python would read more, as 1_000 or digits of other scripts."""
 
 _UNIT = 1e-3
 """Largest deviation of a quaternion's length from 1."""
@@ -132,6 +140,15 @@ def read_robot(root: ET.Element, meshes: bool = False) -> Urdf:
     return Urdf(root.get("name", ""), _root_link(links, joints), links, joints, bodies)
 
 
+def check_counts(root: ET.Element) -> None:
+    """Raise a ModelError if a description is so large that reading it would take minutes."""
+    for tag, most in (("link", MAX_LINKS), ("joint", MAX_LINKS), ("link/collision", MAX_BODIES)):
+        count = len(root.findall(tag))
+        if count > most:
+            what = tag.rpartition("/")[2]
+            raise ModelError(f"{count} elements <{what}>; expected at most {most}: simplify the description")
+
+
 def _check_version(root: ET.Element) -> None:
     version = root.get("version", VERSIONS[0])
     if version not in VERSIONS:
@@ -140,8 +157,10 @@ def _check_version(root: ET.Element) -> None:
         *root.iterfind("joint/origin[@quat_xyzw]"), *root.iterfind("link/collision/origin[@quat_xyzw]"),
     ]  # fmt: skip
     if turned and version == VERSIONS[0]:
+        at = getattr(turned[0], "line", None)
+        where = "" if at is None else f" (line {at})"
         raise ModelError(
-            f'{place(turned[0])}quat_xyzw needs <robot version="1.1">: other programs ignore it in this file'
+            f'quat_xyzw needs <robot version="1.1">{where}: other programs ignore it in this file'
         )
 
 
@@ -281,10 +300,8 @@ def numbers(
     text = element.get(attribute, default)
     if text is None:
         raise ModelError(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
-    try:
-        values = [float(part) for part in text.split()]
-    except ValueError:
-        values = []
+    parts = text.split() if text.isascii() else [text]
+    values = [float(part) for part in parts] if all(map(_NUMBER.fullmatch, parts)) else []
     if len(values) != count or not all(abs(value) <= MAX_NUMBER for value in values):
         shown = text if len(text) <= 60 else text[:57] + "..."
         raise ModelError(

@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 from armgate.cell.errors import ModelError
 
-MAX_CHARACTERS = 32 * 1024 * 1024
+MAX_BYTES = 32 * 1024 * 1024
 _MAX_DEPTH = 64
 
 
@@ -37,8 +37,11 @@ def parse_xml(text: str) -> ET.Element:
     Raises:
         ModelError: The text is no XML, has a document type (entities could blow it up), or no ``<robot>``.
     """
-    if len(text) > MAX_CHARACTERS:
-        raise ModelError(f"{len(text)} characters; expected at most {MAX_CHARACTERS}")
+    if len(text) > MAX_BYTES:
+        raise ModelError(f"{len(text)} characters; expected at most {MAX_BYTES}")
+    if "\0" in text:  # expat would take the text for UTF-16
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise ModelError(f"line {line}: NUL, as in UTF-16; expected UTF-8: save the file as UTF-8")
     builder = _Builder()
     try:
         root = builder.built(text)
@@ -49,6 +52,19 @@ def parse_xml(text: str) -> ET.Element:
     if root.tag != "robot":
         raise ModelError(f"the outer element is <{root.tag}>; expected <robot>")
     return root
+
+
+def decoded(data: bytes) -> str:
+    """Return the text of a URDF file, which must be UTF-8 whatever encoding it declares.
+
+    Raises:
+        ModelError: It is in another encoding; the text names the line.
+    """
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ModelError(f"line {line}: not UTF-8; expected UTF-8: save the file as UTF-8") from error
 
 
 class _Builder:

@@ -16,6 +16,7 @@ from armgate.cell.mesh.off import read_off
 from armgate.cell.mesh.ply import read_ply
 from armgate.cell.mesh.soup import Soup, triangulated
 from armgate.cell.mesh.stl import read_stl
+from armgate.cell.plain_file import is_file
 from armgate.cell.shapes import is_solid
 from armgate.cell.units import MAX_EXTENT
 
@@ -76,15 +77,26 @@ def locate(uri: str, folder: Path, packages: Mapping[str, Path]) -> Path:
     if not colon:
         path = folder / uri
     elif scheme == "file":
-        path = Path(unquote(urlsplit(uri).path))
+        path = Path(unquote(_path_of(uri)))
     elif scheme == "package":
         name, _, inside = rest.partition("/")
         path = _package(name, folder, packages) / unquote(inside)
     else:
         raise ModelError(f"{uri}: {scheme}:// is not supported; expected a path, file:// or package://")
-    if not path.is_file():
-        raise ModelError(f"{uri}: there is no file {path}")
+    if not is_file(path):
+        raise ModelError(f"{_short(uri)}: there is no file {_short(str(path))}; check the name")
     return path
+
+
+def _path_of(uri: str) -> str:
+    try:
+        return urlsplit(uri).path
+    except ValueError as error:
+        raise ModelError(f"{uri}: not a URI ({error}); expected a path, file:// or package://") from error
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 200 else text[:197] + "..."
 
 
 def _package(name: str, folder: Path, packages: Mapping[str, Path]) -> Path:

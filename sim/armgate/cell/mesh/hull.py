@@ -29,7 +29,7 @@ JOGGLE = 1e-9
 """Largest error of the planes, as a share of the extent of the points."""
 
 _BLOCK = 1 << 18
-"""How many distances of a point and a face are computed at once: bounds memory."""
+"""How many distances of a point to a face or a point are computed at once: bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,10 @@ def hull_of(points: Array) -> Hull:
 
 def _unjoggled(corners: Array, points: Array) -> Array:
     """Return the point nearest to each joggled corner."""
-    away = ((corners[:, None] - points) ** 2).sum(axis=2)
-    return np.asarray(points[away.argmin(axis=1)])
+    block = max(1, _BLOCK // len(points))
+    parts = [corners[i : i + block] for i in range(0, len(corners), block)]
+    nearest = [((part[:, None] - points) ** 2).sum(axis=2).argmin(axis=1) for part in parts]
+    return np.asarray(points[np.concatenate(nearest)])
 
 
 def thinned(points: Array, most: int) -> tuple[Hull, float]:

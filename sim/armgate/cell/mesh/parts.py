@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from armgate.cell.errors import ModelError
 from armgate.cell.extras import install
 from armgate.cell.mesh.decompose import Cut, check_closed, cut
-from armgate.cell.mesh.files import Mesh, read_mesh
+from armgate.cell.mesh.files import MAX_BYTES, Mesh, read_mesh
 from armgate.cell.parts import Part
+from armgate.cell.plain_file import read_file
 from armgate.cell.shapes import Convex, Sphere
 
 if TYPE_CHECKING:
@@ -38,13 +39,11 @@ def parts_of(file: Path, scale: Scale, how: Cut, outline: bool = False) -> tuple
         ModelError: The file cannot be used; the text names it.
     """
     try:
-        data, suffix = file.read_bytes(), file.suffix.lower().removeprefix(".")
+        data, suffix = read_file(file, MAX_BYTES), file.suffix.lower().removeprefix(".")
         if outline:
             check_closed(_mesh(data, suffix, scale), how)
             return _STAND_IN
         return _parts(data, suffix, scale, how)
-    except OSError as error:
-        raise ModelError(f"mesh {file} cannot be read: {error.strerror}") from error
     except ModelError as error:
         raise ModelError(f"mesh {file}: {error}") from error
     except ImportError as error:
