@@ -1,13 +1,14 @@
 """Certificates and engines by hand: balls whose distances anybody can write down, anywhere in space."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from armgate.cell.shapes import Convex, Sphere
+from armgate.cell.shapes import Box, Cone, Convex, Sphere
 from armgate.integrity import certificate
-from armgate.integrity.certificate import Budget, Certifier
+from armgate.integrity.certificate import GAP, Budget, Certifier
 from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
 from armgate.integrity.groups import Group
 from armgate.integrity.support import support_table
@@ -100,6 +101,69 @@ def test_the_better_proof_counts_and_of_equal_ones_the_first(normals, lb, point,
     assert proof.lb == lb
     assert tuple(proof.n) == X
     assert proof.points == ((point, 0.0, 0.0), (point, 0.0, 0.0))
+
+
+# --- bodies that overlap ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("centres", "lb"),
+    [(0.75, -0.25), (1.0, -1.5), (2.0, 0.0), (3.0, 0.5)],
+)
+def test_only_bodies_that_overlap_get_another_direction_than_the_engines_tell(centres, lb, monkeypatch):
+    """Balls of 0.5 m; the engines tell a direction 60 degrees off the line of the centres."""
+    n = (0.5, math.sqrt(0.75), 0.0) if lb != -1.5 else (-0.5, math.sqrt(0.75), 0.0)
+    certifier, group = balls(monkeypatch, Says(lb, n), Says(lb, n), 0.5, 0.5)
+    sides = standing([(1, 0, 0)] * 2), standing([(1 + centres, 0, 0)] * 2)
+    proof = certifier.prove(group, 0, *sides, (0, 0))
+    assert proof.lb == pytest.approx(centres - 1.0 if lb < 0.0 else lb, abs=1e-15)
+    assert tuple(proof.n) == (X if lb < 0.0 else n)
+
+
+def posed(shape):
+    """One body at the origin; of shapes in one table only a cone and a hull have corners."""
+    shapes = [Cone(0.1, 0.2), Convex(((0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1), (0, 0, 0)), 0.0), Sphere(0.1)]
+    rows = {"cone": 0, "hull": 1, "ball beside them": 2}
+    row = support_table(shapes)[rows[shape]] if shape in rows else support_table([Box(0.1, 0.1, 0.1)])[0]
+    return certificate._Posed(0, row, np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("shapes", "claimed", "lb", "tried", "turned"),
+    [
+        (("box", "box"), 0.0, -0.1, -0.01, True),  # the engine claims more than was proven
+        (("box", "box"), 0.0, -0.01, -0.1, True),
+        (("box", "box"), 2 * GAP, -1.0, GAP, False),  # by exactly the gap: its claim is met
+        (("box", "box"), -0.1, -0.1, -0.1, False),
+        (("box", "box"), -0.1, -0.1, -0.2, False),
+        (("box", "box"), -0.1, -0.2, -0.1, False),
+        (("box", "box"), -0.3, -0.3, -0.2, False),
+        (("ball beside them", "box"), -0.1, -0.1, -0.1, False),
+        (("cone", "box"), -0.1, -0.1, -0.1, True),
+        (("box", "cone"), -0.1, -0.1, -0.1, True),
+        (("hull", "ball beside them"), -0.1, -0.1, -0.1, True),
+    ],
+)
+def test_directions_are_turned_if_the_claim_is_not_met_or_a_body_has_corners(
+    shapes, claimed, lb, tried, turned, monkeypatch
+):
+    asked = []
+    monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), tried))
+    monkeypatch.setattr(certificate, "turned_direction", lambda *_: asked.append(1) or (np.array(X), 5.0))
+    n, found = certificate._deep(*map(posed, shapes), np.array((0.0, 1.0, 0.0)), lb, claimed)
+    assert len(asked) == turned
+    assert found == (5.0 if turned else max(tried, lb))
+    assert tuple(n) == (X if found > lb else (0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("more", "replaced"), [(0.0, False), (1e-9, False), (1.5e-9, True), (-0.5e-9, False)]
+)
+def test_a_direction_is_replaced_by_one_that_proves_more_than_rounding(more, replaced, monkeypatch):
+    found = -0.1 + more
+    monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), found))
+    n, lb = certificate._deep(posed("box"), posed("box"), np.array((0.0, 1.0, 0.0)), -0.1, -0.1)
+    assert (lb, tuple(n)) == ((found, X) if replaced else (-0.1, (0.0, 1.0, 0.0)))
 
 
 # --- engines ------------------------------------------------------------------------------------------------

@@ -143,6 +143,46 @@ def test_a_plan_out_of_order_is_a_fault():
     assert "has not given it" in stopped.reason
 
 
+def test_after_a_plan_out_of_order_the_rest_of_the_held_plan_stays_reserved():
+    hands = pair()
+    for k in range(1, 5):
+        hands.ask((k * 6e-5,))
+        hands.play()
+    plan, before = hands.held[0], hands.q[0][0]
+    assert len(plan.increments) > 2
+    (u,) = plan.increments[1]
+    number = hands.tick[0] + 1
+    hands.gate.step(Tick("left", number, number * T, (before,), (before + u,), (u,), plan.key, 7))
+    assert hands.gate._robots[0].played == 0
+    assert hands.view().stop_end[0] > before + u
+
+
+def test_a_fault_at_the_first_tick_widens_nothing():
+    cell = scenes.head_on(1.0, (T, T))
+    gate = Gate(cell, "s")
+    stopped = gate.step(Tick("left", 0, 0.0, (-0.5,), (-0.5,), (STEP,)))[0]
+    assert stopped.robots == ("left",)
+    assert gate._robots[0].main.occupied.tube == (0.0,)
+
+
+def test_a_setpoint_that_a_link_begins_anew_with_is_proven_anew():
+    """Only a link that is not ready may; the robot stands, and is taken to be on its way there."""
+    hands = pair()
+    before, (x,) = hands.kept(), hands.q[0]
+    hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
+    assert hands.gate.step(Tick("left", 1, T, (x,), (x + 0.05,), (0.0,), rebased=True)) == []
+    assert hands.kept() == hands.kept(1) == pytest.approx(before - 0.05, abs=1e-8)
+
+
+def test_a_robot_whose_tick_says_nothing_is_not_known_to_rest_until_it_speaks():
+    hands = pair()
+    (stop,) = hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,)))
+    assert hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,))) == []
+    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
+    hands.rest(0)
+    assert hands.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
+
+
 def test_a_plan_of_nobody_is_a_fault():
     hands = pair()
     other = pair()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armgate.cell.events import Cause, Outcome, Plan, PlanKey
+from armgate.cell.events import Cause, Outcome, Plan, PlanKey, Reset
 from armgate.integrity import judge as judging
 from armgate.integrity.clearance import Judgement
 from armgate.integrity.limits import Wish
@@ -135,6 +135,7 @@ def bound_by(hands, margin):
         (0.5, -np.inf, 0.5, 0.25),  # nothing was proven: half of it
         (0.0, -0.5, 0.5, 0.25),  # nothing is left that could be used up
         (-0.5, -1.0, 0.5, 0.25),
+        (0.5, -0.5, 0.7, 0.98 * 0.35),  # more than half a step of the grid is cut off
     ],
 )
 def test_less_is_tried_where_the_margin_would_be_used_up(held, tried, beta, found):
@@ -201,3 +202,57 @@ def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew
     slower = s.occupancy_to(s.end, (0.0, 0.0))
     assert judge._step(s, slower) == pytest.approx([0.0, 0.0])
     assert slower.tube == pytest.approx((1e-4 * share, 0.0))
+
+
+# --- reasons ------------------------------------------------------------------------------------------------
+
+
+def test_lengths_in_reasons_are_told_to_the_nanometre_and_the_bound_is_rounded_down():
+    hands = lane_hands(-1.0)
+    judge, s = hands.gate._judge, hands.gate._robots[0]
+    points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
+    reason = judge._reason(Binding(0, 0.01234567889, 0.05, points), s)
+    assert reason.value == 0.012345678
+    assert reason.points == ((0.123456789, -0.12345679, 0.0), (1.0, 0.0, 2.0))
+    assert [math.copysign(1.0, x) for p in reason.points for x in p] == [1, -1, 1, 1, 1, 1]  # no minus zero
+
+
+# --- ways back ----------------------------------------------------------------------------------------------
+
+
+def too_near(between=0.11):
+    """Two balls of 5 cm, 1 cm apart, of which 2 cm must be kept; ``fast`` goes first."""
+    cell = scenes.crossing(window=0.0, periods=(0.012, 0.012))
+    return Hands(cell, [(0.0, 0.0), (0.0, between)])
+
+
+def test_a_robot_that_was_led_out_goes_first_until_it_is_not_asked_any_more():
+    hands = too_near()
+    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    hands.play(0)
+    hands.rest(0)
+    hands.rest(1)
+    assert hands.ask((0.0, 2e-4), 1).outcome is Outcome.REFUSED
+    hands.rest(0, count=2)
+    hands.rest(1)
+    assert hands.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
+
+
+def test_a_robot_found_deeper_after_a_fault_may_be_led_out_from_there():
+    """What it had reached before is not what it must keep."""
+    hands = too_near()
+    for _ in range(20):
+        hands.ask((0.0, -5e-4), 0)
+        hands.play(0)
+    hands.rest(0, count=5)
+    assert hands.q[0][1] < -0.002
+    (stop,) = (one.id for one in hands.rest(0, (0.0, 0.0)) if one.robots == ("fast",))
+    hands.rest(0, (0.0, 0.0), count=5)
+    answer, rebase = hands.gate.step(Reset(stop, "x"))
+    assert (answer.accepted, rebase.setpoint) == (True, (0.0, 0.0))
+    for other in hands.view(1).stops:
+        hands.gate.step(Reset(other, "x"))
+    hands.q[0] = (0.0, 0.0)
+    hands.rest(0, count=2)
+    hands.rest(1, count=2)
+    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED

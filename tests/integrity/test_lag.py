@@ -147,6 +147,14 @@ def test_what_lasts_counts_at_the_next_tick_too(ticks):
     assert not all(kept)
 
 
+@pytest.mark.parametrize("us", [(5.0, 4.0, 3.0, 2.0), (1.0, 2.0, 3.0, 4.0)])
+def test_every_part_lasts_until_the_next_tick_takes_one_away(us):
+    most = LargestIncrements(4, 1)
+    for count, u in enumerate(us, 1):
+        most.add((u,))
+        assert most.largest == most.lasting == (max(us[:count]),)
+
+
 def test_all_parts_but_the_one_that_goes_last():
     most = LargestIncrements(4, 1)
     for u in (5.0, 4.0, 3.0, 2.0, 1.0):

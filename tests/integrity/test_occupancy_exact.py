@@ -92,6 +92,14 @@ def test_what_any_of_several_explains_is_explained():
     assert settle_measured((5.13, 5.0), [other, WAY], TOLERANCE) is None
 
 
+def test_of_several_explanations_the_nearest_is_gone_on_with():
+    """Both places explain it, and axes that lag differently leave the choice between them."""
+    here, there = (Occupancy(((x,),), (0.07,)) for x in (0.0, 0.04))
+    for q, settled in ((0.025, 0.04), (0.015, 0.0)):
+        for held in ([here, there], [there, here]):
+            assert settle_measured((q,), held, 0.01, (0.05,)) == pytest.approx((settled,))
+
+
 def test_all_joints_must_be_within_at_one_place_of_the_way():
     """On the diagonal, each joint alone is somewhere, but never both at once."""
     slope = Occupancy(((0.0, 0.0), (1.0, 1.0)), (0.05, 0.05))

@@ -103,6 +103,65 @@ def test_crossing_capsules_come_apart_across_both_axes(angle, off):
         assert abs(n[0]) == pytest.approx(1.0)
 
 
+SHIFT = np.array([1.0, -2.0, 3.0])
+UP = np.array([0.0, 0.0, 1.0])
+FIRST = np.array([[2, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
+SECOND = np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]) / 7
+
+
+@pytest.mark.parametrize("shift", [np.zeros(3), SHIFT])
+def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
+    rows = support_table((Sphere(0.3), Sphere(0.2)))
+    a, b = (rows[0], np.eye(3), shift), (rows[1], np.eye(3), shift + np.array([0.03, 0.0, -0.04]))
+    assert rooms(a, b, np.array([UP, -UP])) == pytest.approx([-0.54, -0.46])
+    for direction in (tried_direction, turned_direction):
+        n, found = direction(a, b, UP)
+        assert found == pytest.approx(-0.45)
+        assert n == pytest.approx([0.6, 0.0, -0.8])
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_ball_comes_out_of_a_box_to_either_side(axis, sign, first):
+    """The ball's frame is turned, so that nothing but the box's own axes shows the way."""
+    rows, off = support_table((Box(0.4, 0.4, 0.4), Sphere(0.1))), np.full(3, 0.05)
+    off[axis] = sign * 0.1
+    pair = [(rows[0], np.eye(3), SHIFT), (rows[1], FIRST, SHIFT + off)]
+    a, b = pair if first else pair[::-1]
+    for n in np.eye(3):
+        found, room = tried_direction(a, b, n)
+        assert room == pytest.approx(-0.2)
+        assert found == pytest.approx((sign if first else -sign) * np.eye(3)[axis])
+
+
+def test_of_directions_that_prove_the_same_the_given_one_is_kept():
+    rows = support_table((Sphere(0.3), Sphere(0.2)))
+    a, b = (rows[0], np.eye(3), SHIFT), (rows[1], np.eye(3), SHIFT)
+    for direction in (tried_direction, turned_direction):
+        for n in (UP, -UP):
+            kept, found = direction(a, b, n)
+            assert tuple(kept) == tuple(n)
+            assert found == -0.5
+
+
+@pytest.mark.parametrize(
+    ("cone", "ball", "angle"),
+    [(FIRST, SECOND, 2.0), (FIRST, SECOND, 2.9), (np.eye(3), SECOND, 1.2), (SECOND, FIRST, 2.0)],
+)
+def test_turning_comes_within_hundredths_of_a_millimetre_of_a_wall_between_all_axes(cone, ball, angle):
+    """A ball in a cone comes out through the nearest line of its side, across which no axis stands."""
+    radius, length, of_ball = 0.2, 0.5, 0.03
+    rows, side = support_table((Cone(radius, length), Sphere(of_ball))), np.hypot(radius, length)
+    out = np.array([np.cos(angle), np.sin(angle), 0.0])
+    normal, centre = (length * out + radius * UP) / side, 0.04 * out - 0.02 * UP
+    truth = normal @ (centre - 0.5 * length * UP) - of_ball
+    a, b = (rows[0], cone, SHIFT), (rows[1], ball, SHIFT + cone @ centre)
+    _, found = turned_direction(a, b, cone @ UP)
+    assert truth - 5e-5 < found <= truth + 1e-12
+    assert tried_direction(a, b, cone @ UP)[1] < truth - 5e-3
+
+
 def test_turning_finds_what_no_axis_shows():
     """Two hulls whose faces stand at no axis of theirs."""
     rng = np.random.default_rng(3)
