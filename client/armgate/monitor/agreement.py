@@ -1,16 +1,19 @@
 """Comparison of the cell that the daemon describes with the configuration that the monitor was given."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from armgate.client import Body, Description, RobotDescription
+from armgate.monitor import tolerances as tol
+from armgate.monitor.errors import DescriptionError
 from armgate.monitor.frames import Array, from_quaternion
+from armgate.monitor.joints import joint_differences
 from armgate.monitor.model import Cell, CellBody, Robot
 from armgate.monitor.solids import primitive
 
-_CLOSE = 1e-7
-"""Numbers that differ by less, relative to their size, are equal."""
+Assets = Callable[[str], bytes]
+"""Returns what the description names by this hash; raises DescriptionError if that is not to be had."""
 
 
 def orders_of(description: Description) -> dict[str, list[str]]:
@@ -18,12 +21,12 @@ def orders_of(description: Description) -> dict[str, list[str]]:
     return {robot.name: [joint.name for joint in robot.joints] for robot in description.robots}
 
 
-def differences(cell: Cell, description: Description) -> list[str]:
+def differences(cell: Cell, description: Description, assets: Assets) -> list[str]:
     """Return what the daemon describes otherwise than the configuration, one text each."""
-    return list(_differences(cell, description))
+    return list(_differences(cell, description, assets))
 
 
-def _differences(cell: Cell, d: Description) -> Iterator[str]:
+def _differences(cell: Cell, d: Description, assets: Assets) -> Iterator[str]:
     yield from _number("stop_distance", cell.stop_distance, d.stop_distance)
     yield from _number("self_distance", cell.self_distance, d.self_distance)
     mine, theirs = [robot.name for robot in cell.robots], [robot.name for robot in d.robots]
@@ -32,12 +35,16 @@ def _differences(cell: Cell, d: Description) -> Iterator[str]:
         return
     for robot, described in zip(cell.robots, d.robots, strict=True):
         yield from _robot(robot, described)
+        try:
+            yield from joint_differences(robot, assets(described.urdf.hash))
+        except DescriptionError as error:
+            yield f"{robot.name}: the joints cannot be compared: {error}"
     yield from _bodies(cell, d)
 
 
 def _number(what: str, mine: float, theirs: float | None) -> Iterator[str]:
     given = np.inf if theirs is None else theirs
-    if given != mine and not abs(given - mine) <= _CLOSE * max(1.0, abs(mine)):
+    if given != mine and not abs(given - mine) <= tol.DESCRIBED * max(1.0, abs(mine)):
         yield f"{what} is described as {given:.9g}; the configuration says {mine:.9g}"
 
 
@@ -55,7 +62,7 @@ def _robot(robot: Robot, d: RobotDescription) -> Iterator[str]:
 
 def _place(what: str, mine: Array, theirs: Array) -> Iterator[str]:
     off = float(np.abs(mine - theirs).max())
-    if off > _CLOSE:
+    if off > tol.DESCRIBED:
         yield f"{what} is described elsewhere than configured, by {off:.3g}"
 
 
@@ -86,7 +93,7 @@ def _body(mine: CellBody, theirs: Body) -> Iterator[str]:
         np.concatenate([solid.points.ravel(), solid.discs, [solid.radius]]),
         np.concatenate([mine.solid.points.ravel(), mine.solid.discs, [mine.solid.radius]]),
         rtol=0.0,
-        atol=_CLOSE,
+        atol=tol.DESCRIBED,
     )
     if not same:
         yield f"body {mine.name} is described with another shape or size than configured"

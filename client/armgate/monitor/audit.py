@@ -1,7 +1,9 @@
 """Audit of a recording: every state that the daemon recorded, judged by the core."""
 
 import binascii
+import hashlib
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -41,8 +43,8 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
     except ValidationError as error:
         raise MonitorError(f"{run}: the description in the recording is damaged") from error
     cell = _cell(recording.header, description, configs)
-    monitor = Monitor(cell, silence)
-    monitor.differ(differences(cell, description))
+    monitor = Monitor(cell, silence, lockstep=recording.header.lockstep)
+    monitor.differ(differences(cell, description, partial(_asset, recording.header)))
     monitor.differ(f"the recording was changed: {place}" for place in verify(recording).breaks)
     for _, item in recording.items("/robots/", "/gate/link"):
         if isinstance(item, Step):
@@ -67,6 +69,17 @@ def _cell(header: Header, description: Description, configs: Sequence[Path]) -> 
         except DescriptionError as error:
             text = str(error).replace(f"{folder}/", "")
             raise MonitorError(f"the configuration in the recording cannot be read: {text}") from error
+
+
+def _asset(header: Header, name: str) -> bytes:
+    """Return what the description of a recording names by its hash."""
+    try:
+        data = header.asset(name)
+    except (KeyError, ValueError) as error:
+        raise DescriptionError(f"the recording does not hold the described URDF {name[:12]}…") from error
+    if hashlib.sha256(data).hexdigest() != name:
+        raise DescriptionError(f"the recording holds another URDF than the described one, {name[:12]}…")
+    return data
 
 
 def _unpack(header: Header, folder: Path) -> None:

@@ -67,15 +67,18 @@ class Monitor:
         cell: The cell.
         silence: A robot without a state for so long is silent, s.
         measured_every: The smallest clearances are those of every n-th tick; limits count at all.
+        lockstep: True if time is virtual, so that each tick has its exact time.
     """
 
-    def __init__(self, cell: Cell, silence: float = tol.SILENCE, measured_every: int = 1) -> None:
+    def __init__(
+        self, cell: Cell, silence: float = tol.SILENCE, measured_every: int = 1, *, lockstep: bool = False
+    ) -> None:
         self.cell = cell
         self.account = Account(unseen=[robot.name for robot in cell.robots])
         self._silence = silence
         self._measured_every = measured_every
         self._index = {robot.name: r for r, robot in enumerate(cell.robots)}
-        self._motions = [Motion(robot) for robot in cell.robots]
+        self._motions = [Motion(robot, lockstep) for robot in cell.robots]
         self._clearances = Clearances(cell)
         self._floors: dict[int, float] = {}
         self._seen: set[frozenset[int]] = set()

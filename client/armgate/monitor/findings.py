@@ -4,7 +4,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 FindingKind = Literal[
-    "clearance", "limit", "speed", "acceleration", "stop_end", "stray", "distance", "silence", "form", "cell"
+    "clearance",
+    "limit",
+    "speed",
+    "acceleration",
+    "stop_end",
+    "stray",
+    "distance",
+    "pace",
+    "silence",
+    "form",
+    "cell",
 ]
 Position = Literal["measured position", "setpoint", "stop end", "braking end"]
 

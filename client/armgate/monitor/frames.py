@@ -35,6 +35,16 @@ def from_quaternion(xyz: Sequence[float], xyzw: Sequence[float]) -> Array:
     return T
 
 
+def roll_pitch_yaw(T: Array) -> tuple[float, float, float]:
+    """Return the angles [rad] of a placement's rotation Rz(yaw)·Ry(pitch)·Rx(roll)."""
+    R = T[:3, :3]
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], level))
+    if level < 1e-9:  # only roll ± yaw counts
+        return 0.0, pitch, float(np.arctan2(-R[0, 1], R[1, 1]))
+    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
+
+
 def skew(axis: Sequence[float]) -> Array:
     """Return the matrix K of the cross product: K·v = axis × v."""
     x, y, z = axis

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from armgate.client import Cell as Connection
-from armgate.client import ClientError, Refused, State, TimedOut
+from armgate.client import ClientError, ConnectionLost, Refused, State, TimedOut
 from armgate.monitor.agreement import differences, orders_of
 from armgate.monitor.core import Account, Monitor
-from armgate.monitor.errors import MonitorError
+from armgate.monitor.errors import DescriptionError, MonitorError
 from armgate.monitor.findings import Finding
 from armgate.monitor.model import build
 from armgate.monitor.report import beginning
@@ -65,11 +65,11 @@ class Watch:
         self._silence_time = silence
         self._begun, self._noted = time.monotonic(), False
         model = build(read_files(configs), orders_of(cell.description))
-        self._monitor = Monitor(model, silence, MEASURED_EVERY)
+        self._monitor = Monitor(model, silence, MEASURED_EVERY, lockstep=cell.welcome.lockstep)
         for note in model.notes:
             tell(f"note: {note}")
         tell(beginning(model))
-        self._act(self._monitor.differ(differences(model, cell.description)))
+        self._act(self._monitor.differ(differences(model, cell.description, self._asset)))
 
     @property
     def account(self) -> Account:
@@ -92,6 +92,13 @@ class Watch:
             raise MonitorError(f"the cell is not watched any more: {error}") from error
         finally:
             self.account.share = (time.process_time() - cpu) / max(time.monotonic() - wall, 1e-9)
+
+    def _asset(self, name: str) -> bytes:
+        """Return what the description names by its hash; the connection checks it against the hash."""
+        try:
+            return self._connection.asset(name)
+        except (Refused, ConnectionLost) as error:
+            raise DescriptionError(f"the daemon does not send the described URDF: {error}") from error
 
     def _listen(self, ended: Callable[[], bool]) -> None:
         """Judge states, and look after each time without one, until ``ended``."""

@@ -88,6 +88,7 @@ class Robot:
         lag_window: Time in which older setpoints may still act, s.
         q_tolerance: Error of a measured position, rad or m.
         base: Placement of its root link in the world, (4, 4).
+        chain: All joints, fixed ones too, as URDF, gantry and frames have them.
         holds: True if its link holds the robot at once when a reply is late, without braking.
     """
 
@@ -106,6 +107,7 @@ class Robot:
     lag_window: float
     q_tolerance: float
     base: Array
+    chain: tuple[Joint, ...]
     holds: bool
 
     @property
@@ -209,7 +211,7 @@ class _Builder:
         bodies = [b for body in found.bodies for b in self._of_urdf(body, mounts, urdf)]
         for name, body in self._own.sections("bodies"):
             bodies += self._of_config(name, body, mounts)
-        return self._robot(moving, mounts, base), bodies
+        return self._robot(found, moving, base), bodies
 
     def _tree(self, found: Description, base: Array) -> tuple[list[Joint], dict[str, _Mount]]:
         """Return the moving joints in the order of the states, and where each link is."""
@@ -282,7 +284,7 @@ class _Builder:
             for solid in configured(body.section("shape"), self._packages)
         ]
 
-    def _robot(self, moving: list[Joint], mounts: dict[str, _Mount], base: Array) -> Robot:
+    def _robot(self, found: Description, moving: list[Joint], base: Array) -> Robot:
         rows = [self._bounds(joint) for joint in moving]
         lower, upper, velocity, acceleration, deceleration = np.array(rows).reshape(-1, 5).T.copy()
         names = tuple(joint.name for joint in moving)
@@ -302,6 +304,7 @@ class _Builder:
             self._own.number("lag_window", 0.0, "time"),
             self._own.number("q_tolerance", 1e-6, "angle"),
             base,
+            tuple(found.joints),
             self._own.section("link").text("kind", "emulated") != "emulated",
         )
 

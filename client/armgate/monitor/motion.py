@@ -10,6 +10,7 @@ from armgate.monitor import tolerances as tol
 from armgate.monitor.findings import POSITIONS, Finding, FindingKind
 from armgate.monitor.frames import Array
 from armgate.monitor.model import Robot
+from armgate.monitor.pace import Pace
 from armgate.monitor.stopping import change_excess, increment_to, rest_of
 
 MEASURED, SETPOINT, END, BRAKING = range(4)
@@ -42,6 +43,7 @@ class Motion:
 
     Attributes:
         robot: The robot.
+        lockstep: True if each tick must have its exact time.
         last: Its newest sample.
         step: Its newest increment; None if it is not known.
         outside: By how much the joints may be beyond their limits, (2, n): below, above.
@@ -49,6 +51,7 @@ class Motion:
     """
 
     robot: Robot
+    lockstep: bool = False
     last: Sample | None = None
     step: Array | None = None
     outside: Array = field(default_factory=lambda: np.zeros((2, 0)))
@@ -58,6 +61,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         T = self.robot.period
+        self._pace = Pace(T)
         self._speed = self.robot.velocity * T
         self._accel, self._decel = self.robot.acceleration * T * T, self.robot.deceleration * T * T
 
@@ -68,8 +72,7 @@ class Motion:
         if before is not None and sample.tick <= before.tick:
             found.append(self._finding(sample, "form", f"its tick {sample.tick} follows tick {before.tick}"))
             before = None
-        elif before is not None and sample.time < before.time:
-            found.append(self._finding(sample, "form", f"its time follows {before.time:.3f} s"))
+        found += self._times(before, sample)
         step = None if before is None else sample.setpoint - before.setpoint
         if before is None or self._rebased(before, sample):
             self._begin(before, sample)
@@ -80,6 +83,36 @@ class Motion:
         found += self._limits(sample, poses)
         self._remember(sample)
         return poses, found
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    def _times(self, before: Sample | None, sample: Sample) -> Iterator[Finding]:
+        """Yield what the times of ticks have against them: all bounds of motion are per tick."""
+        if before is not None and not sample.time > before.time:
+            yield self._finding(
+                sample, "form", f"its time is not after {before.time:.6f} s, that of the last tick"
+            )
+            before = None
+        if before is None or not sample.ready:
+            self._pace.begin()
+        if self.lockstep:
+            yield from self._exact(before, sample)
+        elif sample.ready and (ahead := self._pace.take(sample.tick, sample.time)) is not None:
+            text = (
+                f"its ticks are ahead of time by {ahead.gain:.3f} s, {ahead.bound:.3f} s are allowed: "
+                f"{ahead.ticks} ticks of {1e3 * self.robot.period:g} ms come in {ahead.elapsed:.3f} s"
+            )
+            yield self._finding(sample, "pace", text, value=ahead.gain, bound=ahead.bound)
+
+    def _exact(self, before: Sample | None, sample: Sample) -> Iterator[Finding]:
+        """Yield a tick that has another time than its number of periods in lock-step."""
+        if before is None:
+            return
+        ticks, elapsed = sample.tick - before.tick, sample.time - before.time
+        expected = ticks * round(self.robot.period * 1e9) / 1e9
+        if abs(elapsed - expected) > tol.CLOCK:
+            text = f"{ticks} tick(s) come in {elapsed:.9f} s; {expected:.9f} s are expected in lock-step"
+            yield self._finding(sample, "pace", text, value=elapsed, bound=expected)
 
     # --- increments ---------------------------------------------------------------------------------------
 

@@ -1,5 +1,8 @@
 """What the monitor allows beyond the rules of the configuration; docs/monitor.md lists the reasons."""
 
+DESCRIBED = 1e-7
+"""Described numbers may differ by this much, m, rad or relative: conversions of units and rotations round."""
+
 CLEARANCE = 2e-5
 """A margin may be missed by this much, m; a measured position adds its error, times the lever."""
 
@@ -38,6 +41,16 @@ STALE = 2.5
 
 DISTANCE = 1e-5
 """A reported distance may be above the computed one by this much, m."""
+
+CLOCK = 1e-9
+"""In lock-step times are whole nanoseconds; their rounding, s."""
+
+PACE_TICKS = 64
+PACE_TIME = 1.0
+"""The earliest of so many ticks, in so much time at least, s, is on time."""
+
+PACE = 0.25
+"""Ticks may be ahead of time by this share of such a block."""
 
 SILENCE = 1.0
 """A robot whose states do not come for this long is silent, s."""

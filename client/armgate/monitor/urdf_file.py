@@ -88,6 +88,22 @@ def read_urdf(file: Path) -> Description:
         raise error if str(error).startswith(str(file)) else DescriptionError(f"{file}: {error}") from error
 
 
+def read_joints(data: bytes) -> list[Joint]:
+    """Read the joints of a URDF that was received; its bodies do not count.
+
+    Raises:
+        DescriptionError: It cannot be read or holds a joint that the monitor does not know.
+    """
+    try:
+        robot = _tree(data.decode("utf-8"))
+    except (expat.ExpatError, ValueError, AssertionError) as error:
+        raise DescriptionError(f"not a URDF in UTF-8: {error}") from error
+    _check_form(robot)
+    joints = _joints(robot, [_name(link) for link in robot.findall("link")])
+    _once("joint", [joint.name for joint in joints])
+    return joints
+
+
 def _tree(text: str) -> ET.Element:
     """Return the outer element; prefixes of namespaces stay in the names, declared or not."""
     tree, parser = ET.TreeBuilder(), expat.ParserCreate()
@@ -105,6 +121,18 @@ def _tree(text: str) -> ET.Element:
 
 
 def _description(robot: ET.Element) -> Description:
+    _check_form(robot)
+    found = Description("", [_name(link) for link in robot.findall("link")])
+    for link in robot.findall("link"):
+        found.bodies += _bodies(link)
+    found.bodies = _named_once(found.bodies)
+    found.joints = _joints(robot, found.links)
+    found.root = _root(found)
+    return found
+
+
+def _check_form(robot: ET.Element) -> None:
+    """Refuse another outer element and versions of URDF that the monitor does not know."""
     if robot.tag != "robot":
         raise DescriptionError(f"the outer element is <{robot.tag}>; expected <robot>")
     version = robot.get("version", "1.0")
@@ -113,13 +141,10 @@ def _description(robot: ET.Element) -> Description:
     origins = [*robot.iterfind("joint/origin"), *robot.iterfind("link/collision/origin")]
     if version == VERSIONS[0] and any(_TURN in origin.attrib for origin in origins):
         raise DescriptionError(f"{_TURN} needs version 1.1 of URDF")
-    found = Description("", [_name(link) for link in robot.findall("link")])
-    for link in robot.findall("link"):
-        found.bodies += _bodies(link)
-    found.bodies = _named_once(found.bodies)
-    found.joints = [_joint(element, found.links) for element in robot.findall("joint")]
-    found.root = _root(found)
-    return found
+
+
+def _joints(robot: ET.Element, links: list[str]) -> list[Joint]:
+    return [_joint(element, links) for element in robot.findall("joint")]
 
 
 def _named_once(bodies: list[Body]) -> list[Body]:
