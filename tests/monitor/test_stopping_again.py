@@ -7,7 +7,7 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.client import ConnectionLost, TimedOut
+from armgate.client import ConnectionLost, Refused, TimedOut
 from armgate.daemon.library import Library
 from armgate.monitor import live
 from armgate.protocol import messages as m
@@ -19,8 +19,9 @@ HOME = (0.0, 0.7853981633974483, 0.7853981633974483)
 class Line:
     """A connection to a daemon, by a script: states that come, and seconds without one."""
 
-    def __init__(self, description: m.Description, script) -> None:
-        self.description, self.welcome = description, SimpleNamespace(lockstep=False)
+    def __init__(self, library: Library, script) -> None:
+        self.description, self.welcome = library.description, SimpleNamespace(lockstep=False)
+        self._assets = library.assets
         self.now, self.asked, self.fails = 100.0, [], []
         self._script = deque(script)
         self._kept, self._count = deque(maxlen=1), 0
@@ -51,6 +52,9 @@ class Line:
         self._kept.append(state)
         self._count += 1
 
+    def asset(self, name):
+        return self._assets[name]
+
     def ping(self):
         raise TimedOut("no answer to ping")
 
@@ -71,10 +75,10 @@ def watched(tmp_path, monkeypatch):
     """Return the connection and the printed lines after a watch by a script."""
     file = tmp_path / "cell.yaml"
     file.write_text(arms_yaml("A"))
-    description = Library(build_cell(load_config([file])), False).description
+    library = Library(build_cell(load_config([file])), False)
 
     def run(script, *fails):
-        line, lines = Line(description, script), []
+        line, lines = Line(library, script), []
         line.fails += fails
         clock = SimpleNamespace(monotonic=lambda: line.now, process_time=lambda: 0.0)
         monkeypatch.setattr(live, "time", clock)
@@ -158,3 +162,23 @@ def test_a_robot_that_never_ticks_is_noted_and_a_dead_connection_ends_the_watch(
     assert account.unseen == ["A"]
     assert [text for text in lines if "no state yet of A" in text] == lines[1:]
     assert line.now < 100.0 + 50 * 0.1 + 0.05  # before the script ends
+
+
+def test_ticks_that_come_twice_as_fast_stop_the_cell(watched):
+    script = [state(t, time=t * 0.006) for t in range(500)]
+    line, lines, account = watched(script)
+    assert {finding.kind for finding in account.findings} == {"pace"}
+    assert any("violated: A, tick" in text and "ticks of 12 ms come in" in text for text in lines)
+    assert "ahead of time" in line.asked[0]
+
+
+def test_a_described_urdf_that_the_daemon_does_not_send_stops_the_cell(watched, monkeypatch):
+    unknown = m.Error(code="unknown_asset", fatal=False, text="no such asset", about="asset")
+
+    def refused(*_):
+        raise Refused(unknown)
+
+    monkeypatch.setattr(Line, "asset", refused)
+    line, _, _ = watched([state(0)])
+    assert len(line.asked) == 1
+    assert "A: the joints cannot be compared: the daemon does not send the described URDF" in line.asked[0]

@@ -95,6 +95,7 @@ class Watched:
         }
         carriers = {name: Tampered(link, tamper) if tamper else link for name, link in self.links.items()}
         self.time, self.tick, self.recorder = 0.0, -1, recorder
+        self.beat = 0.012  # time between ticks; the period of the configuration unless a test changes it
         if recorder is not None:
             recorder.begin(header_of(gate_cell, "x", False, 0.0, compiled=False), lambda: self.time)
         self.runner = GateRunner(self.gate, carriers, recorder.tap if recorder is not None else None)
@@ -108,7 +109,7 @@ class Watched:
     def instant(self) -> list[Finding]:
         """All robots tick once; the monitor sees their states."""
         self.tick += 1
-        self.time = self.tick * 0.012
+        self.time = self.tick * self.beat
         ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
         for tick in ticks:
             self.runner.feed(tick)

@@ -75,7 +75,7 @@ def _asset(header: Header, name: str) -> bytes:
     """Return what the description of a recording names by its hash."""
     try:
         data = header.asset(name)
-    except (KeyError, ValueError) as error:
+    except KeyError as error:
         raise DescriptionError(f"the recording does not hold the described URDF {name[:12]}…") from error
     if hashlib.sha256(data).hexdigest() != name:
         raise DescriptionError(f"the recording holds another URDF than the described one, {name[:12]}…")
