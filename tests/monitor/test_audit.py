@@ -129,6 +129,18 @@ def test_silence_after_a_link_was_lost_is_no_violation(tmp_path, told):
     assert ("violated: GR, tick 4 (0.048 s): no state for" in out) == (not told)
 
 
+def test_a_state_that_is_recorded_again_when_a_link_changes_is_no_violation(tmp_path):
+    recorder = Recorder(tmp_path / "run", limit=1 << 30)
+    watched = Watched(demo(ARM), tmp_path, recorder=recorder)
+    watched.rest(5)
+    recorder.show(*watched.shown)
+    watched.rest(5)
+    recorder.close()
+    status, out, _ = monitor(tmp_path / "run")
+    assert status == 0, out
+    assert "10 states, 30 positions checked, no violations" in out
+
+
 def test_a_recording_whose_chain_is_broken_is_violated(run, tmp_path):
     data = (run / "recording-0001.mcap").read_bytes()
     digest = verify(Recording.open(run)).seals[0].digest.hex().encode()

@@ -13,6 +13,7 @@ import pytest
 from armgate.cell import events as e
 from armgate.daemon import translate
 from armgate.integrity import braking, judge
+from armgate.monitor.motion import Motion
 from armgate.monitor.samples import sample_of
 from armgate.protocol import messages as m
 from monitor.watched import ARM, GANTRY, Change, Tree, Watched, demo
@@ -300,3 +301,39 @@ def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
     for step, ready in ((0.0, False), (fast, False), (0.0, False), (0.0, True)):
         assert kinds(step, ready) == set()
     assert "acceleration" in kinds(fast, True)
+
+
+@pytest.mark.parametrize(
+    ("holds", "off", "expected"),
+    [(True, 0.0, set()), (True, 1e-5, {"acceleration"}), (False, 0.0, {"acceleration"})],
+)
+def test_a_link_that_holds_may_take_back_the_newest_increment_only(tmp_path, holds, off, expected):
+    """The reply was late: the robot is held at the setpoint before, and starts from rest."""
+    watched = Watched(demo(ARM), tmp_path)
+    watched.rest(3)
+    robot = replace(watched.monitor.cell.robots[0], holds=holds)
+    motion, sample = Motion(robot), sample_of(translate.entry(ARM, watched.runner.view(ARM), None))
+    unit = np.eye(robot.n)[0] * robot.acceleration[0] * 0.012**2
+    motion.take(sample)
+    kinds = set()
+    for step in (0.0, 0.9, 1.8, -1.8 + off / unit[0], 0.0, 0.9):
+        q = sample.setpoint + step * unit
+        sample = replace(sample, tick=sample.tick + 1, time=sample.time + 0.012, q=q, setpoint=q, stop_end=q)
+        kinds |= {finding.kind for finding in motion.take(sample)[1]}
+    assert kinds - {"stop_end"} == expected
+
+
+def test_a_robot_is_not_held_to_setpoints_that_were_missed(tmp_path):
+    """It may follow setpoints of states that did not come, for as long as they can act."""
+    watched = Watched(demo(ARM), tmp_path)
+    watched.rest(5)
+    (sample,) = (motion.last for motion in watched.monitor._motions)
+
+    def kinds(ticks):
+        nonlocal sample
+        time = sample.time + ticks * 0.012
+        sample = replace(sample, tick=sample.tick + ticks, time=time, q=sample.q + 1e-4)
+        return {finding.kind for finding in watched.monitor.take(sample)}
+
+    assert kinds(2) == kinds(1) == set()
+    assert set.union(*(kinds(1) for _ in range(8))) == {"stray"}

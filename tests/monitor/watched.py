@@ -117,7 +117,8 @@ class Watched:
         if self.lie is not None:
             entries = {name: self.lie(entry) for name, entry in entries.items()}
         if self.recorder is not None:
-            self.recorder.show(ticks, list(entries.values()), {}, (), None)
+            self.shown = (ticks, list(entries.values()), {}, (), None)
+            self.recorder.show(*self.shown)
         new = []
         samples = [sample_of(entry) for entry in entries.values()]
         for sample in samples:

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from armgate.client import Description
@@ -15,6 +16,7 @@ from armgate.monitor.agreement import differences, orders_of
 from armgate.monitor.core import Account, Monitor
 from armgate.monitor.errors import DescriptionError, MonitorError
 from armgate.monitor.model import Cell, build
+from armgate.monitor.motion import Sample
 from armgate.monitor.samples import sample_of
 from armgate.monitor.yaml_files import read_files
 from armgate.recording import Header, Recording, Shown, Step
@@ -46,16 +48,27 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
     monitor = Monitor(cell, silence, lockstep=recording.header.lockstep)
     monitor.differ(differences(cell, description, partial(_asset, recording.header)))
     monitor.differ(f"the recording was changed: {place}" for place in verify(recording).breaks)
+    newest: dict[str, Sample] = {}
     for _, item in recording.items("/robots/", "/gate/link"):
         if isinstance(item, Step):
             change: Any = item.event  # of a link; the monitor does not import its type
             monitor.link(change.robot, ended=change.state != "ready")
         elif isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
-            monitor.take(sample)
+            if not _repeats(newest.get(sample.robot), sample):
+                monitor.take(sample)
+            newest[sample.robot] = sample
     monitor.absent()
     if not monitor.account.states:
         raise MonitorError(f"{run}: holds no state of any robot; nothing was checked")
     return cell, monitor.account
+
+
+def _repeats(before: Sample | None, sample: Sample) -> bool:
+    """Return True if a state is recorded once more at the same tick, as it is when a link changes."""
+    if before is None or (before.tick, before.time) != (sample.tick, sample.time):
+        return False
+    positions = ((one.q, one.setpoint, one.stop_end) for one in (before, sample))
+    return all(np.array_equal(a, b) for a, b in zip(*positions, strict=True))
 
 
 def _cell(header: Header, description: Description, configs: Sequence[Path]) -> Cell:

@@ -1,5 +1,6 @@
 """Checks of one robot's motion, from state to state: limits, increments, ends of stops, stray positions."""
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -58,6 +59,7 @@ class Motion:
     moved: bool = False
     _measured: deque[tuple[int, Array]] = field(default_factory=lambda: deque(maxlen=tol.MEASURED_TICKS + 1))
     _setpoints: deque[tuple[float, Array]] = field(default_factory=deque)
+    _missed: float = -math.inf
 
     def __post_init__(self) -> None:
         T = self.robot.period
@@ -145,9 +147,11 @@ class Motion:
         bound = ticks * self._speed * (1.0 + tol.RATE) + tol.STEP
         yield from self._per_joint(sample, "speed", step, np.abs(step) - bound, ticks * self._speed)
         if ticks > 1:
-            self.step = None
+            self.step, self._missed = None, sample.time
             return
         held = self.robot.holds and not step.any()
+        if self._undone(step):
+            held, step = True, np.zeros(self.robot.n)
         if self.step is not None and not held and before.ready and sample.ready:
             allowed = change_excess(self.step, step, self._accel, self._decel)
             slack = tol.STEP / np.minimum(self._accel, self._decel)
@@ -156,6 +160,12 @@ class Motion:
         self.step = step
         yield from self._strays(before, sample)
         yield from self._measured_speed(sample)
+
+    def _undone(self, step: Array) -> bool:
+        """Return True if the newest increment is taken back: its reply was late, and the link has held."""
+        if not self.robot.holds or self.step is None:
+            return False
+        return bool(self.step.any() and np.abs(step + self.step).max() <= tol.STEP)
 
     def _measured_speed(self, sample: Sample) -> Iterator[Finding]:
         if not self._measured:
@@ -171,6 +181,8 @@ class Motion:
     def _strays(self, before: Sample, sample: Sample) -> Iterator[Finding]:
         """Yield joints that are neither where they were nor between the setpoints that may still act."""
         window = self.robot.lag_window + 2.0 * self.robot.period
+        if sample.time - self._missed < window:
+            return  # setpoints that may still act were in states that did not come
         while len(self._setpoints) > 1 and self._setpoints[1][0] <= sample.time - window:
             self._setpoints.popleft()
         corners = np.stack([before.q, sample.setpoint, *(s for _, s in self._setpoints)])
