@@ -1,6 +1,7 @@
 """Admission to a viewer's page: host names, origins, the secret, framing."""
 
 import base64
+import contextlib
 import http.client
 import socket
 
@@ -224,3 +225,16 @@ def test_a_program_with_the_token_is_served_and_one_without_is_not(port):
         assert wire.recv(timeout=30)
     with pytest.raises(InvalidStatus, match="403"):
         connect(f"ws://127.0.0.1:{port}", **how)
+
+
+def test_idle_connections_make_room_for_new_ones(port, monkeypatch):
+    monkeypatch.setattr("armgate.apps.view.guard.MOST_WAITING", 4)
+    idle = [socket.create_connection(("127.0.0.1", port), timeout=20) for _ in range(6)]
+    for oldest in idle[:2]:
+        with contextlib.suppress(ConnectionResetError):
+            assert oldest.recv(1) == b""
+    for newest in idle[3:]:
+        newest.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert newest.recv(12) == b"HTTP/1.1 403"
+    for sock in idle:
+        sock.close()

@@ -11,12 +11,15 @@ from websockets import Headers
 from websockets.asyncio import server as websockets_server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from armgate.apps.view.door import HEADERS, Door, RefusedError, without_token
 from armgate.apps.view.inbound import LARGEST, Inbound, ViolationError
 
 MOST_PAGES = 32
 """Pages that may be connected at the same time."""
+MOST_WAITING = 64
+"""Connections whose request is not answered yet; if one more comes, the oldest is closed."""
 RATE, BURST = 200.0, 400.0
 """Messages of one page per s, and how many at once; the rest waits in the page's own connection."""
 STALLED = 60.0
@@ -35,6 +38,14 @@ class Guard:
     def __init__(self, door: Door, now: Callable[[], float] = monotonic) -> None:
         self.door, self.now = door, now
         self.inbound: Inbound | None = None
+        self._waiting: list[ServerConnection] = []
+
+    def enter(self, connection: ServerConnection) -> None:
+        """Make room for a new connection, so that idle ones do not use up this process's descriptors."""
+        waiting = [one for one in self._waiting if _waits(one)]
+        while len(waiting) >= MOST_WAITING:
+            waiting.pop(0).transport.abort()
+        self._waiting = [*waiting, connection]
 
     def connection(self, *how: Any, **more: Any) -> ServerConnection:
         """Return a connection that only passes what the filter admits."""
@@ -74,6 +85,11 @@ class _Filtered(ServerConnection):
         self._guard, self._refused = guard, False
         self._left, self._filled = BURST, guard.now()
 
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin with the request, unless too many others wait."""
+        super().connection_made(transport)
+        self._guard.enter(self)
+
     async def recv(self, decode: bool | None = None) -> Any:
         while True:
             data = await super().recv(decode)
@@ -102,6 +118,10 @@ class _Filtered(ServerConnection):
         self._filled = now
         if self._left < 0.0:
             await asyncio.sleep(-self._left / RATE)
+
+
+def _waits(connection: ServerConnection) -> bool:
+    return connection.state is State.CONNECTING and not connection.transport.is_closing()
 
 
 def _with_headers(response: Response) -> Response:
