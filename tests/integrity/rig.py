@@ -104,11 +104,12 @@ class Player:
 
     Attributes:
         lie: What it plays instead of an increment of its plan, as a factor.
+        lied: True if the last increment differed from the plan by more than numbers do.
     """
 
     def __init__(self, robot: str, q: Sequence[float], keeps: bool = False) -> None:
         self.robot, self.setpoint, self.keeps = robot, tuple(map(float, q)), keeps
-        self.lie, self._rebased = 1.0, False
+        self.lie, self.lied, self._rebased = 1.0, False, False
         self.tick, self.resets = -1, 0
         self.plan: Plan | None = None
         self.next: Plan | None = None
@@ -140,11 +141,17 @@ class Player:
         if self.plan is None or self.index >= len(self.plan.increments):
             self.plan, self.index, self.last = None, -1, zeros
             return Tick(self.robot, self.tick, time, tuple(q), self.setpoint, zeros)
-        self.last = tuple(self.lie * u for u in self.plan.increments[self.index])
+        self.last = self._played(self.plan.increments[self.index])
         self.setpoint = tuple(s + u for s, u in zip(self.setpoint, self.last, strict=True))
         return Tick(
             self.robot, self.tick, time, tuple(q), self.setpoint, self.last, self.plan.key, self.index
         )
+
+    def _played(self, planned: Sequence[float]) -> tuple[float, ...]:
+        """A lie too small to be told from rounding is not one: then the plan is played."""
+        played = tuple(self.lie * u for u in planned)
+        self.lied = max(abs(a - b) for a, b in zip(played, planned, strict=True)) > 1e-8
+        return played if self.lied else tuple(planned)
 
     def rebase(self, order: Rebase) -> None:
         self.plan = self.next = None
@@ -406,8 +413,9 @@ class Rig:
         late = self.traffic.jitter * robot.period * self.rng.random() if self.traffic.jitter else 0.0
         lies = player.moves and self.rng.random() < self.traffic.lies
         player.lie = self.rng.choice((16.0, 0.5, -1.0)) if lies else 1.0
+        player.lied = False
         tick = player.play(self.now + late, [float(x) for x in q], miss)
-        if lies and max(map(abs, tick.increment)) > 1e-8:
+        if player.lied:
             self._lie(tick)
             return
         if not miss and not tick.rebased:
