@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from armgate.emulator.krc import KrcError, Mode, kr16, setup
+from armgate.emulator.krc.context import Limits
 from armgate.emulator.krc.network import Disturbance
 from support.krcs import ethernet, krc_file
 
@@ -88,3 +89,15 @@ def test_disturbances():
     for wrong in ({"loss": "2"}, {"delay": "x"}, {"jitter": "up=3"}, {"delay": "20000"}, {"loss": ""}):
         with pytest.raises(KrcError, match=f"{next(iter(wrong))} .*expected"):
             setup.network_of(**NONE | wrong)
+
+
+@pytest.mark.parametrize("text", ["1,5", "A1=3,A1=4", "170,A=3,5", "A=3,5"])
+def test_a_limit_is_one_number_or_names_every_axis_or_group_once(text):
+    with pytest.raises(KrcError, match="expected"):
+        Limits.from_text(text, 5.0)
+
+
+@pytest.mark.parametrize("text", ["1,5", "to-pc=1,to-pc=2", "to-pc=1,5"])
+def test_a_disturbance_is_given_once_for_each_direction(text):
+    with pytest.raises(KrcError, match=r"expected one number, as 0\.5"):
+        setup.network_of(loss="0", duplicate="0", reorder="0", delay=text, jitter="0")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.links.rsi.axes import A_AXES, E_AXES
+from armgate.links.rsi.ethernet_words import encoding_objection, unread
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 65536
@@ -18,7 +19,10 @@ LIMIT = 65536
 _CHANNELS = 64
 """Numbers that INDX may have."""
 _TYPES = ("BOOL", "STRING", "LONG", "DOUBLE")
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+_NUMBER = re.compile(r"[0-9]{1,9}")
+_NAME = re.compile(r"(?!xml)[A-Za-z_][A-Za-z0-9_]{0,63}", re.ASCII | re.IGNORECASE)
+"""Names of a telegram's XML, which keeps those that begin with xml for itself."""
+
 _TECH = r"Tech\.(C[1-6]|T[2-6])"
 _REFUSED = "Tech.T1"
 _KNOWN = {
@@ -114,8 +118,11 @@ def read_ethernet(data: bytes) -> Ethernet:
         raise EthernetError(str(error)) from error
     if root.tag != "ROOT":
         raise EthernetError(f"the outer element is <{root.tag}>; expected <ROOT>")
+    objection = encoding_objection(data.decode("utf-8-sig")) or unread(root)
+    if objection is not None:
+        raise EthernetError(objection)
     host, port, sentype, only = (_config(root, k) for k in ("IP_NUMBER", "PORT", "SENTYPE", "ONLYSEND"))
-    if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+    if not (_NUMBER.fullmatch(port) and 1 <= int(port) <= 65535):
         raise EthernetError(f"PORT {port!r}; expected a number from 1 to 65535")
     protocol = root.findtext("CONFIG/PROTOCOL", "").strip() or "UDP"
     if protocol.upper() != "UDP":
@@ -162,7 +169,7 @@ def _elements(root: ET.Element, section: str) -> list[ET.Element]:
         index = element.get("INDX", "")
         if index == "INTERNAL":
             continue
-        if not (index.isascii() and index.isdigit() and 1 <= int(index) <= _CHANNELS):
+        if not (_NUMBER.fullmatch(index) and 1 <= int(index) <= _CHANNELS):
             tag = element.get("TAG", "")
             raise EthernetError(
                 f"{section}: {tag}: INDX={index!r}; expected INTERNAL or a number from 1 to {_CHANNELS}"
@@ -180,8 +187,8 @@ def _value(element: ET.Element, section: str) -> _Value:
     for part in (group, attribute) if dot else (group,):
         if not _NAME.fullmatch(part):
             raise EthernetError(
-                f"{section}: TAG={tag!r}: {part!r} is no name of XML, which begins with a letter; expected "
-                f"one like AK.A1"
+                f"{section}: TAG={tag[:80]!r}: {part[:80]!r} is no name of XML, which begins with a letter, "
+                f"not with xml, and has at most 64; expected one like AK.A1"
             )
     if group == "IPOC":
         raise EthernetError(f"{section}: {tag}: every telegram has IPOC anyway; remove the element")
@@ -213,6 +220,6 @@ def _config(root: ET.Element, key: str) -> str:
 
 def _flag(text: str, where: str) -> bool:
     values = {"TRUE": True, "1": True, "FALSE": False, "0": False}
-    if text.upper() not in values:
+    if not text.isascii() or text.upper() not in values:
         raise EthernetError(f"{where} {text!r}; expected TRUE or FALSE")
     return values[text.upper()]

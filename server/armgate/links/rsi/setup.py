@@ -45,6 +45,7 @@ class Setup:
         silence: After how long without a telegram it is lost, s.
         krc: Address from which telegrams come.
         listen: Where to listen.
+        pc: IP_NUMBER of the KRC's file.
     """
 
     robot: str
@@ -67,6 +68,7 @@ class Setup:
     silence: float
     krc: str
     listen: Address
+    pc: str
 
 
 def setup_of(cell: "Cell", robot: "Robot") -> Setup:
@@ -105,6 +107,7 @@ def setup_of(cell: "Cell", robot: "Robot") -> Setup:
         silence=own.silence,
         krc=own.krc,
         listen=_listen(cell.config, robot.name, own, ethernet),
+        pc=ethernet.host,
     )
     _check(cell, robot, setup)
     return setup
@@ -221,12 +224,11 @@ def _unsent(ethernet: Ethernet) -> tuple[str, ...]:
 
 def _listen(config: "CellConfig", robot: str, own: RsiLinkConfig, ethernet: Ethernet) -> Address:
     if own.listen is None:
-        try:
+        if is_host(ethernet.host):
             return str(ipaddress.ip_address(ethernet.host)), ethernet.port
-        except ValueError:
-            key = ("robots", robot, "link", "ethernet")
-            text = f"IP_NUMBER {ethernet.host!r} is no address; expected this PC's one, or link.listen"
-            raise config.error(key, f"{own.ethernet}: {text}") from None
+        key = ("robots", robot, "link", "ethernet")
+        text = f"IP_NUMBER {ethernet.host!r} is no address of a PC; expected this PC's one, or link.listen"
+        raise config.error(key, f"{own.ethernet}: {text}")
     host, _, port = own.listen.rpartition(":")
     return host.strip("[]"), int(port)
 
@@ -256,10 +258,22 @@ def _check(cell: "Cell", robot: "Robot", setup: Setup) -> None:
 
 def warnings_of(setup: Setup) -> list[str]:
     """Return what in the KRC's file works, but perhaps not as its author means it."""
-    if not setup.unsent:
-        return []
     names = ", ".join(setup.unsent)
-    return [
+    unsent = (
         f"RECEIVE declares {names}, which armgate never sends: the KRC reads 0 (an override of 0 %, if it is "
         "connected to one); remove it from RECEIVE and from the signal flow unless 0 is meant"
-    ]
+    )
+    address = (
+        f"IP_NUMBER {setup.pc!r} in the KRC's file is no address of a PC: the KRC would send nothing here; "
+        "write this PC's address there"
+    )
+    return [*([unsent] if setup.unsent else []), *([] if is_host(setup.pc) else [address])]
+
+
+def is_host(text: str) -> bool:
+    """Return True for the address of one machine: neither a placeholder, 0.0.0.0, broadcast nor multicast."""
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return not (address.is_unspecified or address.is_multicast or text == "255.255.255.255")

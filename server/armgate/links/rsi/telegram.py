@@ -110,7 +110,7 @@ class TelegramReader:
 
     def _parse(self, data: bytes) -> Telegram:
         root = _root(data)
-        if root.find("Dat") is not None:
+        if root.find("Dat") is not None and root.find("IPOC") is None:
             raise TelegramError("form", f"it holds <Dat>, the form of ERX 1.x on a KRC2, {_NOT_READ}")
         groups = _groups(root)
         text = root.findtext("IPOC", "")

@@ -46,12 +46,16 @@ class Limits:
             KrcError: Anything else.
         """
         own: dict[str, float] = {}
+        names: list[str] = []
         for part in text.split(","):
             name, equals, number = part.strip().rpartition("=")
             axes = _axes(name) if equals else (*A_AXES, *E_AXES)
             value = _positive(number)
             if not axes or value is None:
                 raise KrcError(f"limit {part.strip()!r}; expected a number above 0, or A=…, E=…, A1=…")
+            if name in names or (names and not equals):
+                raise KrcError(f"limit {text!r}; expected one number, as 1.5, or every name once: A=1.5,E=2")
+            names.append(name)
             own.update(dict.fromkeys(axes, value))
         return cls(default, own)
 

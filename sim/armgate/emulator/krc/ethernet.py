@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from armgate.emulator.krc.errors import KrcError
+from armgate.emulator.krc.filewords import refuse_encoding, refuse_unknown
 from armgate.emulator.krc.safexml import XmlError, read_xml
 
 LIMIT = 65536
@@ -25,7 +26,10 @@ Value = bool | str | int | float
 ZERO: dict[Type, Value] = {"BOOL": False, "STRING": "", "LONG": 0, "DOUBLE": 0.0}
 """What an element of each type is before anything was received."""
 
-_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)?", re.ASCII)
+_DIGITS = re.compile("[0-9]{1,9}")
+_MARK = b"\xef\xbb\xbf"
+_WORD = "(?![xX][mM][lL])[A-Za-z_][A-Za-z0-9_]{0,63}"
+_TAG = re.compile(rf"{_WORD}(\.{_WORD})?", re.ASCII)
 CARTESIAN = ("X", "Y", "Z", "A", "B", "C")
 _SENT: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("RIst", "RSol"), CARTESIAN),
@@ -110,6 +114,8 @@ def read_ethernet(data: bytes) -> Ethernet:
         raise KrcError(str(error)) from error
     if root.tag != "ROOT":
         raise KrcError(f"the outer element is <{root.tag}>; expected <ROOT>")
+    refuse_encoding(data[:256].decode("utf-8-sig", "replace"), data.removeprefix(_MARK).isascii())
+    refuse_unknown(root)
     only_send = _flag(_text(root, "CONFIG/ONLYSEND"), "ONLYSEND")
     sent = [part for element in _elements(root, "SEND") for part in _sent(element)]
     received = [part for element in _elements(root, "RECEIVE") for part in _received(element)]
@@ -119,7 +125,7 @@ def read_ethernet(data: bytes) -> Ethernet:
         raise KrcError("RECEIVE has no <ELEMENT>; expected at least one, or ONLYSEND TRUE")
     _refuse_protocols(root)
     host, port, sentype = (_text(root, f"CONFIG/{key}") for key in ("IP_NUMBER", "PORT", "SENTYPE"))
-    if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+    if not (_DIGITS.fullmatch(port) and 1 <= int(port) <= 65535):
         raise KrcError(f"PORT {port!r}; expected a number from 1 to 65535")
     return Ethernet(host, int(port), sentype, only_send, tuple(sent), tuple(received))
 
@@ -133,7 +139,7 @@ def _text(root: ET.Element, path: str) -> str:
 
 def _flag(text: str, where: str) -> bool:
     values = {"TRUE": True, "1": True, "FALSE": False, "0": False}
-    if text.upper() not in values:
+    if not text.isascii() or text.upper() not in values:
         raise KrcError(f"{where} {text!r}; expected TRUE or FALSE")
     return values[text.upper()]
 
@@ -148,7 +154,7 @@ def _elements(root: ET.Element, section: str) -> list[ET.Element]:
     elements = root.findall(f"{section}/ELEMENTS/ELEMENT")
     indices = [index for element in elements if (index := element.get("INDX")) != "INTERNAL"]
     for index in indices:
-        if not (index and index.isascii() and index.isdigit() and 1 <= int(index) <= CHANNELS):
+        if not (index and _DIGITS.fullmatch(index) and 1 <= int(index) <= CHANNELS):
             raise KrcError(f"{section}: INDX={index!r}; expected INTERNAL or a number from 1 to {CHANNELS}")
     _refuse_doubles(f"{section}, INDX", [str(int(index)) for index in indices if index])
     return elements
@@ -166,7 +172,8 @@ def _plain(element: ET.Element, section: str) -> Element:
     name = tag.removeprefix("DEF_") if internal else tag
     if not _TAG.fullmatch(name):
         raise KrcError(
-            f"{section}: TAG={tag!r}; expected a name like AK.A1: letters first, digits after them"
+            f"{section}: TAG={tag[:80]!r}; expected a name like AK.A1: letters first, digits after them, at "
+            f"most 64, and not xml at its beginning"
         )
     if name.partition(".")[0] == "IPOC":
         raise KrcError(f"{section}: IPOC stands in every telegram by itself; remove the element")

@@ -150,17 +150,23 @@ def peer_of(to: str | None, ethernet: Ethernet) -> Peer:
         KrcError: It is none.
     """
     if to is None:
-        try:
-            ipaddress.ip_address(ethernet.host)
-        except ValueError:
-            text = f"IP_NUMBER {ethernet.host!r} is no address; expected the PC's one in the file, or --to"
-            raise KrcError(text) from None
+        if not _of_one_machine(ethernet.host):
+            text = f"IP_NUMBER {ethernet.host!r} is no address of a PC; expected one in the file, or --to"
+            raise KrcError(text)
         return Peer.resolve(ethernet.host, ethernet.port)
     host, _, port = to.rpartition(":")
     host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
     if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
         raise KrcError(f"address {to!r}; expected HOST:PORT, e.g. 127.0.0.1:49152")
     return Peer.resolve(host, int(port))
+
+
+def _of_one_machine(text: str) -> bool:
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return not (address.is_multicast or int(address) in (0, 0xFFFFFFFF))
 
 
 def network_of(*, loss: str, duplicate: str, reorder: str, delay: str, jitter: str) -> dict[str, Disturbance]:
@@ -190,7 +196,7 @@ def _both(name: str, text: str) -> dict[str, float]:
             meant = dict.fromkeys([direction] if equals else DIRECTIONS, float(number))
         except ValueError:
             meant = {"": 0.0}
-        if not set(meant) <= set(DIRECTIONS):
-            raise KrcError(f"{name} {text!r}; expected a number, or to-pc=NUMBER,to-krc=NUMBER")
+        if not set(meant) <= set(DIRECTIONS) or not values.keys().isdisjoint(meant):
+            raise KrcError(f"{name} {text!r}; expected one number, as 0.5, or to-pc=NUMBER,to-krc=NUMBER")
         values |= meant
     return values
