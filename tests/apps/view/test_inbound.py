@@ -156,6 +156,19 @@ def test_crooked_messages_are_refused(controls):
             inbound.admits(message)
 
 
+def test_messages_that_viser_cannot_read_are_refused(controls):
+    inbound = Inbound(controls.server)
+    held = {"type": "TransformControlsDragStartMessage", **GIZMO}
+    whole = [CAMERA, controls.value("button", True), moved(), held]
+    for message in whole:
+        assert inbound.admits(packed(message))
+        for name in message.keys() - {"owner"}:
+            with pytest.raises(ViolationError):
+                inbound.admits(packed({key: value for key, value in message.items() if key != name}))
+        with pytest.raises(ViolationError, match="unexpected fields"):
+            inbound.admits(packed(message | {"more": 1}))
+
+
 @pytest.mark.parametrize(
     "attack",
     [

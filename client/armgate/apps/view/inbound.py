@@ -3,12 +3,15 @@
 Only messages of controls that our page has pass, with the fields and values that these controls can send.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import msgspec
 import viser
+from viser import _messages
 
 LARGEST = 16 * 1024
 """Longest message that a page may send, bytes."""
@@ -50,6 +53,7 @@ class Inbound:
         rule = self._rules.get(kind) if isinstance(kind, str) else None
         if rule is None:
             raise ViolationError(f"unexpected message {ascii(kind)[:60]}")
+        _check_fields(str(kind), message)
         return rule(message)
 
     def _apis(self) -> list[Any]:
@@ -82,6 +86,24 @@ def _decoded(data: bytes | str) -> dict[str, Any]:
         return msgspec.msgpack.decode(data, type=dict[str, Any])
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
         raise ViolationError("expected a message in msgpack") from error
+
+
+def _check_fields(kind: str, message: Mapping[str, Any]) -> None:
+    """Check that viser can read a message: else it ends the connection with a traceback in the log."""
+    required, known = _fields(kind)
+    given = message.keys() - {"type"}
+    if missing := required - given:
+        raise ViolationError(f"{kind}: expected {', '.join(sorted(missing))}")
+    if given - known:
+        raise ViolationError(f"{kind}: unexpected fields")
+
+
+@cache
+def _fields(kind: str) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the required fields of a message, and all of them."""
+    fields = dataclasses.fields(getattr(_messages, kind))
+    required = (f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING)
+    return frozenset(required), frozenset(field.name for field in fields)
 
 
 def _camera(message: Mapping[str, Any]) -> bool:
