@@ -9,13 +9,15 @@ import pytest
 from armgate.cell.shapes import Box, Cone, Convex, Sphere
 from armgate.integrity import certificate
 from armgate.integrity.certificate import GAP, Budget, Certifier
-from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion
+from armgate.integrity.engine import CoalEngine, FclEngine, Suggestion, _thickened
 from armgate.integrity.groups import Group
 from armgate.integrity.support import support_table
 from armgate.integrity.swept import Swept
 
 ENGINES = [CoalEngine, FclEngine]
 X = (1.0, 0.0, 0.0)
+TIPS = tuple(tuple(0.5 * sign * x for x in axis) for axis in np.eye(3).tolist() for sign in (-1.0, 1.0))
+"""Corners of a hull: of parallel faces FCL finds the distance for half of their corners' orders only."""
 
 
 class Says:
@@ -185,6 +187,18 @@ def test_an_engine_tells_the_direction_and_the_points_of_two_balls(engine, n):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_an_answer_does_not_depend_on_the_question_before(engine):
+    """A result that an engine fills again may keep the least distance found so far, here of an overlap."""
+    asked = engine((Convex(TIPS, 0.0), Sphere(0.25)))
+    asked.suggest(0, at(0, 0, 0), 1, at(0.25, 0, 0))
+    for n, apart in ((X, 1.0), ((0.0, 1.0, 0.0), 3.0), ((0.0, 0.0, -1.0), 2.0)):
+        found = asked.suggest(0, at(0, 0, 0), 1, at(*(apart * x for x in n)))
+        assert found.distance == pytest.approx(apart - 0.75, abs=1e-6)
+        assert found.normal == pytest.approx(n, abs=1e-3)
+        assert found.points[0] == pytest.approx([0.5 * x for x in n], abs=1e-3)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_bodies_that_overlap_have_a_direction_of_length_one(engine):
     found = engine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(2.5, 0, 0))
     assert found.normal == pytest.approx([-1, 0, 0], abs=1e-6)
@@ -200,12 +214,19 @@ def test_who_knows_no_direction_says_up():
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("one", "other"), [(0.1, 0.0), (0.0, 0.1), (0.1, 0.2), (1.0, 1.0)])
 def test_what_a_hull_has_around_it_is_taken_off_on_its_side(engine, one, other):
-    # Tips, not faces: of parallel faces FCL finds the distance for half of the orders of their corners only.
-    tips = tuple(tuple(0.5 * sign * x for x in axis) for axis in np.eye(3).tolist() for sign in (-1.0, 1.0))
-    asked = engine((Convex(tips, one), Convex(tips, other), Sphere(0.5)))
+    asked = engine((Convex(TIPS, one), Convex(TIPS, other), Sphere(0.5)))
     for b in (1, 2):
         r = other if b == 1 else 0.0
         found = asked.suggest(0, at(1, 0, 0), b, at(5, 0, 0))
         assert found.distance == pytest.approx(3.0 - one - r, abs=1e-6)
         assert found.normal == pytest.approx(X, abs=1e-6)
         assert [p[0] for p in found.points] == pytest.approx([1.5 + one, 4.5 - r], abs=1e-6)
+
+
+def test_what_hulls_have_around_them_moves_both_points_along_the_direction():
+    n, p, q = np.array([0.6, 0.0, -0.8]), np.array([1.0, 2.0, 3.0]), np.array([1.6, 2.0, 2.2])
+    found = _thickened(Suggestion(1.0, n, (p, q)), 0.25, 0.5)
+    assert found.distance == 0.25
+    assert found.normal is n
+    assert found.points[0] == pytest.approx([1.15, 2.0, 2.8], abs=1e-15)
+    assert found.points[1] == pytest.approx([1.3, 2.0, 2.6], abs=1e-15)

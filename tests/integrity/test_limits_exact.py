@@ -172,10 +172,11 @@ def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
         ("prismatic", -5.12e-05, "-0.0512 mm"),
         ("prismatic", -0.0, "0 mm"),
         ("prismatic", 0.0123456789, "12.3457 mm"),
+        (None, 0.25, "0.25"),
     ],
 )
 def test_reasons_have_units_are_rounded_and_know_no_minus_zero(kind, value, text):
-    b = StepBounds(("a",), (-1.0,), (1.0,), (1.0,), (1.0,), (1.0,), (kind,))
+    b = StepBounds(("a",), (-1.0,), (1.0,), (1.0,), (1.0,), (1.0,), (kind,) if kind else ())
     assert b.amount(0, value) == text
 
 

@@ -1,10 +1,12 @@
 """The range of positions for which motion bounds hold, to the letter."""
 
+import numpy as np
 import pytest
 
 from armgate.integrity.lag import stray_of
 from armgate.integrity.range import Range
 from armgate.integrity.robot import JOINT_SLACK, robot_state
+from armgate.integrity.swept import Space
 from integrity import scenes
 
 ROOM = 1e-3
@@ -117,6 +119,18 @@ def test_a_wider_one_stays_while_it_is_needed_and_suffices():
     back = wide.fitted([at(0.8)], 0.0)
     assert ends(back) == ends(own)
     assert back.fitted([at(0.7)], 0.0) is back
+
+
+def test_motion_bounds_are_computed_anew_only_outside_of_the_range():
+    space = Space(scenes.lever())
+    motion, bend = space.motion[0], space.bend[0]
+    assert not space.fit(0, [at(0.4)], 0.0)
+    assert space.motion[0] is motion
+    assert space.bend[0] is bend
+    assert space.fit(0, [at(2.0)], 0.0)
+    assert np.all(space.motion[0] >= motion)
+    assert space.motion[0].max() > motion.max() + 1.0  # a longer lever
+    assert not space.fit(0, [at(2.0)], 0.0)
 
 
 # --- what a robot may be at -------------------------------------------------------------------------------

@@ -228,6 +228,7 @@ def test_a_setpoint_that_differs_by_rounding_from_the_gates_own_sum_has_not_chan
     for k in range(1, 5):
         tick(state, (0.1 + 0.5e-9, 0.0), (0.3, 0.0), time=0.01 * k)
     assert state.changed == -math.inf
+    assert state.setpoint == (0.1, 0.0)
     assert state.resting
 
 
@@ -251,6 +252,27 @@ def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted,
     tick(state, NOT)
     state.faulted, state.q, state.measured = faulted, (0.5, 0.0), (0.75, 0.0)
     assert state.stand() == (stands, 0.0)
+
+
+def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for_those():
+    """The first tick tells where the robot is: none of its increments is known before."""
+    unlike = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    for state, counts in ((unlike, 1.0), (cart(), 0.0)):
+        tick(state, (1.0, 1.0), (0.5, 0.75))
+        assert state.largest.largest == (counts * 0.5, counts * 0.25)
+        tick(state, (1.5, 0.5))
+        tick(state, (1.625, 0.5))
+        assert state.largest.largest == (counts * 0.5, counts * 0.5)
+
+
+@pytest.mark.parametrize(("ticks", "rests"), [(1, False), (2, True)])
+def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_whatever_their_stamps(ticks, rests):
+    """A lag window of two ticks, which are stamped eight periods apart, and a robot that stands elsewhere."""
+    state = cart(window=0.024)
+    tick(state, NOT, time=0.0)
+    for k in range(1, ticks + 2):
+        tick(state, (0.1, 0.0), (0.5, 0.0), time=0.1 * k)
+    assert state.resting == rests
 
 
 def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():

@@ -57,8 +57,9 @@ ABOUT = {
     "retreat": ("retreat", "gate_exact", "resets"),
     "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside", "range"),
     "screen": ("screen", "clearance_exact", "gate_exact"),
+    "stops": ("stops", "gate_exact", "gate_order"),
     "support": ("groups_exact", "shapes_certificates"),
-    "swept": ("groups_exact", "screen", "resets"),
+    "swept": ("groups_exact", "screen", "range", "resets"),
     "view": ("gate_exact", "gate_order"),
 }
 """Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
