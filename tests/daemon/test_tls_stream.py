@@ -26,7 +26,7 @@ class Seat(asyncio.Protocol, Place):
     """A connection whose turns the test gives; it notes what came in at each."""
 
     def __init__(self):
-        self.turns, self.got, self.transport = [], [], None
+        self.turns, self.got, self.transport, self.paused = [], [], None, False
 
     def serve(self, work):
         self.turns.append(work)
@@ -41,6 +41,9 @@ class Seat(asyncio.Protocol, Place):
 
     def data_received(self, data):
         self.got[-1] += len(data)
+
+    def pause_writing(self):
+        self.paused = True
 
     def evict(self):
         self.transport.close()
@@ -165,3 +168,13 @@ async def test_a_piece_that_waits_for_its_turn_is_dropped_with_its_connection(tm
             await asyncio.sleep(0)
         seat.give_turns()
         assert seat.got == [0]
+
+
+async def test_what_a_client_does_not_read_waits_in_the_session(tmp_path):
+    async with connection(tmp_path) as (seat, client):
+        await connected(seat, client)
+        seat.transport.set_write_buffer_limits(high=1, low=0)
+        while not seat.paused:
+            seat.transport.write(b"x" * 1000)
+        under = seat.transport._ssl_protocol._transport
+        assert under.get_write_buffer_size() + seat.transport.get_write_buffer_size() < 3000

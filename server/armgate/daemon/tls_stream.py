@@ -117,6 +117,8 @@ class _Pieces(asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin the handshake."""
+        # What waits to be written waits in the session, as without TLS.
+        cast(asyncio.Transport, transport).set_write_buffer_limits(high=1, low=0)
         self._valve = _Valve(cast(asyncio.Transport, transport))
         self._tls.connection_made(self._valve)
 
