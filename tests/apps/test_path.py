@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from armgate.apps.errors import PathError
+from armgate.apps.lead import path as path_module
 from armgate.apps.lead.path import RecordedPath, read_path
 
 GOOD = [
@@ -139,3 +140,9 @@ def test_samples_cannot_be_changed() -> None:
     path = path_of(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="read-only"):
         path.q[0, 0] = 1.0
+
+
+def test_a_device_without_an_end_is_refused(monkeypatch):
+    monkeypatch.setattr(path_module, "MAX_BYTES", 1000)
+    with pytest.raises(PathError, match="more than 1000 bytes; expected a path file"):
+        read_path(Path("/dev/zero"))

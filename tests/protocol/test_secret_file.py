@@ -1,6 +1,7 @@
 """Files with secrets: who may be able to read them."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -69,3 +70,8 @@ def test_a_file_without_one_token(tmp_path, text):
         read_token(file)
     with pytest.raises(BadArgument, match="No such file"):
         read_token(tmp_path / "none")
+
+
+def test_a_device_without_an_end_is_no_secret_file():
+    with pytest.raises(SecretFileError, match="/dev/zero: more than 1048576 characters; expected a file"):
+        read_secret_file(Path("/dev/zero"))

@@ -9,6 +9,9 @@ import os
 import stat
 from pathlib import Path
 
+MAX_CHARACTERS = 1 << 20
+"""Longest file of tokens; a device has no end."""
+
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _ALL = stat.S_IRWXO | stat.S_IWGRP
 
@@ -35,11 +38,14 @@ def read_secret_file(file: Path) -> str:
     Raises:
         OSError: It cannot be read.
         UnicodeDecodeError: It is not UTF-8.
-        SecretFileError: Others can read it, or it belongs to another user.
+        SecretFileError: Others can read it, it belongs to another user, or it is too large.
     """
     with file.open(encoding="utf-8") as opened:
         _check(file, os.fstat(opened.fileno()))
-        return opened.read()
+        text = opened.read(MAX_CHARACTERS + 1)
+    if len(text) > MAX_CHARACTERS:
+        raise SecretFileError(f"{file}: more than {MAX_CHARACTERS} characters; expected a file of tokens")
+    return text
 
 
 def _check(file: Path, found: os.stat_result) -> None:

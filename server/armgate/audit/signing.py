@@ -5,6 +5,9 @@ from pathlib import Path
 from armgate.audit.errors import AuditError, UseError
 from armgate.recording.chain import Seal
 
+_LONGEST_KEY = 1 << 16
+"""Most bytes of a key's file that are read."""
+
 
 def public_key(file: Path) -> bytes:
     """Return the 32 bytes of an Ed25519 public key in PEM.
@@ -17,7 +20,8 @@ def public_key(file: Path) -> bytes:
     from cryptography.hazmat.primitives.serialization import load_pem_public_key  # noqa: PLC0415
 
     try:
-        key = load_pem_public_key(file.read_bytes())
+        with file.open("rb") as stream:
+            key = load_pem_public_key(stream.read(_LONGEST_KEY))
     except (ValueError, UnsupportedAlgorithm) as error:
         raise UseError(f"{file}: expected an Ed25519 public key in PEM") from error
     if not isinstance(key, Ed25519PublicKey):

@@ -101,3 +101,9 @@ def test_a_limit_is_one_number_or_names_every_axis_or_group_once(text):
 def test_a_disturbance_is_given_once_for_each_direction(text):
     with pytest.raises(KrcError, match=r"expected one number, as 0\.5"):
         setup.network_of(loss="0", duplicate="0", reorder="0", delay=text, jitter="0")
+
+
+@pytest.mark.parametrize("robot", ["/dev/zero", "/", "a" * 5000])
+def test_a_device_a_folder_or_an_impossible_name_is_no_urdf(robot):
+    with pytest.raises(KrcError, match="no such URDF file; expected kr16"):
+        setup.arm_of(robot, [], None)

@@ -37,6 +37,16 @@ class TestTelegrams:
             data = rob(row, number, ipoc + number)
             assert known.read(data) == TelegramReader(AXES).read(data)
 
+    @pytest.mark.parametrize("delay", ["-0", "+0", "-5", "9" * 11, "0" * 30, "0.5", "1e3"])
+    def test_a_delay_is_judged_in_the_learnt_form_as_in_xml(self, delay):
+        known, whole = TelegramReader(AXES), rob(["1.5"] * 6)
+        known.read(whole)
+        data = re.sub(rb'<Delay D="[^"]*"', b'<Delay D="' + delay.encode() + b'"', whole)
+        assert data != whole
+        for reader in (known, TelegramReader(AXES)):
+            with pytest.raises(TelegramError, match="Delay D is"):
+                reader.read(data)
+
     @given(st.binary(max_size=60), st.integers(0, 300), st.integers(0, 20))
     def test_whatever_is_changed_in_a_telegram_is_read_as_xml_or_refused(self, piece, at, length):
         known = TelegramReader(AXES)

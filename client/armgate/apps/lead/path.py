@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 MAGIC = "# armgate path 1"
 MAX_SAMPLES = 1_000_000
 _KEYS = ("robot", "joints", "units", "sample time")
+MAX_BYTES = 256 * 1024 * 1024
+"""Largest file of a path: room for MAX_SAMPLES."""
+
 _UNITS = {"m": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 
 
@@ -115,7 +118,11 @@ def read_path(file: Path) -> RecordedPath:
         PathError: It cannot be read or is malformed; the text names file and line and what was expected.
     """
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        with file.open("rb") as stream:  # a device has no end
+            data = stream.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise PathError(file, None, f"has more than {MAX_BYTES} bytes; expected a path file")
+        lines = data.decode("utf-8").splitlines()
     except OSError as error:
         raise PathError(file, None, f"cannot be read ({error.strerror}); expected a path file") from error
     except UnicodeDecodeError as error:

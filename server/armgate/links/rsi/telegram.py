@@ -17,7 +17,8 @@ LIMIT = 4096
 LONGEST_REPLY = 1024
 """More a KRC does not take, bytes."""
 _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
-_DELAY = re.compile(r"([0-9]{1,10})(\.0*)?")
+_DELAY_DIGITS = 10
+_DELAY = re.compile(rf"([0-9]{{1,{_DELAY_DIGITS}}})(\.0*)?")
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _NOT_READ = (
     "which is not supported: expected AIPos, ASPos, Delay and IPOC directly in <Rob>, as RSI sends them"
@@ -97,6 +98,8 @@ class TelegramReader:
         if found is None:
             return self._parse(data)
         delay, ipoc, *texts = found.group(*self._wanted)
+        if not delay.isdigit() or len(delay) > _DELAY_DIGITS:
+            return self._parse(data)
         measured, held = texts[: len(self._axes)], texts[len(self._axes) :]
         try:
             if held != self._held:  # it hardly ever changes

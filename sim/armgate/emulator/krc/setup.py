@@ -123,11 +123,15 @@ def arm_of(robot: str, cell: Sequence[Path], start: str | None) -> Arm:
 def _named_arm(robot: str, cell: Sequence[Path]) -> Arm:
     if not cell and robot == "kr16":
         return kr16()
+    from armgate.cell.plain_file import is_file, read_file  # noqa: PLC0415
     from armgate.cell.urdf import read_urdf  # noqa: PLC0415 (what it needs takes time)
+    from armgate.cell.urdf_xml import MAX_BYTES, decoded  # noqa: PLC0415
 
     try:
         if not cell:
-            urdf = read_urdf(Path(robot).read_text(encoding="utf-8"))
+            if not is_file(Path(robot)):
+                raise ModelError("no such URDF file; expected kr16, a file, or a robot of --cell")
+            urdf = read_urdf(decoded(read_file(Path(robot), MAX_BYTES)))
             children = {joint.parent for joint in urdf.joints}
             return arm_of_urdf(urdf, next(link for link in reversed(urdf.links) if link not in children))
         from armgate.cell.cell import build_cell  # noqa: PLC0415
@@ -137,10 +141,6 @@ def _named_arm(robot: str, cell: Sequence[Path]) -> Arm:
         return arm_of_cell(found, read_urdf(found.urdf))
     except ModelError as error:
         raise KrcError(f"robot {robot!r}: {error}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise KrcError(
-            f"robot {robot!r}: no such URDF file; expected kr16, a file, or a robot of --cell"
-        ) from error
 
 
 def peer_of(to: str | None, ethernet: Ethernet) -> Peer:
