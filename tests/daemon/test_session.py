@@ -244,6 +244,16 @@ async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowl
     assert not line.transport.reading
 
 
+async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.session._DISCARD", 0.01)
+    line.session.end(m.Bye())
+    line.session.data_received(b"x" * 100)
+    line.transport.reading = False
+    line.transport.close()
+    await asyncio.sleep(0.03)
+    assert not line.transport.reading  # TLS would fail, and the daemon with it
+
+
 async def test_a_client_that_closes_is_gone_once(line):
     line.hello()
     line.session.eof_received()

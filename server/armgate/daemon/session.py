@@ -227,8 +227,14 @@ class Session(asyncio.BufferedProtocol, Place):
     def _read_later(self) -> None:
         if self._pause is not None:
             self._pause.cancel()
-        self._transport.pause_reading()
-        self._pause = asyncio.get_running_loop().call_later(_DISCARD, self._transport.resume_reading)
+        if not self._transport.is_closing():
+            self._transport.pause_reading()
+            self._pause = asyncio.get_running_loop().call_later(_DISCARD, self._read_on)
+
+    def _read_on(self) -> None:
+        """Read again, unless the transport is closed: that of TLS fails then."""
+        if not self._transport.is_closing():
+            self._transport.resume_reading()
 
     def eof_received(self) -> bool:
         """Handle the end of the client's stream once all that came before is read.
@@ -408,7 +414,7 @@ class Session(asyncio.BufferedProtocol, Place):
         if self._ended:
             self._end_of_stream()
         else:
-            self._transport.resume_reading()
+            self._read_on()
 
     def _read_ahead(self) -> None:
         """Act on a stop that waits behind other messages, and keep what comes up to a bound, to find one.
@@ -418,7 +424,7 @@ class Session(asyncio.BufferedProtocol, Place):
         if self._connection.buffered > (_ROOM if self._allowance is None else _AHEAD):
             self._transport.pause_reading()
         else:
-            self._transport.resume_reading()
+            self._read_on()
         if not self._searching and self._allowance is not None and self._connection.may_overtake:
             self._searching = True
             self._turns.later(self.identity, self._desk.privileged(self), self._search)
@@ -494,7 +500,7 @@ class Session(asyncio.BufferedProtocol, Place):
             return
         self._closing = True
         self._outbox.drop_states()  # nothing follows the last message
-        self._transport.resume_reading()  # to see when the client closes
+        self._read_on()  # to see when the client closes
         self._abort_later()
         self._write_eof()
 

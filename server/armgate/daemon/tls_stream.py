@@ -137,7 +137,7 @@ class _Pieces(asyncio.BufferedProtocol):
         self._serve(lambda: self._decrypt(nbytes))
 
     def _decrypt(self, nbytes: int) -> None:
-        if not self._lost:
+        if not (self._lost or self._valve.is_closing()):
             self._valve.wait(False)
             self._tls.get_buffer(nbytes)[:nbytes] = self._room[:nbytes]
             self._tls.buffer_updated(nbytes)
