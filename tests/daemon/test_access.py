@@ -469,3 +469,20 @@ def test_two_names_have_two_proofs(tmp_path, proof):
     with pytest.raises(t.TokenError, match="the same secret or certificate for a and b") as caught:
         t.read(file)
     assert "000" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "pipe"])
+def test_only_a_regular_file_is_one_of_tokens(tmp_path, name):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(t.TokenError, match="not a regular file"):
+        t.append(tmp_path / name, t.make("a", "observer", None).token)
+    assert not (tmp_path / name).is_file()
+
+
+def test_a_link_to_a_file_of_tokens_stays_a_link(tmp_path):
+    file, link = tmp_path / "tokens", tmp_path / "link"
+    link.symlink_to(file)
+    t.append(link, t.make("a", "observer", None).token)
+    t.append(link, t.make("b", "observer", None).token)
+    assert link.is_symlink()
+    assert [token.name for token in t.read(file)] == ["a", "b"]

@@ -1,10 +1,14 @@
 """The key that signs recordings: Ed25519, by the package cryptography (extra ``sign``)."""
 
+import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
 
 from armgate.recording.chain import Signer
+
+_LONGEST = 1 << 16
+"""Most bytes of a key's file that are read; a device has no end."""
 
 
 class SignerError(Exception):
@@ -37,7 +41,8 @@ def load_signer(file: Path) -> Signer:
 def _private(file: Path) -> bytes:
     """Read a file that only its owner may read."""
     try:
-        mode, data = file.stat().st_mode, file.read_bytes()
+        with file.open("rb") as opened:
+            mode, data = os.fstat(opened.fileno()).st_mode, opened.read(_LONGEST)
     except OSError as error:
         raise SignerError(f"{file}: {error.strerror or error}") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):

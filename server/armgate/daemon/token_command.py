@@ -89,9 +89,15 @@ def _after(**duration: float) -> datetime:
     return (datetime.now(UTC) + timedelta(**duration)).replace(microsecond=0)
 
 
+_LONGEST_CERTIFICATE = 1 << 16
+"""Most characters of a certificate's file that are read; a device has no end."""
+
+
 def _digest(certificate: Path) -> str:
     try:
-        return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate.read_text(encoding="ascii"))).hexdigest()
+        with certificate.open(encoding="ascii") as file:
+            text = file.read(_LONGEST_CERTIFICATE)
+        return hashlib.sha256(ssl.PEM_cert_to_DER_cert(text)).hexdigest()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no certificate"
         raise CalledWronglyError(f"--certificate {certificate}: {reason}; expected one in PEM") from error

@@ -29,6 +29,10 @@ PREFIX = "armgate_"
 """Tells those who scan for lost secrets what they have found."""
 
 _BYTES = 32
+
+_LONGEST = 1 << 24
+"""Most characters of a file of tokens."""
+
 RANKS: dict[Role, int] = {"observer": 0, "controller": 1, "operator": 2}
 """Roles in order: each may do what those below it may."""
 
@@ -133,12 +137,16 @@ def read(file: Path) -> Tokens:
     Raises:
         TokenError: It cannot be read, others may write it, or a line is no token.
     """
+    if file.exists() and not file.is_file():
+        raise TokenError(f"{file}: not a regular file; expected tokens made by `armgate token`")
     try:
         with file.open(encoding="utf-8") as opened:
-            text, found = opened.read(), os.fstat(opened.fileno())
+            text, found = opened.read(_LONGEST + 1), os.fstat(opened.fileno())
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8"
         raise TokenError(f"{file}: {reason}; expected tokens made by `armgate token`") from error
+    if len(text) > _LONGEST:
+        raise TokenError(f"{file}: more than {_LONGEST} characters; expected tokens made by `armgate token`")
     if found.st_uid not in (os.geteuid(), 0):
         owner = f"belongs to user {found.st_uid}, who could let anybody in"
         raise TokenError(f"{file}: {owner}; expected a file of this user or of root")
@@ -196,7 +204,8 @@ def _earlier(until: datetime, expires: datetime | None) -> datetime:
 
 
 def _write(file: Path, tokens: Sequence[Token]) -> None:
-    """Replace the file as a whole, so that the daemon never reads half of it."""
+    """Replace the file as a whole, so that the daemon never reads half of it; a link to it stays."""
+    file = file.resolve()
     _once(file, tokens)
     lines = "".join(token.model_dump_json(exclude_none=True) + "\n" for token in tokens)
     owner = file.stat() if file.exists() else None
