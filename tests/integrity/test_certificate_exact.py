@@ -112,8 +112,8 @@ def test_the_better_proof_counts_and_of_equal_ones_the_first(normals, lb, point,
     ("centres", "lb"),
     [(0.75, -0.25), (1.0, -1.5), (2.0, 0.0), (3.0, 0.5)],
 )
-def test_only_bodies_that_overlap_get_another_direction_than_the_engines_tell(centres, lb, monkeypatch):
-    """Balls of 0.5 m; the engines tell a direction 60 degrees off the line of the centres."""
+def test_only_bodies_that_overlap_get_another_direction_than_that_of_the_engines(centres, lb, monkeypatch):
+    """Balls of 0.5 m; the engines return a direction 60 degrees off the line of the centres."""
     n = (0.5, math.sqrt(0.75), 0.0) if lb != -1.5 else (-0.5, math.sqrt(0.75), 0.0)
     certifier, group = balls(monkeypatch, Says(lb, n), Says(lb, n), 0.5, 0.5)
     sides = standing([(1, 0, 0)] * 2), standing([(1 + centres, 0, 0)] * 2)
@@ -123,7 +123,7 @@ def test_only_bodies_that_overlap_get_another_direction_than_the_engines_tell(ce
 
 
 def posed(shape):
-    """One body at the origin; of shapes in one table only a cone and a hull have corners."""
+    """Return one body at the origin; a cone and a hull have corners, a ball in the same table has none."""
     shapes = [Cone(0.1, 0.2), Convex(((0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1), (0, 0, 0)), 0.0), Sphere(0.1)]
     rows = {"cone": 0, "hull": 1, "ball beside them": 2}
     row = support_table(shapes)[rows[shape]] if shape in rows else support_table([Box(0.1, 0.1, 0.1)])[0]
@@ -135,7 +135,7 @@ def posed(shape):
     [
         (("box", "box"), 0.0, -0.1, -0.01, True),  # the engine claims more than was proven
         (("box", "box"), 0.0, -0.01, -0.1, True),
-        (("box", "box"), 2 * GAP, -1.0, GAP, False),  # by exactly the gap: its claim is met
+        (("box", "box"), 2 * GAP, -1.0, GAP, False),  # the claim exceeds it by exactly the gap
         (("box", "box"), -0.1, -0.1, -0.1, False),
         (("box", "box"), -0.1, -0.1, -0.2, False),
         (("box", "box"), -0.1, -0.2, -0.1, False),
@@ -188,7 +188,7 @@ def test_an_engine_tells_the_direction_and_the_points_of_two_balls(engine, n):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_answer_does_not_depend_on_the_question_before(engine):
-    """A result that an engine fills again may keep the least distance found so far, here of an overlap."""
+    """A result object that is reused may keep the least distance found so far, here that of an overlap."""
     asked = engine((Convex(TIPS, 0.0), Sphere(0.25)))
     asked.suggest(0, at(0, 0, 0), 1, at(0.25, 0, 0))
     for n, apart in ((X, 1.0), ((0.0, 1.0, 0.0), 3.0), ((0.0, 0.0, -1.0), 2.0)):
@@ -223,7 +223,7 @@ def test_what_a_hull_has_around_it_is_taken_off_on_its_side(engine, one, other):
         assert [p[0] for p in found.points] == pytest.approx([1.5 + one, 4.5 - r], abs=1e-6)
 
 
-def test_what_hulls_have_around_them_moves_both_points_along_the_direction():
+def test_the_radii_of_hulls_move_both_points_along_the_direction():
     n, p, q = np.array([0.6, 0.0, -0.8]), np.array([1.0, 2.0, 3.0]), np.array([1.6, 2.0, 2.2])
     found = _thickened(Suggestion(1.0, n, (p, q)), 0.25, 0.5)
     assert found.distance == 0.25

@@ -166,7 +166,7 @@ def test_a_fault_at_the_first_tick_widens_nothing():
 
 
 def test_a_setpoint_that_a_link_begins_anew_with_is_proven_anew():
-    """Only a link that is not ready may; the robot stands, and is taken to be on its way there."""
+    """A link that is not ready may do so. The robot is then taken to move to that setpoint."""
     hands = pair()
     before, (x,) = hands.kept(), hands.q[0]
     hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
@@ -174,7 +174,7 @@ def test_a_setpoint_that_a_link_begins_anew_with_is_proven_anew():
     assert hands.kept() == hands.kept(1) == pytest.approx(before - 0.05, abs=1e-8)
 
 
-def test_a_robot_whose_tick_says_nothing_is_not_known_to_rest_until_it_speaks():
+def test_a_robot_whose_tick_is_unreadable_is_not_known_to_rest_until_its_next_tick():
     hands = pair()
     (stop,) = hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,)))
     assert hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,))) == []

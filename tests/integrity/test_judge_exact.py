@@ -207,7 +207,7 @@ def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew
 # --- reasons ------------------------------------------------------------------------------------------------
 
 
-def test_lengths_in_reasons_are_told_to_the_nanometre_and_the_bound_is_rounded_down():
+def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
     hands = lane_hands(-1.0)
     judge, s = hands.gate._judge, hands.gate._robots[0]
     points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
@@ -221,12 +221,12 @@ def test_lengths_in_reasons_are_told_to_the_nanometre_and_the_bound_is_rounded_d
 
 
 def too_near(between=0.11):
-    """Two balls of 5 cm, 1 cm apart, of which 2 cm must be kept; ``fast`` goes first."""
+    """Return two balls of 5 cm, 1 cm apart, with a stop distance of 2 cm; ``fast`` has the first turn."""
     cell = scenes.crossing(window=0.0, periods=(0.012, 0.012))
     return Hands(cell, [(0.0, 0.0), (0.0, between)])
 
 
-def test_a_robot_that_was_led_out_goes_first_until_it_is_not_asked_any_more():
+def test_a_robot_that_retreats_keeps_its_turn_for_three_ticks():
     hands = too_near()
     assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
     hands.play(0)
@@ -238,8 +238,8 @@ def test_a_robot_that_was_led_out_goes_first_until_it_is_not_asked_any_more():
     assert hands.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
 
 
-def test_a_robot_found_deeper_after_a_fault_may_be_led_out_from_there():
-    """What it had reached before is not what it must keep."""
+def test_a_robot_found_nearer_after_a_fault_may_retreat_from_there():
+    """The clearance that it had reached before the fault is no longer required."""
     hands = too_near()
     for _ in range(20):
         hands.ask((0.0, -5e-4), 0)

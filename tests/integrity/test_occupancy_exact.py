@@ -92,8 +92,8 @@ def test_what_any_of_several_explains_is_explained():
     assert settle_measured((5.13, 5.0), [other, WAY], TOLERANCE) is None
 
 
-def test_of_several_explanations_the_nearest_is_gone_on_with():
-    """Both places explain it, and axes that lag differently leave the choice between them."""
+def test_of_several_explanations_the_nearest_is_taken():
+    """Both positions explain the measurement; with axes that lag differently both would be admissible."""
     here, there = (Occupancy(((x,),), (0.07,)) for x in (0.0, 0.04))
     for q, settled in ((0.025, 0.04), (0.015, 0.0)):
         for held in ([here, there], [there, here]):

@@ -124,7 +124,7 @@ def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("first", [True, False])
 def test_a_ball_comes_out_of_a_box_to_either_side(axis, sign, first):
-    """The ball's frame is turned, so that nothing but the box's own axes shows the way."""
+    """The ball's frame is turned, so that only the axes of the box are normals of its faces."""
     rows, off = support_table((Box(0.4, 0.4, 0.4), Sphere(0.1))), np.full(3, 0.05)
     off[axis] = sign * 0.1
     pair = [(rows[0], np.eye(3), SHIFT), (rows[1], FIRST, SHIFT + off)]
@@ -149,8 +149,8 @@ def test_of_directions_that_prove_the_same_the_given_one_is_kept():
     ("cone", "ball", "angle"),
     [(FIRST, SECOND, 2.0), (FIRST, SECOND, 2.9), (np.eye(3), SECOND, 1.2), (SECOND, FIRST, 2.0)],
 )
-def test_turning_comes_within_hundredths_of_a_millimetre_of_a_wall_between_all_axes(cone, ball, angle):
-    """A ball in a cone comes out through the nearest line of its side, across which no axis stands."""
+def test_turning_finds_the_side_of_a_cone_to_hundredths_of_a_millimetre(cone, ball, angle):
+    """A ball in a cone comes out through its side, whose normal is none of the directions tried."""
     radius, length, of_ball = 0.2, 0.5, 0.03
     rows, side = support_table((Cone(radius, length), Sphere(of_ball))), np.hypot(radius, length)
     out = np.array([np.cos(angle), np.sin(angle), 0.0])

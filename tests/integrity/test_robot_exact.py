@@ -255,7 +255,7 @@ def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted,
 
 
 def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for_those():
-    """The first tick tells where the robot is: none of its increments is known before."""
+    """At the first tick, the increment is the way from the measured position to the setpoint."""
     unlike = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
     for state, counts in ((unlike, 1.0), (cart(), 0.0)):
         tick(state, (1.0, 1.0), (0.5, 0.75))
@@ -267,7 +267,7 @@ def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for
 
 @pytest.mark.parametrize(("ticks", "rests"), [(1, False), (2, True)])
 def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_whatever_their_stamps(ticks, rests):
-    """A lag window of two ticks, which are stamped eight periods apart, and a robot that stands elsewhere."""
+    """A robot that stands elsewhere, with a lag window of two ticks, stamped eight periods apart."""
     state = cart(window=0.024)
     tick(state, NOT, time=0.0)
     for k in range(1, ticks + 2):

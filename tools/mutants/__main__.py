@@ -1,13 +1,13 @@
-"""How much of the gate's judgement the tests hold: faults put in one by one, and the share that is noticed.
+"""Mutation testing of the gate: put small faults into it, one at a time, and count those that tests catch.
 
     python -m tools.mutants [N] [--module NAME…] [--seed S] [--tests FILE…] [--longest S] [--about]
                             [--only FILE] [--list]
 
 N mutants are drawn by the seed, from all modules of ``armgate.integrity`` or from some; without N all are
-tried. ``--longest`` leaves out the tests that take longer, ``--about`` all but those about the module: what
-they would have noticed counts as survived then; ``--only`` tries the mutants whose keys a file has, such as
-those survivors. ``reasons.toml`` lists those that no test can kill, with the reason: they are told, and do
-not count. Survivors that are not listed are printed last but one, the share killed last. The exit status is
+tried. ``--longest`` leaves out tests that take longer, ``--about`` all tests but those about the module: a
+mutant that only these would catch counts as survived. ``--only`` tries the mutants whose keys a file lists,
+such as survivors. ``reasons.toml`` lists equivalent mutants, which no test can catch, with the reason; they
+are not tried and do not count. Survivors are printed last but one, the share killed last. The exit status is
 1 if the share is below the goal.
 """
 
@@ -29,12 +29,12 @@ _FOLDER = Path("server/armgate/integrity")
 _REASONS = Path(__file__).with_name("reasons.toml")
 _PATIENCE = 4.0
 _LEFT_OUT = {"__init__", "compiled", "kernels"}
-"""What numba compiles repeats the readable form, and its tests hold the two against each other; from its
-cache it would come without the fault."""
+"""The code that numba compiles repeats the readable form, and its tests compare the two; numba would load it
+from its cache, without the fault."""
 
 
 def main() -> int:
-    """Tries mutants."""
+    """Try mutants and print the result."""
     args = _arguments()
     modules = sorted(p for p in _FOLDER.glob("*.py") if p.stem not in _LEFT_OUT)
     unknown = set(args.module or ()) - {p.stem for p in modules}
@@ -73,7 +73,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _reasons() -> dict[str, str]:
-    """Why mutants are no faults, by key."""
+    """Return the reasons why mutants are equivalent, by key."""
     groups = tomllib.loads(_REASONS.read_text("utf-8"))["equivalent"]
     return {key: group["reason"] for group in groups for key in group["mutants"]}
 
@@ -104,7 +104,7 @@ def _tell(results: list[tuple[Mutant, str]], excused: list[str]) -> int:
     survivors = [m for m, result in results if result == "survived"]
     killed = len(results) - len(survivors)
     share = killed / max(len(results), 1)
-    print(f"\n{len(excused)} mutants change nothing that matters: tools/mutants/reasons.toml says why")
+    print(f"\n{len(excused)} mutants are equivalent; tools/mutants/reasons.toml gives the reasons")
     print(*_table([m.key for m, _ in results], excused, [m.key for m in survivors]), sep="\n")
     print(f"{len(survivors)} survived:")
     for mutant in survivors:
@@ -114,9 +114,9 @@ def _tell(results: list[tuple[Mutant, str]], excused: list[str]) -> int:
 
 
 def _table(tried: list[str], excused: list[str], survivors: list[str]) -> Iterator[str]:
-    """The result by module, as it stands in docs/mutants.md."""
+    """Return the result by module, as docs/mutants.md shows it."""
     columns = [Counter(key.split(":")[0] for key in keys) for keys in (tried, excused, survivors)]
-    yield "| module | mutants | change nothing | killed | survived |"
+    yield "| module | mutants | equivalent | killed | survived |"
     yield "|---|---:|---:|---:|---:|"
     modules = sorted(columns[0] | columns[1])
     for module in [*modules, "all"]:
