@@ -129,3 +129,48 @@ def test_start_clearances_hold_every_nearest_pair(name):
     assert len(told) > 10
     at = {frozenset(cell.bodies[x].name for x in (p.a, p.b)): k for k, p in enumerate(cell.pairs)}
     assert all(true[at[frozenset(n.pair)]] - m < 0.2 for n, m in zip(told, margins, strict=True))
+
+
+def around(*gaps):
+    """Return a cell of one ball at the origin and balls around it at these distances."""
+    angles = np.linspace(0.0, 2.0 * np.pi, len(gaps), endpoint=False)
+    places = [
+        ((0.15 + gap) * np.cos(a), (0.15 + gap) * np.sin(a), 0.0) for gap, a in zip(gaps, angles, strict=True)
+    ]
+    balls = {f"b{k}": {"shape": {"sphere": 0.1}, "xyz": [float(x) for x in p]} for k, p in enumerate(places)}
+    robot = {"urdf": scenes.cart((1, 0, 0)), "start": [0.0]}
+    return scenes.build({"A": robot}, surroundings=balls)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "count", "told"),
+    [
+        ((0.5, 0.3, 0.4, 0.2), 1, [0.2]),
+        ((0.5, 0.3, 0.4, 0.2), 2, [0.2, 0.3]),
+        ((0.5, 0.3, 0.4, 0.2), 3, [0.2, 0.3, 0.4]),
+        ((0.5, 0.3, 0.4, 0.2), 9, [0.2, 0.3, 0.4, 0.5]),
+        ((0.5, 0.01, 0.005, 0.2), 1, [0.005, 0.01]),  # all below their limits
+        ((0.5, 0.01, 0.005, 0.2), 3, [0.005, 0.01, 0.2]),
+    ],
+)
+def test_start_clearances_are_the_nearest_few_and_those_below_their_limits(gaps, count, told):
+    assert [n.distance for n in start_clearances(around(*gaps), count)] == pytest.approx(told, abs=1e-6)
+
+
+def test_start_clearances_are_sixteen_unless_another_number_is_given():
+    assert len(start_clearances(around(*np.linspace(0.2, 0.6, 20)))) == 16
+
+
+def test_a_robot_without_pairs_has_no_clearance():
+    assert start_clearances(around()) == []
+
+
+def test_bounds_are_found_anew_when_the_motion_bounds_have_changed():
+    clearance = Clearance(scenes.lever(), False)
+    inside, outside = (0.0, 0.3, 0.0), (0.0, 2.0, 0.0)
+    moved, fresh = NearestPairs(clearance), NearestPairs(clearance)
+    moved.find(0, [inside], 1)
+    clearance.fit(0, [outside], 0.0)
+    moved._follow(0, outside)
+    fresh._follow(0, outside)
+    assert moved._margin == pytest.approx(fresh._margin)
