@@ -5,7 +5,9 @@ import tomllib
 from pathlib import Path
 
 from armgate.integrity import braking
+from tools.mutants.__main__ import LEFT_OUT
 from tools.mutants.mutate import mutants_of
+from tools.mutants.run import ABOUT
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,3 +62,12 @@ def test_every_mutant_that_is_listed_as_none_is_there():
         there |= {mutant.key for mutant in mutants_of(module, source)}
     assert set(listed) - there == set()
     assert all(group["reason"] for group in given)
+
+
+def test_every_module_with_mutants_names_existing_tests_about_it():
+    folder = Path(braking.__file__).parent
+    for path in folder.glob("*.py"):
+        if path.stem not in LEFT_OUT and mutants_of(path.stem, path.read_text()):
+            assert ABOUT.get(path.stem), path.stem
+    for name in {name for names in ABOUT.values() for name in names}:
+        assert (ROOT / "tests" / "integrity" / f"test_{name}.py").exists(), name
