@@ -48,7 +48,8 @@ def quantile(counts: dict[float, float], share: float) -> float:
 
 
 def demo(folder: Path, *options: str) -> tuple[dict, dict[float, float]]:
-    """Figures of a demo, and the lateness of its ticks."""
+    """Figures of a demo in a new folder, and the lateness of its ticks."""
+    folder.mkdir()
     overlay = folder / "metrics.yaml"
     overlay.write_text(f"armgate: 1\nmetrics: {{port: {PORT}}}\n", encoding="utf-8")
     command = [sys.executable, "-m", "armgate.apps", "demo", "--no-view", "--links", str(overlay)]
@@ -65,15 +66,17 @@ def demo(folder: Path, *options: str) -> tuple[dict, dict[float, float]]:
 
 def main() -> None:
     late: dict[bool, list[float]] = {True: [], False: []}
-    with TemporaryDirectory(prefix="armgate-") as a, TemporaryDirectory(prefix="armgate-") as b:
-        for _ in range(ROUNDS):
-            _, counts = demo(Path(b), "--no-monitor")
+    with TemporaryDirectory(prefix="armgate-") as name:
+        folder = Path(name)
+        for turn in range(ROUNDS):
+            _, counts = demo(folder / f"without{turn}", "--no-monitor")
             late[False].append(quantile(counts, 0.99))
-            metrics, counts = demo(Path(a))
+            metrics, counts = demo(folder / f"with{turn}")
             late[True].append(quantile(counts, 0.99))
-        judged = json.loads((Path(a) / "run" / "monitor.json").read_text(encoding="utf-8"))
+        run = folder / f"with{ROUNDS - 1}" / "run"
+        judged = json.loads((run / "monitor.json").read_text(encoding="utf-8"))
         start = time.perf_counter()
-        audit = [sys.executable, "-m", "armgate.apps", "monitor", str(Path(a) / "run")]
+        audit = [sys.executable, "-m", "armgate.apps", "monitor", str(run)]
         subprocess.run(audit, check=True, stdout=subprocess.DEVNULL)
         audited = time.perf_counter() - start
     with_, without = min(late[True]), min(late[False])
