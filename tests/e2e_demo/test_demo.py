@@ -13,8 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from armgate.apps.stack.observation import Observation
+from armgate.apps.stack.recorded import completed
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from support.ports import free_ports
@@ -118,6 +121,13 @@ def test_lock_step_from_any_folder_leaves_everything_in_its_own(tmp_path: Path) 
     assert max(float(row["progress"]) for row in rows if row["progress"] != "nan") == 1.0
     assert "holds" in done.stdout
     assert "path" in done.stdout.splitlines()[0]
+    # What a slow observer misses is in the recording.
+    found = completed(slow := Observation("FR", missed={"FR": 100}), out, lockstep=False)
+    assert found.missed == {}
+    series = np.genfromtxt(out / "series.csv", delimiter=",", skip_header=1)
+    assert len(found.rows) == len(series) > 200
+    assert np.allclose(found.rows, series, atol=1e-8, equal_nan=True)
+    assert completed(slow, tmp_path, lockstep=True) is slow
 
 
 def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:

@@ -276,7 +276,7 @@ def off_faces(data):
 
 
 def ply_faces(data):
-    head = re.match(rb"ply\s.*?(?<=[\r\n])end_header(\r\n|\r|\n)", data, re.DOTALL)
+    head = re.match(rb"ply\s.*?[\r\n][ \t]*end_header[ \t]*(\r\n|\r|\n)", data, re.DOTALL)
     lines = [line.split() for line in re.split(rb"[\r\n]+", head[0])]
     kind = next(line[1] for line in lines if line[:1] == [b"format"])
     elements = []

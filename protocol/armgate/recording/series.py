@@ -75,14 +75,20 @@ class StateSeries:
                 break
         return self._state(known)
 
-    def all(self) -> Iterator[m.State]:
-        """Every state of the run, in order."""
+    def all(self, robot: str | None = None) -> Iterator[m.State]:
+        """Yield every state of the run, in order.
+
+        Args:
+            robot: Only the states at the ticks of this robot.
+        """
         known = _Known()
         for index in range(len(self._places)):
             for _, item in self._read(index):
                 known.take(item)
-                if isinstance(item, codec.Moment) and (state := self._state(known)) is not None:
-                    yield state
+                if isinstance(item, codec.Moment) and (robot is None or robot in item.ticks):
+                    state = self._state(known, robot)
+                    if state is not None:
+                        yield state
 
     def _read(self, index: int) -> tuple[tuple[float, codec.Item], ...]:
         part: Part
@@ -99,11 +105,11 @@ class StateSeries:
                     found.append(((ns - origin) / _NS, item))
         return tuple(found)
 
-    def _state(self, known: _Known) -> m.State | None:
+    def _state(self, known: _Known, robot: str | None = None) -> m.State | None:
         moment = known.moment
         if moment is None or not moment.ticks:
             return None
-        robot = list(moment.ticks)[-1]
+        robot = robot or list(moment.ticks)[-1]
         # Before its first tick nothing is known of a robot.
         entries = tuple(
             known.entries.get(name) or m.Entry(robot=name, tick=0, time=moment.time) for name in self.robots

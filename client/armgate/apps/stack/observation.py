@@ -68,6 +68,11 @@ class Observation:
         return list(self._warnings.values())
 
     @property
+    def lacks(self) -> int:
+        """The number of states that are missing, of all robots."""
+        return sum(self.missed.values())
+
+    @property
     def elapsed(self) -> float:
         """Daemon time from the first state to the newest, s."""
         return 0.0 if self.state is None else self.state.time - self.first_time

@@ -17,6 +17,7 @@ from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, forget, watching
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
+from armgate.apps.stack.recorded import completed
 from armgate.apps.stack.robots import KRC, SERVER, Robots
 from armgate.cell.text import printable
 from armgate.client import ClientError, Description, State, connect
@@ -179,6 +180,9 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             crew.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
         complete, failure = _watched(crew, plan, watch, show)
         reader.join(REST_TIME)
+    if plan.record is not None:
+        with watch.lock:
+            watch.seen = completed(watch.seen, plan.record, plan.lockstep)
     if plan.monitor and plan.lockstep and plan.record is not None and complete:
         complete, failure = audit(crew, plan.record)
     return Ended(watch, complete and failure is None, failure)
