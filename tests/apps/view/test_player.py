@@ -92,6 +92,15 @@ def test_an_asset_that_is_missing_is_named(player):
         player.asset("1" * 64)
 
 
+def test_an_asset_that_is_not_what_its_hash_says_is_named(player):
+    name = player.description.robots[0].urdf.hash
+    player._recording.header.assets[name] = "Infinity"  # valid base64
+    with pytest.raises(
+        DamagedError, match=f"holds something else as {name[:12]}…, which its description names"
+    ):
+        player.asset(name)
+
+
 def test_damage_on_the_way_is_a_problem_and_no_end(tmp_path, clock):
     file = records.write(tmp_path)
     player = Player(tmp_path, clock)

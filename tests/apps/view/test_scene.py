@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from armgate.apps.errors import AppError
 from armgate.apps.view import looks
+from armgate.apps.view import scene as scenes
 from armgate.apps.view.scene import Poses
 from armgate.apps.view.vantage import vantage
 
@@ -47,3 +49,18 @@ def test_the_first_look_is_from_above_the_floor_and_outside(scene):
     eye, at = vantage(scene)
     assert eye[2] > at[2] > 0.0
     assert np.linalg.norm(np.subtract(eye, at)) > 3.0
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"\xff\xfe", "is not text in UTF-8"),
+        (b"v 0 0 zero\nf 1 1 1\n", "is not a convex mesh"),
+        (b"v 0 0 0\nf 1 2 3\n", "is not a convex mesh"),
+        (b"v 0 0\n\n", "is not a convex mesh"),
+        (b"", "is not a convex mesh"),
+    ],
+)
+def test_an_asset_that_cannot_be_drawn_is_named(data, what):
+    with pytest.raises(AppError, match=f"asset 123456789012… {what}"):
+        scenes._hull(scenes._text(lambda name: data, "1234567890123"), "1234567890123")

@@ -1,5 +1,6 @@
 """A recording as a source: what was so at a moment of it, which moves on while it is played."""
 
+import hashlib
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -48,13 +49,17 @@ class Player:
         """The asset of this SHA-256.
 
         Raises:
-            DamagedError: The recording does not hold it.
+            DamagedError: The recording does not hold it, or holds something else in its place.
         """
         try:
-            return self._recording.header.asset(name)
+            data = self._recording.header.asset(name)
         except KeyError:
             text = f"does not hold {name[:12]}…, which its description names"
             raise DamagedError(self._recording.path, text) from None
+        if hashlib.sha256(data).hexdigest() != name:
+            text = f"holds something else as {name[:12]}…, which its description names"
+            raise DamagedError(self._recording.path, text)
+        return data
 
     def newest(self) -> State | None:
         """The state to show now."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armgate.apps.errors import AppError
 from armgate.apps.view import looks
 from armgate.apps.view.realistic import bodies_of, real_meshes
 from armgate.apps.view.shapes import Mesh, convex, cylinder, joined, mesh_of
@@ -72,7 +73,12 @@ class Scene:
 
     @classmethod
     def build(cls, description: Description, asset: Asset, *, meshes: bool = True) -> "Scene":
-        """From a description and its assets, with the real meshes of known arms if they are installed."""
+        """Build it from a description and its assets, with the real meshes of known arms if installed.
+
+        Raises:
+            AppError: An asset is not text, or not a convex mesh as daemons write them.
+            ModelError: A URDF cannot be read.
+        """
         bodies = defaultdict(list)
         for body in description.bodies:
             bodies[body.robot].append(body)
@@ -100,7 +106,7 @@ class Poses:
 
 
 def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset, real_ones: bool) -> SceneRobot:
-    urdf = asset(robot.urdf.hash).decode()
+    urdf = _text(asset, robot.urdf.hash)
     base = Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
     model = RobotModel.from_urdf(urdf, base)
     meshes: dict[str, list[tuple[looks.RGB, Mesh]]] = defaultdict(list)
@@ -132,18 +138,29 @@ def _mesh(body: Body, asset: Asset) -> Mesh:
     place = Placement.from_quaternion(body.xyz, body.xyzw)
     exact = body.exact
     if exact is not None and exact.mesh is not None:
-        return _hull(asset(exact.mesh.hash).decode()).at(place)
+        return _hull(_text(asset, exact.mesh.hash), exact.mesh.hash).at(place)
     if exact is not None and exact.kind == "cone":
         return mesh_of("cone", exact.size).at(place)
     return mesh_of(body.shape.kind, body.shape.size).at(place)
 
 
-def _hull(obj: str) -> Mesh:
-    """A convex body's OBJ, as the daemon writes it."""
-    rows = [line.split() for line in obj.splitlines()]
-    vertices = np.array([[float(x) for x in row[1:]] for row in rows if row[0] == "v"])
-    faces = np.array([[int(i) - 1 for i in row[1:]] for row in rows if row[0] == "f"])
-    return convex(vertices, faces)
+def _text(asset: Asset, name: str) -> str:
+    try:
+        return asset(name).decode()
+    except UnicodeDecodeError as error:
+        raise AppError(f"the description's asset {name[:12]}… is not text in UTF-8") from error
+
+
+def _hull(obj: str, name: str) -> Mesh:
+    """Return a convex body from its OBJ, as the daemon writes it."""
+    rows = [line.split() for line in obj.splitlines() if line.strip()]
+    try:
+        vertices = np.array([[float(x) for x in row[1:4]] for row in rows if row[0] == "v"]).reshape(-1, 3)
+        faces = np.array([[int(i) - 1 for i in row[1:4]] for row in rows if row[0] == "f"]).reshape(-1, 3)
+        return convex(vertices, faces)
+    except (ValueError, IndexError, OverflowError) as error:
+        text = f"the description's asset {name[:12]}… is not a convex mesh"
+        raise AppError(f"{text}; expected triangles in OBJ, as daemons write them") from error
 
 
 # --- an arm of primitives ----------------------------------------------------------------------------------
