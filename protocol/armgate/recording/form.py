@@ -6,6 +6,7 @@ day at daemon time 0 plus the daemon time of what it tells; messages stand in th
 """
 
 import base64
+import hashlib
 import json
 from typing import Annotated, Any
 
@@ -115,12 +116,16 @@ class Header(BaseModel):
         return base64.b64decode(self.files[name])
 
     def asset(self, hash_: str) -> bytes:
-        """What the description names by this hash.
+        """Return what the description names by this SHA-256.
 
         Raises:
             KeyError: It names none such.
+            ValueError: What is kept under the hash is something else.
         """
-        return base64.b64decode(self.assets[hash_])
+        data = base64.b64decode(self.assets[hash_])
+        if hashlib.sha256(data).hexdigest() != hash_:
+            raise ValueError(f"the asset {hash_[:12]}… is not what its hash says")
+        return data
 
 
 def metadata(header: Header) -> dict[str, str]:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 ALL = "all"
 
+_LONGEST_CERTIFICATE = 1 << 16
+"""Most characters of a certificate's file that are read; a device has no end."""
+
 
 class CalledWronglyError(Exception):
     """The command was called wrongly; nothing was made."""
@@ -87,10 +90,6 @@ def token(
 
 def _after(**duration: float) -> datetime:
     return (datetime.now(UTC) + timedelta(**duration)).replace(microsecond=0)
-
-
-_LONGEST_CERTIFICATE = 1 << 16
-"""Most characters of a certificate's file that are read; a device has no end."""
 
 
 def _digest(certificate: Path) -> str:

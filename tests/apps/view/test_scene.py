@@ -58,6 +58,7 @@ def test_the_first_look_is_from_above_the_floor_and_outside(scene):
         (b"v 0 0 zero\nf 1 1 1\n", "is not a convex mesh"),
         (b"v 0 0 0\nf 1 2 3\n", "is not a convex mesh"),
         (b"v 0 0\n\n", "is not a convex mesh"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3 4\n", "is not a convex mesh"),
         (b"", "is not a convex mesh"),
     ],
 )

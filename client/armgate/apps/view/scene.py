@@ -153,11 +153,11 @@ def _text(asset: Asset, name: str) -> str:
 
 def _hull(obj: str, name: str) -> Mesh:
     """Return a convex body from its OBJ, as the daemon writes it."""
-    rows = [line.split() for line in obj.splitlines() if line.strip()]
+    rows = [line.split() for line in obj.splitlines()]
     try:
-        vertices = np.array([[float(x) for x in row[1:4]] for row in rows if row[0] == "v"]).reshape(-1, 3)
-        faces = np.array([[int(i) - 1 for i in row[1:4]] for row in rows if row[0] == "f"]).reshape(-1, 3)
-        return convex(vertices, faces)
+        vertices = [(float(x), float(y), float(z)) for key, x, y, z in rows if key == "v"]
+        faces = [(int(a) - 1, int(b) - 1, int(c) - 1) for key, a, b, c in rows if key == "f"]
+        return convex(np.array(vertices), np.array(faces))
     except (ValueError, IndexError, OverflowError) as error:
         text = f"the description's asset {name[:12]}… is not a convex mesh"
         raise AppError(f"{text}; expected triangles in OBJ, as daemons write them") from error
