@@ -100,7 +100,7 @@ class Page:
         return self.browser.execute_script(_PRESS, label)
 
     def picture(self):
-        """The camera's picture (height, width, 3); None before the first."""
+        """Return the camera's picture (height, width, 3); None while the browser has none, as it loads one."""
         data = self.browser.execute_script(_PICTURE)
         if data is None:
             return None
