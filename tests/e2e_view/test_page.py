@@ -52,7 +52,7 @@ def tracking(address):
 
 
 def _tool_off_centre(page):
-    """Wait until the camera's picture shows the tool; return its offset from the middle column, as a share."""
+    """Wait for the tool in the camera picture; return its offset from the middle column, as a share."""
     column, width = page.until(lambda: _tool_column(page.picture()), "the tool in the camera's picture")
     return column / width - 0.5
 

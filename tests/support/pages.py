@@ -100,7 +100,7 @@ class Page:
         return self.browser.execute_script(_PRESS, label)
 
     def picture(self):
-        """Return the camera's picture (height, width, 3); None while the browser has none, as it loads one."""
+        """Return the camera's picture (height, width, 3); None while the browser loads one."""
         data = self.browser.execute_script(_PICTURE)
         if data is None:
             return None
