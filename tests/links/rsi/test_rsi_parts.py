@@ -47,6 +47,12 @@ class TestTelegrams:
             with pytest.raises(TelegramError, match="Delay D is"):
                 reader.read(data)
 
+    def test_an_inner_element_called_as_the_outer_one_is_learnt_as_well(self):
+        known = TelegramReader(AXES)
+        for ipoc in (7, 8):
+            data = rob(["1.5"] * 6, 3, ipoc, root='Seq="1"', more='<Rob Seq="2"/>')
+            assert known.read(data).ipoc == ipoc
+
     @given(st.binary(max_size=60), st.integers(0, 300), st.integers(0, 20))
     def test_whatever_is_changed_in_a_telegram_is_read_as_xml_or_refused(self, piece, at, length):
         known = TelegramReader(AXES)

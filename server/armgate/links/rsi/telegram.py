@@ -23,7 +23,9 @@ _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _NOT_READ = (
     "which is not supported: expected AIPos, ASPos, Delay and IPOC directly in <Rob>, as RSI sends them"
 )
-_FREE = re.compile(rb'="([-+.0-9]{1,32})"')
+_VALUE = rb"[-+.0-9]{1,32}"
+_DELAY_VALUE = rb"[0-9]{1,%d}" % _DELAY_DIGITS
+_FREE = re.compile(rb'="(' + _VALUE + rb')"')
 _MEASURED, _PROGRAMMED = ("AIPos", "EIPos"), ("ASPos", "ESPos")
 _IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
 
@@ -98,8 +100,6 @@ class TelegramReader:
         if found is None:
             return self._parse(data)
         delay, ipoc, *texts = found.group(*self._wanted)
-        if not delay.isdigit() or len(delay) > _DELAY_DIGITS:
-            return self._parse(data)
         measured, held = texts[: len(self._axes)], texts[len(self._axes) :]
         try:
             if held != self._held:  # it hardly ever changes
@@ -134,7 +134,7 @@ class TelegramReader:
         return Telegram(data, ipoc, False, int(delay[1]), q, programmed)
 
     def _learn(self, data: bytes, root: ET.Element) -> None:
-        """The pattern of this telegram, if its text and its XML have the same numbers in the same order."""
+        """Learn this telegram's pattern if its text and its XML have the same numbers in the same order."""
         names = [(child.tag, name) for child in (root, *root) for name in child.attrib]
         values = [value.encode() for child in (root, *root) for value in child.attrib.values()]
         numbers = [one for one in zip(names, values, strict=True) if _FREE.fullmatch(b'="' + one[1] + b'"')]
@@ -147,11 +147,18 @@ class TelegramReader:
         if data.index(b"<IPOC>") < data.rindex(b'="') or not places.keys() >= set(wanted):
             return
         delay, *axes = (places[name] for name in wanted)
-        self._wanted = (delay, len(places) + 1, *axes)
-        pieces = _FREE.split(_IPOC.sub(b"<IPOC>", data))[::2]
-        head, _, tail = pieces[-1].rpartition(b"<IPOC>")
-        form = rb'="([-+.0-9]{1,32})"'.join(map(re.escape, [*pieces[:-1], head]))
-        self._form = re.compile(form + rb"<IPOC>([0-9]{1,20})</IPOC>" + re.escape(tail))
+        self._wanted = (delay, len(numbers) + 1, *axes)
+        values = [_VALUE] * len(numbers)
+        values[delay - 1] = _DELAY_VALUE
+        self._form = _pattern(_FREE.split(_IPOC.sub(b"<IPOC>", data))[::2], values)
+
+
+def _pattern(texts: Sequence[bytes], values: Sequence[bytes]) -> re.Pattern[bytes]:
+    """Return the pattern of a telegram with these texts between its values, and IPOC after the last value."""
+    head, _, tail = texts[-1].rpartition(b"<IPOC>")
+    groups = [rb'="(' + value + rb')"' for value in values] + [rb"<IPOC>([0-9]{1,20})</IPOC>"]
+    pieces = zip((*texts[:-1], head), groups, strict=True)
+    return re.compile(b"".join(re.escape(text) + group for text, group in pieces) + re.escape(tail))
 
 
 def _root(data: bytes) -> ET.Element:
