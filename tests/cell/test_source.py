@@ -72,6 +72,14 @@ BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}
         ("? [1]\n: 2", 1, "a key that is no text"),
         (BOMB, 1, "more than 100000 values"),
         ("a: " + "[" * 5000, 1, "nested too deeply"),
+        ("a: 1\nb: !!int abc\n", 2, "b: 'abc' is not of its tag 'tag:yaml.org,2002:int'; remove the tag"),
+        ("a: [1, !!float x]\n", 1, "a.1: 'x' is not of its tag"),
+        ("a: !!bool abc\n", 1, "a: 'abc' is not of its tag"),
+        ("a: !!null abc\n", 1, "a: 'abc' is not of its tag"),
+        ("a: !!set {b}\n", 1, "a: the tag 'tag:yaml.org,2002:set' is not known"),
+        ("a: !!python/object/apply:os.system [id]\n", 1, "a: the tag "),
+        ('a: "x\\0y"\n', 1, "a: the character '\\x00' is not allowed; remove it"),
+        ('a: 1\n"\\uD800": 1\n', 2, "the character '\\ud800' is not allowed; remove it"),
     ],
 )
 def test_refused_with_file_and_line(write, text, line, message):
@@ -99,27 +107,6 @@ def test_the_second_file_is_named(write):
     with pytest.raises(ConfigError) as caught:
         read_tree([good, bad])
     assert caught.value.file == bad
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "what"),
-    [
-        ("a: 1\nb: !!int abc\n", 2, "b: 'abc' is not of its tag 'tag:yaml.org,2002:int'; remove the tag"),
-        ("a: [1, !!float x]\n", 1, "a.1: 'x' is not of its tag"),
-        ("a: !!bool abc\n", 1, "a: 'abc' is not of its tag"),
-        ("a: !!null abc\n", 1, "a: 'abc' is not of its tag"),
-        ("a: !!set {b}\n", 1, "a: the tag 'tag:yaml.org,2002:set' is not known"),
-        ("a: !!python/object/apply:os.system [id]\n", 1, "a: the tag "),
-        ('a: "x\\0y"\n', 1, "a: the character '\\x00' is not allowed; remove it"),
-        ('a: 1\n"\\uD800": 1\n', 2, "the character '\\ud800' is not allowed; remove it"),
-    ],
-)
-def test_values_that_do_not_fit_their_tag_and_characters_that_no_name_can_hold(write, text, line, what):
-    path = write("a.yaml", text)
-    with pytest.raises(ConfigError) as caught:
-        read_tree([path])
-    assert str(caught.value).startswith(f"{path}:{line}: ")
-    assert what in str(caught.value)
 
 
 def test_explicit_tags_that_fit_are_read(write):

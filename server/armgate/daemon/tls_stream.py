@@ -101,7 +101,7 @@ class _Valve:
 
 
 class _Pieces(asyncio.BufferedProtocol):
-    """What comes in encrypted, piece by piece.
+    """Encrypted input of one connection, decrypted piece by piece.
 
     Args:
         tls: Decrypts it.

@@ -29,7 +29,7 @@ JOGGLE = 1e-9
 """Largest error of the planes, as a share of the extent of the points."""
 
 _BLOCK = 1 << 18
-"""How many distances of a point to a face or a point are computed at once: bounds memory."""
+"""Largest number of distances computed at once, of a point to a face or a point: bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
