@@ -33,7 +33,7 @@ demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page,
 	@$(BIN)/armgate demo $(ARGS)
 
 # Without clocks and processes of their own: these tests may share the machine. All others have it for themselves.
-PURE := $(addprefix tests/,cell control integrity protocol recording)
+PURE := $(addprefix tests/,cell control gate protocol recording)
 
 test: $(VENV)/.tested  ## run the tests
 ifeq ($(strip $(ARGS)),)
@@ -75,10 +75,10 @@ coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)
 
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
-	@STEPS=$(STEPS) $(BIN)/python tests/integrity/adversary.py
+	@STEPS=$(STEPS) $(BIN)/python tests/gate/adversary.py
 
 certificates: $(VENV)/.tested  ## hold PAIRS proofs of distance against a second method
-	@PAIRS=$(PAIRS) $(BIN)/python tests/integrity/certificates.py
+	@PAIRS=$(PAIRS) $(BIN)/python tests/gate/certificates.py
 
 fuzz-meshes: $(VENV)/.tested  ## try RUNS mesh files of each format, half of them damaged: make fuzz-meshes RUNS=10000
 	@RUNS=$(RUNS) SEED=$(SEED) PYTHONPATH=tests $(BIN)/python tests/cell/mesh_fuzz.py

@@ -18,11 +18,11 @@ from report import Row, report
 from scenes import crowded_cell, demo_cell, six_robots
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import Command, LeaseChange, LinkChange, LinkState, Plan, PlanAnswer, Tick
-from armgate.integrity import Gate
-from armgate.integrity.compiled import available
-from armgate.integrity.engine import CoalEngine
-from armgate.integrity.judge import BUDGET
+from armgate.events import Command, LeaseChange, LinkChange, LinkState, Plan, PlanAnswer, Tick
+from armgate.gate import Gate
+from armgate.gate.compiled import available
+from armgate.gate.engine import CoalEngine
+from armgate.gate.judge import BUDGET
 
 DECISIONS = int(sys.argv[1]) if len(sys.argv) > 1 else 4000
 TAIL = int(sys.argv[2]) if len(sys.argv) > 2 else 100_000

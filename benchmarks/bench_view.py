@@ -28,7 +28,7 @@ from armgate.client import connect
 from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
 from armgate.emulator.clock import Lateness
-from armgate.integrity import Gate
+from armgate.gate import Gate
 
 ROOT = Path(__file__).parent.parent
 PATHS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2

@@ -29,7 +29,7 @@ from armgate.audit.picture import draw
 from armgate.audit.recovering import recovered
 from armgate.audit.replaying import replayed
 from armgate.audit.reporting import page
-from armgate.cell.events import Tick
+from armgate.events import Tick
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Sink
 from armgate.recording.scan import records, scan

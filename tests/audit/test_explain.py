@@ -9,7 +9,7 @@ from armgate.audit.outline import outline, view_along
 from armgate.audit.picture import draw
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.events import Cause, Outcome
+from armgate.events import Cause, Outcome
 from armgate.recording import Recording
 from support.cells import arms_yaml
 from support.clients import run

@@ -7,8 +7,8 @@ import pytest
 
 from armgate.audit.lagging import measured_lags
 from armgate.cell.cell import build_cell
-from armgate.cell.events import Tick
-from integrity import scenes
+from armgate.events import Tick
+from gate import scenes
 from support.cells import arms_config
 from support.clients import run
 from support.gate_runs import record_run

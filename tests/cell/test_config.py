@@ -265,7 +265,7 @@ def _tuples(value):
 
 def test_reading_needs_no_robot_model():
     code = (
-        "import sys, armgate.cell.config, armgate.cell.events, armgate.cell.gantry;"
+        "import sys, armgate.cell.config, armgate.events, armgate.cell.gantry;"
         "sys.exit(bool({'pinocchio', 'coal', 'fcl'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -15,7 +15,7 @@ from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, ask
 from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
-from armgate.integrity import Gate
+from armgate.gate import Gate
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATIENCE = 20.0

@@ -9,7 +9,7 @@ from typing import Literal
 
 import pytest
 
-from armgate.cell import events
+from armgate import events
 from armgate.conformance.verdicts import Outcome
 from armgate.daemon import core as core_module
 from armgate.daemon import library as library_module
@@ -24,8 +24,8 @@ from armgate.daemon.peer import Subscription
 from armgate.daemon.server import Daemon
 from armgate.daemon.session import Session
 from armgate.daemon.signals import Signals
-from armgate.integrity import Gate, admission
-from armgate.integrity.stops import Stops
+from armgate.gate import Gate, admission
+from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
 
@@ -143,7 +143,7 @@ def refusals_take_the_slot(patch):
             state.slot = state.tick + 1
         return said
 
-    from armgate.integrity import gate
+    from armgate.gate import gate
 
     right = Gate._command
     patch.setattr(Gate, "_command", command)

@@ -13,7 +13,7 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.daemon.check import report
 from armgate.daemon.commands import _warn
-from armgate.integrity import Gate, start_clearances
+from armgate.gate import Gate, start_clearances
 from armgate.links.log import Log
 
 SLIDER = """<robot name="a"><link name="base"/><link name="l1">{}</link><link name="tool0"/>

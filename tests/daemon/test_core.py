@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from armgate.cell import events
+from armgate import events
 from armgate.daemon.core import RIGHTS
 from armgate.daemon.leasing import NOBODY
-from armgate.integrity.engine import CoalEngine
+from armgate.gate.engine import CoalEngine
 from armgate.protocol import messages as m
 from support.cells import arms_config
 from support.peers import Bench

@@ -7,7 +7,7 @@ import pytest
 from armgate.daemon import translate
 from armgate.daemon.barrier import Barrier
 from armgate.daemon.core import Core
-from armgate.integrity.stops import Stops
+from armgate.gate.stops import Stops
 from armgate.protocol import messages as m
 from tools.fuzz.valid.__main__ import main
 from tools.fuzz.valid.live import Live

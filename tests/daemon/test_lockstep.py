@@ -97,7 +97,7 @@ async def test_commands_are_judged_in_the_order_of_the_robots(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(b, "B")
     stage.command(a, "A")
-    from armgate.cell.events import Command
+    from armgate.events import Command
 
     assert [e.robot for e, _ in stage.bench.events if isinstance(e, Command)] == ["A", "B"]
 

@@ -7,13 +7,13 @@ import json
 import msgpack
 import pytest
 
-from armgate.cell import events
+from armgate import events
 from armgate.cell.cell import build_cell
 from armgate.daemon.access import Keys
 from armgate.daemon.log import Log
 from armgate.daemon.server import Daemon
 from armgate.daemon.tokens import Tokens
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.protocol import messages as m
 from armgate.protocol.framing import frame
 from support.cells import arms_config

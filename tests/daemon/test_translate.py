@@ -2,8 +2,8 @@
 
 import pytest
 
-from armgate.cell.events import Cause, Reason
 from armgate.daemon import translate
+from armgate.events import Cause, Reason
 from armgate.protocol import messages as m
 
 

@@ -4,11 +4,11 @@ import asyncio
 
 import pytest
 
-from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
+from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links import EmulatedLink
 from armgate.links.driven import DrivenEmulatedLink
-from armgate.links.remote.berth import Berth
-from armgate.links.remote.messages import Played, Standing
+from armgate.links.robot_server.berth import Berth
+from armgate.links.robot_server.messages import Played, Standing
 
 T = 0.012
 

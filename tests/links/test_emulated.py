@@ -2,8 +2,8 @@
 
 import pytest
 
-from armgate.cell.events import Plan, PlanKey, Rebase, Tick
 from armgate.emulator import EmulatedRobot
+from armgate.events import Plan, PlanKey, Rebase, Tick
 from armgate.links import EmulatedLink
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from armgate.cell.events import Plan, PlanKey, Rebase
+from armgate.events import Plan, PlanKey, Rebase
 from armgate.links import EmulatedLink, PlanPlayer, Played
 
 START = "d1"

@@ -6,10 +6,10 @@ import struct
 import msgpack
 import pytest
 
-from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links.remote.codec import LARGEST, CodecError, Decoder, encode
-from armgate.links.remote.liveness import SILENCE, Liveness
-from armgate.links.remote.messages import FORMAT, Beat, Hello, Played, Refusal, Standing, Welcome
+from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
+from armgate.links.robot_server.codec import LARGEST, CodecError, Decoder, encode
+from armgate.links.robot_server.liveness import SILENCE, Liveness
+from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Refusal, Standing, Welcome
 
 KEY = PlanKey("s", 2, 7, -1)
 TICK = Tick("A", 7, 0.1 + 0.2, (1.0, -0.0), (5e-324, 2.0), (0.0, 0.0), KEY, 0, True)

@@ -9,14 +9,14 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.events import Plan, PlanAnswer, PlanKey
 from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Notes, read_ethernet
 from armgate.emulator.krc.arm import kr16
-from armgate.links.remote.address import listen
-from armgate.links.remote.berth import Berth
-from armgate.links.remote.codec import Decoder, encode
-from armgate.links.remote.messages import FORMAT, Beat, Hello, Played, Standing, Welcome
-from armgate.links.remote.server import RobotServer
+from armgate.events import Plan, PlanAnswer, PlanKey
+from armgate.links.robot_server.address import listen
+from armgate.links.robot_server.berth import Berth
+from armgate.links.robot_server.codec import Decoder, encode
+from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Standing, Welcome
+from armgate.links.robot_server.server import RobotServer
 from armgate.links.rsi import RsiDrivenLink, setup_of
 from support.clients import PATIENCE
 from support.krcs import Sheet

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.daemon.recorder import Recorder
 from armgate.recording import Recording
 from armgate.recording.form import METADATA, PROFILE

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armgate.integrity.clearance import Clearance
-from armgate.integrity.gate import Gate
-from armgate.integrity.reservations import Reservations
-from armgate.integrity.robot import RobotState
+from armgate.gate.clearance import Clearance
+from armgate.gate.gate import Gate
+from armgate.gate.reservations import Reservations
+from armgate.gate.robot import RobotState
 from monitor.test_planted_faults import DOWN, ROUND
 from monitor.watched import ARM, Tree, Watched, demo
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.daemon import translate
-from armgate.integrity import braking, judge
+from armgate.gate import braking, judge
 from armgate.monitor.motion import Motion
 from armgate.monitor.samples import sample_of
 from armgate.protocol import messages as m

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armgate.cell import events as e
+from armgate import events as e
 from monitor.test_planted_faults import DOWN, TOGETHER
 from monitor.watched import ARM, GANTRY, Watched, demo
 

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.daemon import translate
 from armgate.daemon.record_start import header_of
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.runner import GateRunner
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from armgate.monitor.core import Monitor
 from armgate.monitor.findings import Finding

@@ -39,7 +39,7 @@ def test_the_blocker_blocks() -> None:
         "armgate.client.aio",
         "armgate.client.blocking",
         "armgate.cell.config",
-        "armgate.cell.events",
+        "armgate.events",
         "armgate.apps.cli",
         "armgate.conformance.command",
         "armgate.conformance.kit",

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from armgate.cell.events import Cause
+from armgate.events import Cause
 from armgate.protocol import CODES, HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, codec
 from armgate.protocol import messages as m
 from armgate.protocol.statements import spec_text, statements

@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 from hypothesis import given
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Shown, Step
 from armgate.recording.codec import decode, encode

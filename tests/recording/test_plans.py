@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from pydantic_core import from_json, to_json
 
-from armgate.cell.events import Plan, PlanKey
-from armgate.integrity.braking import stop_increments
+from armgate.events import Plan, PlanKey
+from armgate.gate.braking import stop_increments
 from armgate.recording import plans
 
 KEY = PlanKey("start", 0, 7, -1)

@@ -1,10 +1,10 @@
 """Recorded runs of a gate without a daemon: what is asked for at each tick is a function of the tick."""
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.daemon.record_start import header_of
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.runner import GateRunner
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.links import EmulatedLink
 
 START = "feed"

@@ -9,13 +9,13 @@ import signal
 import sys
 from pathlib import Path
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.cell.cell import build_cell
 from armgate.daemon.record_file import RecordFile
 from armgate.daemon.record_start import header_of
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.runner import GateRunner
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from support.cells import arms_config
 

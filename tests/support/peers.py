@@ -6,7 +6,7 @@ from armgate.cell.cell import build_cell
 from armgate.daemon.core import Core
 from armgate.daemon.log import Log
 from armgate.daemon.runner import GateRunner
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from armgate.protocol import messages as m
 

@@ -1,6 +1,6 @@
 """Recordings for tests: small, made without a daemon."""
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.protocol import messages as m
 from armgate.recording import Header, LogLine, Moment, Shown, Sink, Step, part_name
 

@@ -5,13 +5,13 @@ from random import Random
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tick, Verdict
 from armgate.cell.urdf import read_urdf
 from armgate.daemon.runner import GateRunner
 from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Mode, Notes, read_ethernet
 from armgate.emulator.krc.arm import arm_of_cell
 from armgate.emulator.krc.context import Limits
-from armgate.integrity import Gate
+from armgate.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tick, Verdict
+from armgate.gate import Gate
 from armgate.links.rsi import RsiLink, setup_of
 from support.krcs import Sheet, krc_file
 

@@ -3,7 +3,7 @@
     python -m tools.mutants [N] [--module NAME…] [--seed S] [--tests FILE…] [--longest S] [--about]
                             [--only FILE] [--list]
 
-N mutants are drawn by the seed, from all modules of ``armgate.integrity`` or from some; without N all are
+N mutants are drawn by the seed, from all modules of ``armgate.gate`` or from some; without N all are
 tried. ``--longest`` leaves out tests that take longer, ``--about`` all tests but those about the module: a
 mutant that only these would catch counts as survived. ``--only`` tries the mutants whose keys a file lists,
 such as survivors. ``reasons.toml`` lists equivalent mutants, which no test can catch, with the reason; they
@@ -25,7 +25,7 @@ from tools.mutants.mutate import Mutant, mutants_of
 from tools.mutants.run import TESTS, Mutated, Order, about, judge, preload, times
 
 GOAL = 0.9
-_FOLDER = Path("server/armgate/integrity")
+_FOLDER = Path("server/armgate/gate")
 _REASONS = Path(__file__).with_name("reasons.toml")
 _PATIENCE = 4.0
 LEFT_OUT = {"__init__", "compiled", "kernels"}
@@ -88,7 +88,7 @@ def _tried(judged: list[tuple[Path, Mutant]], args: argparse.Namespace) -> list[
     results = []
     for number, (path, mutant) in enumerate(judged, 1):
         began = time.monotonic()
-        finder = Mutated(f"armgate.integrity.{path.stem}", path.absolute(), mutant.tree)
+        finder = Mutated(f"armgate.gate.{path.stem}", path.absolute(), mutant.tree)
         stages = [about(path.stem), [] if args.about else args.tests]
         result = judge(finder, [s for s in stages if s], Order(known, args.longest), most)
         results.append((mutant, result))

@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 
-TESTS = ("tests/integrity",)
+TESTS = ("tests/gate",)
 ABOUT = {
     "admission": ("gate_order", "gate_exact"),
     "beside": ("beside",),
@@ -117,8 +117,8 @@ def preload() -> None:
     import armgate.cell.mesh.parts  # noqa: F401, PLC0415
 
     sys.path[:0] = [str(Path("tests").absolute()), str(Path.cwd())]
-    import_module("integrity.oracle")
-    import_module("integrity.scenes").mesh()  # its parts are kept
+    import_module("gate.oracle")
+    import_module("gate.scenes").mesh()  # its parts are kept
     os.environ.update(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", ARMGATE_NUMPY="1")
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # who fails need not fail beautifully
     hypothesis.settings.register_profile(
@@ -191,5 +191,5 @@ def _pytest(tests: Sequence[str], order: Order) -> int:
 
 def about(module: str) -> list[str]:
     """The test files that are about a module of the gate, as far as there are any."""
-    files = [Path("tests/integrity") / f"test_{name}.py" for name in ABOUT.get(module, ())]
+    files = [Path("tests/gate") / f"test_{name}.py" for name in ABOUT.get(module, ())]
     return [str(file) for file in files if file.exists()]

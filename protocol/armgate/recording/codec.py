@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json, to_json
 
-from armgate.cell.events import GateEvent, GateOutput, Plan
+from armgate.events import GateEvent, GateOutput, Plan
 from armgate.protocol import messages as m
 from armgate.recording import form, plans
 from armgate.recording.errors import first_problem

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
 
-from armgate.cell import events as e
+from armgate import events as e
 from armgate.protocol import messages as m
 from armgate.recording import plans
 

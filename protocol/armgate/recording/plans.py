@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from armgate.cell.events import Joints, Plan
+from armgate.events import Joints, Plan
 
 _PLAN = TypeAdapter(Plan)
 _LARGEST = 1 << 20

@@ -229,7 +229,7 @@ def lag(
     from armgate.audit.build import recorded_cell  # noqa: PLC0415
     from armgate.audit.errors import AuditError, UseError  # noqa: PLC0415
     from armgate.audit.lagging import measured_lags  # noqa: PLC0415
-    from armgate.cell.events import Tick  # noqa: PLC0415
+    from armgate.events import Tick  # noqa: PLC0415
     from armgate.recording import Recording  # noqa: PLC0415
 
     recording = Recording.open(run, partial=True)

@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from struct import pack
 from typing import Any
 
-from armgate.cell.events import GateOutput
+from armgate.events import GateOutput
 
 TOLERANCE = 1e-6
 """What another kind of machine may compute differently, rad or m."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import assert_never
 
 from armgate.cell.cell import Cell
-from armgate.cell.events import (
+from armgate.events import (
     Command,
     GateEvent,
     LeaseChange,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.events import Tick
+from armgate.events import Tick
 
 Array = NDArray[np.float64]
 

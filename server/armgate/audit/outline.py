@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.cell import Body, Cell
-from armgate.cell.events import Joints
-from armgate.integrity import support, support_table
+from armgate.events import Joints
+from armgate.gate import support, support_table
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from armgate.audit.explaining import Case
 from armgate.audit.outline import outline, placed, view_along
 from armgate.cell.cell import Body, Cell
-from armgate.cell.events import Joints, Reason
 from armgate.cell.text import printable
-from armgate.integrity import Intended
+from armgate.events import Joints, Reason
+from armgate.gate import Intended
 from armgate.recording.files import written_anew
 
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from armgate.audit.compare import TOLERANCE, differences
 from armgate.audit.fitting import misfit
 from armgate.cell.cell import Cell
-from armgate.cell.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.cell.extras import install
-from armgate.integrity import GateBeside
-from armgate.integrity.compiled import available
+from armgate.events import Command, GateEvent, GateOutput, Stopped, Verdict
+from armgate.gate import GateBeside
+from armgate.gate.compiled import available
 from armgate.recording import DamagedError, Header, Recording, Step, machine, software
 
 Progress = Callable[[int], None]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from armgate.cell.events import Outcome, Stopped, Verdict
 from armgate.cell.text import printable
+from armgate.events import Outcome, Stopped, Verdict
 from armgate.protocol import messages as m
 from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
 from armgate.recording.reader import check_entry

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from armgate.cell.events import Tick
 from armgate.daemon.peer import Encoded, Subscription
+from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError, encode
 from armgate.protocol import messages as m
 

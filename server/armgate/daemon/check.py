@@ -8,12 +8,12 @@ from rich.table import Table
 from rich.text import Text
 
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.events import Nearest
 from armgate.cell.link_config import RsiLinkConfig
 from armgate.cell.remarks import remarks
 from armgate.cell.text import printable
 from armgate.daemon.library import Library
-from armgate.integrity import start_clearances
+from armgate.events import Nearest
+from armgate.gate import start_clearances
 from armgate.links.rsi import Setup, setup_of, warnings_of
 
 _SHOWN = 8

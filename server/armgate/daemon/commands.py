@@ -185,8 +185,8 @@ def _built(config: "CellConfig") -> "Cell":
 
 def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
     """Where the robots are: in the robot server if one is named or a robot is not emulated; None: here."""
-    from armgate.links.remote.command import robot_server_path  # noqa: PLC0415
-    from armgate.links.remote.make import needs_robot_server  # noqa: PLC0415
+    from armgate.links.robot_server.command import robot_server_path  # noqa: PLC0415
+    from armgate.links.robot_server.make import needs_robot_server  # noqa: PLC0415
 
     needed = needs_robot_server(cell)
     if not needed and given is None and cell.config.server.robot_server is None:
@@ -205,7 +205,7 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
     with _cell_extra():
         from armgate.daemon.record_start import recorder_of  # noqa: PLC0415
         from armgate.daemon.server import Daemon  # noqa: PLC0415
-        from armgate.integrity import Gate  # noqa: PLC0415
+        from armgate.gate import Gate  # noqa: PLC0415
 
     log = Log(sys.stderr)
     _warn(cell, log)
@@ -232,7 +232,7 @@ def _warn(cell: "Cell", log: "Log") -> None:
     """Log what ``armgate check`` warns of, and why commands will be refused from the start."""
     from armgate.cell.remarks import remarks  # noqa: PLC0415
     from armgate.daemon.check import REMEDY, start_faults  # noqa: PLC0415
-    from armgate.integrity import start_clearances  # noqa: PLC0415
+    from armgate.gate import start_clearances  # noqa: PLC0415
 
     for text in remarks(cell):
         log.warning("remark", text=text)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 from typing import Any
 
-from armgate.cell import events
+from armgate import events
 from armgate.cell.cell import Cell
 from armgate.cell.config import ServerConfig, SignalRuleConfig
 from armgate.daemon import translate
@@ -16,7 +16,7 @@ from armgate.daemon.peer import Peer, answer
 from armgate.daemon.runner import GateRunner, Told
 from armgate.daemon.signals import Reserved, Sharer, Signals
 from armgate.links import ClockedLink
-from armgate.links.remote.client import RemoteEvent, RemoteLink
+from armgate.links.robot_server.client import RemoteEvent, RemoteLink
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
 

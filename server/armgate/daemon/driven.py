@@ -7,7 +7,7 @@ from pathlib import Path
 from armgate.cell.cell import Cell
 from armgate.daemon.core import Core
 from armgate.daemon.peer import Peer
-from armgate.links.remote.client import RemoteEvent, RemoteLink, RobotServerClient
+from armgate.links.robot_server.client import RemoteEvent, RemoteLink, RobotServerClient
 from armgate.protocol import messages as m
 
 _LOOK = 0.1

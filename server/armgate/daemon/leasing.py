@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from armgate.cell.events import LeaseChange
 from armgate.daemon.peer import Peer, answer
+from armgate.events import LeaseChange
 from armgate.protocol import Denial, ErrorCode, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m
 

@@ -19,7 +19,7 @@ from armgate.daemon.bucket import Bucket
 from armgate.daemon.local import LocalSocket
 from armgate.daemon.log import Log
 from armgate.daemon.room import Guest, Room
-from armgate.links.remote.address import peer_uid
+from armgate.links.robot_server.address import peer_uid
 
 _QUEUE = 128
 """Connections that may wait in the kernel."""

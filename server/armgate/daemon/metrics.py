@@ -18,10 +18,10 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from armgate.cell.events import Command, GateEvent, GateOutput
 from armgate.daemon.exposition import Exposition
 from armgate.daemon.runner import Judge
-from armgate.integrity import RobotView
+from armgate.events import Command, GateEvent, GateOutput
+from armgate.gate import RobotView
 from armgate.protocol import messages as m
 
 _SECONDS = (50e-6, 100e-6, 250e-6, 500e-6, 1e-3, 2e-3, 4e-3, 8e-3, 12e-3, 25e-3, 50e-3, 0.1)

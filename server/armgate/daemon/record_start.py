@@ -13,7 +13,7 @@ from armgate.daemon.library import Library
 from armgate.daemon.recorder import Recorder
 from armgate.daemon.signer import SignerError, load_signer
 from armgate.daemon.turn_recorder import TurnRecorder
-from armgate.integrity.compiled import available
+from armgate.gate.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.recording.chain import Signer
 from armgate.recording.reader import PATTERN

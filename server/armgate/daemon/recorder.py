@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armgate.cell.events import GateEvent, GateOutput, Tick
 from armgate.daemon.record_file import RecordFile
+from armgate.events import GateEvent, GateOutput, Tick
 from armgate.protocol import messages as m
 from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
 from armgate.recording.chain import Seal, Signer

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from armgate.cell.events import GateEvent, GateOutput, Plan, PlanAnswer, Rebase, ResetAnswer, Stopped, Verdict
-from armgate.integrity import RobotView
+from armgate.events import GateEvent, GateOutput, Plan, PlanAnswer, Rebase, ResetAnswer, Stopped, Verdict
+from armgate.gate import RobotView
 
 Told = Verdict | Stopped | ResetAnswer
 """What of the gate's outputs concerns clients."""

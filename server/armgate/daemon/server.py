@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig, ServerConfig
-from armgate.cell.events import Tick
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.daemon.access import Access, Keys
 from armgate.daemon.allowance import Allowance, Allowances, Rates
@@ -38,9 +37,10 @@ from armgate.daemon.tokens import Tokens
 from armgate.daemon.turns import Turns
 from armgate.daemon.wall import Wall
 from armgate.emulator import Instant
+from armgate.events import Tick
 from armgate.links import EmulatedLink
 from armgate.links.notify import Notifier
-from armgate.links.remote.client import RemoteEvent, RemoteLink
+from armgate.links.robot_server.client import RemoteEvent, RemoteLink
 from armgate.protocol import (
     DIALECTS,
     INBOUND_LIMIT,

@@ -7,8 +7,8 @@ Texts and lists that may be longer than a message allows are cut here and nowher
 import math
 from collections.abc import Iterable, Sequence
 
-from armgate.cell import events
-from armgate.integrity import RobotView
+from armgate import events
+from armgate.gate import RobotView
 from armgate.protocol import messages as m
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from armgate.cell.events import LinkChange, LinkState, Plan, PlanAnswer, Rebase
 from armgate.emulator import WallClock
+from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, Rebase
 from armgate.links.emulated import EmulatedLink
 from armgate.links.link import Emit
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from armgate.cell.events import Joints, Plan, PlanAnswer, Rebase, Tick
 from armgate.emulator import EmulatedRobot
+from armgate.events import Joints, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.player import PlanPlayer
 
 

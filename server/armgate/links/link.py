@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from armgate.cell.events import LinkChange, Plan, PlanAnswer, Rebase, Tick
+from armgate.events import LinkChange, Plan, PlanAnswer, Rebase, Tick
 
 LinkEvent = Tick | LinkChange
 """What a link tells whoever holds it."""

@@ -7,7 +7,7 @@ comes too late, the held plan runs out, and every plan ends at rest.
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from armgate.cell.events import Joints, Plan, PlanAnswer, PlanKey
+from armgate.events import Joints, Plan, PlanAnswer, PlanKey
 
 _REMEMBERED = 64
 """Answers kept for plans that are sent again; a repetition is never older than some ticks."""

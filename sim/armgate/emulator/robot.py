@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 
 
 class EmulatedRobot:

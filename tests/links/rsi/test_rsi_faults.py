@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from armgate.cell.events import LinkState
+from armgate.events import LinkState
 from support.rsi import Rig
 from support.rsi_ends import SLOW, at_rest, gap, nothing_moves, rearm, start_anew
 

@@ -14,7 +14,7 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.events import LinkChange, Plan, PlanKey, Tick
+from armgate.events import LinkChange, Plan, PlanKey, Tick
 from armgate.links.rsi import RsiDrivenLink, setup_of
 from armgate.links.rsi.probe import shape_of
 from support.clients import PATIENCE

@@ -14,7 +14,7 @@ from armgate.daemon.log import Log
 from armgate.daemon.peer import Encoded, Subscription, answer
 from armgate.daemon.runner import GateRunner
 from armgate.emulator import Instant, VirtualClock
-from armgate.integrity import Gate
+from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m

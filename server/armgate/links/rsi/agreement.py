@@ -2,7 +2,7 @@
 
 import math
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.setup import Setup, uncovered
 from armgate.links.rsi.telegram import Telegram

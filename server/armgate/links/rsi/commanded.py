@@ -8,7 +8,7 @@ robot rests.
 
 from collections.abc import Sequence
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
 from armgate.links.rsi.sequence import Follows
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armgate.cell.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
+from armgate.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.link import LinkEvent
 from armgate.links.player import PlanPlayer, Played
 from armgate.links.rsi.agreement import Agreement

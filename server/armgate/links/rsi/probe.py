@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
 from armgate.links.rsi.sequence import Follows
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 from armgate.links.rsi.commanded import Commanded
 from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.runaway import Runaway

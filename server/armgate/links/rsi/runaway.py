@@ -9,7 +9,7 @@ fast as the axis can. A pushed robot is slower: zeros would throw it back by its
 
 from collections import deque
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 
 _WINDOW = 0.5
 """Setpoints of this time at least are those of the past, s."""

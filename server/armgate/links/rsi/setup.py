@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armgate.cell.events import Joints
 from armgate.cell.link_config import RsiLinkConfig
+from armgate.events import Joints
 from armgate.links.rsi.axes import AXES, Axis, axes_of
 from armgate.links.rsi.ethernet import Ethernet, EthernetError, Received, load_ethernet
 from armgate.links.rsi.probe import shape_of

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from armgate.cell.events import Plan, PlanAnswer, Rebase
+from armgate.events import Plan, PlanAnswer, Rebase
 from armgate.links.link import Emit
 from armgate.links.rsi.link import RsiLink
 from armgate.links.rsi.setup import Setup

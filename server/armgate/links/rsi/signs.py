@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armgate.cell.events import Joints
 from armgate.cell.placement import Placement
+from armgate.events import Joints
 from armgate.links.rsi.setup import Setup
 
 Foot = Callable[[ArrayLike], Placement]

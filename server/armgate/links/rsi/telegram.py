@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
-from armgate.cell.events import Joints
+from armgate.events import Joints
 from armgate.links.rsi.axes import AXES, Axis
 from armgate.links.rsi.ethernet import Ethernet
 from armgate.links.rsi.xml import XmlError, read_xml

@@ -1,0 +1,170 @@
+"""Judges a recorded run under other rules, while the robots go on as they were recorded.
+
+Whatever the other rules say, the recorded plan is what the link took and played: so each command is judged
+where the robots then were, not where these rules would have brought them.
+"""
+
+import math
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+
+from armgate.events import (
+    Command,
+    GateEvent,
+    GateOutput,
+    Joints,
+    Plan,
+    Point,
+    Rebase,
+    Reset,
+    ResetAnswer,
+    Stopped,
+    Verdict,
+)
+from armgate.gate.braking import stop_increments
+from armgate.gate.certificate import Budget
+from armgate.gate.gate import Gate
+from armgate.gate.judge import Decision
+from armgate.gate.limits import StepBounds, shape_wish
+from armgate.gate.question import ordered
+from armgate.gate.robot import RobotState, end_of
+from armgate.gate.stops import StopCause, Stops
+
+
+@dataclass(frozen=True, slots=True)
+class Intended:
+    """Where a command would have led, all joints of its robot, rad or m.
+
+    Attributes:
+        asked: The increment asked for.
+        wish: What the robot's own bounds leave of it.
+        end: Where its stop would end.
+        q: The measured position.
+        setpoint: The setpoint that it would be added to.
+        last: The increment played last.
+        bounds: The robot's bounds per tick.
+        share: The lease's own speed bound, a fraction.
+    """
+
+    asked: Joints
+    wish: Joints
+    end: Joints
+    q: Joints
+    setpoint: Joints
+    last: Joints
+    bounds: StepBounds
+    share: float
+
+
+class GateBeside(Gate):
+    """A gate that judges, tells what it goes by, and follows what a recording says was answered."""
+
+    def intended(self, event: Command) -> Intended | None:
+        """Where a command would lead that is judged now; None if it cannot be asked for at all."""
+        s = self._of(event.robot)
+        if s.tick < 0 or len(event.dq) != len(s.zeros) or not all(map(math.isfinite, event.dq)):
+            return None
+        bounds = s.limits_now()
+        wish = shape_wish(event.dq, s.last, s.brake, s.setpoint, bounds, s.share).u
+        increments = stop_increments(wish, s.bounds.decel)
+        end = end_of(s.setpoint, increments)
+        return Intended(event.dq, wish, end, s.measured, s.setpoint, s.last, bounds, s.share)
+
+    def witness(self, robot: str, pair: tuple[str, str], q: Joints) -> tuple[Point, Point] | None:
+        """Nearest points of a pair's bodies, in its order, with ``robot`` at ``q``, others where they stand.
+
+        None if the cell has no such pair of this robot, or somebody's position is not known.
+        """
+        c, s = self._clearance, self._of(robot)
+        found = [p for p in c.pairs_of[s.index] if c.names(int(p)) == pair]
+        if not found or not c.known(int(found[0])):
+            return None
+        group, k = c.find(s.index, int(found[0]))
+        mine = c.space.still(s.index, q)
+        side = c.space.static
+        if group.other is not None:
+            other = self._robots[group.other]
+            side = mine if other is s else c.space.still(other.index, other.measured)
+        return ordered(group, k, c.certifier.prove(group, k, mine, side, (0, 0)).points)
+
+    def step_beside(self, event: GateEvent, recorded: Sequence[GateOutput]) -> list[GateOutput]:
+        """Takes an event, returns what these rules answer, and goes on as was answered then."""
+        before = deepcopy(self._stops)
+        if isinstance(event, Command):
+            s = self._of(event.robot)
+            slot, waiting = s.slot, s.pending
+            outputs = self.step(event)
+            self._follow_command(s, slot, waiting, recorded)
+        elif isinstance(event, Reset):
+            outputs = self._reset_beside(event, before, recorded)
+        else:
+            outputs = self.step(event)
+        self._follow_stops(before, outputs, recorded)
+        return outputs
+
+    def _follow_command(
+        self, s: RobotState, slot: int, waiting: Plan | None, recorded: Sequence[GateOutput]
+    ) -> None:
+        """Takes the plan that was sent then; without one, whatever waited for its answer still waits."""
+        plan = next((output for output in recorded if isinstance(output, Plan)), waiting)
+        verdict = next((output for output in recorded if isinstance(output, Verdict)), None)
+        s.slot = slot if verdict is None or verdict.target is None else verdict.target
+        if s.pending != plan:
+            if s.pending is not None:
+                self._reservations.drop(s)
+            if plan is not None:
+                self._reservations.stage(s, plan, self._as_played(s, plan))
+
+    def _reset_beside(self, event: Reset, stopped: Stops, recorded: Sequence[GateOutput]) -> list[GateOutput]:
+        """Answer a reset by these rules, then lift or keep the stop as was done then."""
+        before = [(s.setpoint, s.resets, s.slot) for s in self._robots]
+        outputs = self.step(event)
+        lifted = any(isinstance(output, ResetAnswer) and output.accepted for output in recorded)
+        stop = self._stops.find(event.stop)
+        if lifted and stop is not None:
+            self._stops.lift(stop)
+        elif not lifted:
+            self._stops = stopped
+            for s, kept in zip(self._robots, before, strict=True):
+                s.setpoint, s.resets, s.slot = kept
+        self._note_stops(self._robots)
+        for rebase in (output for output in recorded if isinstance(output, Rebase)):
+            self._rebase_as(rebase)
+        return outputs
+
+    def _rebase_as(self, rebase: Rebase) -> None:
+        s = self._of(rebase.robot)
+        if (s.setpoint, s.resets) != (rebase.setpoint, rebase.resets):
+            s.rebase(rebase.setpoint)
+            s.resets = rebase.resets
+            self._reservations.hold_plan(s)
+            self._reservations.renew(s)
+
+    def _as_played(self, s: RobotState, plan: Plan) -> Decision:
+        """The recorded plan with what can be said of it at once; the rest is proven where it matters."""
+        occupied = s.occupancy_to(end_of(s.setpoint, plan.increments), plan.increments[0])
+        swept = self._clearance.space.sweep(s.index, occupied)
+        most = np.full_like(self._clearance.limits_of[s.index], np.inf)
+        judged = self._clearance.judge(s.index, swept, None, most, Budget(0))
+        self._clearance.watch()
+        return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
+
+    def _follow_stops(
+        self, before: Stops, outputs: Sequence[GateOutput], recorded: Sequence[GateOutput]
+    ) -> None:
+        """Puts the stops in force that were raised then, in place of those that these rules raised."""
+        mine = [output for output in outputs if isinstance(output, Stopped)]
+        theirs = [output for output in recorded if isinstance(output, Stopped)]
+        if mine == theirs:
+            return
+        for stop in mine:
+            for robot in stop.robots:
+                self._of(robot).faulted = False
+        self._stops = before
+        for stop in theirs:
+            robots = tuple(self._of(robot).index for robot in stop.robots)
+            self._stops.put(stop.id, robots, StopCause(stop.by, stop.reason), stop.replaces)
+        self._note_stops(self._robots)

@@ -1,0 +1,195 @@
+"""The screen in its compiled form, where numba is installed (extra `fast`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armgate.cell.cell import Cell
+from armgate.cell.model import RobotModel
+from armgate.gate.screen import RobotPairs, Screen
+from armgate.gate.support import Cornered
+from armgate.gate.swept import Array, Index, Place, Space, Swept
+
+Records = NDArray[np.void]
+_STALE = -1
+_ROWS = 8
+"""Room for nodes that a robot holds at once, at first."""
+
+
+def available() -> bool:
+    """Whether numba is installed."""
+    try:
+        import_module("numba")
+    except ImportError:
+        return False
+    return True
+
+
+def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Screen:
+    """The screen, compiled if that is wanted, or possible and not said; both are the same to rounding.
+
+    Raises:
+        ImportError: The compiled form is wanted, and numba is not installed.
+    """
+    if compiled or (compiled is None and available()):
+        return CompiledScreen(space, pairs)
+    return Screen(space, pairs)
+
+
+class CompiledScreen(Screen):
+    """`Screen` with its slabs and kinematics compiled; see there."""
+
+    def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
+        prepare()
+        self.pairs = list(pairs)
+        self._space = space
+        self._kernels = _kernels()
+        self._cell = pack_cell(space)
+        self._own = [_pack_pairs(own) for own in pairs]
+        self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
+        bodies = len(space.cell.bodies)
+        # What never moves has one row, and stands behind the robots; unknown robots have none.
+        count = np.array([0] * len(self._held) + [1], dtype=np.int64)
+        R, t = (np.repeat(x, _ROWS, axis=0) for x in (space.static.R, space.static.t))
+        self._nodes = (R, t, np.zeros((_ROWS, bodies)), count)
+        space.place_with(self._placer(space.cell))
+
+    def replace(self, robot: int, own: RobotPairs) -> None:
+        """Take other motion bounds for a robot's pairs."""
+        super().replace(robot, own)
+        self._cell = (*self._cell[:4], *_bounds(self._space))
+        self._own[robot] = _pack_pairs(own)
+
+    def hold(self, robot: int, swept: Sequence[Swept]) -> None:
+        """Notes what a robot holds; written down when somebody looks."""
+        self._held[robot] = swept
+        self._nodes[3][robot] = _STALE
+
+    def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
+        lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
+        own, slabs = self._own[robot], self._kernels.slabs
+        while (other := slabs(self._cell, self._nodes, own, moves, asked, lb)) >= 0:
+            self._write(other)  # a robot that has moved, and turns out to matter
+        return lb
+
+    def _write(self, robot: int) -> None:
+        swept, row = self._held[robot], 0
+        self._make_room(sum(len(s.nodes) for s in swept))
+        for s in swept:
+            self._kernels.hold(self._cell, self._nodes, robot, row, s.nodes, s.tube)
+            row += len(s.nodes)
+        self._nodes[3][robot] = row
+
+    def _make_room(self, rows: int) -> None:
+        R, t, stray, count = self._nodes
+        if rows > len(t):
+            R, t, stray = (np.concatenate([x, np.repeat(x[-1:], rows, axis=0)]) for x in (R, t, stray))
+            self._nodes = (R, t, stray, count)
+
+    def _placer(self, cell: Cell) -> Place:
+        numbers = [len(r.model.bodies) for r in cell.robots]
+
+        def place(robot: int, q: ArrayLike) -> tuple[Array, Array]:
+            R, t = np.empty((numbers[robot], 3, 3)), np.empty((numbers[robot], 3))
+            self._kernels.place(self._cell, robot, np.array(q, dtype=np.float64), R, t)
+            return R, t
+
+        return place
+
+
+@cache
+def prepare() -> None:
+    """Compiles all kernels, or takes them from numba's cache: some seconds the first time, else under one.
+
+    After it no call compiles: arguments of another kind are an error. A `CompiledScreen` calls it when it is
+    made, so that no tick waits for a compiler.
+
+    Raises:
+        ImportError: numba is not installed.
+    """
+    k = _kernels()
+    robots, joints, bodies = (np.zeros(1, dtype) for dtype in (k.ROBOT, k.JOINT, k.BODY))
+    robots["joints"] = robots["bodies"] = 1
+    joints[0]["R"][:] = np.eye(3)
+    joints["parent"] = bodies["joint"] = bodies["corners"] = -1
+    cell = (robots, joints, bodies, np.zeros((1, 1, 4)), np.zeros((1, 1)), np.zeros((1, 1, 1)))
+    R, t, stray = np.zeros((2, 1, 3, 3)), np.zeros((2, 1, 3)), np.zeros((2, 1))
+    one, two = np.zeros(1), np.zeros((2, 1))
+    own = (np.zeros(1, k.PAIR), two[:1], np.zeros((1, 1, 1)))
+    held = (R, t, stray, np.ones(2, dtype=np.int64))
+    k.place(cell, 0, one, R[0], t[0])
+    k.hold(cell, held, 0, 0, two, one)
+    k.slabs(cell, held, own, (0, two, one), (np.zeros(1, np.intp), np.zeros((1, 3))), one)
+    for compiled in (k.place, k.hold, k.slabs):
+        compiled.disable_compile()
+
+
+def _kernels() -> ModuleType:
+    return import_module("armgate.gate.kernels")  # late: numba takes its time to import
+
+
+def pack_cell(space: Space) -> tuple[Any, ...]:
+    """The cell as the kernels take it: robots, joints, bodies, corners, motion and bend bounds."""
+    k, cell = _kernels(), space.cell
+    models = [r.model for r in cell.robots]
+    robots = np.zeros(len(models), k.ROBOT)
+    robots["joints"], robots["bodies"] = [m.n for m in models], [len(m.bodies) for m in models]
+    robots["joint"][1:] = np.cumsum(robots["joints"])[:-1]
+    robots["body"][1:] = np.cumsum(robots["bodies"])[:-1]
+    joints = np.concatenate([_pack_joints(m) for m in models])
+    return robots, joints, _pack_bodies(space), _corners(space), *_bounds(space)
+
+
+def _bounds(space: Space) -> tuple[Array, Array]:
+    """Motion and bend bounds of all bodies of the cell, as wide as the robot with most joints."""
+    models = [r.model for r in space.cell.robots]
+    bodies, widest, first = len(space.cell.bodies), max(m.n for m in models), 0
+    motion, bend = np.zeros((bodies, widest)), np.zeros((bodies, widest, widest))
+    for i, m in enumerate(models):
+        mine, first = slice(first, first + len(m.bodies)), first + len(m.bodies)
+        motion[mine, : m.n], bend[mine, : m.n, : m.n] = space.motion[i], space.bend[i]
+    return motion, bend
+
+
+def _pack_joints(model: RobotModel) -> Records:
+    joints = np.zeros(model.n, _kernels().JOINT)
+    for i, joint in enumerate(model.joints):
+        placement = model.pin_model.jointPlacements[i + 1]
+        subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
+        slides = joint.kind == "prismatic"
+        joints[i]["R"], joints[i]["t"] = placement.rotation, placement.translation
+        joints[i]["axis"] = subspace[:3] if slides else subspace[3:]
+        joints[i]["slides"], joints[i]["parent"] = slides, model.parents[i]
+    return joints
+
+
+def _pack_bodies(space: Space) -> Records:
+    cell = space.cell
+    bodies = np.zeros(len(cell.bodies), _kernels().BODY)
+    for k, body in enumerate(cell.bodies):
+        joint = -1 if body.robot is None else cell.robots[body.robot].model.bodies[body.index].joint
+        bodies[k]["R"], bodies[k]["t"] = body.placement.R, body.placement.t
+        bodies[k]["joint"] = joint
+        bodies[k]["owner"] = len(cell.robots) if joint < 0 else body.robot
+    bodies["row"] = space.rows.rows if isinstance(space.rows, Cornered) else space.rows
+    bodies["corners"] = space.rows.body if isinstance(space.rows, Cornered) else -1
+    return bodies
+
+
+def _corners(space: Space) -> Array:
+    return space.rows.corners if isinstance(space.rows, Cornered) else np.zeros((0, 1, 4))
+
+
+def _pack_pairs(own: RobotPairs) -> tuple[Any, ...]:
+    pairs = np.zeros(len(own.ids), _kernels().PAIR)
+    pairs["mine"], pairs["theirs"] = own.mine, own.theirs
+    n = own.growth.shape[1]
+    bend = np.zeros((0, n, n)) if own.chain is None else own.chain.bend
+    return pairs, np.ascontiguousarray(own.growth), np.ascontiguousarray(bend)

@@ -1,0 +1,175 @@
+"""The nearest pairs at the measured positions, for the state: told as lower bounds, the nearest one tight.
+
+A lower bound is kept for every pair and lowered by what its robots moved since. The lowest bounds are asked
+again of the engine until the lowest is a fresh one: then no pair can be nearer than it says. So only near
+pairs cost anything.
+"""
+
+from bisect import insort
+from collections.abc import Sequence
+from math import isfinite
+
+import numpy as np
+
+from armgate.cell.cell import Cell
+from armgate.events import Joints, Nearest
+from armgate.gate.certificate import Proof
+from armgate.gate.clearance import Clearance
+from armgate.gate.groups import Group
+from armgate.gate.question import ordered
+from armgate.gate.swept import Array, Index, Swept
+
+_FEW = 4
+_MANY = 64
+_REFRESHES = 64
+
+
+class NearestPairs:
+    """Finds the nearest pairs of one robot at a time; keeps the directions that it finds."""
+
+    def __init__(self, clearance: Clearance) -> None:
+        self._clearance = clearance
+        pairs = clearance.cell.pairs
+        # Where, among a robot's pairs, those with others stand.
+        self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
+        self._margin = np.full(len(pairs), np.inf)
+        self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
+        self._motion: list[Array | None] = [None] * len(clearance.cell.robots)
+        self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
+
+    def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
+        """Returns the ``count`` nearest pairs by index, by margin; the nearest (and nearest other) tight.
+
+        Args:
+            robot: Whose pairs.
+            measured: The measured q of every robot, None where it is not known.
+            count: How many.
+        """
+        for i, q in enumerate(measured):
+            self._follow(i, q)
+        ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
+        margin = self._margin.take(ids)
+        proofs: dict[int, Proof] = {}
+        for asked in range(1, _REFRESHES + 1):
+            stale = [k for k in self._lowest(robot, margin) if k not in proofs]
+            if not stale:
+                break
+            if asked % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
+                self._measure(robot, _first(margin, _MANY), margin)
+                continue
+            k = stale[0]
+            proofs[k] = self._refresh(robot, int(ids[k]))
+            margin[k] = proofs[k].lb - limits[k]
+        self._margin[ids] = margin
+        told = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
+        return {
+            int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if isfinite(margin[k])
+        }
+
+    def exact(self, robot: int, measured: Sequence[Joints], count: int) -> dict[int, Nearest]:
+        """Return, by index, the ``count`` nearest pairs and all below their limits, all of them tight."""
+        for i, q in enumerate(measured):
+            self._follow(i, q)
+        ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
+        left, tight = self._margin.take(ids), [np.inf] * count
+        proofs: dict[int, Proof] = {}
+        while len(proofs) < len(ids):
+            k = int(left.argmin())
+            if left[k] >= max(0.0, tight[count - 1]):
+                break  # what is left cannot be nearer than its bound says
+            proofs[k] = self._refresh(robot, int(ids[k]))
+            self._margin[ids[k]] = proofs[k].lb - limits[k]
+            insort(tight, float(self._margin[ids[k]]))
+            left[k] = np.inf
+        return {int(ids[k]): self._told(robot, int(ids[k]), proof) for k, proof in proofs.items()}
+
+    def _follow(self, robot: int, q: Joints | None) -> None:
+        """Lower the bounds of a robot's pairs by what it moved.
+
+        They are found anew when it is seen first, and when its motion bounds have changed.
+        """
+        last, self._last[robot] = self._last[robot], q
+        if q is None or q == last:
+            return
+        motion, before = self._clearance.space.motion[robot], self._motion[robot]
+        if motion is not before:
+            last, self._motion[robot] = None, motion
+        self._still[robot] = self._clearance.space.still(robot, q)
+        ids = self._clearance.pairs_of[robot]
+        if last is not None:
+            self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
+            return
+        margin = np.full(len(ids), np.inf)
+        self._measure(robot, np.arange(len(ids)), margin)
+        self._margin[ids] = margin
+
+    def _measure(self, robot: int, places: Index, margin: Array) -> None:
+        """Raises to what the kept directions prove, at the measured positions, some of a robot's margins."""
+        mine, first = self._still[robot], 0
+        for group in self._clearance.groups[robot]:
+            here, first = (
+                places[(places >= first) & (places < first + len(group.ids))],
+                first + len(group.ids),
+            )
+            side = self._side(group)
+            if mine is None or side is None or not len(here):
+                continue
+            sel: Index = here + len(group.ids) - first
+            lb, _, _ = group.slab(mine, side, sel, self._clearance.kept_n(group, sel))
+            kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
+            margin[here] = np.maximum(kept, lb - group.limit[sel])
+
+    def _refresh(self, robot: int, pair: int) -> Proof:
+        group, k = self._clearance.find(robot, pair)
+        mine, side = self._still[robot], self._side(group)
+        assert mine is not None  # its margin is known, so both positions are
+        assert side is not None
+        proof = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
+        self._clearance.keep_n(group, k, proof.n)
+        return proof
+
+    def _lowest(self, robot: int, margin: Array) -> list[int]:
+        """The places of the lowest margin of all, and of those with others; none of unknown robots."""
+        lowest = [int(margin.argmin())] if len(margin) else []
+        others = self._others[robot]
+        if len(others):
+            lowest.append(int(others[margin.take(others).argmin()]))
+        return [k for k in lowest if isfinite(margin[k])]
+
+    def _side(self, group: Group) -> Swept | None:
+        return self._clearance.space.static if group.other is None else self._still[group.other]
+
+    def _told(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
+        c = self._clearance
+        limit = float(c.limits[pair])
+        points = None if proof is None else ordered(*c.find(robot, pair), proof.points)
+        return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
+
+
+def _first(margin: Array, count: int) -> Index:
+    """The places of the ``count`` lowest margins, the lowest first; of equal ones, the first."""
+    if count < len(margin):
+        lowest = np.sort(np.argpartition(margin, count - 1)[:count])
+    else:
+        lowest = np.arange(len(margin))
+    return np.asarray(lowest[np.argsort(margin[lowest], kind="stable")])
+
+
+def start_clearances(cell: Cell, count: int = 16) -> list[Nearest]:
+    """Return true distances at the start positions, by margin: all below their limits, and the nearest.
+
+    Args:
+        cell: The cell.
+        count: At least so many pairs of each robot.
+    """
+    clearance = Clearance(cell, compiled=False)  # asked once: not worth loading a compiler
+    start = [tuple(float(x) for x in r.start) for r in cell.robots]
+    for i, q in enumerate(start):
+        clearance.hold(i, [clearance.space.still(i, q)])
+    for i in range(len(start)):
+        clearance.survey(i)
+    nearest = NearestPairs(clearance)
+    found: dict[int, Nearest] = {}
+    for i in range(len(start)):
+        found |= nearest.exact(i, start, count)
+    return sorted(found.values(), key=lambda n: n.distance - n.limit)

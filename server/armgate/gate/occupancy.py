@@ -1,0 +1,176 @@
+"""Occupancy: all positions that a robot may pass from now until it rests.
+
+It is the convex hull of the measured q, the setpoints inside the declared lag window and the end of the
+stop. A robot that lags its setpoint is *not* on the line from q to the setpoint, but it stays in this hull.
+The hull is covered by the polyline measured – setpoint – end, each joint widened by a tube
+
+    e_j = (history's largest deviation from the chord AB)_j + |A + l₁/(l₁+l₂)·(C − A) − B|_j + tolerance_j
+          + (what axes that lag differently leave the hull by)_j.
+
+The second term covers the triangle ABC: a point of AC and the polyline's point at the same share of the way
+differ most at the corner. A hull of points that each lie within e of the triangle lies within e of it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from operator import add, sub
+
+from armgate.events import Joints
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Occupancy:
+    """A polyline of joint positions and the tube around it, rad or m per joint.
+
+    Attributes:
+        nodes: The polyline.
+        tube: Its radius, per joint.
+        unlike: The part of the tube for axes that lag differently, see `armgate.gate.lag`; () for none.
+        between: The part of it that counts between the ticks only.
+    """
+
+    nodes: tuple[Joints, ...]
+    tube: Joints
+    unlike: Joints = ()
+    between: Joints = ()
+
+    @property
+    def segments(self) -> list[tuple[Joints, Joints]]:
+        """The polyline's segments; one of length zero for a robot that stands still."""
+        return list(pairwise(self.nodes)) or [(self.nodes[0], self.nodes[0])]
+
+    @property
+    def end(self) -> Joints:
+        """Where the robot rests if nothing else is admitted."""
+        return self.nodes[-1]
+
+
+def occupancy(
+    measured: Joints,
+    setpoint: Joints,
+    end: Joints,
+    history: Sequence[Joints],
+    tolerance: float,
+    unlike: tuple[Joints, Joints] = ((), ()),
+) -> Occupancy:
+    """Covers the hull of the measured position, the setpoints in the lag window and the end of the stop.
+
+    Args:
+        measured: A, the measured q.
+        setpoint: B, the commanded position.
+        end: C, the end of the stop.
+        history: Setpoints inside the declared lag window.
+        tolerance: Rounding of the measured q, rad or m.
+        unlike: By how much axes that lag differently may leave the hull, per joint, and the part of it that
+            counts between the ticks only; () if they lag alike.
+    """
+    cut = _corner_cut(measured, setpoint, end)
+    lag = [0.0] * len(measured)
+    for past in history:
+        near = _nearest(past, measured, setpoint)
+        lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
+    tube = tuple(a + b + tolerance for a, b in zip(cut, lag, strict=True))
+    if unlike[0]:
+        tube = tuple(map(add, tube, unlike[0]))
+    return Occupancy(_without_repeats((measured, setpoint, end)), tube, *unlike)
+
+
+def settle_measured(
+    q: Joints, held: Sequence[Occupancy], tolerance: float, unlike: Joints = ()
+) -> Joints | None:
+    """Returns the measured position to go on with, None if no held occupancy explains it.
+
+    The robot is within the proven cover (which begins at a measurement too), and what is measured within the
+    rounding of the robot. Any position is good to go on with that is, joint by joint, as near to every place
+    where the robot can then be as axes that lag differently and the rounding allow. Of these the nearest to
+    the middle of the polyline's stretch that explains ``q`` is taken. So a measurement at the cover's edge
+    is taken inside of it, and a robot that creeps away a little each tick is noticed.
+
+    Args:
+        q: The measured position.
+        held: What is reserved.
+        tolerance: Rounding of the measured q, rad or m.
+        unlike: By how much the robot may be off its companion from now on, per joint; () if axes lag alike.
+    """
+    off = tuple([tolerance + e for e in unlike]) if unlike else (tolerance,) * len(q)
+    at_ticks = [_at_tick(one) for one in held]
+    inner = [replace(one, tube=tuple(map(sub, one.tube, off))) for one in at_ticks]
+    if any(_stretches(q, one, 0.0) for one in inner):
+        return q
+    found = [(_stretches(q, one, tolerance), own.tube) for one, own in zip(at_ticks, inner, strict=True)]
+    near = [(p, tube) for stretches, tube in found for stretch in stretches for p in stretch]
+    if not near:
+        return None
+    # The robot is near to some point of these stretches: each joint within ``off`` of [low, high].
+    low = [min(p[j] - e[j] for p, e in near) for j in range(len(q))]
+    high = [max(p[j] + e[j] for p, e in near) for j in range(len(q))]
+    middles = [_between(*stretch, 0.5) for stretches, _ in found for stretch in stretches]
+    middle = min(middles, key=lambda p: math.dist(p, q))
+    rows = zip(q, middle, low, high, unlike or (0.0,) * len(q), strict=True)
+    return tuple([min(max(p, min(x - e, hi)), max(x + e, lo)) for x, p, lo, hi, e in rows])
+
+
+def _at_tick(one: Occupancy) -> Occupancy:
+    """Return the cover without what counts between the ticks only."""
+    return replace(one, tube=tuple(map(sub, one.tube, one.between))) if one.between else one
+
+
+def deviation(q: Joints, one: Occupancy) -> float:
+    """Returns how far, in its worst joint, ``q`` is from the nearest point of the polyline, rad or m."""
+    near = [_nearest(q, a, b) for a, b in one.segments]
+    return min(max(abs(x - y) for x, y in zip(q, p, strict=True)) for p in near)
+
+
+def _without_repeats(nodes: tuple[Joints, ...]) -> tuple[Joints, ...]:
+    return nodes[:1] + tuple(b for a, b in pairwise(nodes) if a != b)
+
+
+def _corner_cut(a: Joints, b: Joints, c: Joints) -> list[float]:
+    first, second = math.dist(a, b), math.dist(b, c)
+    if first == 0.0 or second == 0.0:
+        return [0.0] * len(a)
+    share = first / (first + second)
+    return [abs(x + share * (z - x) - y) for x, y, z in zip(a, b, c, strict=True)]
+
+
+def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
+    along = [y - x for x, y in zip(a, b, strict=True)]
+    square = sum(d * d for d in along)
+    if square == 0.0:
+        return a
+    share = sum((x - p) * d for x, p, d in zip(q, a, along, strict=True)) / square
+    share = min(max(share, 0.0), 1.0)
+    return tuple(p + share * d for p, d in zip(a, along, strict=True))
+
+
+def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Joints]]:
+    """Returns the stretches of the polyline, end by end, that ``q`` is within tube and ``extra`` of."""
+    width = tuple(e + extra + _ROUNDING for e in one.tube)
+    pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
+    found = []
+    for a, b in pairs:
+        low, high = _shares(q, a, b, width)
+        if low <= high:
+            found.append((_between(a, b, low), _between(a, b, high)))
+    return found
+
+
+def _shares(q: Joints, a: Joints, b: Joints, width: Joints) -> tuple[float, float]:
+    """Returns from where to where on the way from a to b every joint of ``q`` is within its width."""
+    low, high = 0.0, 1.0
+    for x, p, r, w in zip(q, a, b, width, strict=True):
+        d = r - p
+        if abs(d) >= _ROUNDING:
+            s, t = (x - p - w) / d, (x - p + w) / d
+            low, high = max(low, min(s, t)), min(high, max(s, t))
+        elif abs(x - p) > w + abs(d):
+            return 1.0, 0.0
+    return low, high
+
+
+def _between(a: Joints, b: Joints, share: float) -> Joints:
+    return tuple(p + share * (r - p) for p, r in zip(a, b, strict=True))

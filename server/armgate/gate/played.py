@@ -1,0 +1,75 @@
+"""What a tick may report: the increment that the gate's plan has for it, and nothing else.
+
+A link is believed where it can be held against the plan. A measured position cannot: `settle_measured` holds
+it against the occupancy.
+"""
+
+import math
+from itertools import chain
+
+from armgate.cell.urdf import MAX_NUMBER
+from armgate.events import Joints, LinkState, Tick
+from armgate.gate.limits import ROUNDING
+from armgate.gate.occupancy import settle_measured
+from armgate.gate.robot import RobotState, same
+
+
+def unreadable(s: RobotState, event: Tick) -> str | None:
+    """Return why a tick says nothing of its robot; None if it does."""
+    rows = (event.q, event.setpoint, event.increment)
+    if any(len(row) != s.robot.model.n for row in rows):
+        return f"{s.name}'s link reports positions of another number of joints"
+    if not all(map(math.isfinite, chain(*rows, (event.time,)))):
+        return f"{s.name}'s link reports a number that is not finite"
+    if max(map(abs, chain(*rows)), default=0.0) > MAX_NUMBER:
+        return f"{s.name}'s link reports a position out of range; expected numbers within ±{MAX_NUMBER:g}"
+    if event.tick <= s.tick:
+        return f"{s.name}'s link reports tick {event.tick} after tick {s.tick}"
+    return None
+
+
+def contradiction(s: RobotState, event: Tick) -> str | None:
+    """Return what contradicts the plan that the gate believes the link plays; None if nothing does."""
+    if s.tick < 0:
+        return _begun_in_motion(s, event)
+    if event.rebased:
+        return _held_elsewhere(s, event)
+    if event.plan is None:
+        if any(s.brake):
+            return f"{s.name}'s link ends its plan before the robot is at rest"
+    elif s.held is None or event.plan != s.held.key or event.index != s.played + 1 or not s.remaining:
+        return f"{s.name}'s link plays a plan that the gate has not given it"
+    if not _close(event.increment, s.brake):
+        return f"{s.name}'s link plays an increment that its plan does not have"
+    return _not_added_up(s, event)
+
+
+def _begun_in_motion(s: RobotState, event: Tick) -> str | None:
+    """A link's first tick comes before any plan of the gate."""
+    return f"{s.name}'s link begins with a robot in motion" if _plays(event) else None
+
+
+def _plays(event: Tick) -> bool:
+    return event.plan is not None or event.index != -1 or any(event.increment)
+
+
+def _not_added_up(s: RobotState, event: Tick) -> str | None:
+    if same(tuple(a + b for a, b in zip(s.setpoint, event.increment, strict=True)), event.setpoint):
+        return None
+    return f"{s.name}'s link reports a setpoint that its increments do not add up to"
+
+
+def _held_elsewhere(s: RobotState, event: Tick) -> str | None:
+    """A robot that was held rests at a setpoint of its own; a link that is not ready may begin anew."""
+    if _plays(event):
+        return f"{s.name}'s link reports a robot that is held and moves"
+    if s.link is not LinkState.READY or any(same(one, event.setpoint) for one in (s.setpoint, s.before)):
+        return None
+    occupied = [r.occupied for r in s.reserved]
+    if settle_measured(event.setpoint, occupied, s.robot.q_tolerance) is None:
+        return f"{s.name}'s link reports a robot that is held where it was never sent"
+    return None
+
+
+def _close(a: Joints, b: Joints) -> bool:
+    return all(abs(x - y) <= ROUNDING for x, y in zip(a, b, strict=True))

@@ -1,0 +1,51 @@
+"""Rest of a measured robot: two measurements of a standing robot differ by up to twice the tolerance.
+
+A robot rests if it has *arrived*: every setpoint that it may still follow is one point, and it is measured
+there. A robot that stands elsewhere (pushed, held by a brake) rests if its measurements have stayed within
+twice the tolerance of one of them for long enough. Over k ticks it then moved by no more than four
+tolerances, so k is chosen for a speed of 1e-6 rad or m per tick, and for half a second at most.
+"""
+
+from armgate.events import Joints
+
+STILL = 1e-6
+"""Motion in one tick that counts as rest, rad or m: the exponential end of a lag never quite ends."""
+
+_LONGEST = 0.5
+"""Longest time for which the measurements must stay, s."""
+
+
+class Stillness:
+    """Counts the ticks for which a robot was measured in one place.
+
+    Args:
+        tolerance: How far a measurement may be off, rad or m.
+        period: Time between two ticks, s.
+    """
+
+    def __init__(self, tolerance: float, period: float) -> None:
+        self._room = 2.0 * tolerance + STILL
+        self._needed = max(1, round(min(4.0 * tolerance / STILL, _LONGEST / period)))
+        self._place: Joints | None = None
+        self._ticks = 0
+
+    @property
+    def reached(self) -> bool:
+        """True if the robot has stayed in one place for long enough."""
+        return self._ticks >= self._needed
+
+    def begin(self) -> None:
+        """Count anew: a robot that stands may only not have begun to follow its setpoint."""
+        self._place, self._ticks = None, 0
+
+    def note(self, q: Joints) -> None:
+        """Take the measured position of one more tick."""
+        if self._place is not None and within(q, self._place, self._room):
+            self._ticks += 1
+        else:
+            self._place, self._ticks = q, 0
+
+
+def within(a: Joints, b: Joints, room: float) -> bool:
+    """Return True if no joint of ``a`` is farther than ``room`` from ``b``."""
+    return all(abs(x - y) <= room for x, y in zip(a, b, strict=True))

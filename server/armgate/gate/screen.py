@@ -1,0 +1,200 @@
+"""The first two stages of clearance for all pairs of a robot at once: kept bounds, then one joined slab.
+
+Pairs that the kept bounds leave open are few, but they belong to many groups: with each other robot, with
+what never moves, with the robot itself. What every robot holds stands in one table by body, so that one pass
+of array operations takes all open pairs together, whatever stands at the other side. Only pairs of one chain,
+whose bodies move together, are another formula.
+
+A bound that is not a number proves nothing: comparisons are written so that it leaves its pair open.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from armgate.gate.groups import ChainGroup, Group
+from armgate.gate.support import support
+from armgate.gate.swept import Array, Index, Space, Swept
+
+MARGIN = 1e-9
+"""What every bound is lowered by for floating-point rounding, m."""
+
+_AHEAD = 8.0
+"""Pairs that would be open after so many steps more are tried along with those that are: most of a pass is
+its overhead, and so most decisions need none."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPairs:
+    """All pairs of one robot, group after group.
+
+    Attributes:
+        ids: Indices into the cell's pairs, (P,).
+        mine, theirs: The two bodies' indices in the cell, (P,).
+        sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
+        growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
+        side: Their groups, numbered, (P,).
+        chain: The group of pairs whose bodies move together, None if there is none.
+        chained: How many these are; they come first.
+    """
+
+    ids: Index
+    mine: Index
+    theirs: Index
+    sign: Array
+    growth: Array
+    side: Index
+    chain: ChainGroup | None
+    chained: int
+
+
+def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
+    """Joins the groups of a robot with ``n`` joints."""
+    none = np.zeros(0, np.intp)
+    chain = groups[0] if groups and isinstance(groups[0], ChainGroup) else None
+    return RobotPairs(
+        ids=_joined([g.ids for g in groups], none),
+        mine=_joined([g.shape_mine for g in groups], none),
+        theirs=_joined([g.shape_theirs for g in groups], none),
+        sign=_joined([g.sign for g in groups], np.zeros(0)),
+        growth=_joined([g.growth for g in groups], np.zeros((0, n))),
+        side=_joined([np.full(len(g.ids), i, np.intp) for i, g in enumerate(groups)], none),
+        chain=chain,
+        chained=0 if chain is None else len(chain.ids),
+    )
+
+
+class Screen:
+    """Lowers the kept bounds of a robot's pairs, and tries the kept directions of those used up.
+
+    Args:
+        space: The cell's bodies.
+        pairs: The pairs of each robot.
+    """
+
+    def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
+        self.pairs = list(pairs)
+        self._table = _Table(space)
+
+    def replace(self, robot: int, own: RobotPairs) -> None:
+        """Take other motion bounds for a robot's pairs."""
+        self.pairs[robot] = own
+
+    def hold(self, robot: int, swept: Sequence[Swept]) -> None:
+        """Notes what a robot holds."""
+        self._table.hold(robot, swept)
+
+    def run(
+        self, robot: int, new: Swept, step: Array | None, need: Array, kept: tuple[Array, Array]
+    ) -> tuple[Array, Index]:
+        """Judges a new occupancy as far as it goes without a distance engine.
+
+        Args:
+            robot: Its index.
+            new: The occupancy to judge.
+            step: By how much it extends the held one per joint; None if the kept bounds say nothing of it.
+            need: The distance that each of the robot's P pairs must keep, m, (P,).
+            kept: The kept bounds of the robot's pairs, m, (P,), and the directions of all pairs of the cell,
+                first body to second, (…, 3).
+
+        Returns:
+            Lower bounds of the robot's pairs, (P,), and which of them are still open, ascending.
+        """
+        (bound, n), own = kept, self.pairs[robot]
+        lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
+        left = (~(lb >= need)).nonzero()[0]
+        if not len(left):
+            return lb, left
+        tried = left if step is None else self._with_next(own, step, need - lb, left)
+        directions = n.take(own.ids[tried], axis=0) * own.sign[tried, None]
+        lb[tried] = np.fmax(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
+        return lb, left[~(lb[left] >= need[left])]
+
+    def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
+        """The open pairs and those soon open, ascending, of the sides that have to be looked at anyway."""
+        soon = (short > -_AHEAD * (own.growth @ step)).nonzero()[0]
+        looked = np.zeros(len(own.side), dtype=np.bool_)
+        looked[own.side[left]] = True
+        return np.asarray(soon[looked[own.side[soon]]])
+
+    def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
+        """The swept slabs of the pairs ``left``, in ascending order, with directions mine to theirs."""
+        own, lb = self.pairs[robot], np.empty(len(left))
+        first = int(left.searchsorted(own.chained))
+        if own.chain is not None and first:
+            lb[:first] = own.chain.slab(new, new, left[:first], n[:first])[0]
+        if first < len(left):
+            apart = left[first:]
+            lb[first:] = self._table.slabs(robot, new, own.mine[apart], own.theirs[apart], n[first:])
+        return lb
+
+
+class _Table:
+    """Every body at the nodes of what its robot holds, by its index in the cell.
+
+    A robot that holds less nodes than there is room for has its last one repeated, one of unknown position
+    strays by ∞: its pairs stay open.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
+        self._stale: set[int] = set()
+        self._rows = space.rows
+        owner = [-1 if b.robot is None else b.robot for b in space.cell.bodies]
+        self._owner = np.array(owner, dtype=np.intp)
+        ends = np.cumsum([len(r.model.bodies) for r in space.cell.robots]).tolist()
+        self._own = [slice(*reach) for reach in pairwise([0, *ends])]
+        self._R, self._t = space.static.R.copy(), space.static.t.copy()
+        self._stray = np.zeros(self._t.shape[:2])
+        for mine in self._own:
+            self._stray[:, mine] = np.inf
+
+    def hold(self, robot: int, swept: Sequence[Swept]) -> None:
+        """Notes what a robot holds; written down when somebody looks."""
+        self._held[robot] = swept
+        self._stale.add(robot)
+
+    def slabs(self, robot: int, new: Swept, mine: Index, theirs: Index, n: Array) -> Array:
+        """Lower bounds for pairs whose sides move at their own time, ``robot`` anywhere in ``new``, (P,)."""
+        owner = self._owner[theirs]
+        for other in [k for k in self._stale if k != robot and (owner == k).any()]:
+            self._write(other, self._held[other])
+            self._stale.discard(other)
+        self._write(robot, [new])
+        self._stale.add(robot)
+        reach = self._reach(np.concatenate([mine, theirs]), np.concatenate([n, -n]))
+        return np.asarray(-reach[: len(mine)] - reach[len(mine) :])
+
+    def _reach(self, bodies: Index, n: Array) -> Array:
+        """The largest n·x over everything that each body may pass, (P,)."""
+        local = np.einsum("mpji,pj->mpi", self._R.take(bodies, axis=1), n)
+        along = support(self._rows[bodies], local) + self._stray.take(bodies, axis=1)
+        along += np.einsum("mpj,pj->mp", self._t.take(bodies, axis=1), n)
+        return np.asarray(along.max(axis=0))
+
+    def _write(self, robot: int, swept: Sequence[Swept]) -> None:
+        mine, row = self._own[robot], 0
+        self._make_room(sum(len(s.nodes) for s in swept))
+        for s in swept:
+            rows = slice(row, row + len(s.nodes))
+            self._R[rows, mine], self._t[rows, mine], self._stray[rows, mine] = s.R, s.t, s.stray
+            row = rows.stop
+        if 0 < row < len(self._t):
+            for values in (self._R, self._t, self._stray):
+                values[row:, mine] = values[row - 1, mine]
+
+    def _make_room(self, rows: int) -> None:
+        missing = rows - len(self._t)
+        if missing > 0:
+            self._R, self._t, self._stray = (_extended(x, missing) for x in (self._R, self._t, self._stray))
+
+
+def _extended(values: Array, rows: int) -> Array:
+    return np.concatenate([values, np.repeat(values[-1:], rows, axis=0)])
+
+
+def _joined(parts: list[Any], empty: Any) -> Any:
+    return np.concatenate(parts) if parts else empty

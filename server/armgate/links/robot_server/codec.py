@@ -1,0 +1,177 @@
+"""Messages to bytes and back, strictly: a length of four bytes, then a msgpack list of kind and fields.
+
+The forms follow from the annotations of the dataclasses. A message of another shape, a number that is not
+finite or a name that is no text is an error, after which nothing more is read from that connection.
+"""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import fields
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import msgpack
+
+from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
+from armgate.links.robot_server.messages import (
+    FORMAT,
+    Beat,
+    Hello,
+    Message,
+    Played,
+    Refusal,
+    Standing,
+    Welcome,
+)
+
+LARGEST = 1 << 20
+"""Bytes that a message may have: a stop of thousands of ticks, with room to spare."""
+
+_KINDS: dict[type, str] = {
+    Hello: "hello",
+    Welcome: "welcome",
+    Refusal: "refusal",
+    Beat: "beat",
+    Played: "played",
+    LinkChange: "change",
+    PlanAnswer: "answer",
+    Plan: "plan",
+    Rebase: "rebase",
+}
+_LENGTH = struct.Struct(">I")
+Form = tuple[Callable[[Any], Any], Callable[[Any], Any]]
+"""How a value is packed, and read back."""
+
+
+class CodecError(Exception):
+    """The other side said something that cannot be understood."""
+
+
+def encode(message: Message) -> bytes:
+    """The bytes of a message."""
+    pack, _ = _FORMS[type(message)]
+    body: bytes = msgpack.packb([_KINDS[type(message)], *pack(message)])
+    return _LENGTH.pack(len(body)) + body
+
+
+class Decoder:
+    """Bytes in, messages out."""
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+
+    def push(self, data: bytes) -> list[Message]:
+        """Take bytes; return the messages that they complete.
+
+        Raises:
+            CodecError: They are no messages; the text says why. Nothing more can be read.
+        """
+        self._data += data
+        found = []
+        while len(self._data) >= _LENGTH.size:
+            (length,) = _LENGTH.unpack_from(self._data)
+            if length > LARGEST:
+                raise CodecError(f"a message of {length} bytes; expected at most {LARGEST}")
+            end = _LENGTH.size + length
+            if len(self._data) < end:
+                break
+            found.append(_decoded(bytes(self._data[_LENGTH.size : end])))
+            del self._data[:end]
+        return found
+
+
+def _decoded(body: bytes) -> Message:
+    try:
+        kind, *values = msgpack.unpackb(body, use_list=True)
+        if kind == "hello" and values and values[0] != FORMAT:
+            raise CodecError(f"format {values[0]!r} of the robot server's socket; expected {FORMAT}")
+        _, read = _BY_KIND[kind]
+        message: Message = read(values)
+    except CodecError:
+        raise
+    except Exception as error:
+        raise CodecError(f"a malformed message: {error!r}") from error
+    return message
+
+
+# --- forms ------------------------------------------------------------------------------------------------
+
+
+def _exactly(kind: type) -> Form:
+    def read(value: Any) -> Any:
+        if type(value) is not kind:
+            raise CodecError(f"{value!r:.60}; expected {kind.__name__}")
+        return value
+
+    return _same, read
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _finite(value: Any) -> float:
+    if type(value) is not float or not math.isfinite(value):
+        raise CodecError(f"{value!r:.60}; expected a finite number")
+    return value
+
+
+def _state(value: Any) -> LinkState:
+    return LinkState(value)
+
+
+def _or_none(form: Form) -> Form:
+    pack, read = form
+    return (lambda v: None if v is None else pack(v)), (lambda v: None if v is None else read(v))
+
+
+def _tuple(form: Form) -> Form:
+    pack, read = form
+
+    def read_all(values: Any) -> tuple[Any, ...]:
+        if type(values) is not list:
+            raise CodecError(f"{values!r:.60}; expected a list")
+        return tuple([read(value) for value in values])
+
+    return (lambda values: [pack(value) for value in values]), read_all
+
+
+def _dataclass(kind: type) -> Form:
+    hints = get_type_hints(kind)
+    names = [field.name for field in fields(kind)]
+    forms = [_form(hints[name]) for name in names]
+    packs = list(zip(names, (pack for pack, _ in forms), strict=True))
+    reads = [read for _, read in forms]
+
+    def read_all(values: Any) -> Any:
+        if type(values) is not list or len(values) != len(reads):
+            raise CodecError(f"{values!r:.60}; expected the {len(reads)} values of {kind.__name__}")
+        return kind(*[read(value) for read, value in zip(reads, values, strict=True)])
+
+    return (lambda message: [pack(getattr(message, name)) for name, pack in packs]), read_all
+
+
+_PLAIN: dict[Any, Form] = {
+    str: _exactly(str),
+    int: _exactly(int),
+    bool: _exactly(bool),
+    float: (float, _finite),
+    LinkState: (str, _state),
+}
+
+
+def _form(hint: Any) -> Form:
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    if get_origin(hint) is UnionType:
+        (inner,) = [one for one in get_args(hint) if one is not NoneType]
+        return _or_none(_form(inner))
+    if get_origin(hint) is tuple:
+        return _tuple(_form(get_args(hint)[0]))
+    assert hint in (Tick, PlanKey, Standing), hint
+    return _dataclass(hint)
+
+
+_FORMS: dict[type, Form] = {kind: _dataclass(kind) for kind in _KINDS}
+_BY_KIND = {name: _FORMS[kind] for kind, name in _KINDS.items()}

@@ -1,0 +1,99 @@
+"""``armgate robot-server``."""
+
+import gc
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from armgate.cell.cell import Cell
+    from armgate.links.notify import Notifier
+
+
+class StartError(Exception):
+    """The robot server cannot start; nothing was moved."""
+
+    exit_code = 2
+
+
+def robot_server(
+    configs: Annotated[
+        list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
+    ],
+    socket: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Where the daemon finds it; else as the configuration says."),
+    ] = None,
+    priority: Annotated[
+        int | None,
+        typer.Option(min=1, max=99, help="Goes before ordinary programs, as a real-time process (SCHED_RR)."),
+    ] = None,
+) -> None:
+    """Hold the robots of a cell for its daemon until SIGTERM or Ctrl-C."""
+    from armgate.cell.cell import build_cell  # noqa: PLC0415
+    from armgate.cell.config import load_config  # noqa: PLC0415
+
+    config = load_config(configs)
+    cell = build_cell(config)
+    if priority is not None:
+        _hurry(priority)
+    raise typer.Exit(_serve(cell, socket or robot_server_path(cell)))
+
+
+def robot_server_path(cell: "Cell") -> Path:
+    """Where a cell's robot server listens: as configured, or in the folder of the user's sockets."""
+    from armgate.links.robot_server.address import default_path  # noqa: PLC0415
+
+    given = cell.config.server.robot_server
+    if given is None:
+        return default_path(cell.name)
+    return cell.config.file(("server", "robot_server"), given)
+
+
+def _serve(cell: "Cell", path: Path) -> int:
+    import asyncio  # noqa: PLC0415
+    from time import monotonic  # noqa: PLC0415
+
+    from armgate.links.log import Log  # noqa: PLC0415
+    from armgate.links.notify import Notifier  # noqa: PLC0415
+    from armgate.links.robot_server.address import listen  # noqa: PLC0415
+    from armgate.links.robot_server.make import make_berths  # noqa: PLC0415
+    from armgate.links.robot_server.server import RobotServer  # noqa: PLC0415
+
+    listening, lock = listen(path)
+    log = Log(sys.stderr)
+    with lock, listening:
+        try:
+            berths = make_berths(
+                cell, monotonic, lambda robot, text: log.warning("link", robot=robot, text=text)
+            )
+            server = RobotServer(cell.hash, berths, log)
+            # What stands now stays: no search for garbage through all of it shall delay a reply.
+            gc.collect()
+            gc.freeze()
+            return asyncio.run(server.run(listening, lambda: _announce(path, Notifier())))
+        except OSError as error:
+            text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            raise StartError(f"cannot listen to the robots: {text}") from error
+        finally:
+            path.unlink(missing_ok=True)
+            log.close()
+
+
+def _hurry(priority: int) -> None:
+    import os  # noqa: PLC0415
+
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except PermissionError as error:
+        raise StartError(
+            f"--priority {priority} is not allowed for this user: have the limit `rtprio` raised "
+            "(systemd: LimitRTPRIO), or leave the option away"
+        ) from error
+
+
+def _announce(path: Path, manager: "Notifier") -> None:
+    print(f"armgate: robot server at {path}", flush=True)  # noqa: T201
+    manager.ready(f"robots at {path}")

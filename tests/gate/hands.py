@@ -1,0 +1,63 @@
+"""A gate that is spoken to by hand."""
+
+from armgate.events import Command, LeaseChange, LinkChange, LinkState, PlanAnswer, Tick
+from armgate.gate import Gate
+from gate import scenes
+
+T = 0.004
+STEP = 5e-5
+
+
+class Hands:
+    """A gate, its robots' links played by hand: nothing lags, nothing is lost unless the test says so."""
+
+    def __init__(self, cell, start=None, gate=None):
+        self.gate, self.cell = gate or Gate(cell, "s"), cell
+        self.names = [r.name for r in cell.robots]
+        self.q = [tuple(map(float, r.start)) for r in cell.robots] if start is None else list(start)
+        self.tick, self.held = [-1] * len(self.q), [None] * len(self.q)
+        self.seq = 0
+        for i, name in enumerate(self.names):
+            self.rest(i)
+            self.gate.step(LinkChange(name, LinkState.READY))
+            self.gate.step(LeaseChange(name, 1))
+
+    def view(self, i=0):
+        return self.gate.view(self.names[i])
+
+    def rest(self, i=0, q=None, count=1):
+        """Ticks without a plan."""
+        out = []
+        for _ in range(count):
+            self.tick[i] += 1
+            u = (0.0,) * len(self.q[i])
+            at = self.q[i] if q is None else q
+            now = self.tick[i] * self.cell.robots[i].period
+            out += self.gate.step(Tick(self.names[i], self.tick[i], now, at, self.q[i], u))
+        return out
+
+    def ask(self, dq, i=0, answer=True, fence=1, based_on=None):
+        self.seq += 1
+        based_on = self.tick[i] if based_on is None else based_on
+        verdict, *plans = self.gate.step(Command(self.names[i], fence, self.seq, based_on, dq))
+        if plans:
+            self.held[i] = plans[0]
+            if answer is not None:
+                self.gate.step(PlanAnswer(self.names[i], plans[0].key, answer, "" if answer else "late"))
+        return verdict
+
+    def play(self, i=0, index=0):
+        """A tick that plays the held plan's increment."""
+        plan, before = self.held[i], self.q[i]
+        u = plan.increments[index]
+        self.tick[i] += 1
+        self.q[i] = tuple(a + b for a, b in zip(before, u, strict=True))
+        now = self.tick[i] * self.cell.robots[i].period
+        return self.gate.step(Tick(self.names[i], self.tick[i], now, before, self.q[i], u, plan.key, index))
+
+    def kept(self, i=0):
+        return float(self.gate._clearance.bound.of(i).min())
+
+
+def pair(gap=0.2):
+    return Hands(scenes.head_on(0.1 + gap, (T, T)))

@@ -1,0 +1,405 @@
+"""Kept bounds and the four stages, by hand: balls and boxes whose distances anybody can write down."""
+
+import numpy as np
+import pytest
+
+from armgate.gate.certificate import Budget
+from armgate.gate.clearance import Clearance
+from armgate.gate.question import Question, halves, middle, ordered, segments
+from armgate.gate.screen import MARGIN
+from gate import scenes
+
+LIMIT = 0.02
+PLENTY = 1000
+
+
+def ball(around, start=(0.0, 0.0, 0.0), shape=None):
+    """A ball of 5 cm that goes anywhere, among bodies that stand still: its clearance, held at its start."""
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), (0, 0, 1), shape=shape), "start": list(start)}
+    clearance = Clearance(scenes.build({"A": robot}, surroundings=around), False)
+    hold(clearance, 0, start)
+    return clearance
+
+
+def two(first=(-0.5, 0.0), second=(0.5, 0.0), shape=None):
+    """Two balls of 5 cm in a plane."""
+    robots = {
+        name: {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), shape=shape), "start": list(start)}
+        for name, start in (("A", first), ("B", second))
+    }
+    return Clearance(scenes.build(robots), False)
+
+
+def way(clearance, robot, *nodes):
+    n = clearance.cell.robots[robot].model.n
+    return clearance.space.sweep_nodes(robot, np.array(nodes, dtype=float), np.zeros(n))
+
+
+def hold(clearance, robot, *nodes):
+    clearance.hold(robot, [way(clearance, robot, *nodes)])
+
+
+def judged(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
+    """What is found of a new way, and how many questions that cost."""
+    needs = np.full(len(clearance.pairs_of[robot]), need)
+    step = None if step is None else np.array(step)
+    left = Budget(budget)
+    found = clearance.judge(robot, way(clearance, robot, *nodes), step, needs, left)
+    return found, budget - left.left
+
+
+def sphere(x, y=0.0, z=0.0, radius=0.05):
+    return {"shape": {"sphere": radius}, "xyz": [x, y, z]}
+
+
+# --- what is kept -------------------------------------------------------------------------------------------
+
+
+def test_at_first_all_pairs_are_below_and_nothing_is_proven():
+    clearance = ball({"b": sphere(1.0), "c": sphere(2.0)})
+    assert clearance.below(0) == [0, 1]
+    assert np.all(np.isneginf(clearance.bound.of(0)))
+
+
+def test_a_survey_proves_balls_from_centre_to_centre_without_a_question():
+    around = {f"b{k}": sphere(*(0.5 * np.array(v))) for k, v in enumerate(
+        (x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)
+    )}  # fmt: skip
+    clearance = ball(around)
+    clearance.survey(0)
+    true = [np.linalg.norm(body["xyz"]) - 0.1 for body in around.values()]
+    assert clearance.bound.of(0) == pytest.approx(np.array(true) - MARGIN, abs=1e-12)
+    assert clearance.certifier.queries == 0
+    assert clearance.below(0) == []
+
+
+def test_a_survey_keeps_the_directions_that_proved_most():
+    """The kept one for a wall, whose centre is far aside; that between the centres for a ball."""
+    around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.5, 1.5, 1.0]}, "b": sphere(-0.3, -0.4)}
+    clearance = ball(around)
+    clearance._n[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    clearance.survey(0)
+    assert clearance.bound.of(0) == pytest.approx([0.35 - MARGIN, 0.4 - MARGIN], abs=1e-12)
+    assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0], [-0.6, -0.8, 0.0]]), abs=1e-12)
+
+
+def test_a_survey_asks_about_near_pairs_only():
+    """From the side of a wide wall the line between the centres proves nothing."""
+    around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.2, 1.5, 1.0]}, "b": sphere(-0.9)}
+    clearance = ball(around)
+    clearance.survey(0)
+    assert clearance.bound.of(0) == pytest.approx([0.05, 0.8], abs=1e-6)
+    assert 1 <= clearance.certifier.queries <= 2
+    assert clearance.below(0) == []
+
+
+def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_it_is_proven_anew():
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    clearance.survey(0)
+    assert clearance.below(0) == []
+    clearance.bound.put(0, np.array([np.nan]))
+    clearance.watch()
+    assert clearance.below(0) == clearance.below(1) == [0]
+    found, _ = judged(clearance, (-0.5, 0.0), step=(0.0, 0.0), budget=0)
+    assert found.binding.pair == 0
+    assert clearance.prove_held(0, 0, Budget(1)).lb == pytest.approx(0.9, abs=1e-8)
+    assert clearance.below(0) == []
+
+
+@pytest.mark.parametrize("tube", [np.nan, np.inf])
+def test_a_way_whose_width_is_not_a_number_proves_nothing(tube):
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    wide = clearance.space.sweep_nodes(0, np.array([[-0.5, 0.0]]), np.full(2, tube))
+    with np.errstate(invalid="ignore"):
+        found = clearance.judge(0, wide, None, np.array([LIMIT]), Budget(PLENTY))
+        assert found.binding.pair == 0
+        clearance.hold(0, [wide])
+        clearance.survey(0)
+        assert clearance.prove_held(0, 0, Budget(PLENTY)).lb == -np.inf
+    assert clearance.below(1) == [0]
+
+
+def test_directions_between_centres_are_of_length_one_and_up_where_they_are_none():
+    around = {"here": sphere(0.5, -0.5), "there": sphere(0.8, -0.1), "near": sphere(0.501, -0.5)}
+    clearance = ball(around, (0.5, -0.5, 0.0))
+    (group,) = clearance.groups[0]
+    n = clearance._between(group, 0)
+    assert n == pytest.approx(np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0], [1.0, 0.0, 0.0]]), abs=1e-12)
+
+
+def test_directions_of_a_chain_are_in_the_frame_of_the_nearer_body():
+    cell = scenes.corner()
+    clearance = Clearance(cell, False)
+    q = (0.7, 0.3, 0.4)
+    hold(clearance, 0, q)
+    R, t = clearance.space.still(0, q).R[0], clearance.space.still(0, q).t[0]
+    chain = clearance.groups[0][0]
+    n = clearance._between(chain, 0)
+    for k, (a, b) in enumerate(zip(chain.mine, chain.theirs, strict=True)):
+        v = t[b] - t[a]
+        assert R[a] @ n[k] == pytest.approx(v / np.linalg.norm(v), abs=1e-12)
+
+
+def test_of_several_ways_that_are_held_the_worst_counts():
+    clearance = ball({"b": sphere(1.0)})
+    for order in ((0.0, 0.5), (0.5, 0.0)):
+        clearance.hold(0, [way(clearance, 0, (x, 0.0, 0.0)) for x in order])
+        clearance.survey(0)
+        assert clearance.bound[0] == pytest.approx(0.4, abs=1e-8)
+
+
+def test_a_survey_looks_again_at_what_was_far():
+    clearance = ball({"b": sphere(1.0)})
+    clearance.survey(0)
+    assert clearance.below(0) == []
+    hold(clearance, 0, (0.89, 0.0, 0.0))
+    clearance.survey(0)
+    assert clearance.below(0) == [0]
+    clearance.bound[0] = LIMIT
+    assert clearance.below(0) == []  # at its limit it is not below it
+
+
+def test_a_pair_is_known_if_both_its_robots_are():
+    clearance = two()
+    assert not clearance.known(0)
+    hold(clearance, 0, (-0.5, 0.0))
+    assert not clearance.known(0)
+    clearance.survey(0)
+    assert np.isneginf(clearance.bound[0])
+    assert clearance.certifier.queries == 0
+    hold(clearance, 1, (0.5, 0.0))
+    assert clearance.known(0)
+    assert ball({"b": sphere(1.0)}).known(0)
+
+
+def test_where_a_robot_would_stand_counts_against_all_that_the_other_may_pass():
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    clearance.hold(1, [way(clearance, 1, (0.5, 0.0), (0.0, 0.0)), way(clearance, 1, (0.5, 0.5))])
+    assert clearance.point_bound(0, 0, (-0.75, 0.0)) == pytest.approx(0.65, abs=1e-6)
+    clearance.hold(1, [way(clearance, 1, (0.5, 0.5)), way(clearance, 1, (0.0, 0.0), (0.5, 0.0))])
+    assert clearance.point_bound(0, 0, (-0.75, 0.0)) == pytest.approx(0.65, abs=1e-6)
+
+
+# --- a new way ----------------------------------------------------------------------------------------------
+
+
+def test_what_another_robot_holds_is_known_to_the_slabs():
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    clearance.survey(0)
+    found, asked = judged(clearance, (-0.5, 0.0), (0.25, 0.0))
+    assert (found.binding, asked) == (None, 0)
+    assert found.lb == pytest.approx([0.15 - MARGIN], abs=1e-12)
+
+
+def test_of_a_robot_that_nobody_has_heard_of_nothing_can_be_proven():
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    found, asked = judged(clearance, (-0.5, 0.0))
+    assert np.isneginf(found.binding.lb)
+    assert (found.binding.pair, found.binding.need, found.binding.points, asked) == (0, LIMIT, None, 0)
+
+
+def test_without_a_budget_nothing_is_asked_and_nothing_found():
+    clearance = ball({"b": sphere(0.5)})
+    found, _ = judged(clearance, (0.0, 0.0, 0.0), budget=0)
+    assert found.binding is not None
+    assert found.binding.points is None
+    assert clearance.certifier.queries == 0
+
+
+def test_one_question_finds_the_direction_and_the_next_way_needs_none():
+    clearance = ball({"b": sphere(0.3, 0.4)})
+    found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.39)
+    assert (found.binding, asked) == (None, 1)
+    assert found.lb == pytest.approx([0.4], abs=1e-6)
+    assert clearance._n == pytest.approx(np.array([[0.6, 0.8, 0.0]]), abs=1e-4)
+    found, asked = judged(clearance, (0.003, 0.004, 0.0), need=0.39)
+    assert (found.binding, asked) == (None, 0)
+
+
+def test_what_is_truly_too_near_costs_one_question():
+    clearance = ball({"b": sphere(0.3, 0.4)})
+    found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.41)
+    assert asked == 1
+    assert found.binding.lb == pytest.approx(0.4, abs=1e-6)
+    p, q = map(np.array, found.binding.points)
+    assert p == pytest.approx([0.03, 0.04, 0.0], abs=1e-4)
+    assert q == pytest.approx([0.27, 0.36, 0.0], abs=1e-4)
+
+
+def test_what_the_tube_takes_is_too_near_too():
+    clearance = ball({"b": sphere(0.5)})
+    new = clearance.space.sweep_nodes(0, np.zeros((1, 3)), np.array([0.01, 0.0, 0.0]))
+    for need, free in ((0.3899, True), (0.3901, False), (0.405, False)):
+        clearance._n[0] = [0.0, 0.0, 1.0]
+        budget = Budget(PLENTY)
+        found = clearance.judge(0, new, None, np.array([need]), budget)
+        assert (found.binding is None) == free
+        assert budget.left == PLENTY - 1
+
+
+BEND = ((-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
+"""A way around a corner; inside of it, no plane separates the whole way from a ball at (−0.15, 0.15)."""
+
+
+@pytest.mark.parametrize(("need", "way_is_free"), [(0.0499, True), (0.0501, False)])
+def test_a_way_around_a_corner_is_proven_piece_by_piece(need, way_is_free):
+    clearance = ball({"b": sphere(-0.15, 0.15)})
+    found, asked = judged(clearance, *BEND, need=need)
+    assert (found.binding is None) == way_is_free
+    if way_is_free:
+        assert found.lb == pytest.approx([need])
+    assert 2 < asked < 50
+
+
+@pytest.mark.parametrize("missing", [-1, 0, 1, 2, 5])
+def test_what_the_budget_does_not_reach_is_refused(missing):
+    clearance = ball({"b": sphere(-0.15, 0.15)})
+    _, needed = judged(clearance, *BEND, need=0.04)
+    assert clearance.certifier.queries == needed > 5
+    clearance = ball({"b": sphere(-0.15, 0.15)})
+    found, _ = judged(clearance, *BEND, need=0.04, budget=needed - missing)
+    assert (found.binding is None) == (missing <= 0)
+    assert clearance.certifier.queries == min(needed - missing, needed)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_way_is_held_against_every_way_of_the_other(side):
+    """The other reserves two; the near one is the first or the second."""
+    for apart, free in ((0.031, True), (0.019, False)):
+        clearance = two()
+        hold(clearance, 0, (-0.5, 0.0))
+        ways = [way(clearance, 1, (0.5, 0.9)), way(clearance, 1, (0.0, 0.1 + apart))]
+        clearance.hold(1, ways if side else ways[::-1])
+        found, _ = judged(clearance, (-0.5, 0.0), (0.5, 0.0))
+        assert (found.binding is None) == free
+
+
+@pytest.mark.parametrize(("gap", "free"), [(0.05, True), (0.0195, False)])
+@pytest.mark.parametrize("robot", [0, 1])
+def test_two_ways_are_held_against_each_other_for_every_timing(gap, free, robot):
+    """Both go around corners, one inside of the other's; whoever is judged."""
+    clearance = two()
+    inner = ((-0.5, 0.0), (0.0, 0.0), (0.0, 0.5))
+    edge = 0.1 + gap
+    outer = ((-0.5, edge), (-edge, edge), (-edge, 0.5))
+    hold(clearance, 0, *inner)
+    hold(clearance, 1, *outer)
+    found, asked = judged(clearance, *(inner, outer)[robot], robot=robot)
+    assert (found.binding is None) == free
+    assert asked < 200
+
+
+# --- turning: what strays from the chords -------------------------------------------------------------------
+
+
+def bar(around):
+    """A bar of 0.8 m that turns about its end in the plane."""
+    along = (0.0, np.pi / 2, 0.0)
+    arm = scenes.urdf(
+        [scenes.joint(-1, bodies=(scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=along),))]
+    )
+    clearance = Clearance(scenes.build({"A": {"urdf": arm, "start": [0.0]}}, surroundings=around), False)
+    hold(clearance, 0, (0.0,))
+    return clearance
+
+
+@pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
+def test_a_turning_bar_is_proven_in_halves(gap, free):
+    """Past a ball beyond its tip: between the ends of the turn the tip comes nearest."""
+    reach = 0.8 + 0.02 + gap + 0.05
+    clearance = bar({"b": sphere(reach * np.cos(0.4), reach * np.sin(0.4))})
+    found, asked = judged(clearance, (0.0,), (0.8,), budget=64)
+    assert (found.binding is None) == free
+    assert asked <= 64
+    if free:
+        assert asked > 4
+
+
+def bars(apart, hub=None):
+    """Two bars that face each other, each turning about its end, ``apart`` between their tips' circles.
+
+    One of them may have a hub: a body that turning hardly moves.
+    """
+    bar = scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=(0.0, np.pi / 2, 0.0))
+    plain, hubbed = (
+        scenes.urdf([scenes.joint(-1, bodies=bodies)])
+        for bodies in ((bar,), (bar, scenes.body("sphere", 0.03)))
+    )
+    robots = {
+        "A": {"urdf": hubbed if hub == 0 else plain, "start": [0.0]},
+        "B": {"urdf": hubbed if hub == 1 else plain, "start": [0.0],
+              "base": {"xyz": [1.64 + apart, 0, 0], "rpy": [0, 0, np.pi]}},
+    }  # fmt: skip
+    return Clearance(scenes.build(robots), False)
+
+
+@pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
+@pytest.mark.parametrize("hub", [None, 0, 1])
+@pytest.mark.parametrize(("ways", "budget"), [((1.2, 0.02), 60), ((0.02, 1.2), 60), ((1.0, 1.0), 250)])
+def test_of_two_turning_bars_the_one_that_goes_farther_is_halved(gap, free, ways, budget, hub):
+    """With the other one halved no budget would do."""
+    clearance = bars(gap, hub)
+    one, other = ways
+    hold(clearance, 0, (0.0,))
+    hold(clearance, 1, (-other / 2,), (other / 2,))
+    found, _ = judged(clearance, (-one / 2,), (one / 2,), budget=budget)
+    assert (found.binding is None) == free
+
+
+# --- pieces -------------------------------------------------------------------------------------------------
+
+
+def test_what_the_tubes_take_is_lost_for_good():
+    """Each side's tube, times how far each joint moves its body; no subdivision wins it back."""
+    clearance = two()
+    hold(clearance, 0, (-0.5, 0.0))
+    hold(clearance, 1, (0.5, 0.0))
+    group, k = clearance.find(0, 0)
+    mine = clearance.space.sweep_nodes(0, np.array([(-0.5, 0.0)]), np.array([0.01, 0.02]))
+    side = clearance.space.sweep_nodes(1, np.array([(0.5, 0.0)]), np.array([0.04, 0.08]))
+    assert Question(group, k, 0, mine, LIMIT).loss(side) == pytest.approx(0.15 + MARGIN, abs=1e-15)
+    alone = ball({"b": sphere(1.0)})
+    group, k = alone.find(0, 0)
+    mine = alone.space.sweep_nodes(0, np.zeros((1, 3)), np.array([0.01, 0.02, 0.04]))
+    ask = Question(group, k, 0, mine, LIMIT)
+    assert ask.moving is None
+    assert ask.loss(alone.space.static) == pytest.approx(0.07 + MARGIN, abs=1e-15)
+
+
+@pytest.mark.parametrize(("need", "free"), [(0.0399, True), (0.0401, False)])
+def test_a_tube_counts_in_every_piece(need, free):
+    clearance = ball({"b": sphere(-0.15, 0.15)})
+    tube = np.array([0.0, 0.01, 0.0])
+    new = clearance.space.sweep_nodes(0, np.array(BEND), tube)
+    budget = Budget(PLENTY)
+    found = clearance.judge(0, new, None, np.array([need]), budget)
+    assert (found.binding is None) == free
+    assert PLENTY - budget.left < 50
+
+
+def test_a_way_in_pieces():
+    nodes = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 2.0)])
+    first, second = segments(nodes)
+    assert (first.tolist(), second.tolist()) == (nodes[:2].tolist(), nodes[1:].tolist())
+    assert middle(second).tolist() == [[1.0, 1.0]]
+    lower, upper = halves(second)
+    assert (lower.tolist(), upper.tolist()) == ([[1.0, 0.0], [1.0, 1.0]], [[1.0, 1.0], [1.0, 2.0]])
+    (still,) = segments(nodes[:1])
+    assert still.tolist() == [[0.0, 0.0]]
+    assert [half.tolist() for half in halves(still)] == [[[0.0, 0.0]]]
+
+
+def test_witness_points_are_told_in_the_order_of_their_pair():
+    clearance = two()
+    points = ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+    assert ordered(*clearance.find(0, 0), points) == points
+    assert ordered(*clearance.find(1, 0), points) == points[::-1]
+    assert ordered(*clearance.find(1, 0), None) is None

@@ -1,0 +1,115 @@
+"""What the adversary and its oracle find when a fix of the gate is taken out again, and nothing otherwise."""
+
+import numpy as np
+import pytest
+
+from armgate.gate.range import Range
+from armgate.gate.reservations import Reservations
+from armgate.gate.retreat import Retreat
+from armgate.gate.robot import RobotState
+from gate import scenes
+from gate.adversary import SETTINGS, arena, attack
+from gate.disturbances import worst_noise
+from gate.rig import LIES, Player, Rig
+
+
+def found(scene, tries=6, **given):
+    """The first violations that the setting of this scene finds, within so many runs; none of them else."""
+    (setting,) = [
+        s for s in SETTINGS if s.scene == scene and all(getattr(s, key) == x for key, x in given.items())
+    ]
+    place = arena(setting)
+    for seed in range(tries):
+        violations = attack(place, setting, seed, 300).violations
+        if violations:
+            return violations
+    return []
+
+
+def test_resets_that_follow_the_noise_are_found(monkeypatch):
+    monkeypatch.setattr(RobotState, "stand", lambda self: self.measured)
+    monkeypatch.setattr(Reservations, "prove_stand", lambda *given: True)
+    assert any("mm" in text for text in found("boom"))
+
+
+def test_resets_that_lead_out_of_the_limits_are_found(monkeypatch):
+    monkeypatch.setattr(RobotState, "stand", lambda self: self.measured)
+    rig = Rig(scenes.boom(surroundings={}), start=[np.array([1.2, 0.0])], stops=0.0)
+    rig.noise[0] = np.array([1e-4, 0.0])
+    for _ in range(3):
+        rig.reset(rig.stop("A"))
+        for _ in range(12):
+            rig.step(lambda rig, i: (1e-5, 1e-5))
+    assert any("J0: setpoint" in text for text in rig.tally.violations)
+
+
+def test_motion_bounds_for_the_limits_alone_are_found(monkeypatch):
+    monkeypatch.setattr(Range, "fitted", lambda self, *given: self)
+    assert any("ball" in text for text in found("lever", tries=12))
+
+
+@pytest.mark.parametrize("scene", ["lane", "niche"])
+def test_floors_that_a_fault_does_not_clear_are_found(monkeypatch, scene):
+    monkeypatch.setattr(Retreat, "forget", lambda *given: None)
+    assert any("too near" in text for text in found(scene))
+
+
+def test_floors_that_every_command_clears_are_found(monkeypatch):
+    """Then a controller gets in by the slack each time."""
+    demand = Retreat.demand
+
+    def forgetful(self, state, states):
+        self._floor.clear()
+        return demand(self, state, states)
+
+    monkeypatch.setattr(Retreat, "demand", forgetful)
+    monkeypatch.setattr(Retreat, "widens", lambda *given: True)
+    assert found("lane") != []
+
+
+@pytest.mark.parametrize(("scene", "given"), [("duel_noisy", {}), ("duel", {"resets": 0.03})])
+def test_a_reset_with_a_plan_under_way_is_found(monkeypatch, scene, given):
+    resting = RobotState.resting.fget
+
+    def hasty(self):
+        pending, self.pending = self.pending, None
+        try:
+            return resting(self)
+        finally:
+            self.pending = pending
+
+    monkeypatch.setattr(RobotState, "resting", property(hasty))
+    assert any("with a plan under way" in text for text in found(scene, **given))
+
+
+def test_a_standing_robot_that_is_not_reset_is_found(monkeypatch):
+    monkeypatch.setattr(RobotState, "resting", property(lambda self: False))
+    assert any("and is not reset" in text for text in found("boom"))
+
+
+def test_a_moving_robot_that_is_reset_is_found(monkeypatch):
+    monkeypatch.setattr(RobotState, "resting", property(lambda self: not self.remaining))
+    assert any("left to go" in text for text in found("boom_delayed"))
+
+
+def test_a_link_that_plays_something_else_is_found(monkeypatch):
+    monkeypatch.setattr("armgate.gate.gate.contradiction", lambda *given: None)
+    assert any("not its plan" in text for text in found("duel", traffic=LIES))
+
+
+def test_the_worst_noise_leads_to_what_is_nearest():
+    rig = Rig(scenes.boom(), start=[np.array([-0.6, 0.0])], stops=0.0)
+    assert worst_noise(rig, 0)[0] == -1e-4
+    rig = Rig(scenes.boom(), start=[np.array([0.6, 0.0])], stops=0.0)
+    assert worst_noise(rig, 0)[0] == 1e-4
+
+
+def test_a_link_that_keeps_its_setpoint_says_so_once():
+    player = Player("A", (0.0, 1.0), keeps=True)
+    player.play(0.0, (0.0, 1.0))
+    rig = Rig(scenes.lane(), stops=0.0)
+    _, order = rig.reset(rig.stop("A"))
+    player.rebase(order)
+    told = [player.play(0.1, (0.0, 1.0)) for _ in range(2)]
+    assert [(t.rebased, t.setpoint) for t in told] == [(True, (0.0, 1.0)), (False, (0.0, 1.0))]
+    assert player.resets == 1

@@ -1,0 +1,258 @@
+"""How a wish is reduced where something is in the way: one budget, few trials, and every number told."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armgate.events import Cause, Outcome, Plan, PlanKey, Reset
+from armgate.gate import judge as judging
+from armgate.gate.clearance import Judgement
+from armgate.gate.limits import Wish
+from armgate.gate.question import Binding
+from gate import scenes
+from gate.hands import STEP, Hands
+from gate.rig import Rig
+
+
+def lane_hands(x, response="stop", **cell):
+    cell = scenes.lane(response=response, **cell)
+    return Hands(cell, [(x, 0.0)])
+
+
+def queries(hands):
+    return hands.gate._clearance.certifier.queries
+
+
+@pytest.mark.parametrize("response", ["stop", "slow"])
+def test_all_trials_of_a_command_share_one_budget(response, monkeypatch):
+    """An arm among wires at full speed: however many trials, never more questions than the budget."""
+    cell = scenes.wire(response=response)
+    rng = np.random.default_rng(1)
+    rig = Rig(cell, stops=0.0)
+    most, bound = 0, 0
+    monkeypatch.setattr(judging, "BUDGET", 5)
+    for k in range(250):
+        before = queries(rig)
+        robot = rig.cell.robots[0]
+        if k % 30 == 0:
+            u = robot.velocity * robot.period * rng.choice((-1.0, 1.0), 4)
+        bound += Cause.CLEARANCE in [r.cause for r in rig.command(0, u).reasons]
+        most = max(most, queries(rig) - before)
+        for _ in range(rig.every[0]):
+            rig.step()
+    rig.check()
+    assert rig.tally.violations == []
+    assert bound > 0
+    assert 1 < most <= 5 + 1  # and one for the witness points of a refusal
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_slow_takes_what_room_there_is(share):
+    wish = 0.00057
+    hands = lane_hands(0.4 - share * wish, "slow")
+    verdict = hands.ask((wish, 0.0))
+    assert verdict.outcome is Outcome.LIMITED
+    assert 0.9 * share <= verdict.beta <= share
+    assert verdict.dq == (pytest.approx(verdict.beta * wish), 0.0)
+    assert [r.cause for r in verdict.reasons] == [Cause.CLEARANCE]
+    assert verdict.reasons[0].value == pytest.approx(0.05 - (1.0 - share) * wish, abs=1e-6)
+    again = lane_hands(0.4 - share * wish, "stop").ask((wish, 0.0))
+    assert (again.outcome, again.beta, again.dq) == (Outcome.REFUSED, 0.0, (0.0, 0.0))
+
+
+def test_what_both_bounds_and_clearance_take_is_multiplied():
+    """The blend of the limits times that of clearance; the reasons in the order of the checks."""
+    hands = lane_hands(0.4 - 0.0002, "slow")
+    verdict = hands.ask((0.1, 0.0))
+    assert [r.cause for r in verdict.reasons] == [Cause.INCREMENT, Cause.ACCELERATION, Cause.CLEARANCE]
+    assert 0.0 < verdict.dq[0] < 0.0002
+    assert verdict.beta == pytest.approx(verdict.dq[0] / (4 * 0.012**2))
+
+
+def test_asking_for_less_than_the_braking_gives_the_braking():
+    hands = Hands(scenes.head_on(1.1, (0.004, 0.004)))
+    hands.ask((STEP,))
+    hands.play()
+    verdict = hands.ask((0.0,))
+    assert verdict.outcome is Outcome.ADMITTED
+    assert verdict.dq == (0.0,)
+
+
+def test_a_refused_robot_brakes_on_along_its_plan():
+    """Full speed at the wall: what is refused plays the rest of the plan, increment by increment."""
+    rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-0.3, 0.0])])
+    last = None
+    for _ in range(2000):
+        rig.step(lambda rig, i: (0.012, 0.0))
+        verdict = rig.last_verdict[0]
+        if verdict is None or verdict is last:
+            continue
+        last = verdict
+        if verdict.outcome is Outcome.REFUSED and rig.players[0].plan is not None:
+            rest = rig.players[0].plan.increments[rig.players[0].index + 1 :]
+            assert verdict.dq == (rest[0] if rest else (0.0, 0.0))
+            assert verdict.beta == 0.0
+            break
+    assert last.outcome is Outcome.REFUSED
+
+
+def test_a_joint_outside_may_not_stay_there_whatever_else_moves_in_slow_either():
+    rig = Rig(scenes.lane(response="slow"), stops=0.0, start=[np.array([-1.0, 2.1])])
+    verdict = rig.command(0, (-1e-4, 0.0))
+    assert verdict.outcome is Outcome.REFUSED
+    assert verdict.reasons[-1].joint == "J1"
+    assert verdict.beta == 0.0
+
+
+def test_one_proven_step_is_enough_for_the_next():
+    """The kept bound less the step: far from the wall no engine is asked, and the bound falls by the way."""
+    hands = lane_hands(-1.0)
+    before = queries(hands)
+    hands.ask((4 * 0.012**2 * 0.9, 0.0))
+    assert queries(hands) == before
+
+
+# --- less of a wish: where the margin would be used up ------------------------------------------------------
+
+POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def bound_by(hands, margin):
+    """Bindings of the first pair, of which so much more than must be kept is proven as it is held."""
+    clearance = hands.gate._clearance
+    clearance.bound[0] = clearance.limits[0] + margin
+    return lambda lb: Binding(0, clearance.limits[0] + lb, clearance.limits[0], POINTS)
+
+
+@pytest.mark.parametrize(
+    ("held", "tried", "beta", "found"),
+    [
+        (0.5, -0.5, 1.0, 0.98 * 0.5),
+        (0.5, -0.5, 0.5, 0.98 * 0.25),
+        (0.25, -0.75, 1.0, 0.98 * 0.25),
+        (0.5, -np.inf, 0.5, 0.25),  # nothing was proven: half of it
+        (0.0, -0.5, 0.5, 0.25),  # nothing is left that could be used up
+        (-0.5, -1.0, 0.5, 0.25),
+        (0.5, -0.5, 0.7, 0.98 * 0.35),  # more than half a step of the grid is cut off
+    ],
+)
+def test_less_is_tried_where_the_margin_would_be_used_up(held, tried, beta, found):
+    hands = lane_hands(-1.0, "slow")
+    binding = bound_by(hands, held)(tried)
+    assert hands.gate._judge._secant(beta, binding) == math.floor(found * 2**20) / 2**20  # on a grid
+
+
+@pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
+def test_what_is_never_proven_is_tried_three_times(response, trials):
+    hands = lane_hands(-1.0, response)
+    binding, asked = bound_by(hands, 0.5)(-0.5), []
+
+    def judge(robot, new, step, need, budget):
+        assert budget.left == 32 - len(asked)  # one for all trials, as the documentation has it
+        assert budget.take()
+        asked.append(new.nodes[-1][0])
+        return Judgement(need, binding)
+
+    hands.gate._clearance.judge = judge
+    assert hands.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
+    ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
+    assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-5)
+
+
+@pytest.mark.parametrize(("upper", "outcome"), [(1.2, 0.75), (1.15, 0.0)])
+def test_less_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypatch):
+    """Both ends of a blend stay inside, and what is between them need not: it stops later than the one, and
+    is faster than the other."""
+    hands = lane_hands(0.0, "slow")
+    judge, s = hands.gate._judge, hands.gate._robots[0]
+    s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))
+    s.held = Plan("A", PlanKey("s", 0, 1, -1), 1, ((1.0, 0.0),))
+    wish, binding = Wish((0.5, 3.5), 1.0, ()), bound_by(hands, 0.5)(-0.5)
+    answers = [Judgement(np.zeros(1), binding), Judgement(np.zeros(1), None)]
+    monkeypatch.setattr(hands.gate._clearance, "judge", lambda *_: answers.pop(0))
+    monkeypatch.setattr(judge, "_secant", lambda beta, binding: 0.75)
+    decision = judge._clear(wish, s, judge._retreat.demand(s, [s]))
+    assert decision.beta == outcome
+    assert len(answers) == (outcome == 0.0)
+
+
+def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
+    """If that is the only one: what is kept says nothing of how a new way extends several."""
+    hands = lane_hands(-1.0)
+    hands.ask((1e-4, 0.0))
+    hands.play()
+    s, judge = hands.gate._robots[0], hands.gate._judge
+    new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
+    assert judge._step(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
+    s.next = s.main
+    assert judge._step(s, new) is None
+
+
+def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew():
+    """And a slower one by nothing: the kept bounds hold for the wider tube."""
+    hands = Hands(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
+    hands.ask((1e-4, 0.0))
+    hands.play()
+    s, judge = hands.gate._robots[0], hands.gate._judge
+    share = s.stray.ticks + s.stray.between
+    faster = s.occupancy_to(s.end, (3e-4, 5e-4))
+    assert judge._step(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
+    slower = s.occupancy_to(s.end, (0.0, 0.0))
+    assert judge._step(s, slower) == pytest.approx([0.0, 0.0])
+    assert slower.tube == pytest.approx((1e-4 * share, 0.0))
+
+
+# --- reasons ------------------------------------------------------------------------------------------------
+
+
+def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
+    hands = lane_hands(-1.0)
+    judge, s = hands.gate._judge, hands.gate._robots[0]
+    points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
+    reason = judge._reason(Binding(0, 0.01234567889, 0.05, points), s)
+    assert reason.value == 0.012345678
+    assert reason.points == ((0.123456789, -0.12345679, 0.0), (1.0, 0.0, 2.0))
+    assert [math.copysign(1.0, x) for p in reason.points for x in p] == [1, -1, 1, 1, 1, 1]  # no minus zero
+
+
+# --- ways back ----------------------------------------------------------------------------------------------
+
+
+def too_near(between=0.11):
+    """Return two balls of 5 cm, 1 cm apart, with a stop distance of 2 cm; ``fast`` has the first turn."""
+    cell = scenes.crossing(window=0.0, periods=(0.012, 0.012))
+    return Hands(cell, [(0.0, 0.0), (0.0, between)])
+
+
+def test_a_robot_that_retreats_keeps_its_turn_for_three_ticks():
+    hands = too_near()
+    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    hands.play(0)
+    hands.rest(0)
+    hands.rest(1)
+    assert hands.ask((0.0, 2e-4), 1).outcome is Outcome.REFUSED
+    hands.rest(0, count=2)
+    hands.rest(1)
+    assert hands.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
+
+
+def test_a_robot_found_nearer_after_a_fault_may_retreat_from_there():
+    """The clearance that it had reached before the fault is no longer required."""
+    hands = too_near()
+    for _ in range(20):
+        hands.ask((0.0, -5e-4), 0)
+        hands.play(0)
+    hands.rest(0, count=5)
+    assert hands.q[0][1] < -0.002
+    (stop,) = (one.id for one in hands.rest(0, (0.0, 0.0)) if one.robots == ("fast",))
+    hands.rest(0, (0.0, 0.0), count=5)
+    answer, rebase = hands.gate.step(Reset(stop, "x"))
+    assert (answer.accepted, rebase.setpoint) == (True, (0.0, 0.0))
+    for other in hands.view(1).stops:
+        hands.gate.step(Reset(other, "x"))
+    hands.q[0] = (0.0, 0.0)
+    hands.rest(0, count=2)
+    hands.rest(1, count=2)
+    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED

@@ -1,0 +1,198 @@
+"""Bounds to the last bit: what is just allowed goes through whole, what is just not is named with numbers."""
+
+import math
+
+import pytest
+
+from armgate.events import Cause
+from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
+from armgate.gate.limits import ROUNDING, StepBounds, acceleration_box, blend, shape_wish, stays_inside
+
+FREE = (math.inf,)
+
+
+def bounds(speed=1.0, accel=1.0, decel=1.0, lower=-1.0, upper=1.0, joints=1):
+    rows = ((x,) * joints for x in (lower, upper, speed, accel, decel))
+    return StepBounds(tuple(f"J{k}" for k in range(joints)), *rows)
+
+
+STILL = bounds(decel=math.inf)
+
+
+@pytest.mark.parametrize(
+    ("u", "q", "joint"),
+    [
+        (0.5, 0.5, None),
+        (0.5 + 1e-11, 0.5, 0),
+        (ROUNDING, 1.0, None),
+        (1.5 * ROUNDING, 1.0, 0),
+        (-0.5, -0.5, None),
+        (-0.5 - 1e-11, -0.5, 0),
+        (-ROUNDING, -1.0, None),
+        (-1.5 * ROUNDING, -1.0, 0),
+        (0.0, 1.5, None),  # outside already, and not moving
+        (0.0, -1.5, None),
+        (0.1, -1.5, None),  # on the way back
+        (-0.1, 1.5, None),
+        (0.1, 1.5, 0),
+        (-0.1, -1.5, 0),
+    ],
+)
+def test_a_stop_may_end_at_a_limit_and_not_beyond(u, q, joint):
+    assert stays_inside((u,), (q,), STILL) == joint
+
+
+def test_the_first_joint_that_leaves_is_named():
+    assert stays_inside((0.0, 0.5, 0.5), (0.0, 0.9, 0.9), bounds(joints=3)) == 1
+
+
+def test_the_ends_of_a_blend_are_exact():
+    assert blend((1e16,), (1.0,), 1.0) == (1.0,)
+    assert blend((1e16,), (1.0,), 0.0) == (1e16,)
+    assert blend((1.0,), (3.0,), 0.5) == (2.0,)
+
+
+@pytest.mark.parametrize(
+    ("last", "box"),
+    [(0.0, (-0.3, 0.3)), (0.1, (-0.15, 0.4)), (0.2, (0.0, 0.5)), (0.5, (0.3, 0.8)), (-0.1, (-0.4, 0.15))],
+)
+def test_an_acceleration_box(last, box):
+    """Gains 0.3 away from zero, loses 0.2 toward it; through zero, what is left of the tick."""
+    assert acceleration_box(last, 0.3, 0.2) == pytest.approx(box, abs=1e-15)
+
+
+def test_a_reason_has_the_joint_the_wish_and_the_bound():
+    shaped = shape_wish((-1.0,), (0.2,), (0.1,), (0.0,), bounds(speed=0.5, accel=0.3, decel=0.1), 1.0)
+    speed, accel = shaped.reasons
+    assert (speed.cause, speed.joint, speed.value, speed.bound) == (Cause.INCREMENT, "J0", -1.0, -0.5)
+    assert (accel.cause, accel.value) == (Cause.ACCELERATION, -0.5)
+    assert accel.bound == pytest.approx(0.1)
+    assert shaped.u == pytest.approx((0.1,))
+    (up,) = shape_wish((1.0,), (0.0,), (0.0,), (0.0,), bounds(speed=0.5, accel=1.0), 0.5).reasons
+    assert (up.value, up.bound) == (1.0, 0.25)
+
+
+@pytest.mark.parametrize(("dq", "named"), [(ROUNDING, False), (2 * ROUNDING, True)])
+def test_rounding_is_not_told(dq, named):
+    shaped = shape_wish((dq,), (0.0,), (0.0,), (0.0,), bounds(speed=0.0), 1.0)
+    assert (shaped.u, bool(shaped.reasons)) == ((0.0,), named)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("q", [0.0, 0.9, 0.99, 1.0, 1.5])
+def test_a_joint_alone_takes_all_the_way_that_its_stop_leaves(q, sign):
+    shaped = shape_wish((sign,), (0.0,), (0.0,), (sign * q,), bounds(decel=0.02), 1.0)
+    assert shaped.u[0] == pytest.approx(sign * largest_stopping(max(1.0 - q, 0.0), 0.02), abs=1e-9)
+    assert {r.cause for r in shaped.reasons} == {Cause.JOINT_LIMIT}
+    assert (shaped.reasons[0].joint, shaped.reasons[0].value) == ("J0", sign)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_joints_share_the_longest_stop_and_the_free_one_keeps_its_way(sign):
+    """The second joint brakes for longer than the first would alone, so the first gets less."""
+    b = bounds(decel=0.02, joints=2)
+    shaped = shape_wish((sign, 0.3), (0.0, 0.0), (0.0, 0.0), (0.95 * sign, 0.0), b, 1.0)
+    reach = 1.0 + stop_share(ticks_to_rest(shaped.u, b.decel))
+    assert shaped.u[1] == 0.3 or stays_inside((0.0, 0.3), (0.0, 0.0), b) is not None
+    assert shaped.u[0] * sign == pytest.approx(0.05 / reach, rel=1e-6)
+
+
+def test_what_braking_cannot_undo_is_blended_toward_the_held_path():
+    """A joint that may not lose its speed in one tick keeps what the held path gives it."""
+    b = bounds(accel=0.05, decel=0.05, joints=2)
+    last, brake, q = (0.2, 0.0), (0.15, 0.0), (0.7, 0.0)  # 0.15 + 0.1 + 0.05 ends at the limit
+    shaped = shape_wish((0.2, 0.05), last, brake, q, b, 1.0)
+    assert stays_inside(shaped.u, q, b) is None
+    assert shaped.u[0] == pytest.approx(0.15)
+    assert 0.0 <= shaped.beta <= 1.0
+    steep = shape_wish((0.2, 0.05), (0.2, 0.05), (0.15, 0.0375), (0.7, 0.0), b, 1.0)
+    assert stays_inside(steep.u, (0.7, 0.0), b) is None
+
+
+def test_a_blend_names_the_joint_its_place_and_its_limit():
+    b = StepBounds(("a", "b"), (-1.0,) * 2, (1.0,) * 2, (1.0,) * 2, (1.0, 1.0), (0.01, 0.01))
+    last = (0.0, 0.1)
+    brake = stop_increments(last, b.decel)[1]
+    shaped = shape_wish((0.15, 0.2), last, brake, (0.0, 0.55), b, 1.0)
+    assert 0.0 < shaped.beta < 1.0
+    reason = shaped.reasons[-1]
+    assert (reason.cause, reason.joint, reason.value, reason.bound) == (Cause.JOINT_LIMIT, "b", 0.55, 1.0)
+    assert stays_inside(shaped.u, (0.0, 0.55), b) is None
+    wanted = (
+        largest_stopping(1.0, 0.01),
+        0.09,
+    )  # the first joint's stop is longer, and the second must go along with it
+    assert shaped.u == pytest.approx(blend(brake, wanted, shaped.beta))
+    assert stays_inside(blend(brake, wanted, shaped.beta + 1e-6), (0.0, 0.55), b) == 1
+
+
+# --- braking ------------------------------------------------------------------------------------------------
+
+
+def test_braking_by_hand():
+    assert ticks_to_rest((0.1, -0.3), (0.1, 0.1)) == pytest.approx(3.0)
+    assert ticks_to_rest((), ()) == 0.0
+    assert stop_share(0.5) == 0.0
+    assert stop_share(1.0) == 0.0
+    assert stop_share(2.5) == pytest.approx(2 - 6 / 5)
+    steps = stop_increments((0.3,), (0.1,))
+    assert [u for (u,) in steps] == pytest.approx([0.3, 0.2, 0.1])
+    assert stop_increments((0.1,), (0.1,)) == ((0.1,),)  # m = 1: nothing is left after it, not even zeros
+    assert largest_stopping(0.5, math.inf) == 0.5
+    assert largest_stopping(0.6, 0.1) == pytest.approx(0.3)
+    assert largest_stopping(0.0, 0.1) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("q", [0.25, -0.25])
+def test_a_joint_that_shares_a_stop_gets_what_that_stop_leaves_it(sign, q):
+    """b's stop is five times as long, so a gets a sixth of its way; b keeps all that it asked for."""
+    b = StepBounds(("a", "b"), (q - 0.06, -9.0), (q + 0.06, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
+    wide = 0.22
+    reach = 1.0 + stop_share(wide / 0.02)
+    shaped = shape_wish((0.06 * sign, wide), (0.0, 0.0), (0.0, 0.0), (q, 0.0), b, 1.0)
+    assert shaped.u == (pytest.approx(0.06 * sign / reach, rel=1e-12), wide)
+    assert shaped.beta == 1.0
+    assert [r.joint for r in shaped.reasons] == ["a"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
+    b = StepBounds(("a", "b"), (-1.0, -9.0), (1.0, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
+    shaped = shape_wish((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
+    assert shaped.u == (0.0, 0.22)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "text"),
+    [
+        ("revolute", math.pi / 180, "1 deg"),
+        ("revolute", 1.38778e-17, "0 deg"),
+        ("revolute", -1e-18, "0 deg"),
+        ("prismatic", -5.12e-05, "-0.0512 mm"),
+        ("prismatic", -0.0, "0 mm"),
+        ("prismatic", 0.0123456789, "12.3457 mm"),
+        (None, 0.25, "0.25"),
+    ],
+)
+def test_reasons_have_units_are_rounded_and_know_no_minus_zero(kind, value, text):
+    b = StepBounds(("a",), (-1.0,), (1.0,), (1.0,), (1.0,), (1.0,), (kind,) if kind else ())
+    assert b.amount(0, value) == text
+
+
+def test_a_finger_at_its_end_is_told_in_millimetres():
+    b = StepBounds(("slide",), (0.0,), (0.04,), (0.0016,), (1.0,), (1.0,), ("prismatic",))
+    found = shape_wish((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
+    assert [reason.text for reason in found.reasons] == [
+        "slide: the joint limit with braking allows 0 mm this tick, asked for -0.0512 mm"
+    ]
+
+
+@pytest.mark.parametrize("dq", [0.0, 5.0, -5.0, math.inf])
+@pytest.mark.parametrize("last", [3.0, -3.0, 1.5])
+@pytest.mark.parametrize("upper", [100.0, 1.2])
+def test_no_increment_exceeds_the_speed_bound_whatever_was_played_last(dq, last, upper):
+    wish = shape_wish(
+        (dq,), (last,), (0.0,), (0.0,), bounds(accel=0.3, decel=0.2, lower=-upper, upper=upper), 1.0
+    )
+    assert abs(wish.u[0]) <= 1.0

@@ -1,0 +1,73 @@
+"""The tool that puts faults into the gate: what it changes, and that it knows a fault from none."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+from armgate.gate import braking
+from tools.mutants.__main__ import LEFT_OUT
+from tools.mutants.mutate import mutants_of
+from tools.mutants.run import ABOUT
+
+ROOT = Path(__file__).parents[2]
+
+SOURCE = '''
+"""1 < 2"""
+X: int = 3
+
+
+def f(a: "1 + 1", b) -> "2 * 2":
+    for x in a:
+        if x < b and not x:
+            continue
+        g(min(x, -b))
+    return zip(a, b, strict=True)
+'''
+
+
+def test_each_mutant_is_one_change_with_a_key_of_its_own():
+    found = mutants_of("m", SOURCE)
+    keys = [m.key for m in found]
+    assert len(set(keys)) == len(keys)
+    assert [k.split(": ", 1)[1] for k in keys] == [
+        "3 -> 4",
+        "x < b and (not x) -> x < b or not x",
+        "x < b -> x <= b",
+        "x < b -> x >= b",
+        "not x -> x",
+        "continue -> break",
+        "g(min(x, -b)) -> pass",
+        "min -> max",
+        "-b -> b",
+    ]
+    original = ast.unparse(ast.parse(SOURCE)).splitlines()
+    for mutant in found:
+        changed = ast.unparse(mutant.tree).splitlines()
+        assert sum(a != b for a, b in zip(original, changed, strict=True)) == 1
+
+
+def test_mutants_of_the_gate_are_modules_still():
+    for mutant in mutants_of("braking", Path(braking.__file__).read_text()):
+        compile(mutant.tree, "braking", "exec")
+
+
+def test_every_mutant_that_is_listed_as_none_is_there():
+    """A line of the gate that changed takes its reason with it."""
+    given = tomllib.loads((ROOT / "tools" / "mutants" / "reasons.toml").read_text())["equivalent"]
+    listed = [key for group in given for key in group["mutants"]]
+    assert len(set(listed)) == len(listed)
+    there = set()
+    for module in {key.split(":")[0] for key in listed}:
+        source = (Path(braking.__file__).parent / f"{module}.py").read_text()
+        there |= {mutant.key for mutant in mutants_of(module, source)}
+    assert set(listed) - there == set()
+    assert all(group["reason"] for group in given)
+
+
+def test_every_module_with_mutants_names_existing_tests_about_it():
+    folder = Path(braking.__file__).parent
+    for path in folder.glob("*.py"):
+        if path.stem not in LEFT_OUT and mutants_of(path.stem, path.read_text()):
+            assert ABOUT.get(path.stem), path.stem
+    for name in {name for names in ABOUT.values() for name in names}:
+        assert (ROOT / "tests" / "integrity" / f"test_{name}.py").exists(), name

@@ -1,0 +1,176 @@
+"""The nearest pairs that the state tells, against all pairs asked one by one."""
+
+import numpy as np
+import pytest
+
+from armgate.gate.clearance import Clearance
+from armgate.gate.nearest import NearestPairs, _first, start_clearances
+from gate import scenes
+from gate.oracle import Oracle
+
+
+@pytest.mark.parametrize("name", ["duel", "tree", "mesh"])
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_told_are_the_lowest_bounds_and_both_nearest_are_true(name, count):
+    """In small steps and in leaps; with others means: not with the robot itself, its base included."""
+    cell, rng = scenes.SCENES[name](), np.random.default_rng(count)
+    oracle = Oracle(cell)
+    nearest = NearestPairs(Clearance(cell, False))
+    q = [np.array(r.start, dtype=float) for r in cell.robots]
+    for k in range(40):
+        reach = 0.8 if k % 9 == 8 else 0.02
+        q = [np.clip(x + rng.uniform(-reach, reach, len(x)), r.lower, r.upper)
+             for x, r in zip(q, cell.robots, strict=True)]  # fmt: skip
+        R, t = oracle.place([x[None, :] for x in q])
+        for i in range(len(q)):
+            found = nearest.find(i, [tuple(map(float, x)) for x in q], count)
+            mine = [int(p) for p in nearest._clearance.pairs_of[i]]
+            true = {p: oracle.apart(p, R[0], t[0]) for p in mine}
+            if min(a.high for a in true.values()) <= 0.0:
+                continue
+            margin = {p: n.distance - n.limit for p, n in found.items()}
+            assert list(margin.values())[:count] == sorted(margin.values())[:count]
+            assert count <= len(found) <= count + 1
+            for p, n in found.items():
+                assert n.distance <= true[p].high + 1e-6
+                assert n.limit == cell.pairs[p].limit
+                assert set(n.pair) == {cell.bodies[x].name for x in (cell.pairs[p].a, cell.pairs[p].b)}
+            for group in (mine, [p for p in mine if cell.pairs[p].kind != "self"]):
+                least = min(true[p].high - cell.pairs[p].limit for p in group)
+                told = min(margin[p] for p in group if p in margin)
+                assert least - 1e-5 <= told <= least + 1e-6
+                (at,) = [p for p in group if margin.get(p) == told][:1]
+                a, b = (np.array(x) for x in found[at].points)
+                assert np.linalg.norm(a - b) == pytest.approx(found[at].distance, abs=1e-5)
+
+
+def test_a_robot_that_nobody_has_heard_of_has_no_distance():
+    cell = scenes.head_on(1.1)
+    nearest = NearestPairs(Clearance(cell, False))
+    assert nearest.find(0, [(-0.55,), None], 3) == {}
+    assert nearest.find(1, [(-0.55,), None], 3) == {}
+    (found,) = nearest.find(0, [(-0.55,), (0.55,)], 3).values()
+    assert found.distance == pytest.approx(1.0, abs=1e-6)
+    (found,) = nearest.find(1, [(-0.5,), (0.55,)], 3).values()
+    assert found.distance == pytest.approx(0.95, abs=1e-6)
+
+
+def test_who_stands_still_is_asked_for_once():
+    cell = scenes.head_on(1.1)
+    clearance = Clearance(cell, False)
+    nearest = NearestPairs(clearance)
+    q = [(-0.55,), (0.55,)]
+    nearest.find(0, q, 1)
+    asked = clearance.certifier.queries
+    assert asked == 1
+    nearest.find(0, q, 1)
+    assert clearance.certifier.queries <= asked + 1
+
+
+def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
+    margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
+    for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
+        assert _first(margin, count).tolist() == expected
+    assert _first(np.zeros(0), 3).tolist() == []
+    rng = np.random.default_rng(3)
+    for size in (1, 2, 3, 20, 500):
+        margin = rng.permutation(size).astype(float)
+        for count in (*range(1, min(size, 30)), size, size + 1):
+            assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
+
+
+def test_directions_that_are_found_are_kept_for_all():
+    clearance = Clearance(scenes.lane(), False)
+    NearestPairs(clearance).find(0, [(0.0, 1.5)], 1)
+    assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-4)
+
+
+def test_what_stands_still_is_told_though_a_robot_is_unknown():
+    cell = scenes.head_on(1.1, surroundings={"b": {"shape": {"sphere": 0.1}, "xyz": [-0.55, 0.5, 0]}})
+    (found,) = NearestPairs(Clearance(cell, False)).find(0, [(-0.55,), None], 3).values()
+    assert found.pair[1] == "b"
+    assert found.distance == pytest.approx(0.35, abs=1e-6)
+
+
+def test_a_leap_among_many_bodies_costs_a_few_questions():
+    """All bounds are used up at once: one slab for all tells which few are worth a question."""
+    rng = np.random.default_rng(5)
+    around = {
+        f"b{k}": {"shape": {"box": [0.02, 0.03, 0.04]}, "xyz": [float(x) for x in rng.uniform(-2, 2, 3)]}
+        for k in range(60)
+    }
+    robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), (0, 0, 1)), "start": [0.0] * 3}
+    cell = scenes.build({"A": robot}, surroundings=around)
+    clearance, oracle = Clearance(cell, False), Oracle(cell)
+    clearance.hold(0, [clearance.space.still(0, (0.0,) * 3)])
+    clearance.survey(0)
+    nearest, most = NearestPairs(clearance), 0
+    for _ in range(20):
+        q = tuple(map(float, rng.uniform(-0.25, 0.25, 3)))
+        before = clearance.certifier.queries
+        found = next(iter(nearest.find(0, [q], 1).values()))
+        most = max(most, clearance.certifier.queries - before)
+        R, t = oracle.place([np.array([q])])
+        true = min(oracle.apart(p, R[0], t[0]).high for p in range(len(cell.pairs)))
+        assert found.distance == pytest.approx(true, abs=1e-5)
+    assert most <= 8
+
+
+@pytest.mark.parametrize("name", ["duel", "mesh"])
+def test_start_clearances_hold_every_nearest_pair(name):
+    cell = scenes.SCENES[name]()
+    oracle = Oracle(cell)
+    R, t = oracle.place([np.array([r.start]) for r in cell.robots])
+    told = start_clearances(cell)
+    margins = [n.distance - n.limit for n in told]
+    assert margins == sorted(margins)
+    true = {p: oracle.apart(p, R[0], t[0]).high - cell.pairs[p].limit for p in range(len(cell.pairs))}
+    assert margins[0] == pytest.approx(min(true.values()), abs=1e-5)
+    assert len(told) > 10
+    at = {frozenset(cell.bodies[x].name for x in (p.a, p.b)): k for k, p in enumerate(cell.pairs)}
+    assert all(true[at[frozenset(n.pair)]] - m < 0.2 for n, m in zip(told, margins, strict=True))
+
+
+def around(*gaps):
+    """Return a cell of one ball at the origin and balls around it at these distances."""
+    angles = np.linspace(0.0, 2.0 * np.pi, len(gaps), endpoint=False)
+    places = [
+        ((0.15 + gap) * np.cos(a), (0.15 + gap) * np.sin(a), 0.0) for gap, a in zip(gaps, angles, strict=True)
+    ]
+    balls = {f"b{k}": {"shape": {"sphere": 0.1}, "xyz": [float(x) for x in p]} for k, p in enumerate(places)}
+    robot = {"urdf": scenes.cart((1, 0, 0)), "start": [0.0]}
+    return scenes.build({"A": robot}, surroundings=balls)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "count", "told"),
+    [
+        ((0.5, 0.3, 0.4, 0.2), 1, [0.2]),
+        ((0.5, 0.3, 0.4, 0.2), 2, [0.2, 0.3]),
+        ((0.5, 0.3, 0.4, 0.2), 3, [0.2, 0.3, 0.4]),
+        ((0.5, 0.3, 0.4, 0.2), 9, [0.2, 0.3, 0.4, 0.5]),
+        ((0.5, 0.01, 0.005, 0.2), 1, [0.005, 0.01]),  # all below their limits
+        ((0.5, 0.01, 0.005, 0.2), 3, [0.005, 0.01, 0.2]),
+    ],
+)
+def test_start_clearances_are_the_nearest_few_and_those_below_their_limits(gaps, count, told):
+    assert [n.distance for n in start_clearances(around(*gaps), count)] == pytest.approx(told, abs=1e-6)
+
+
+def test_start_clearances_are_sixteen_unless_another_number_is_given():
+    assert len(start_clearances(around(*np.linspace(0.2, 0.6, 20)))) == 16
+
+
+def test_a_robot_without_pairs_has_no_clearance():
+    assert start_clearances(around()) == []
+
+
+def test_bounds_are_found_anew_when_the_motion_bounds_have_changed():
+    clearance = Clearance(scenes.lever(), False)
+    inside, outside = (0.0, 0.3, 0.0), (0.0, 2.0, 0.0)
+    moved, fresh = NearestPairs(clearance), NearestPairs(clearance)
+    moved.find(0, [inside], 1)
+    clearance.fit(0, [outside], 0.0)
+    moved._follow(0, outside)
+    fresh._follow(0, outside)
+    assert moved._margin == pytest.approx(fresh._margin)

@@ -1,0 +1,296 @@
+"""One robot, to the letter: its rest, its limits where it starts outside, its lag window."""
+
+import math
+
+import pytest
+
+from armgate.events import Plan, PlanKey, Tick
+from armgate.gate.robot import JOINT_SLACK, robot_state
+from gate import scenes
+
+NOT = (0.0, 0.0)
+
+
+def cart(window=0.0, tolerance=0.0):
+    """A cart of two joints within ±2 m, its clock silent yet."""
+    return robot_state(scenes.crossing(window, tolerance).robots[0], 0)
+
+
+def tick(state, setpoint, q=None, time=None):
+    number = state.tick + 1
+    q = setpoint if q is None else q
+    state.take_tick(Tick("fast", number, 0.012 * number if time is None else time, q, setpoint, NOT), q)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "off", "rests"),
+    [(0.0, 0.5e-6, True), (0.0, 1e-6, True), (0.0, 1.5e-6, False),
+     (0.25, 0.25, True), (0.25, 0.25 + 0.9e-6, True), (0.25, 0.25 + 1.1e-6, False)],
+)  # fmt: skip
+def test_it_rests_if_it_is_measured_within_the_tolerance_of_its_setpoint(tolerance, off, rests):
+    state = cart(tolerance=tolerance)
+    tick(state, NOT, (0.0, 0.5))
+    assert not state.resting
+    tick(state, NOT, (0.0, off))
+    assert state.resting == rests
+
+
+def test_it_rests_where_it_stands_off_its_setpoint():
+    state = cart()
+    for off, rests in ((0.5, False), (0.5, True), (0.4, False), (0.4 + 1e-6, True)):
+        tick(state, NOT, (0.0, off))
+        assert state.resting == rests
+
+
+def test_it_does_not_rest_at_the_tick_that_moves_its_setpoint():
+    state = cart()
+    tick(state, NOT)
+    state.take_tick(Tick("fast", 1, 0.012, NOT, (1e-7, 0.0), (1e-7, 0.0)), NOT)
+    assert not state.resting
+    tick(state, (1e-7, 0.0))
+    assert state.resting
+
+
+@pytest.mark.parametrize(("since", "rests"), [(0.3, False), (0.499, False), (0.5, True), (0.6, True)])
+def test_a_delayed_robot_rests_once_its_window_has_passed(since, rests):
+    """Out and back: it is measured at its setpoint, and has yet to go out."""
+    state = cart(window=0.5)
+    tick(state, NOT, time=0.0)
+    tick(state, (1.0, 0.0), NOT, time=0.9)
+    for k in range(43):
+        tick(state, NOT, time=1.0 + since * k / 42)
+    assert state.resting == rests
+
+
+def test_it_rests_at_its_first_tick_where_its_setpoint_is():
+    for window in (0.0, 0.5):
+        state = cart(window)
+        tick(state, (0.5, 0.0))
+        assert state.resting
+
+
+def test_it_does_not_rest_with_a_plan_under_way():
+    """The link may take the plan at any time: a reset now would leave it playing what nobody knows of."""
+    state = cart()
+    tick(state, NOT)
+    assert state.resting
+    state.pending = Plan("fast", PlanKey("s", 0, 1, -1), 1, (NOT,))
+    assert not state.resting
+
+
+def test_it_does_not_rest_while_any_joint_has_way_left():
+    state = cart()
+    tick(state, NOT)
+    state.held = Plan("fast", PlanKey("s", 0, 1, -1), 1, (NOT, (0.0, 1e-3)))
+    assert not state.resting
+    state.played = 1
+    assert state.resting
+
+
+@pytest.mark.parametrize(
+    ("start", "low", "high"),
+    [
+        ((-2.5, 0.0), (0.5, 0.0), NOT),
+        ((0.0, 2.25), NOT, (0.0, 0.25)),
+        ((2.5, -2.25), (0.0, 0.25), (0.5, 0.0)),
+    ],
+)
+def test_limits_are_widened_where_it_starts_outside_and_nowhere_else(start, low, high):
+    state = cart()
+    tick(state, start)
+    assert state.outside == (low, high)
+    now, b = state.limits_now(), state.bounds
+    assert now.lower == tuple(x - (o + JOINT_SLACK) if o else x for x, o in zip(b.lower, low, strict=True))
+    assert now.upper == tuple(x + (o + JOINT_SLACK) if o else x for x, o in zip(b.upper, high, strict=True))
+    assert (now.names, now.speed, now.accel, now.decel) == (b.names, b.speed, b.accel, b.decel)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_limits_come_in_with_it_and_never_go_out_again(side):
+    state = cart()
+    for place, outside in ((2.5, 0.5), (2.25, 0.25), (2.375, 0.25), (2.0, 0.0), (2.125, 0.0)):
+        tick(state, (0.0, side * place))
+        assert state.outside[side > 0] == (0.0, outside)
+        assert state.outside[side < 0] == NOT
+    assert state.limits_now() == state.bounds
+
+
+def test_who_is_inside_has_the_limits_of_the_configuration():
+    state = cart()
+    tick(state, (2.0, -2.0))
+    assert state.limits_now() == state.bounds
+
+
+def test_without_a_lag_window_a_setpoint_is_kept_from_a_rebase_to_the_next_tick():
+    state = cart()
+    for x in (0.0, 0.1, 0.2):
+        tick(state, (x, 0.0))
+        assert list(state.history) == []
+        state.rebase((x + 0.05, 0.0))
+        assert list(state.history) == [(math.inf, (x, 0.0))]
+    assert state.occupancy_to((0.25, 0.0), NOT).tube == NOT
+
+
+def test_a_rebase_to_the_same_setpoint_leaves_nothing_to_reserve():
+    state = cart(window=0.5)
+    tick(state, NOT)
+    state.rebase(NOT)
+    assert (list(state.history), state.resets) == ([], 1)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_a_joint_keeps_its_setpoint_unless_it_stands_off_by_more_than_the_tolerance(tolerance):
+    state = cart(tolerance=tolerance)
+    tick(state, (0.5, 0.25), (0.5 + 0.5 * tolerance, 0.5))
+    assert state.stand() == (0.5, 0.5)
+    tick(state, (0.5, 0.25), (0.5 - tolerance, 0.25 + tolerance))
+    assert state.stand() == (0.5, 0.25)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("faulted", "setpoint", "q", "stands"),
+    [
+        (False, 1.5, 2.005, 2.0),  # the limit is 2.0, the tolerance 0.01
+        (False, 1.5, 2.5, 2.0),
+        (False, 2.25, 2.5, 2.25),  # outside already: not farther
+        (False, 2.25, 2.125, 2.125),
+        (True, 1.5, 2.005, 2.0),
+        (True, 1.5, 2.5, 2.5),  # pushed there
+        (True, 1.5, 1.75, 1.75),
+    ],
+)
+def test_a_reset_leads_no_joint_out_of_its_limits(faulted, setpoint, q, stands, side):
+    state = cart(tolerance=0.01)
+    state.faulted = faulted
+    tick(state, (0.0, side * setpoint), (0.0, side * q))
+    assert state.stand() == (0.0, side * stands)
+
+
+def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that():
+    state = cart()
+    tick(state, (2.5, 0.0))
+    tick(state, (2.25, 0.0))
+    assert state.outside == (NOT, (0.25, 0.0))
+    state.faulted, state.strayed = True, 0.5
+    tick(state, (2.25, 0.0), (2.75, 0.0))
+    state.rebase(state.stand())
+    assert (state.q, state.strayed, state.outside) == ((2.75, 0.0), 0.0, (NOT, (0.75, 0.0)))
+
+
+def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
+    """To the rounding of times, and no longer: a clock may be faster than its period says."""
+    state = cart(window=0.012)
+    tick(state, (1.0, 0.0))
+    edge = 1.0 - 0.012 - 1e-9
+    recent = [(0.999, (0.3, 0.0))]
+    kept = [(edge, (0.2, 0.0)), (0.99, (0.25, 0.0))]
+    state.history.extend([(math.nextafter(edge, 0.0), (0.1, 0.0)), *kept, *recent])
+    tick(state, (1.5, 0.0), time=1.0)
+    assert list(state.history) == [*kept, *recent, (1.0, (1.0, 0.0))]
+
+
+@pytest.mark.parametrize(("window", "ticks"), [(0.001, 2), (0.012, 2), (0.015, 3), (0.024, 3), (0.025, 4)])
+def test_a_setpoint_counts_for_the_ticks_of_the_window_and_one_more_whenever_they_are_stamped(window, ticks):
+    state = cart(window=window)
+    for k in range(8):
+        tick(state, (0.1 * k, 0.0), time=10.0 * k)
+    assert [q[0] for _, q in state.history] == pytest.approx([0.1 * k for k in range(7)][-ticks:])
+
+
+def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoint():
+    state = cart(window=0.5)
+    tick(state, NOT, time=0.0)
+    tick(state, (1.0, 0.0), NOT, time=0.25)
+    state.rebase(NOT)
+    assert (state.setpoint, state.played, state.resets) == (NOT, -1, 1)
+    assert (math.inf, (1.0, 0.0)) in state.history
+    assert state.occupancy_to(NOT, NOT).nodes == ((1.0, 0.0), NOT)
+    tick(state, NOT, time=0.5)
+    assert (0.5, (1.0, 0.0)) in state.history  # as long as the window from the tick that heard of it
+
+
+@pytest.mark.parametrize("window", [0.0, 0.1])
+def test_a_robot_that_stood_long_before_its_setpoint_changed_does_not_rest_for_that(window):
+    """It has yet to begin: it lags, or its delay has just passed."""
+    state = cart(window, tolerance=1e-3)
+    for k in range(200):
+        tick(state, NOT, time=0.01 * k)
+    assert state.resting
+    for k, q in enumerate((0.0, 1e-3, 1.5e-3, 2e-3)):
+        tick(state, (0.1, 0.0), (q, 0.0), time=2.0 + window + 0.01 * (k - (window > 0)))
+        assert not state.resting
+
+
+def test_a_setpoint_that_differs_by_rounding_from_the_gates_own_sum_has_not_changed():
+    state = cart(window=0.5)
+    tick(state, (0.1, 0.0), time=0.0)
+    for k in range(1, 5):
+        tick(state, (0.1 + 0.5e-9, 0.0), (0.3, 0.0), time=0.01 * k)
+    assert state.changed == -math.inf
+    assert state.setpoint == (0.1, 0.0)
+    assert state.resting
+
+
+def test_a_setpoint_that_changes_at_the_second_tick_has_changed():
+    state = cart(window=0.5)
+    tick(state, NOT, time=0.0)
+    tick(state, (1.0, 0.0), NOT, time=0.9)
+    assert state.changed == 0.9
+    tick(state, (1.0, 0.0), NOT, time=1.0)
+    assert not state.resting
+
+
+@pytest.mark.parametrize(
+    ("faulted", "unlike", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
+)
+def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted, unlike, stands):
+    """After a fault nothing explains the difference; axes that lag differently begin at a companion."""
+    cell = scenes.crossing()
+    robot = (scenes.lagging(cell, 0.03, unlike) if unlike else cell).robots[0]
+    state = robot_state(robot, 0)
+    tick(state, NOT)
+    state.faulted, state.q, state.measured = faulted, (0.5, 0.0), (0.75, 0.0)
+    assert state.stand() == (stands, 0.0)
+
+
+def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for_those():
+    """At the first tick, the increment is the way from the measured position to the setpoint."""
+    unlike = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    for state, counts in ((unlike, 1.0), (cart(), 0.0)):
+        tick(state, (1.0, 1.0), (0.5, 0.75))
+        assert state.largest.largest == (counts * 0.5, counts * 0.25)
+        tick(state, (1.5, 0.5))
+        tick(state, (1.625, 0.5))
+        assert state.largest.largest == (counts * 0.5, counts * 0.5)
+
+
+@pytest.mark.parametrize(("ticks", "rests"), [(1, False), (2, True)])
+def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_whatever_their_stamps(ticks, rests):
+    """A robot that stands elsewhere, with a lag window of two ticks, stamped eight periods apart."""
+    state = cart(window=0.024)
+    tick(state, NOT, time=0.0)
+    for k in range(1, ticks + 2):
+        tick(state, (0.1, 0.0), (0.5, 0.0), time=0.1 * k)
+    assert state.resting == rests
+
+
+def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
+    state = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    tick(state, NOT)
+    state.rebase((0.5, 0.25))
+    assert state.largest.largest == (0.5, 0.25)
+
+
+@pytest.mark.parametrize("wrong", [1e9, -1e9])
+def test_a_wrong_stamp_makes_a_change_neither_last_for_ever_nor_over_at_once(wrong):
+    """A lag window of 24 ms, ticks of 12 ms, and another setpoint at the tick whose stamp is wrong."""
+    state = cart(window=0.024)
+    tick(state, NOT)
+    assert state.resting
+    tick(state, (0.1, 0.0), time=wrong)
+    rests = []
+    for _ in range(4):
+        tick(state, (0.1, 0.0))
+        rests.append(state.resting)
+    assert rests == ([False, False, True, True] if wrong > 0 else [False, True, True, True])

@@ -1,0 +1,249 @@
+"""The compiled screen against the readable one and the groups' own slabs, over random states."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armgate.gate.clearance import Clearance
+from armgate.gate.compiled import CompiledScreen
+from armgate.gate.occupancy import Occupancy, occupancy
+from armgate.gate.screen import MARGIN, Screen, robot_pairs
+from gate import scenes
+
+numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None else None
+FORMS = [False] if numba is None else [False, True]
+CELLS = {name: make() for name, make in scenes.SCENES.items()}
+TOLERANCE = 1e-12
+"""Sums in another order differ by rounding, m; each bound is lowered by a thousand times more."""
+
+
+def random_occupancy(robot, rng, nodes=3):
+    points = [rng.uniform(robot.lower, robot.upper)]
+    points += [np.clip(points[0] + rng.uniform(-0.2, 0.2, robot.model.n), robot.lower, robot.upper)
+               for _ in range(nodes - 1)]  # fmt: skip
+    points = [tuple(map(float, p)) for p in points]
+    if nodes < 3:
+        return Occupancy(tuple(points), (1e-3,) * robot.model.n)
+    return occupancy(*points, [points[1]], 1e-3)
+
+
+def held(clearance, occupied):
+    for i, kept in enumerate(occupied):
+        clearance.hold(i, [clearance.space.sweep(i, o) for o in kept])
+
+
+def states(cell, count, seed=0):
+    """What all robots hold (sometimes much), an occupancy to judge, a step, kept bounds and directions."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        occupied = [
+            [random_occupancy(r, rng, int(rng.integers(1, 4))) for _ in range(rng.integers(1, 5))]
+            for r in cell.robots
+        ]
+        robot = k % len(cell.robots)
+        bound = rng.uniform(-0.2, 1.0, len(cell.pairs))
+        n = rng.normal(size=(len(cell.pairs), 3))
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        step = None if k % 5 == 0 else np.abs(rng.normal(0.0, 0.1, cell.robots[robot].model.n))
+        yield occupied, robot, random_occupancy(cell.robots[robot], rng), step, (bound, n)
+
+
+@pytest.mark.parametrize("name", sorted(CELLS))
+@pytest.mark.parametrize("compiled", FORMS)
+def test_bounds_are_those_of_the_groups(name, compiled):
+    """Kept bound or slab, pair by pair, as the formulas of the groups have it."""
+    cell = CELLS[name]
+    clearance = Clearance(cell, compiled)
+    assert type(clearance.screen) is (CompiledScreen if compiled else Screen)
+    tried = untouched = 0
+    for occupied, robot, one, step, kept in states(cell, 12):
+        held(clearance, occupied)
+        new, (bound, n) = clearance.space.sweep(robot, one), kept
+        ids, need = clearance.pairs_of[robot], clearance.limits_of[robot]
+        lb, left = clearance.screen.run(robot, new, step, need, (bound[ids], n))
+        lowered, proven = [], []
+        for group in clearance.groups[robot]:
+            lowered.append(np.full(len(group.ids), -np.inf))
+            if step is not None:
+                lowered[-1] = bound[group.ids] - group.growth @ step
+            every = np.arange(len(group.ids))
+            sides = [clearance.space.static]
+            if group.other is not None:
+                sides = [new] if group.other == robot else clearance.held[group.other]
+            slabs = [group.slab(new, s, every, n[group.ids] * group.sign[:, None])[0] for s in sides]
+            proven.append(np.maximum(lowered[-1], np.min(slabs, axis=0) - MARGIN))
+        lowered, proven = np.concatenate(lowered), np.concatenate(proven)
+        must = lowered < need
+        np.testing.assert_allclose(lb[must], proven[must], rtol=0.0, atol=TOLERANCE)
+        untried = np.abs(lb - lowered) <= TOLERANCE
+        np.testing.assert_allclose(lb[~untried], proven[~untried], rtol=0.0, atol=TOLERANCE)
+        assert list(left) == [k for k in range(len(ids)) if lb[k] < need[k]]
+        tried += int(must.sum())
+        untouched += int(untried.sum())
+    assert untouched > 20
+    assert tried > 20
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_a_robot_of_unknown_position_leaves_its_pairs_open(compiled):
+    cell = CELLS["demo"]
+    clearance = Clearance(cell, compiled)
+    robot = cell.robots[0]
+    new = clearance.space.still(0, tuple(map(float, robot.start)))
+    clearance.hold(0, [new])
+    none = np.full(len(clearance.pairs_of[0]), -np.inf)
+    lb, left = clearance.screen.run(0, new, None, clearance.limits_of[0], (none, clearance._n))
+    open_ = set(clearance.pairs_of[0][left].tolist())
+    with_other = [p for g in clearance.groups[0] if g.other == 1 for p in g.ids]
+    assert with_other
+    assert open_.issuperset(with_other)
+    assert np.all(np.isneginf(lb[np.isin(clearance.pairs_of[0], with_other)]))
+
+
+@pytest.mark.parametrize("name", sorted(CELLS))
+@pytest.mark.parametrize("compiled", FORMS)
+@pytest.mark.parametrize("what", ["tube", "first node", "middle node", "last node", "kept bound"])
+def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name):
+    """Whatever must be kept: nothing is proven by NaN."""
+    clearance = Clearance(CELLS[name], compiled)
+    for occupied, robot, one, _, (_, n) in states(CELLS[name], 4, seed=3):
+        held(clearance, occupied)
+        ids, new = clearance.pairs_of[robot], clearance.space.sweep(robot, one)
+        nodes, tube, step, bound = new.nodes.copy(), new.tube, None, np.ones(len(ids))
+        match what:
+            case "tube":
+                tube = np.full_like(tube, np.nan)
+            case "kept bound":
+                bound, step = np.full_like(bound, np.nan), np.zeros_like(tube)
+            case _:
+                nodes[{"first node": 0, "middle node": 1, "last node": -1}[what]] = np.nan
+        new = clearance.space.sweep_nodes(robot, nodes, tube)
+        _, left = clearance.screen.run(robot, new, step, np.full(len(ids), -1e300), (bound, n))
+        assert len(left) == len(ids)
+
+
+@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+@pytest.mark.parametrize("name", sorted(CELLS))
+def test_compiled_placements_are_pinocchios(name):
+    cell, rng = CELLS[name], np.random.default_rng(1)
+    readable, compiled = Clearance(cell, False).space, Clearance(cell, True).space
+    for i, robot in enumerate(cell.robots):
+        for _ in range(20):
+            q = rng.uniform(robot.lower, robot.upper)[None, :]
+            one, other = (s.sweep_nodes(i, q, np.zeros(robot.model.n)) for s in (readable, compiled))
+            np.testing.assert_allclose(other.R, one.R, rtol=0.0, atol=TOLERANCE)
+            np.testing.assert_allclose(other.t, one.t, rtol=0.0, atol=TOLERANCE)
+
+
+@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+def test_nothing_is_compiled_in_a_tick():
+    """Arguments of another kind would start the compiler: they are an error instead."""
+    clearance = Clearance(CELLS["demo"], True)
+    new = clearance.space.still(0, tuple(map(float, CELLS["demo"].robots[0].start)))
+    new = replace(new, tube=new.tube.astype(np.float32))
+    with pytest.raises(TypeError, match="No matching definition"):
+        clearance.screen.run(0, new, None, clearance.limits_of[0], (clearance.bound.of(0), clearance._n))
+
+
+def test_without_numba_the_gate_is_the_readable_one():
+    code = (
+        "import sys; sys.modules['numba'] = None\n"
+        "from armgate.gate.compiled import available, screen_of\n"
+        "from armgate.gate.clearance import Clearance\n"
+        "from gate import scenes\n"
+        "print(available(), type(Clearance(scenes.lane()).screen).__name__)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd="tests"
+    )
+    assert done.stdout.split() == ["False", "Screen"], done.stderr
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_pairs_soon_open_are_tried_with_those_that_are_and_only_of_their_sides(compiled):
+    """Eight steps ahead; while no pair is open none is tried."""
+    cell = CELLS["duel"]
+    clearance = Clearance(cell, compiled)
+    for i, r in enumerate(cell.robots):
+        clearance.hold(i, [clearance.space.still(i, tuple(map(float, r.start)))])
+    own, need = clearance.screen.pairs[0], clearance.limits_of[0]
+    new, step = clearance.held[0][0], np.full(cell.robots[0].model.n, 1e-3)
+    loss = own.growth @ step
+    tried = []
+    slabs = clearance.screen._slabs
+
+    def watched(robot, new, left, n):
+        tried.append(left.tolist())
+        return slabs(robot, new, left, n)
+
+    clearance.screen._slabs = watched
+    open_, soon, later, elsewhere = 0, 1, 2, int(np.flatnonzero(own.side != own.side[0])[0])
+    assert own.side[later] == own.side[open_]
+    bound = need + 20.0 * loss + 1e-6
+    for k, steps in ((soon, 8.9), (later, 9.1), (elsewhere, 5.0)):
+        bound[k] = need[k] + steps * loss[k]
+    lb, left = clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    assert tried == []
+    assert len(left) == 0
+    np.testing.assert_allclose(lb, bound - loss, rtol=0.0, atol=TOLERANCE)
+    bound[open_] = need[open_]
+    clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    assert tried == [[open_, soon]]
+
+
+def test_a_robot_without_pairs_has_nothing_to_judge():
+    none = robot_pairs([], 3)
+    assert [len(x) for x in (none.ids, none.mine, none.theirs, none.sign, none.side)] == [0] * 5
+    assert none.growth.shape == (0, 3)
+    assert (none.chain, none.chained) == (None, 0)
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_a_slab_that_is_just_enough_leaves_nothing_open(compiled):
+    cell = CELLS["duel"]
+    clearance = Clearance(cell, compiled)
+    starts = [tuple(map(float, r.start)) for r in cell.robots]
+    for i, q in enumerate(starts):
+        clearance.hold(i, [clearance.space.still(i, q)])
+    clearance.survey(0)
+    new, n = clearance.space.still(0, starts[0]), clearance._n
+    count = len(clearance.pairs_of[0])
+    lb, left = clearance.screen.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))
+    assert len(left) == count
+    again, left = clearance.screen.run(0, new, None, lb, (np.zeros(count), n))
+    assert np.array_equal(again, lb)
+    assert len(left) == 0
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_a_kept_bound_that_is_just_enough_is_not_looked_at_again(compiled):
+    """Two balls, 2 m apart: 1.25 m were proven, a step takes a quarter, and 1 m must be kept."""
+    clearance = Clearance(scenes.head_on(2.1), compiled)
+    for i, x in enumerate((-1.05, 1.05)):
+        clearance.hold(i, [clearance.space.still(i, (x,))])
+    clearance.survey(0)
+    new, step, kept = clearance.held[0][0], np.array([0.25]), (np.array([1.25]), clearance._n)
+    lb, left = clearance.screen.run(0, new, step, np.array([1.0]), kept)
+    assert (lb.tolist(), left.tolist()) == ([1.0], [])
+    lb, left = clearance.screen.run(0, new, step, np.array([1.001]), kept)
+    assert (lb[0], left.tolist()) == (pytest.approx(2.0, abs=1e-8), [])
+
+
+@pytest.mark.parametrize("compiled", FORMS)
+def test_what_was_judged_and_not_held_counts_for_nobody_else(compiled):
+    """The left one is judged for a way to the right: the right one is held against where it stands still."""
+    clearance = Clearance(scenes.head_on(1.1), compiled)
+    for i, x in enumerate((-0.55, 0.55)):
+        clearance.hold(i, [clearance.space.still(i, (x,))])
+    clearance.survey(0)
+    need, step, kept = np.array([0.9]), None, (np.array([1.0]), clearance._n)
+    for _ in range(2):
+        new = clearance.space.sweep(0, Occupancy(((-0.55,), (0.0,)), (0.0,)))
+        assert clearance.screen.run(0, new, step, need, kept)[0] == pytest.approx([0.45], abs=1e-8)
+        still = clearance.space.still(1, (0.55,))
+        assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([1.0], abs=1e-8)
+    clearance.hold(0, [clearance.space.still(0, (-0.25,))])
+    assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([0.7], abs=1e-8)
