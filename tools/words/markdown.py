@@ -8,7 +8,7 @@ from tools.words.idioms import idioms
 
 LONGEST = 40
 """Words of a sentence."""
-_FENCED = re.compile(r"^(\s*)(```|~~~).*?^\s*\2\s*$|<!--.*?-->", re.MULTILINE | re.DOTALL)
+_FENCED = re.compile(r"^([ \t]*)(```|~~~).*?^[ \t]*\2[ \t]*$|<!--.*?-->", re.MULTILINE | re.DOTALL)
 _CODE = re.compile(r"`[^`\n]+`")
 _LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 _BLOCK = re.compile(r"\s*(?:[-*+] |\d+\. |#{1,6} |> |\||$)")
@@ -35,10 +35,11 @@ def _blocks(text: str) -> Iterator[tuple[int, str]]:
     for number, line in enumerate(text.split("\n"), 1):
         if _BLOCK.match(line):
             yield start, " ".join(lines)
-            start, lines = number, []
+            lines = []
         code = line.startswith("    ") and not lines and not _ITEM.match(line)
         if line.lstrip().startswith("|"):
             yield from ((number, cell.strip()) for cell in line.split("|"))
-        elif not code:
+        elif line.strip() and not code:
+            start = start if lines else number
             lines.append(line.strip())
     yield start, " ".join(lines)
