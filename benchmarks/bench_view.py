@@ -25,10 +25,10 @@ from armgate.apps.stack.child import end_with, hurry
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.client import connect
-from armgate.daemon.log import Log
-from armgate.daemon.server import Daemon
+from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.emulator.clock import Lateness
 from armgate.gate import Gate
+from armgate.links.log import Log
 
 ROOT = Path(__file__).parent.parent
 PATHS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2

@@ -23,11 +23,11 @@ from report import Row, report
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.log import Log
-from armgate.daemon.server import Daemon
+from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.emulator.clock import Lateness
 from armgate.events import Command
 from armgate.gate import Gate
+from armgate.links.log import Log
 
 TICKS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2400
 OBSERVERS = 50

@@ -6,7 +6,7 @@ import sys
 from time import perf_counter
 
 from armgate.apps.stack.child import end_with, hurry
-from armgate.daemon import record_start, recorder
+from armgate.daemon.recording import recorder, start
 
 spent: dict[str, list[float]] = {"tick": [], "command": [], "answer": [], "state": [], "append": []}
 _KINDS = {"Tick": "tick", "Command": "command", "PlanAnswer": "answer"}
@@ -40,7 +40,7 @@ class Timed(recorder.Recorder):
 if __name__ == "__main__":
     from armgate.apps.cli import main
 
-    record_start.Recorder = Timed
+    start.Recorder = Timed
     end_with(int(sys.argv[1]))
     hurry()
     main(sys.argv[2:])

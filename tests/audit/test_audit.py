@@ -5,8 +5,8 @@ import subprocess
 import pytest
 import yaml
 
-from armgate.daemon.recorder import Recorder
-from armgate.daemon.signer import load_signer
+from armgate.daemon.recording.recorder import Recorder
+from armgate.daemon.recording.signer import load_signer
 from armgate.recording import Recording, part_name
 from armgate.recording.scan import scan
 from support import records

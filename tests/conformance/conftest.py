@@ -13,9 +13,9 @@ from armgate.cell.config import load_config
 from armgate.conformance.case import selected
 from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, ask
-from armgate.daemon.log import Log
-from armgate.daemon.server import Daemon
+from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.gate import Gate
+from armgate.links.log import Log
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATIENCE = 20.0

@@ -16,9 +16,9 @@ from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, ask
 from armgate.conformance.verdicts import Outcome
 from armgate.conformance.wire import Wire
-from armgate.daemon import tokens
-from armgate.daemon.access import Keys
-from armgate.daemon.tls import server_context
+from armgate.daemon.auth import tokens
+from armgate.daemon.auth.access import Keys
+from armgate.daemon.auth.tls import server_context
 from conformance.conftest import CONFIGS, another, serving
 from support.certificates import Authority
 from support.clients import run

@@ -93,7 +93,7 @@ async def test_the_command_tells_and_exits_by_what_it_found(tmp_path):
 
 
 async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
-    from armgate.daemon.server import Daemon
+    from armgate.daemon.lifecycle.daemon import Daemon
 
     right = Daemon._welcome
     monkeypatch.setattr(

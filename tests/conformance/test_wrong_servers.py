@@ -11,19 +11,19 @@ import pytest
 
 from armgate import events
 from armgate.conformance.verdicts import Outcome
-from armgate.daemon import core as core_module
-from armgate.daemon import library as library_module
-from armgate.daemon import server as server_module
-from armgate.daemon import session as session_module
-from armgate.daemon import translate
-from armgate.daemon.barrier import Barrier
-from armgate.daemon.core import RIGHTS, Core
-from armgate.daemon.leasing import Leasing
-from armgate.daemon.line import Line as ClientLine
-from armgate.daemon.peer import Subscription
-from armgate.daemon.server import Daemon
-from armgate.daemon.session import Session
-from armgate.daemon.signals import Signals
+from armgate.daemon.core import core as core_module
+from armgate.daemon.core import description as description_module
+from armgate.daemon.core import wording
+from armgate.daemon.core.core import RIGHTS, Core
+from armgate.daemon.core.leasing import Leasing
+from armgate.daemon.core.peer import Subscription
+from armgate.daemon.core.signals import Signals
+from armgate.daemon.lifecycle import daemon as daemon_module
+from armgate.daemon.lifecycle.daemon import Daemon
+from armgate.daemon.pace.barrier import Barrier
+from armgate.daemon.sessions import session as session_module
+from armgate.daemon.sessions.peer_socket import TcpPeerSocket as ClientSocket
+from armgate.daemon.sessions.session import Session
 from armgate.gate import Gate, admission
 from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
@@ -82,7 +82,7 @@ def verdicts_out_of_order(patch):
 def verdicts_to_everybody(patch):
     def tell(self, told, asker, request):
         if isinstance(told, events.Verdict):
-            self.broadcast(translate.verdict(told))
+            self.broadcast(wording.verdict(told))
         else:
             right(self, told, asker, request)
 
@@ -98,13 +98,13 @@ def says_refused_and_moves(patch):
             told = replace(told, outcome=events.Outcome.REFUSED, beta=0.0, reasons=(refusal,))
         return right(told)
 
-    right = translate.verdict
-    patch.setattr(translate, "verdict", verdict)
+    right = wording.verdict
+    patch.setattr(wording, "verdict", verdict)
 
 
 def tells_another_increment(patch):
-    right = translate.verdict
-    patch.setattr(translate, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq))))
+    right = wording.verdict
+    patch.setattr(wording, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq))))
 
 
 def old_ticks_accepted(patch):
@@ -282,7 +282,7 @@ def more_stops_than_allowed(patch):
         return next(same, None)
 
     patch.setattr(Stops, "_to_replace", to_replace)
-    patch.setattr(translate, "stops", lambda given: tuple(given[:64]))
+    patch.setattr(wording, "stops", lambda given: tuple(given[:64]))
 
 
 def replaced_stops_unknown(patch):
@@ -305,7 +305,7 @@ def replaced_stops_lifted(patch):
 
 
 def first_reason_only(patch):
-    around(patch, translate, "reasons", lambda right: lambda given: right(given)[:1])
+    around(patch, wording, "reasons", lambda right: lambda given: right(given)[:1])
 
 
 def anybody_resets(patch):
@@ -329,7 +329,7 @@ def every_ignored(patch):
 
 
 def nobody_is_holder(patch):
-    around(patch, translate, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
+    around(patch, wording, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
 
 
 def faster_than_described(patch):
@@ -338,8 +338,8 @@ def faster_than_described(patch):
         update = {"velocity": told.velocity / 3, "acceleration": told.acceleration / 3}
         return told.model_copy(update=update)
 
-    right = library_module._joint
-    patch.setattr(library_module, "_joint", joint)
+    right = description_module._joint
+    patch.setattr(description_module, "_joint", joint)
 
 
 def brakes_harder_than_described(patch):
@@ -347,12 +347,14 @@ def brakes_harder_than_described(patch):
         told = right(robot, index)
         return told.model_copy(update={"deceleration": told.deceleration / 3})
 
-    right = library_module._joint
-    patch.setattr(library_module, "_joint", joint)
+    right = description_module._joint
+    patch.setattr(description_module, "_joint", joint)
 
 
 def another_hash(patch):
-    patch.setattr(library_module, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest())
+    patch.setattr(
+        description_module, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest()
+    )
 
 
 def versions_not_echoed(patch):
@@ -414,7 +416,7 @@ def pong_rounds(patch):
 
 
 def every_start_the_same(patch):
-    patch.setattr(server_module.secrets, "token_hex", lambda count: "0" * 2 * count)
+    patch.setattr(daemon_module.secrets, "token_hex", lambda count: "0" * 2 * count)
 
 
 class Gossip(m.Signaled):
@@ -430,19 +432,19 @@ def types_of_its_own(patch):
 
 def distances_too_large(patch):
     around(
-        patch, translate, "entry",
+        patch, wording, "entry",
         lambda right: lambda *a: farther(right(*a)),
     )  # fmt: skip
 
 
 def states_queue_up(patch):
-    patch.setattr(ClientLine, "has_room", lambda self: True)
+    patch.setattr(ClientSocket, "has_room", lambda self: True)
 
 
 def stops_not_named(patch):
     around(
         patch,
-        translate,
+        wording,
         "text",
         lambda right: lambda given, end="": right(re.sub(r"\(stop [^)]*\)", "", given), end),
     )

@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from armgate import events as e
-from armgate.daemon.recorder import Recorder
+from armgate.daemon.recording.recorder import Recorder
 from armgate.recording import Recording
 from armgate.recording.form import METADATA, PROFILE
 from armgate.recording.verify import verify

@@ -11,8 +11,8 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.library import Library
-from armgate.daemon.recorder import Recorder
+from armgate.daemon.core.description import CellDescription
+from armgate.daemon.recording.recorder import Recorder
 from armgate.monitor.agreement import differences
 from armgate.monitor.audit import audit
 from armgate.monitor.joints import joint_differences
@@ -31,7 +31,7 @@ ADVICE = "start the daemon and the monitor with the same URDF and configuration"
 
 def described(*files: Path) -> list[str]:
     """Return what the monitor finds in the description of the daemon with the same files."""
-    library = Library(build_cell(load_config(files)), False)
+    library = CellDescription(build_cell(load_config(files)), False)
     return differences(build(read_files(files)), library.description, library.assets.__getitem__)
 
 
@@ -69,7 +69,7 @@ def composed(tmp_path: Path) -> tuple[str, object]:
     tree = demo(GANTRY)
     file = saved(tree, tmp_path / "cell.yaml")
     (robot,) = build(read_files([file])).robots
-    library = Library(build_cell(load_config([file])), False)
+    library = CellDescription(build_cell(load_config([file])), False)
     return library.assets[library.description.robots[0].urdf.hash].decode(), robot
 
 

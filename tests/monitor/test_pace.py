@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from armgate.daemon.recorder import Recorder
+from armgate.daemon.recording.recorder import Recorder
 from armgate.monitor.audit import audit
 from armgate.monitor.core import Monitor
 from armgate.monitor.model import build

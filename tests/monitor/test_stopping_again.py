@@ -8,7 +8,7 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.client import ConnectionLost, Refused, TimedOut
-from armgate.daemon.library import Library
+from armgate.daemon.core.description import CellDescription
 from armgate.monitor import live
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
@@ -19,7 +19,7 @@ HOME = (0.0, 0.7853981633974483, 0.7853981633974483)
 class Line:
     """A connection to a daemon, by a script: states that come, and seconds without one."""
 
-    def __init__(self, library: Library, script) -> None:
+    def __init__(self, library: CellDescription, script) -> None:
         self.description, self.welcome = library.description, SimpleNamespace(lockstep=False)
         self._assets = library.assets
         self.now, self.asked, self.fails = 100.0, [], []
@@ -75,7 +75,7 @@ def watched(tmp_path, monkeypatch):
     """Return the connection and the printed lines after a watch by a script."""
     file = tmp_path / "cell.yaml"
     file.write_text(arms_yaml("A"))
-    library = Library(build_cell(load_config([file])), False)
+    library = CellDescription(build_cell(load_config([file])), False)
 
     def run(script, *fails):
         line, lines = Line(library, script), []

@@ -16,10 +16,10 @@ import yaml
 from armgate import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
-from armgate.daemon import translate
-from armgate.daemon.record_start import header_of
-from armgate.daemon.recorder import Recorder
-from armgate.daemon.runner import GateRunner
+from armgate.daemon.core import wording
+from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.recording.recorder import Recorder
+from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from armgate.monitor.core import Monitor
@@ -113,7 +113,7 @@ class Watched:
         ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
         for tick in ticks:
             self.runner.feed(tick)
-        entries = {name: translate.entry(name, self.runner.view(name), None) for name in self.links}
+        entries = {name: wording.entry(name, self.runner.view(name), None) for name in self.links}
         if self.lie is not None:
             entries = {name: self.lie(entry) for name, entry in entries.items()}
         if self.recorder is not None:

@@ -10,9 +10,9 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.client import aio
-from armgate.daemon.log import Log
-from armgate.daemon.server import Daemon
+from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.gate import Gate
+from armgate.links.log import Log
 from armgate.protocol import DIALECTS, Connection, LocalProtocolError, Refusal, Side, encode
 from armgate.protocol import messages as m
 from support import version2 as two

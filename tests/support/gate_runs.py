@@ -1,9 +1,9 @@
 """Recorded runs of a gate without a daemon: what is asked for at each tick is a function of the tick."""
 
 from armgate import events as e
-from armgate.daemon.record_start import header_of
-from armgate.daemon.recorder import Recorder
-from armgate.daemon.runner import GateRunner
+from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.recording.recorder import Recorder
+from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links import EmulatedLink
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from armgate import events as e
 from armgate.cell.cell import build_cell
-from armgate.daemon.record_file import RecordFile
-from armgate.daemon.record_start import header_of
-from armgate.daemon.recorder import Recorder
-from armgate.daemon.runner import GateRunner
+from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.recording.record_file import RecordFile
+from armgate.daemon.recording.recorder import Recorder
+from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links import EmulatedLink
 from support.cells import arms_config

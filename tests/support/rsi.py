@@ -6,7 +6,7 @@ from random import Random
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.urdf import read_urdf
-from armgate.daemon.runner import GateRunner
+from armgate.daemon.core.gate_runner import GateRunner
 from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Mode, Notes, read_ethernet
 from armgate.emulator.krc.arm import arm_of_cell
 from armgate.emulator.krc.context import Limits

@@ -7,13 +7,13 @@ import pytest
 from armgate.apps.view.scene import Scene
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.library import Library
+from armgate.daemon.core.description import CellDescription
 from armgate.protocol import messages as m
 
 DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
 
 
-def whole(library: Library, name: str) -> bytes:
+def whole(library: CellDescription, name: str) -> bytes:
     data = b""
     while True:
         chunk = library.chunk(name, len(data), m.MAX_CHUNK)
@@ -29,7 +29,7 @@ def cell():
 
 def described(cell):
     """What clients are told of a cell, and where assets come from."""
-    library = Library(cell, False)
+    library = CellDescription(cell, False)
     return library.description, lambda name: whole(library, name)
 
 

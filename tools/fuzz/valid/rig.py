@@ -8,14 +8,14 @@ from random import Random
 
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import LockstepClockConfig
-from armgate.daemon.core import RIGHTS, Core
-from armgate.daemon.lockstep import Lockstep
-from armgate.daemon.log import Log
-from armgate.daemon.peer import Encoded, Subscription, answer
-from armgate.daemon.runner import GateRunner
+from armgate.daemon.core.core import RIGHTS, Core
+from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.core.peer import Encoded, Subscription, answer
+from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import Instant, VirtualClock
 from armgate.gate import Gate
 from armgate.links import EmulatedLink
+from armgate.links.log import Log
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m
 from tools.fuzz.valid import cells
@@ -164,14 +164,16 @@ class Rig:
         log = Log(io.StringIO())
         clock = self.cell.config.clock
         if isinstance(clock, LockstepClockConfig):
-            self.pace: Lockstep | Wall = Lockstep(periods, clock.participants, 1e9, self._instant, log)
+            self.pace: LockstepPace | Wall = LockstepPace(
+                periods, clock.participants, 1e9, self._instant, log
+            )
         else:
             self.pace = Wall(periods, self._instant)
         self.core = Core(self.cell, runner, links, self._now, lockstep, log)
         self.clients: list[Client] = []
         self._numbers = itertools.count(1)
         self.core.start()
-        if isinstance(self.pace, Lockstep):
+        if isinstance(self.pace, LockstepPace):
             self.pace.start(self.core)
         else:
             self.pace.tick()
@@ -198,7 +200,7 @@ class Rig:
             case m.Bye():
                 self.leave(client)
                 client.say(m.Bye())
-            case _ if isinstance(self.pace, Lockstep):
+            case _ if isinstance(self.pace, LockstepPace):
                 self.pace.handle(client, message)
             case _:
                 self.core.handle(client, message)
@@ -207,7 +209,7 @@ class Rig:
     # --- inside -------------------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        return self.pace.now() if isinstance(self.pace, Lockstep) else self.pace.time
+        return self.pace.now() if isinstance(self.pace, LockstepPace) else self.pace.time
 
     def _instant(self, instant: Instant) -> None:
         self.core.tick(instant.time, instant.due, instant.number if self.lockstep else None)
@@ -240,12 +242,12 @@ class Rig:
         return client
 
     def _welcome(self, client: Client, hello: m.Hello) -> None:
-        if isinstance(self.pace, Lockstep):
+        if isinstance(self.pace, LockstepPace):
             client.id = self.pace.session_id(client.name, client.number)
         else:
             client.id = f"s{client.number}"
         try:
-            if isinstance(self.pace, Lockstep):
+            if isinstance(self.pace, LockstepPace):
                 self.pace.join(client)
             else:
                 self.core.join(client)
@@ -267,7 +269,7 @@ class Rig:
 
     def leave(self, client: Client) -> None:
         """Take the session of a client away."""
-        if isinstance(self.pace, Lockstep):
+        if isinstance(self.pace, LockstepPace):
             self.pace.leave(client)
         else:
             self.core.leave(client)
@@ -280,7 +282,7 @@ class Rig:
         """An operator lifts every stop, and a controller gets every robot: the server works as before."""
         self._part()
         operator = self._enter_surely("op", "operator")
-        if isinstance(self.pace, Lockstep):
+        if isinstance(self.pace, LockstepPace):
             return  # time passes for participants only
         assert isinstance(self.pace, Wall)
         for _ in range(400):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from armgate.daemon.board import FIELDS
+from armgate.daemon.core.states import FIELDS
 from armgate.protocol import messages as m
 from tools.fuzz.valid.oracle import Knowledge
 from tools.fuzz.valid.values import fields_of

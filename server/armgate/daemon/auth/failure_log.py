@@ -1,0 +1,50 @@
+"""Failed logins and refused connections: how many are logged one by one, from one address and in all.
+
+Guessing a token is hopeless (2^256), so failures close no door: a right token is accepted whatever else comes
+from its address. What failures cost is lines of the log; these are bounded here.
+"""
+
+from collections import OrderedDict
+
+from armgate.daemon.token_bucket import TokenBucket
+from armgate.links.log import Log
+
+_REMEMBERED = 1024
+_MINUTE = 60.0
+
+
+class FailureLog:
+    """Counts failures.
+
+    Args:
+        in_all: Failures per minute that are logged, on average and at once.
+        per_origin: The same for one origin.
+        now: The time, s, of any clock that does not go back.
+    """
+
+    def __init__(self, in_all: float, per_origin: float, now: float) -> None:
+        self._per_origin = per_origin
+        self._all = TokenBucket(in_all / _MINUTE, in_all, now)
+        self._failing: OrderedDict[str, TokenBucket] = OrderedDict()
+        self._unlogged = 0
+
+    def failed(self, origin: str, now: float) -> int | None:
+        """Count a failure; return how many before it were not logged, or None if it is not logged either."""
+        bucket = self._failing.pop(origin, None) or TokenBucket(
+            self._per_origin / _MINUTE, self._per_origin, now
+        )
+        self._failing[origin] = bucket
+        while len(self._failing) > _REMEMBERED:
+            self._failing.popitem(last=False)
+        if bucket.take(now) and self._all.take(now):
+            unlogged, self._unlogged = self._unlogged, 0
+            return unlogged
+        self._unlogged += 1
+        return None
+
+    def note(self, log: Log, event: str, origin: str, now: float, **fields: object) -> None:
+        """Count a failure and log it as a warning, unless too many were logged already."""
+        unlogged = self.failed(origin, now)
+        if unlogged is not None:
+            more = {"unlogged": unlogged} if unlogged else {}
+            log.warning(event, origin=origin, **fields, **more)

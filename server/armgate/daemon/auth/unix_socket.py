@@ -1,0 +1,128 @@
+"""The daemon's Unix socket: clients of this machine are who the kernel says, without tokens."""
+
+import fcntl
+import os
+import pwd
+import socket
+import stat
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from armgate.protocol.messages import Role
+
+_QUEUE = 128
+_LOCK = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+class UnixSocketError(Exception):
+    """The socket cannot be used, or a user is unknown; the text says why, and what to do."""
+
+    exit_code = 2
+
+
+def uids(users: Mapping[str, Role]) -> dict[int, Role]:
+    """Return roles by user id.
+
+    Args:
+        users: Roles by name or number of the user.
+
+    Raises:
+        UnixSocketError: This machine has no user of that name.
+    """
+    return {_uid(user): role for user, role in users.items()}
+
+
+def _uid(user: str) -> int:
+    if user.isascii() and user.isdigit():
+        return int(user)
+    try:
+        return pwd.getpwnam(user).pw_uid
+    except KeyError:
+        text = f"server.socket.users: this machine has no user {user!r}"
+        raise UnixSocketError(f"{text}; expected a name or a number of one") from None
+
+
+class UnixSocket:
+    """A Unix socket that listens; every user may connect, and the daemon decides by the user.
+
+    Attributes:
+        path: Where it is.
+        socket: The socket.
+
+    Args:
+        path: Where to listen.
+
+    Raises:
+        UnixSocketError: Another daemon listens there, or it cannot be listened on.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        _check_folder(path.parent)
+        self._lock = _locked(path.with_name(path.name + ".lock"))
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            _unlink(path)
+            _bind(self.socket, path)
+            self.socket.listen(_QUEUE)
+        except OSError as error:
+            self.socket.close()
+            os.close(self._lock)
+            text = f"server.socket.path: cannot listen on {path}: {error.strerror or error}"
+            raise UnixSocketError(f"{text}; name another") from error
+        self.socket.setblocking(False)
+
+    def close(self) -> None:
+        """Listen no more, and remove the socket."""
+        self.socket.close()
+        with suppress(OSError):  # another program may have replaced the file
+            _unlink(self.path)
+        os.close(self._lock)
+
+
+def _check_folder(folder: Path) -> None:
+    """Check that no other user could put a socket of its own in the place of the daemon's.
+
+    Raises:
+        UnixSocketError: Another user could, or there is no such folder.
+    """
+    try:
+        found = folder.stat()
+    except OSError as error:
+        raise UnixSocketError(f"server.socket.path: {folder}: {error.strerror}; expected a folder") from error
+    writable = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not found.st_mode & stat.S_ISVTX
+    if writable or found.st_uid not in (os.geteuid(), 0):
+        text = f"server.socket.path: other users may write {folder}, and so replace the socket"
+        raise UnixSocketError(f"{text}; expected a folder of this user or of root with mode 755 or less")
+
+
+def _bind(sock: socket.socket, path: Path) -> None:
+    """Bind with the mode 666 from the beginning: a chmod afterwards could meet another file."""
+    before = os.umask(0o111)
+    try:
+        sock.bind(str(path))
+    finally:
+        os.umask(before)
+
+
+def _unlink(path: Path) -> None:
+    """Remove a socket that a daemon has left, and nothing else."""
+    if os.path.lexists(path):
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise FileExistsError(None, "it is there already and is no socket")
+        path.unlink()
+
+
+def _locked(path: Path) -> int:
+    try:
+        lock = os.open(path, _LOCK, 0o600)
+    except OSError as error:
+        raise UnixSocketError(f"server.socket.path: cannot write {path}: {error.strerror}") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(lock)
+        text = f"server.socket.path: another daemon listens on {path.with_suffix('')}"
+        raise UnixSocketError(f"{text}; end it, or name another path") from error
+    return lock

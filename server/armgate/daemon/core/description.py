@@ -1,0 +1,213 @@
+"""What the daemon tells of its cell: the description, and the assets that it names by their hash."""
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from armgate.cell.cell import Body, Cell, Robot
+from armgate.cell.mesh.hull import hull_of
+from armgate.cell.placement import Placement
+from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
+from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, answering, encode
+from armgate.protocol import messages as m
+
+_LARGEST_ID = 2**31 - 1
+
+STOP_REPLACES = "stop.replaces"
+"""The capability of servers in which a repeated stop takes the place of the one that it repeats.
+
+A client that names it too lifts no stop by the id of one that was replaced.
+"""
+
+SESSIONS = "sessions"
+"""The capability of servers that list sessions and end one of them for operators."""
+
+BODY_EXACT = "body.exact"
+"""The capability that says that bodies may be something else than the primitives around them."""
+
+
+class CellDescription:
+    """The description of a cell and its assets.
+
+    Attributes:
+        description: The description, without the ``re`` of a request.
+        frame: Its frame: a large one takes longer to encode than ticks may wait.
+        assets: What it names, by hash.
+
+    Args:
+        cell: The cell.
+        lockstep: Whether its time passes in lock-step.
+
+    Raises:
+        ConfigError: The cell is larger than a description may be; the text names file, line and key.
+    """
+
+    def __init__(self, cell: Cell, lockstep: bool) -> None:
+        _check_counts(cell)
+        self.assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
+        meshes = {body.shape: _obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
+        self.assets |= {_sha256(text): text.encode() for text in meshes.values()}
+        self.description = m.Description(
+            name=cell.name,
+            hash=cell.hash,
+            stop_distance=cell.config.stop_distance,
+            self_distance=cell.config.self_distance,
+            response=cell.config.response,
+            lockstep=lockstep,
+            robots=tuple(_robot(robot) for robot in cell.robots),
+            bodies=tuple(_body(cell, body, meshes) for body in cell.bodies),
+        )
+        self.frame = self._encoded(cell)
+
+    def _encoded(self, cell: Cell) -> bytes:
+        try:
+            encode(self.description.model_copy(update={"re": _LARGEST_ID}))
+            return encode(self.description)
+        except LocalProtocolError as error:
+            text = f"the description of this cell is too large: {error.text}; use fewer robots or bodies"
+            raise cell.config.error(("robots",), text) from error
+
+    def describe(self, re: int | None) -> tuple[m.Description, bytes]:
+        """Return the description as the answer to a request, and its frame."""
+        if re is None:
+            return self.description, self.frame
+        return self.description.model_copy(update={"re": re}), answering(self.frame, re)
+
+    def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
+        """A piece of an asset.
+
+        Raises:
+            RemoteProtocolError: ``unknown_asset``: none has this hash, or it ends before ``offset``.
+        """
+        data = self.assets.get(hash_)
+        if data is None:
+            raise _unknown(f"no asset {hash_}; the description names those that there are")
+        if offset > len(data):
+            raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; asked for was {offset}")
+        return m.Chunk(hash=hash_, offset=offset, total=len(data), data=data[offset : offset + length])
+
+
+def _check_counts(cell: Cell) -> None:
+    for robot in cell.robots:
+        counts = {
+            "joints": (robot.model.n, m.MAX_JOINTS),
+            "links": (len(robot.model.frame_names), m.MAX_FRAMES),
+        }
+        for what, (count, most) in counts.items():
+            if count > most:
+                text = f"{robot.name} has {count} {what}; expected at most {most}"
+                raise cell.config.error(("robots", robot.name, "urdf"), text)
+    if len(cell.bodies) > m.MAX_BODIES:
+        text = f"the cell has {len(cell.bodies)} bodies; expected at most {m.MAX_BODIES}: use simpler shapes"
+        raise cell.config.error(("robots",), text)
+
+
+def _unknown(text: str) -> RemoteProtocolError:
+    return RemoteProtocolError(ErrorCode.UNKNOWN_ASSET, text, about="asset")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _asset(text: str, media: str) -> m.AssetRef:
+    return m.AssetRef(hash=_sha256(text), size=len(text.encode()), media=media)
+
+
+def _robot(robot: Robot) -> m.RobotDescription:
+    base = robot.model.base
+    return m.RobotDescription(
+        name=robot.name,
+        urdf=_asset(robot.urdf, "application/xml"),
+        joints=tuple(_joint(robot, index) for index in range(robot.model.n)),
+        base_xyz=_point(base.t.tolist()),
+        base_xyzw=base.xyzw(),
+        period=robot.period,
+        start=tuple(robot.start.tolist()),
+        frames=tuple(robot.model.frame_names),
+        tool=robot.tool,
+        camera=robot.camera,
+    )
+
+
+def _joint(robot: Robot, index: int) -> m.Joint:
+    joint = robot.model.joints[index]
+    deceleration = float(robot.deceleration[index])
+    return m.Joint(
+        name=joint.name,
+        kind=joint.kind,
+        unit="rad" if joint.kind == "revolute" else "m",
+        lower=float(robot.lower[index]),
+        upper=float(robot.upper[index]),
+        velocity=float(robot.velocity[index]),
+        acceleration=float(robot.acceleration[index]),
+        deceleration=deceleration if math.isfinite(deceleration) else None,
+    )
+
+
+def _body(cell: Cell, body: Body, meshes: Mapping[Convex, str]) -> m.Body:
+    if body.robot is None:
+        return _wire_body((body.name, None, None), body.shape, body.placement, meshes)
+    robot = cell.robots[body.robot]
+    own = robot.model.bodies[body.index]
+    # Told in the frame of the link that the URDF names; the position does not matter.
+    R, t = robot.model.body_placements(robot.start)
+    link = robot.model.frame(robot.start, own.link)
+    in_link = link.inverse() @ Placement(R[body.index], t[body.index])
+    return _wire_body((body.name, robot.name, own.link), body.shape, in_link, meshes)
+
+
+def _wire_body(
+    names: tuple[str, str | None, str | None], shape: Shape, place: Placement, meshes: Mapping[Convex, str]
+) -> m.Body:
+    name, robot, link = names
+    return m.Body(
+        name=name,
+        robot=robot,
+        link=link,
+        shape=_around(shape),
+        xyz=_point(place.t.tolist()),
+        xyzw=place.xyzw(),
+        exact=_exact(shape, meshes),
+    )
+
+
+def _around(shape: Shape) -> m.Shape:
+    """The primitive in the same frame that contains a shape: itself, if it is one that all clients know."""
+    match shape:
+        case Cone(radius=radius, length=length):
+            return _around(Cylinder(radius, length))
+        case Convex():
+            x, y, z = (2.0 * half for half in shape.half_sides)
+            return _around(Box(x, y, z))
+        case _:
+            return m.Shape(kind=shape.kind, size=shape.size)
+
+
+def _exact(shape: Shape, meshes: Mapping[Convex, str]) -> m.Exact | None:
+    match shape:
+        case Cone():
+            return m.Exact(kind=shape.kind, size=shape.size)
+        case Convex(radius=radius):
+            return m.Exact(kind=shape.kind, mesh=_asset(meshes[shape], "model/obj"), radius=radius)
+        case _:
+            return None
+
+
+def _obj(shape: Convex) -> str:
+    """A convex hull as Wavefront OBJ, its triangles wound outward."""
+    hull = hull_of(np.array(shape.vertices))
+    middle = hull.vertices.mean(axis=0)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull.vertices.tolist()]
+    for face in hull.faces:
+        a, b, c = hull.vertices[face] - middle
+        i, j, k = (face if np.dot(np.cross(b - a, c - a), a) >= 0.0 else face[::-1]) + 1
+        lines.append(f"f {i} {j} {k}")
+    return "\n".join(lines) + "\n"
+
+
+def _point(values: Sequence[float]) -> m.Point:
+    x, y, z = values
+    return (x, y, z)

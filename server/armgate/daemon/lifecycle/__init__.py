@@ -1,0 +1,1 @@
+"""Start and end of a daemon: `armgate serve`, `armgate check`, signals, failures."""

@@ -1,0 +1,137 @@
+"""Figures of the daemon's health for Prometheus, served on this machine only.
+
+The event loop leaves the newest state here, and observes durations; all else is read when somebody asks, in
+the server's own thread, from values that do not change.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from time import perf_counter
+from typing import Any
+
+from prometheus_client import (
+    CONTENT_TYPE_LATEST,
+    CollectorRegistry,
+    Histogram,
+    disable_created_metrics,
+    generate_latest,
+)
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from armgate.daemon.core.gate_runner import Judge
+from armgate.daemon.metrics.http_server import MetricsServer
+from armgate.events import Command, GateEvent, GateOutput
+from armgate.gate import RobotView
+from armgate.protocol import messages as m
+
+_SECONDS = (50e-6, 100e-6, 250e-6, 500e-6, 1e-3, 2e-3, 4e-3, 8e-3, 12e-3, 25e-3, 50e-3, 0.1)
+_LINKS = ("waiting", "ready", "lost", "faulted")
+
+
+class Metrics(Collector):
+    """The figures of one daemon.
+
+    Args:
+        queues: What waits, by name; asked when somebody looks.
+    """
+
+    def __init__(self, queues: Callable[[], dict[str, int]]) -> None:
+        self._queues = queues
+        self._entries: Sequence[m.Entry] = ()
+        disable_created_metrics()  # type: ignore[no-untyped-call]
+        self._registry = CollectorRegistry()
+        self._late = self._histogram("armgate_tick_lateness_seconds", "How late ticks were heard of")
+        self._decision = self._histogram("armgate_decision_seconds", "What judging a command took")
+        self._registry.register(self)
+        self._exposition: MetricsServer | None = None
+
+    def _histogram(self, name: str, text: str) -> Histogram:
+        return Histogram(name, text, registry=self._registry, buckets=_SECONDS)
+
+    def serve(self, port: int) -> int:
+        """Serve on 127.0.0.1.
+
+        Returns:
+            The port.
+
+        Raises:
+            OSError: It cannot be listened on.
+        """
+        exposition = MetricsServer(lambda: generate_latest(self._registry), CONTENT_TYPE_LATEST)
+        port = exposition.open(port)
+        self._exposition = exposition
+        return port
+
+    def close(self) -> None:
+        """Serve no more."""
+        if self._exposition is not None:
+            self._exposition.close()
+
+    def show(self, entries: Sequence[m.Entry]) -> None:
+        """Take the newest state."""
+        self._entries = entries
+
+    def late(self, seconds: float) -> None:
+        """A tick was heard of so late."""
+        self._late.observe(seconds)
+
+    def timed(self, judge: Judge) -> Judge:
+        """The same judge; the time of its decisions is observed."""
+        return _Timed(judge, self._decision)
+
+    def collect(self) -> Iterator[CounterMetricFamily | GaugeMetricFamily]:
+        """What is told of the newest state."""
+        entries = self._entries
+        yield _verdicts(entries)
+        nearest = {e.robot: min(n.distance for n in e.nearest) for e in entries if e.nearest}
+        yield _gauge("armgate_clearance_meters", "Certified clearance of the nearest pair, m", nearest)
+        least = {e.robot: e.least_clearance for e in entries if e.least_clearance is not None}
+        yield _gauge("armgate_least_clearance_meters", "Smallest clearance to others so far, m", least)
+        stopped = {e.robot: len(e.stops or ()) for e in entries}
+        yield _gauge("armgate_stops", "Stops in force", stopped)
+        late = CounterMetricFamily("armgate_late_commands", "Plans that came too late", labels=["robot"])
+        ticks = CounterMetricFamily("armgate_ticks", "Ticks of the robot's clock", labels=["robot"])
+        link = GaugeMetricFamily("armgate_link", "State of the link (1: this one)", labels=["robot", "state"])
+        for entry in entries:
+            late.add_metric([entry.robot], entry.late_commands or 0)
+            ticks.add_metric([entry.robot], entry.tick)
+            for state in _LINKS:
+                link.add_metric([entry.robot, state], float(entry.link == state))
+        yield from (late, ticks, link)
+        yield _gauge("armgate_queue_depth", "What waits to be written or sent", self._queues(), "queue")
+
+
+class _Timed:
+    def __init__(self, judge: Judge, decision: Histogram) -> None:
+        self._judge = judge
+        self._decision = decision
+
+    def step(self, event: GateEvent) -> list[GateOutput]:
+        if not isinstance(event, Command):
+            return self._judge.step(event)
+        start = perf_counter()
+        outputs = self._judge.step(event)
+        self._decision.observe(perf_counter() - start)
+        return outputs
+
+    def view(self, robot: str) -> RobotView:
+        return self._judge.view(robot)
+
+    def warnings(self) -> tuple[str, ...]:
+        return self._judge.warnings()
+
+
+def _verdicts(entries: Sequence[m.Entry]) -> CounterMetricFamily:
+    family = CounterMetricFamily("armgate_verdicts", "Judged commands", labels=["robot", "outcome", "reason"])
+    for entry in entries:
+        for key, count in (entry.counts or {}).items():
+            outcome, _, reason = key.partition(":")
+            family.add_metric([entry.robot, outcome, reason], count)
+    return family
+
+
+def _gauge(name: str, text: str, values: dict[str, Any], label: str = "robot") -> GaugeMetricFamily:
+    family = GaugeMetricFamily(name, text, labels=[label])
+    for key, value in values.items():
+        family.add_metric([key], value)
+    return family

@@ -1,0 +1,59 @@
+"""The flight recorder of a lock-step run: it writes between two turns of the event loop, without a thread.
+
+There is time for it while the participants compute, and a thread would only take the interpreter from the
+event loop just when that has to answer. Nothing is lost to a slow disk: the run waits for it.
+"""
+
+import asyncio
+
+from armgate.daemon.recording.recorder import Recorder, StateAt
+from armgate.recording import Item
+
+
+class InlineRecorder(Recorder):
+    """A `Recorder` that is begun, fed and closed in one event loop; see there."""
+
+    _loop: asyncio.AbstractEventLoop
+    _due = False
+    _flushing: asyncio.TimerHandle | None = None
+
+    def close(self, timeout: float = 10.0) -> None:
+        """Write what waits and close the file; ``timeout`` has no sense here."""
+        if self._begun:
+            self._catch_up()
+            self._begun = False
+        if self._flushing is not None:
+            self._flushing.cancel()
+            self._flushing = None
+        if self._failure is None:
+            self._guarded(self._close_part)
+
+    def _start(self) -> None:
+        self._loop = asyncio.get_running_loop()
+
+    def _put(self, at: float, item: Item | StateAt) -> None:
+        if self._failure is not None:
+            self._lost += 1
+            return
+        self._queue.append((at, item))
+        if len(self._queue) >= self._limit:
+            self._catch_up()
+        elif not self._due:
+            self._due = True
+            self._loop.call_soon(self._catch_up)
+
+    def _catch_up(self) -> None:
+        self._due = False
+        if self._failure is None:
+            self._guarded(self._write_all)
+
+    def _write_all(self) -> None:
+        while self._queue and (queued := self._queue.popleft()) is not None:
+            self._put_into_file(*queued)
+        if self._flushing is None:
+            self._flushing = self._loop.call_later(self._flush, self._flush_on)
+
+    def _flush_on(self) -> None:
+        self._flushing = None
+        if self._failure is None:
+            self._guarded(self._flush_part)

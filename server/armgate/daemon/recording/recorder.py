@@ -1,0 +1,249 @@
+"""The flight recorder: what happened goes into a queue, a thread of its own writes it.
+
+The event loop only puts immutable values into a queue: a slow or full disk delays no tick. What does not fit
+is lost, counted, marked in the recording and said in the states.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armgate.daemon.recording.record_file import RecordFile
+from armgate.events import GateEvent, GateOutput, Tick
+from armgate.protocol import messages as m
+from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
+from armgate.recording.chain import Seal, Signer
+
+FLUSH = 0.12
+"""What a killed daemon may lose at most, s, beside what the thread was late."""
+
+_POLL = 0.02
+"""How often the thread looks for records, s: waking it for each would cost the event loop most of all."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateAt:
+    """What an instant showed; taken apart by the writer."""
+
+    ticks: Sequence[Tick]
+    entries: Sequence[m.Entry]
+    moment: Moment
+
+    def items(self) -> list[Item]:
+        """The records that it makes."""
+        own = {entry.robot: entry for entry in self.entries}
+        return [*(Shown(own[tick.robot]) for tick in self.ticks), self.moment]
+
+
+_Queued = tuple[float, Item | StateAt] | None
+
+
+class Recorder:
+    """Records one run of a daemon.
+
+    Args:
+        folder: Where the files go; made if it is not there.
+        required: Whether robots shall rest when something could not be recorded.
+        rotate: After so many bytes the next file begins.
+        limit: How many records may wait for the disk.
+        flush: Longest time between two flushes, s.
+        signer: Signs each file when it is closed; None: no signature.
+        create: Makes a part, from its path, header and signer.
+        clock: The thread's time, s, of any clock that does not go back.
+        pause: Waits for some seconds of it.
+
+    Attributes:
+        seal: End of the hash chain of the file that was closed last.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        required: bool = False,
+        rotate: int = 1 << 28,
+        limit: int = 16384,
+        flush: float = FLUSH,
+        signer: Signer | None = None,
+        create: Callable[[Path, Header, Signer | None], RecordFile] = RecordFile.create,
+        clock: Callable[[], float] = time.monotonic,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.folder = folder
+        self.required = required
+        self._rotate = rotate
+        self._limit = limit
+        self._flush = flush
+        self._create, self._signer = create, signer
+        self._clock, self._pause = clock, pause
+        self._queue: deque[_Queued] = deque()
+        self._lost = self._lost_steps = 0
+        self._pending = Gap(0, 0)
+        self._failure: str | None = None
+        self._now: Callable[[], float] = lambda: 0.0
+        self._header: Header
+        self._part: RecordFile
+        self._begun = self._ended = False
+        self.seal: Seal | None = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self, header: Header, now: Callable[[], float]) -> None:
+        """Make the first file and begin to write.
+
+        Args:
+            header: What the recording is of.
+            now: Daemon time, s.
+
+        Raises:
+            OSError: The folder or file cannot be made.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._header, self._now = header, now
+        self._part = self._open(header)
+        self._begun = True
+        self._start()
+
+    def _start(self) -> None:
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    # --- from the event loop ------------------------------------------------------------------------------
+
+    @property
+    def ended_early(self) -> bool:
+        """Return True if writing failed: what happened since then is not recorded."""
+        return self._failure is not None
+
+    @property
+    def trouble(self) -> str | None:
+        """What went wrong so far, for the states; None if nothing did."""
+        if self._failure is not None:
+            return f"recording ended: {self._failure}"
+        if self._lost:
+            return f"recording has gaps: {self._lost} records were lost, the disk is too slow"
+        return None
+
+    @property
+    def depth(self) -> int:
+        """How many records wait to be written."""
+        return len(self._queue)
+
+    @property
+    def lost(self) -> int:
+        """How many records were lost."""
+        return self._lost
+
+    def tap(self, event: GateEvent, outputs: Sequence[GateOutput]) -> None:
+        """Take what the gate was told and answered."""
+        self._put(self._now(), Step(event, outputs))
+
+    def show(
+        self,
+        ticks: Sequence[Tick],
+        entries: Sequence[m.Entry],
+        signals: Mapping[str, m.SignalValue],
+        warnings: Sequence[str],
+        step: int | None,
+    ) -> None:
+        """Take the state of an instant; ``ticks`` are those of the robots that ticked."""
+        if ticks:
+            at = ticks[0].time
+            moment = Moment(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
+            self._put(at, StateAt(ticks, entries, moment))
+
+    def log(self, record: Mapping[str, Any]) -> None:
+        """Take a line of the log."""
+        if self._begun:
+            fields = {key: value for key, value in record.items() if key not in ("time", "level", "event")}
+            line = LogLine(record["time"], record["level"], record["event"], fields)
+            self._put(self._now(), line)
+
+    def close(self, timeout: float = 10.0) -> None:
+        """Write what waits and close the file, for at most ``timeout`` s."""
+        if self._thread is not None:
+            self._queue.append(None)
+            self._thread.join(timeout)
+            if self._thread.is_alive():
+                self._failure = f"{self._part.path}: not written within {timeout:g} s"
+            self._thread = None
+
+    def _put(self, at: float, item: Item | StateAt) -> None:
+        if len(self._queue) >= self._limit:
+            self._lose(item)
+            return
+        if self._pending.records:
+            self._queue.append((at, self._pending))
+            self._pending = Gap(0, 0)
+        self._queue.append((at, item))
+
+    def _lose(self, item: object) -> None:
+        self._lost += 1
+        step = isinstance(item, Step)
+        self._pending = Gap(self._pending.records + 1, self._pending.steps + step)
+
+    # --- in the thread ------------------------------------------------------------------------------------
+
+    def _write(self) -> None:
+        self._guarded(self._write_on)
+        while not self._ended and self._next() is not None:  # it has failed: count what comes
+            self._lost += 1
+
+    def _write_on(self) -> None:
+        due = self._clock() + self._flush
+        while True:
+            if not self._queue:
+                self._pause(_POLL)
+            elif (queued := self._queue.popleft()) is None:
+                self._ended = True
+                self._close_part()
+                return
+            else:
+                self._put_into_file(*queued)
+                self._pause(0)  # whoever waits for the interpreter goes first: the event loop
+            if self._clock() >= due:
+                self._flush_part()
+                due = self._clock() + self._flush
+
+    def _next(self) -> _Queued:
+        while not self._queue:
+            self._pause(_POLL)
+        return self._queue.popleft()
+
+    # --- the file -----------------------------------------------------------------------------------------
+
+    def _guarded(self, work: Callable[[], object]) -> None:
+        """Does it; if that fails, the recording has ended."""
+        try:
+            work()
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+        except Exception as error:
+            self._fail(repr(error))
+
+    def _put_into_file(self, at: float, item: Item | StateAt) -> None:
+        for one in item.items() if isinstance(item, StateAt) else (item,):
+            self._part.put(one, at)
+
+    def _flush_part(self) -> None:
+        self._part.flush()
+        if self._part.size >= self._rotate:
+            self._turn()
+
+    def _turn(self) -> None:
+        previous, header = self._close_part(last=False).digest.hex(), self._part.header
+        self._part = self._open(header.model_copy(update={"part": header.part + 1, "previous": previous}))
+
+    def _close_part(self, *, last: bool = True) -> Seal:
+        self.seal = self._part.close(last=last)
+        return self.seal
+
+    def _open(self, header: Header) -> RecordFile:
+        return self._create(self.folder / part_name(header.part), header, self._signer)
+
+    def _fail(self, why: str) -> None:
+        self._part.abandon()
+        self._failure = f"{self._part.path}: {why}"

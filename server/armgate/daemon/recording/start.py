@@ -1,0 +1,101 @@
+"""How a recording begins: where it goes, and its header."""
+
+import base64
+import time
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+
+from armgate.cell.cell import Cell
+from armgate.cell.config import CellConfig, LockstepClockConfig
+from armgate.cell.portable import pack
+from armgate.daemon.core.description import CellDescription
+from armgate.daemon.recording.inline_recorder import InlineRecorder
+from armgate.daemon.recording.recorder import Recorder
+from armgate.daemon.recording.signer import SignerError, load_signer
+from armgate.gate.compiled import available
+from armgate.recording import Header, machine, software
+from armgate.recording.chain import Signer
+from armgate.recording.reader import PATTERN
+
+
+class RecorderError(Exception):
+    """Nothing can be recorded there; nothing was moved."""
+
+    exit_code = 2
+
+
+def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
+    """The recorder that is asked for; None if none is.
+
+    Args:
+        config: The cell's configuration.
+        folder: Where to record; None: where the configuration says.
+
+    Raises:
+        RecorderError: There is a recording in that folder, or the key that signs cannot be used.
+    """
+    own = config.recording
+    if folder is None:
+        if own.folder is None:
+            if own.required:
+                text = "recording.required: but nothing says where; expected recording.folder or --record DIR"
+                raise RecorderError(text)
+            return None
+        now = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+        folder = config.file(("recording", "folder"), own.folder) / now
+    if next(folder.glob(PATTERN), None) is not None:
+        raise RecorderError(f"{folder}: holds a recording already; expected a folder without one")
+    signer = None if own.sign is None else _signer(config.file(("recording", "sign"), own.sign))
+    kind = InlineRecorder if isinstance(config.clock, LockstepClockConfig) else Recorder
+    return kind(folder, required=own.required, rotate=own.rotate, limit=own.queue, signer=signer)
+
+
+def _signer(file: Path) -> Signer:
+    try:
+        return load_signer(file)
+    except SignerError as error:
+        raise RecorderError(f"recording.sign: {error}") from error
+
+
+def begin(recorder: Recorder, header: Header, now: Callable[[], float]) -> None:
+    """Makes the first file and begins to write.
+
+    Raises:
+        RecorderError: It cannot be made.
+    """
+    try:
+        recorder.begin(header, now)
+    except OSError as error:
+        text = f"{recorder.folder}: nothing can be recorded there: {error.strerror or error}"
+        raise RecorderError(text) from error
+
+
+def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool | None = None) -> Header:
+    """The header of a recording.
+
+    Args:
+        cell: The cell.
+        start: The daemon's start id.
+        lockstep: Whether time passes in lock-step.
+        now: Daemon time, s.
+        compiled: Whether the gate is the compiled one; where that can be, if it is not said.
+    """
+    library = CellDescription(cell, lockstep)
+    return Header(
+        start=start,
+        origin_ns=time.time_ns() - round(now * 1e9),
+        cell=cell.name,
+        hash=cell.hash,
+        lockstep=lockstep,
+        judge="compiled" if (available() if compiled is None else compiled) else "numpy",
+        software=software(),
+        machine=machine(),
+        files=_texts(pack(cell.config)),
+        description=library.description.model_dump(mode="json"),
+        assets=_texts(library.assets),
+    )
+
+
+def _texts(given: Mapping[str, bytes]) -> dict[str, str]:
+    return {name: base64.b64encode(data).decode() for name, data in given.items()}

@@ -1,0 +1,1 @@
+"""Connections of clients: accepted, read in fair turns, written within bounds."""

@@ -1,0 +1,102 @@
+"""RateLimits for reading: how many messages of a client, an identity, an address and all clients are read.
+
+An identity is a token, or the address of a client without one. Each message that is read counts in every
+allowance that applies to its client. A client that has used one up is not read for a while; nothing that it
+sent is dropped. Holders of robots and operators with a token count only in their own allowance, so that no
+other client can use it up.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from armgate.daemon.token_bucket import TokenBucket
+
+_BURST = 0.25
+"""Burst of an allowance as a share of what it allows in 1 s."""
+
+_KEPT = 1024
+"""RateLimits of identities and addresses that are kept; those that are full are forgotten first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Messages that are read per second on average."""
+
+    client: float
+    identity: float
+    address: float
+    in_all: float
+
+
+class RateLimits:
+    """The allowances that clients share.
+
+    Args:
+        rates: The rates.
+        now: The time, s, of a clock that does not go back.
+    """
+
+    def __init__(self, rates: Rates, now: Callable[[], float]) -> None:
+        self._rates = rates
+        self.now = now
+        self._all = self._bucket(rates.in_all)
+        self._shared: dict[str, TokenBucket] = {}
+
+    def own(self) -> TokenBucket:
+        """Return the allowance of a new client."""
+        return self._bucket(self._rates.client)
+
+    def shared(self, identity: str, address: str) -> tuple[TokenBucket, ...]:
+        """Return the allowances that a client of this identity at this address shares with others."""
+        of_address = self._of(f"address {address}", self._rates.address)
+        return (self._of(f"identity {identity}", self._rates.identity), of_address, self._all)
+
+    def _of(self, key: str, rate: float) -> TokenBucket:
+        bucket = self._shared.pop(key, None) or self._bucket(rate)
+        self._shared[key] = bucket
+        if len(self._shared) > _KEPT:
+            self._forget()
+        return bucket
+
+    def _forget(self) -> None:
+        now = self.now()
+        self._shared = {key: bucket for key, bucket in self._shared.items() if not bucket.full(now)}
+
+    def _bucket(self, rate: float) -> TokenBucket:
+        return TokenBucket(rate, rate * _BURST, self.now())
+
+
+class RateLimit:
+    """What one client may use: its own allowance, and those that it shares.
+
+    Args:
+        allowances: The allowances of all clients.
+        address: Where the client connects from; its identity until it has one.
+    """
+
+    def __init__(self, allowances: RateLimits, address: str) -> None:
+        self._allowances = allowances
+        self._address = address
+        self._own = allowances.own()
+        self._shared = allowances.shared(address, address)
+
+    def identify(self, identity: str) -> None:
+        """Count in this identity's allowance from now on."""
+        self._shared = self._allowances.shared(identity, self._address)
+
+    def reserve(self, privileged: bool) -> float:
+        """Take one message; return how long to wait before it is read, s.
+
+        Args:
+            privileged: True if only the client's own allowance counts.
+        """
+        now = self._allowances.now()
+        own = self._own.reserve(now)
+        return own if privileged else max(own, *(bucket.reserve(now) for bucket in self._shared))
+
+    def spend(self, count: float, privileged: bool) -> None:
+        """Take what reading cost beyond the one message that was reserved."""
+        self._own.spend(count)
+        if not privileged:
+            for bucket in self._shared:
+                bucket.spend(count)

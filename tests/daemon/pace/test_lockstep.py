@@ -1,0 +1,311 @@
+"""Lock-step without sockets: who speaks first makes no difference."""
+
+import asyncio
+import io
+import itertools
+import random
+
+import pytest
+
+from armgate.daemon.pace.lockstep import LockstepPace
+from armgate.links.log import Log
+from armgate.protocol import RemoteProtocolError, encode
+from armgate.protocol import messages as m
+from support.cells import arms_config
+from support.clients import until
+from support.peers import Bench, Peer
+
+
+class Stage:
+    """A lock-step run with list clients, and a wall clock to be set."""
+
+    def __init__(self, config, participants=("a", "b")):
+        self.bench = Bench(config, lockstep=True)
+        self.core = self.bench.core
+        self.wall = 0.0
+        periods = [robot.period for robot in self.bench.cell.robots]
+        self.instants = []
+        self.run = LockstepPace(
+            periods, participants, 10.0, self.instant, Log(io.StringIO()), lambda: self.wall
+        )
+        self.bench.core._now = self.run.now
+        self.core.start()
+        self.run.start(self.core)
+
+    def instant(self, instant):
+        self.instants.append(instant)
+        self.core.tick(instant.time, instant.due, self.run.step_of(instant))
+
+    @property
+    def step(self):
+        return self.instants[-1].number
+
+    def client(self, name, role="controller"):
+        peer = Peer(self.run.session_id(name, 77), name, role)
+        self.run.join(peer)
+        return peer
+
+    def holder(self, name, *robots):
+        peer = self.client(name)
+        for robot in robots:
+            self.run.handle(peer, m.Acquire(robot=robot))
+            assert peer.last(m.Lease).state == "held"
+        return peer
+
+    def command(self, peer, robot, dq=(0.0005, 0.0, 0.0), seq=None):
+        tick = self.core._runner.view(robot).tick
+        seq = self.step if seq is None else seq
+        self.run.handle(peer, m.Command(robot=robot, fence=1, seq=seq, tick=tick, dq=dq))
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    return arms_config(tmp_path_factory.mktemp("arms"))
+
+
+@pytest.fixture
+async def stage(config):
+    stage = Stage(config)
+    yield stage
+    stage.run.close()
+
+
+async def test_no_time_passes_before_all_have_spoken(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.command(a, "A")
+    assert (stage.step, a.take()) == (0, [])
+    stage.command(b, "B")
+    assert stage.step == 1
+    assert a.last(m.Verdict).outcome == "admitted"
+    assert b.last(m.Verdict).outcome == "admitted"
+
+
+async def test_who_is_done_is_woken_by_the_next_state_alone(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.run.handle(a, m.Signal(name="x", value=(1.0,)))
+    assert a.holds == 0
+    stage.command(a, "A")
+    assert (a.holds, b.holds) == (1, 0)
+    stage.command(b, "B")
+    assert (a.holds, b.holds) == (0, 0)
+    stage.command(a, "A")
+    stage.run.handle(a, m.Signal(name="y", value=(1.0,)))  # ahead: it counts in the next step
+    stage.run.handle(a, m.Pass(step=stage.step + 1))
+    stage.command(b, "B")
+    assert (stage.step, a.holds, b.holds) == (2, 1, 0)
+
+
+async def test_commands_are_judged_in_the_order_of_the_robots(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.command(b, "B")
+    stage.command(a, "A")
+    from armgate.events import Command
+
+    assert [e.robot for e, _ in stage.bench.events if isinstance(e, Command)] == ["A", "B"]
+
+
+async def test_a_participant_that_is_absent_is_waited_for(stage):
+    a = stage.client("a")
+    stage.run.handle(a, m.Pass(step=0))
+    stage.wall = 1e6
+    stage.run.drop_silent()
+    assert stage.step == 0
+    b = stage.client("b")
+    stage.run.handle(b, m.Pass(step=0))
+    assert stage.step == 1
+
+
+async def test_what_is_said_after_being_done_counts_in_the_next_step(stage):
+    a, b = stage.client("a"), stage.client("b")
+    stage.run.handle(b, m.Subscribe(robots=("A",)))
+    b.take()
+    stage.run.handle(a, m.Pass(step=0))
+    stage.run.handle(a, m.Signal(name="x", value=(1.0,)))
+    assert a.take() == []
+    stage.run.handle(b, m.Pass(step=0))
+    assert b.last(m.State).signals == {}
+    assert isinstance(a.take()[-1], m.Signaled)
+    stage.run.handle(a, m.Pass(step=1))
+    stage.run.handle(b, m.Pass(step=1))
+    assert b.last(m.State).signals["x"].time == 0.012
+
+
+async def test_a_ping_alone_is_answered_while_waiting(stage):
+    a = stage.client("a")
+    stage.run.handle(a, m.Pass(step=0))
+    stage.run.handle(a, m.Ping(time=1.0))
+    assert a.last(m.Pong).sent == 0.0
+
+
+async def test_a_pass_sent_ahead_ends_the_next_step_too(stage):
+    a, b = stage.client("a"), stage.client("b")
+    for step in range(3):
+        stage.run.handle(a, m.Pass(step=step))
+    stage.run.handle(b, m.Pass(step=0))
+    stage.run.handle(b, m.Pass(step=1))
+    assert stage.step == 2
+    stage.run.handle(b, m.Pass(step=1))
+    assert b.last(m.Error).code == "wrong_step"
+
+
+async def test_endless_messages_ahead_end_the_connection(stage):
+    a = stage.client("a")
+    for step in range(300):
+        stage.run.handle(a, m.Pass(step=step))
+    assert a.ended
+    assert a.take(m.Error)[0].code == "too_many"
+
+
+async def test_who_leaves_is_not_waited_for_and_who_was_done_leaves_after_the_step(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.command(a, "A")
+    stage.run.leave(a)
+    assert stage.core.leasing.holder("A") == "a"
+    stage.command(b, "B")
+    assert stage.step == 1
+    assert stage.core._ticks["A"].increment[0] > 0.0
+    assert stage.core.leasing.holder("A") is None
+    stage.command(b, "B")
+    assert stage.step == 2
+
+
+async def test_who_leaves_before_speaking_ends_the_wait(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.command(a, "A")
+    stage.run.leave(b)
+    assert stage.step == 1
+    stage.run.leave(a)
+    assert stage.step == 1  # nobody left: the step waits for whoever comes
+    again = stage.holder("a")
+    stage.run.handle(again, m.Pass(step=1))
+    assert stage.step == 2
+
+
+async def test_a_silent_participant_is_dropped_and_the_run_has_failed(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.run.handle(b, m.Subscribe(robots=("B",)))
+    b.take()
+    stage.wall = 9.0
+    stage.run.handle(a, m.Ping(time=0.0))
+    stage.command(b, "B")
+    stage.wall = 18.9
+    stage.run.drop_silent()
+    assert stage.step == 0
+    stage.wall = 19.0
+    stage.run.drop_silent()
+    assert a.ended
+    assert a.take(m.Error)[0].code == "silent"
+    assert stage.run.failed
+    assert stage.step == 1
+    stage.command(b, "B")
+    assert "participant a was silent for 10 s in step 0" in b.take(m.State)[-1].warnings[0]
+    stage.run.leave(a)  # its connection closes now
+    stage.command(b, "B")
+    assert stage.step == 3
+
+
+async def test_a_name_takes_part_once_and_the_second_does_no_harm(stage):
+    a = stage.holder("a", "A")
+    with pytest.raises(RemoteProtocolError, match="connected already") as caught:
+        stage.client("a")
+    assert caught.value.code.value == "name_taken"
+    assert stage.core.leasing.holder("A") == "a"
+    assert stage.core.peers[a.id] is a
+
+
+async def test_others_look_on_and_stop_but_do_not_take_part(stage):
+    eye = stage.client("eye", "operator")
+    for message in (m.Acquire(id=1, robot="A"), m.Signal(id=1, name="x", value=(1.0,)), m.Pass(step=0)):
+        stage.run.handle(eye, message)
+        found = eye.last(m.Error)
+        assert (found.code, found.about) == ("not_participant", message.type)
+    a = stage.holder("a", "A")
+    stage.run.handle(eye, m.Stop(reason="enough"))
+    assert eye.last(m.Stopped).by == "eye"
+    stage.command(a, "A")
+    b = stage.client("b")
+    stage.run.handle(b, m.Pass(step=0))
+    assert stage.step == 0  # the stop took a's robot: it has to pass now
+    stage.run.handle(a, m.Pass(step=0))
+    assert stage.step == 1
+    assert a.take(m.Verdict)[0].reasons[0].cause in ("lease", "stopped", "fence")
+    stage.run.leave(eye)
+    assert stage.step == 1
+
+
+async def test_mixed_periods_ask_only_those_whose_robot_ticked(tmp_path):
+    stage = Stage(arms_config(tmp_path, periods=(0.012, 0.004)))
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    stage.command(a, "A")
+    for _ in range(7):
+        stage.command(b, "B")
+    # a's robot ticks at 0 and 12 ms: it is waited for again after b's third step.
+    assert stage.step == 3
+    assert [i.due for i in stage.instants] == [(0, 1), (1,), (1,), (0, 1)]
+    stage.command(a, "A")
+    assert stage.step == 6
+    stage.run.close()
+
+
+async def test_resting_waits_for_nobody(stage):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    for _ in range(10):
+        stage.command(a, "A", (0.01, 0.0, 0.0))
+        stage.command(b, "B")
+    stage.command(a, "A", (0.01, 0.0, 0.0))
+    stage.core.stop_all("end")
+    stage.run.let_rest(judging=True)
+    await until(lambda: stage.core.at_rest)
+    stage.run.close()
+    assert a.take(m.Verdict)[-1].outcome == "refused"
+    step = stage.step
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert stage.step == step
+
+
+# --- two runs agree ---------------------------------------------------------------------------------------
+
+
+class Script:
+    """A participant's conversation: its messages, each with the step at which it is said."""
+
+    def __init__(self, name, robot, steps, extra):
+        self.name, self.robot, self.steps, self.extra = name, robot, steps, extra
+        self.said = 0
+
+    def messages(self, step, tick):
+        if step == 0:
+            yield m.Subscribe(id=1)
+            yield m.Acquire(id=2, robot=self.robot)
+        if step in self.extra:
+            yield m.Signal(id=3, name=f"{self.name}.x", value=(float(step),))
+        dq = (0.0004 * ((step % 5) - 2), 0.0003, -0.0002)
+        yield m.Command(robot=self.robot, fence=1, seq=step, tick=tick, dq=dq)
+        if step in self.extra:
+            yield m.Signal(id=4, name=f"{self.name}.y", value=(float(step),))
+
+
+def transcript(config, seed):
+    """What each client was sent, byte by byte, when a random one of them is always the faster one."""
+    choose = random.Random(seed)
+    stage = Stage(config)
+    scripts = {"a": Script("a", "A", 12, {2, 5}), "b": Script("b", "B", 12, {3, 5})}
+    peers = {}
+    for name in choose.sample(["a", "b"], 2):
+        peers[name] = stage.client(name)
+    todo = {
+        name: list(itertools.chain(*(s.messages(k, k) for k in range(12)))) for name, s in scripts.items()
+    }
+    while any(todo.values()):
+        name = choose.choice([name for name, left in todo.items() if left])
+        stage.run.handle(peers[name], todo[name].pop(0))
+    stage.run.close()
+    assert stage.step == 12
+    return {name: b"".join(encode(message) for message in peer.heard) for name, peer in peers.items()}
+
+
+async def test_whoever_is_faster_everybody_is_sent_the_same_bytes(config):
+    runs = [transcript(config, seed) for seed in range(6)]
+    assert len(runs[0]["a"]) > 10_000
+    assert all(run == runs[0] for run in runs)

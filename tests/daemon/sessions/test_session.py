@@ -1,0 +1,649 @@
+"""One connection, with a transport that is a list."""
+
+import asyncio
+import itertools
+import socket
+from time import monotonic
+from unittest.mock import Mock
+
+import msgpack
+import pytest
+
+from armgate.daemon.auth.tokens import make
+from armgate.daemon.core.peer import Encoded
+from armgate.daemon.sessions.listener import Slot
+from armgate.daemon.sessions.rate_limits import RateLimit, RateLimits, Rates
+from armgate.daemon.sessions.scheduler import FairScheduler
+from armgate.daemon.sessions.session import Session
+from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
+from armgate.protocol import messages as m
+from armgate.protocol.framing import frame
+from support.clients import until
+
+
+class Transport(asyncio.Transport):
+    """Keeps what is written."""
+
+    def __init__(self):
+        super().__init__()
+        self.written = b""
+        self.writes = 0
+        self.eof = self.aborted = self.closed = False
+        self.resumed = asyncio.Event()
+        self.socket = socket.socket()
+        self.peername = ("127.0.0.1", 4711)
+
+    def get_extra_info(self, name, default=None):
+        return {"socket": self.socket, "peername": self.peername}.get(name, default)
+
+    def set_write_buffer_limits(self, high=None, low=None):
+        self.high = high
+
+    def write(self, data):
+        assert not self.eof
+        self.written += data
+        self.writes += 1
+
+    def can_write_eof(self):
+        return True
+
+    def write_eof(self):
+        self.eof = True
+
+    def pause_reading(self):
+        self.reading = False
+
+    def resume_reading(self):
+        self.reading = True
+        self.resumed.set()
+
+    def is_closing(self):
+        return self.aborted or self.closed
+
+    def close(self):
+        self.closed = True
+
+    def abort(self):
+        self.aborted = True
+
+
+class SessionOwner:
+    """Welcomes everybody, and keeps what it is told."""
+
+    def __init__(self):
+        self.told = []
+        self.fail_on = None
+        self.privilege = False
+
+    def opened(self, session):
+        self.told.append("opened")
+
+    def hello(self, session, hello):
+        session.id, session.name = "s1", hello.name
+        session.allow(None)
+        limits = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
+        session.say(
+            m.Welcome(
+                version=1,
+                versions=(1,),
+                client_versions=hello.versions,
+                start="d1",
+                session="s1",
+                name=hello.name,
+                role=hello.role,
+                limits=limits,
+            )
+        )
+
+    def said(self, session, message):
+        if message.type == self.fail_on:
+            raise RuntimeError("broken")
+        self.told.append(message)
+        if isinstance(message, m.Signal):
+            session.say(m.Signaled(name=message.name))
+
+    def gone(self, session, reason):
+        self.told.append(f"gone: {reason}")
+
+    def closed(self, session):
+        self.told.append("closed")
+
+    def failed(self, error):
+        self.told.append(error)
+
+    def privileged(self, session):
+        return self.privilege
+
+
+class TcpPeerSocket:
+    """A session with its desk, its transport, and the client's end."""
+
+    def __init__(self, send_buffer=1000, allowance=None, clock=lambda: 0.0):
+        self.desk = SessionOwner()
+        self.session = Session(
+            self.desk, 1, Slot("127.0.0.1"), send_buffer, FairScheduler(clock), allowance=allowance
+        )
+        self.transport = Transport()
+        self.session.connection_made(self.transport)
+        self.client = Connection(Side.CLIENT)
+
+    def send(self, *messages):
+        self.session.data_received(b"".join(self.client.send(message) for message in messages))
+
+    def hello(self):
+        self.send(m.Hello(versions=(1,), name="wave"))
+        assert isinstance(self.received()[0], m.Welcome)
+        return self
+
+    def received(self):
+        data, self.transport.written = self.transport.written, b""
+        return self.client.receive(data)
+
+
+@pytest.fixture
+async def line():
+    """A line on whose clock no time passes: all that waits is done in one turn."""
+    line = TcpPeerSocket()
+    yield line
+    line.session.allow(None)
+    line.transport.socket.close()
+
+
+@pytest.fixture
+async def slow():
+    """A line on whose clock each piece of work takes a whole turn."""
+    line = TcpPeerSocket(clock=itertools.count().__next__)
+    yield line
+    line.session.allow(None)
+    line.transport.socket.close()
+
+
+def state(robot="A", tick=0):
+    made = m.State(robot=robot, tick=tick, time=0.0, entries=())
+    return Encoded(made, encode(made))
+
+
+async def test_messages_reach_the_desk_in_order(line):
+    line.hello()
+    line.send(m.Ping(time=1.0), m.Ping(time=2.0))
+    assert [x.time for x in line.desk.told[1:]] == [1.0, 2.0]
+    assert line.session.address == "127.0.0.1:4711"
+
+
+async def test_byte_by_byte_is_the_same(line):
+    line.hello()
+    for byte in line.client.send(m.Ping(time=1.0)):
+        line.session.data_received(bytes([byte]))
+    assert line.desk.told[-1].time == 1.0
+
+
+async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts(line):
+    line.hello()
+    line.session.data_received(encode(m.Ping.model_construct(type="ping", time="late", id=3)))
+    error = line.received()[0]
+    assert (error.code, error.fatal, error.re) == ("invalid_message", False, 3)
+    line.send(m.Ping(time=1.0))
+    assert line.desk.told[-1].time == 1.0
+
+
+async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_read(line):
+    line.hello()
+    line.session.data_received(b"\xff\xff\xff\xff and more")
+    line.session.data_received(b"and more")
+    error = line.received()[0]
+    assert (error.code, error.fatal) == ("frame_too_large", True)
+    assert line.transport.eof
+    assert not line.transport.aborted
+    assert line.desk.told[-1].startswith("gone: frame_too_large")
+    line.session.connection_lost(None)
+    assert line.desk.told[-1] == "closed"
+
+
+async def test_an_unknown_version_is_told_before_the_end(line):
+    line.client.versions = (9,)
+    line.send(m.Hello(versions=(9,), name="wave"))
+    error = line.received()[0]
+    assert (error.code, error.fatal) == ("version", True)
+    assert "[1]" in error.text
+
+
+async def test_no_hello_in_time_ends_the_connection(line):
+    error = RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, "no hello")
+    line.session.allow(0.0, error)
+    await until(lambda: line.transport.eof)
+    assert line.received()[0].code == "handshake_timeout"
+
+
+async def test_hello_in_time_is_in_time(line):
+    line.session.allow(0.0, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, "no hello"))
+    line.hello()
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert not line.transport.eof
+
+
+async def test_bye_is_answered(line):
+    line.hello()
+    line.send(m.Bye(reason="done"))
+    assert isinstance(line.received()[0], m.Bye)
+    assert line.transport.eof
+    assert line.desk.told[-1] == "gone: bye: done"
+    line.session.say(m.Pong(time=0.0, received=0.0, sent=0.0))
+    assert line.received() == []
+
+
+async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowly(line):
+    line.hello().session.end(m.Bye())
+    assert line.transport.reading
+    line.session.data_received(bytes(1000))
+    assert not line.transport.reading
+    begin, line.transport.resumed = monotonic(), asyncio.Event()
+    await asyncio.wait_for(line.transport.resumed.wait(), 10.0)
+    assert monotonic() - begin >= 0.009
+    line.session.data_received(bytes(1000))
+    assert not line.transport.reading
+
+
+async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.sessions.session._DISCARD", 0.01)
+    line.session.end(m.Bye())
+    line.session.data_received(b"x" * 100)
+    line.transport.reading = False
+    line.transport.close()
+    await asyncio.sleep(0.03)
+    assert not line.transport.reading  # TLS would fail, and the daemon with it
+
+
+async def test_a_client_that_closes_is_gone_once(line):
+    line.hello()
+    line.session.eof_received()
+    line.session.show(state())
+    line.session.connection_lost(None)
+    assert [x for x in line.desk.told if str(x).startswith("gone")] == ["gone: closed by the client"]
+
+
+async def test_a_frame_cut_off_is_told_to_the_log(line):
+    line.hello()
+    line.session.data_received(b"\x00\x00\x00\x09abc")
+    line.session.eof_received()
+    assert "truncated" in line.desk.told[-1]
+
+
+async def test_a_slow_client_gets_the_newest_state_only(line):
+    line.hello()
+    line.session.pause_writing()
+    for tick in range(5):
+        line.session.show(state("A", tick))
+        line.session.show(state("B", tick))
+    assert line.received() == []
+    line.session.resume_writing()
+    assert [(s.robot, s.tick) for s in line.received()] == [("A", 4), ("B", 4)]
+
+
+async def test_unread_verdicts_end_the_connection_and_the_robot_rests(line):
+    line.hello()
+    line.session.pause_writing()
+    for number in range(100):
+        line.session.say(m.Error(code="x", text=f"{number}", fatal=False))
+    assert line.transport.aborted
+    assert not [x for x in line.desk.told if str(x).startswith("gone")]  # others may be being told just now
+    line.session.connection_lost(None)
+    assert [x for x in line.desk.told if str(x).startswith("gone: overflow")]
+
+
+async def test_what_waits_is_written_before_the_end_is(line):
+    line.hello()
+    line.session.pause_writing()
+    line.session.end(m.Bye(reason="over"))
+    assert not line.transport.eof
+    line.session.resume_writing()
+    assert line.received()[0].reason == "over"
+    assert line.transport.eof
+
+
+async def test_no_state_follows_the_last_message(line):
+    line.hello()
+    line.session.pause_writing()
+    state = m.State(robot="A", tick=1, time=0.0, entries=())
+    line.session.show(Encoded(state, encode(state)))
+    line.session.end(m.Bye(reason="over"))
+    line.session.resume_writing()
+    assert [x.type for x in line.received()] == ["bye"]
+    assert line.transport.eof
+
+
+async def test_answers_to_what_came_as_one_go_as_one(line):
+    line.hello()
+    before = line.transport.writes
+    line.send(*(m.Signal(name=name, value=(1.0,)) for name in "abc"))
+    assert [answer.name for answer in line.received()] == ["a", "b", "c"]
+    assert line.transport.writes == before + 1
+
+
+async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
+    line.hello()
+    line.session.hold()
+    line.session.hold()
+    line.session.say(m.Signaled(name="a"))
+    line.session.let_go()
+    line.session.show(state("A", 1))
+    assert line.received() == []
+    line.session.let_go()
+    assert [x.type for x in line.received()] == ["signaled", "state"]
+
+
+async def test_what_may_not_wait_goes_at_once_with_what_waits_before_it(line):
+    line.hello()
+    line.session.hold()
+    line.session.say(m.Signaled(name="a"))
+    line.session.say(m.Stopped(stop=1, robots=("A",), reason="", by="x"))
+    assert [x.type for x in line.received()] == ["signaled", "stopped"]
+
+
+async def test_what_is_held_is_written_before_the_end_is(line):
+    line.hello()
+    line.session.hold()
+    line.session.end(m.Bye(reason="over"))
+    assert line.received()[0].reason == "over"
+    assert line.transport.eof
+
+
+async def test_a_client_that_does_not_read_the_end_is_cut_off(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.sessions.session._LINGER", 0.0)
+    line.hello()
+    line.session.end(m.Bye())
+    await until(lambda: line.transport.aborted)
+
+
+async def test_a_client_that_closes_its_end_and_reads_nothing_is_cut_off(line, monkeypatch):
+    monkeypatch.setattr("armgate.daemon.sessions.session._LINGER", 0.01)
+    line.session.pause_writing()
+    line.session.eof_received()
+    assert line.transport.closed
+    assert not line.transport.aborted
+    await until(lambda: line.transport.aborted)
+
+
+async def test_a_defect_of_ours_is_told_and_not_raised(line):
+    line.hello()
+    line.desk.fail_on = "ping"
+    line.send(m.Ping(time=1.0))
+    assert isinstance(line.desk.told[-1], RuntimeError)
+
+
+# --- how much is read -------------------------------------------------------------------------------------
+
+
+def pings(line, count):
+    return b"".join(line.client.send(m.Ping(time=float(number))) for number in range(count))
+
+
+def heard(line):
+    return [message.time for message in line.desk.told if isinstance(message, m.Ping)]
+
+
+async def test_a_flood_is_read_a_few_messages_at_each_turn(slow):
+    slow.hello()
+    await asyncio.sleep(0)
+    slow.session.data_received(pings(slow, 30))
+    assert heard(slow) == [*range(8)]
+    await asyncio.sleep(0)
+    assert len(heard(slow)) == 16
+    await until(lambda: len(heard(slow)) == 30)
+    assert heard(slow) == [*range(30)]
+
+
+async def test_while_a_turn_is_waited_for_no_more_is_read_than_a_bound(slow):
+    slow.hello()
+    slow.transport.reading = True
+    data = pings(slow, 2000)
+    slow.session.data_received(data[:100])  # this turn's time went to the hello
+    assert heard(slow) == []
+    slow.session.data_received(data[100:200])
+    assert slow.transport.reading
+    slow.session.data_received(data[200:])
+    assert not slow.transport.reading
+    await until(lambda: slow.transport.reading)
+    assert 0 < len(heard(slow)) < 2000
+    await until(lambda: len(heard(slow)) == 2000)
+    assert heard(slow) == [*range(2000)]
+
+
+@pytest.fixture
+async def bounded():
+    """A session that is read at 100 messages per second."""
+    rates = Rates(client=100.0, identity=1e6, address=1e6, in_all=1e6)
+    line = TcpPeerSocket(allowance=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
+    yield line
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
+def stops(line):
+    return [message.reason for message in line.desk.told if isinstance(message, m.Stop)]
+
+
+async def test_a_stop_overtakes_the_pings_before_it(bounded):
+    line = bounded
+    line.hello()
+    stop = line.client.send(m.Stop(reason="now"))
+    data = pings(line, 6000) + stop + pings(line, 10)
+    for at in range(0, len(data), 16384):
+        line.session.data_received(data[at : at + 16384])
+    await until(lambda: stops(line) == ["now"], turns=100)
+    assert len(heard(line)) < 100
+    assert line.transport.reading
+
+
+async def test_a_stop_that_overtook_a_reset_is_the_last_word(bounded):
+    line = bounded
+    line.hello()
+    line.session.data_received(
+        pings(line, 9) + line.client.send(m.Reset(stop=5)) + line.client.send(m.Stop())
+    )
+    await until(lambda: len(heard(line)) == 9)
+    await until(lambda: any(isinstance(message, m.Error) for message in line.received()))
+    assert [type(message) for message in line.desk.told if isinstance(message, m.Stop | m.Reset)] == [m.Stop]
+
+
+async def test_a_stop_does_not_wait_for_an_allowance_that_others_have_used_up():
+    allowances = RateLimits(Rates(client=1e6, identity=100.0, address=1e6, in_all=1e6), monotonic)
+    line = TcpPeerSocket(allowance=RateLimit(allowances, "127.0.0.1")).hello()
+    RateLimit(allowances, "127.0.0.1").spend(1000.0, privileged=False)
+    line.send(m.Ping(time=0.0), m.Stop(reason="now"))
+    await until(lambda: stops(line) == ["now"], turns=100)
+    assert heard(line) == []
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
+async def test_not_more_stops_overtake_than_a_bound(bounded):
+    line = bounded
+    line.hello()
+    line.session.data_received(pings(line, 100) + line.client.send(m.Stop(reason="again")) * 100)
+    for _ in range(100):
+        await asyncio.sleep(0)
+    assert len(stops(line)) == 20
+
+
+async def test_beyond_a_bound_nothing_is_read_ahead(bounded):
+    line = bounded
+    line.hello()
+    data = pings(line, 20_000)
+    line.session.data_received(data[: 250 * 1024])
+    assert line.transport.reading
+    line.session.data_received(data[250 * 1024 : 300 * 1024])
+    assert not line.transport.reading
+
+
+async def test_a_request_for_much_takes_a_whole_turn(slow):
+    slow.hello()
+    await asyncio.sleep(0)
+    slow.session.data_received(slow.client.send(m.Describe()) * 3)
+    asked = lambda: sum(isinstance(message, m.Describe) for message in slow.desk.told)  # noqa: E731
+    assert asked() == 1
+    await asyncio.sleep(0)
+    assert asked() == 2
+
+
+async def test_a_large_message_takes_a_whole_turn(slow):
+    slow.hello()
+    await asyncio.sleep(0)
+    payload = msgpack.packb({"type": "ping", "time": 0.0, "pad": [[1] * 250] * 15})
+    slow.session.data_received(frame(payload) * 3)
+    assert len(heard(slow)) == 1
+    await asyncio.sleep(0)
+    assert len(heard(slow)) == 2
+
+
+async def test_what_comes_meanwhile_keeps_its_place(line):
+    line.hello()
+    first, second = pings(line, 10), line.client.send(m.Ping(time=10.0))
+    line.session.data_received(first)
+    line.session.data_received(second)
+    assert len(heard(line)) == 8
+    await until(lambda: len(heard(line)) == 11)
+    assert heard(line) == [*range(11)]
+
+
+async def test_a_client_that_closes_after_a_flood_is_heard_to_the_end(line):
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    assert line.session.eof_received() is True
+    await until(lambda: line.transport.closed)
+    assert heard(line) == [*range(30)]
+    assert line.desk.told[-1] == "gone: closed by the client"
+    line.session.connection_lost(None)
+    assert line.desk.told[-1] == "closed"
+
+
+async def test_after_the_end_of_a_stream_of_tls_the_rest_is_heard_in_turns_too(line, monkeypatch):
+    monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    assert line.session.eof_received() is False
+    line.session.connection_lost(None)
+    assert len(heard(line)) == 8
+    await until(lambda: line.desk.told[-1] == "closed")
+    assert heard(line) == [*range(30)]
+    assert line.desk.told[-2:] == ["gone: closed by the client", "closed"]
+
+
+async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(line, monkeypatch):
+    monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    line.session.eof_received()
+    line.session.connection_lost(None)
+    line.session.abort()
+    await until(lambda: line.desk.told[-1] == "closed")
+    assert line.desk.told[-2].startswith("gone: ")
+
+
+async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_heard(monkeypatch):
+    monkeypatch.setattr("armgate.daemon.sessions.session._WATCH", 0.0)
+    line = TcpPeerSocket().hello()
+    watched = []
+    monkeypatch.setattr(line.session, "_line", Mock(vanished=lambda: watched.append(1)))
+    line.session.data_received(pings(line, 30))
+    line.session.eof_received()
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+    await until(lambda: line.desk.told[-1] == "closed")
+    await asyncio.sleep(0.01)
+    assert not watched
+
+
+async def test_a_bye_in_a_flood_is_the_last_that_is_heard(line):
+    line.hello()
+    data = pings(line, 10) + line.client.send(m.Bye())
+    line.session.data_received(data)
+    await until(lambda: line.transport.eof)
+    assert heard(line) == [*range(10)]
+    assert line.transport.reading
+
+
+async def test_more_messages_than_the_rate_allows_wait():
+    rates = Rates(client=40.0, identity=1e6, address=1e6, in_all=1e6)
+    line = TcpPeerSocket(allowance=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert len(heard(line)) in (8, 16)  # the burst of 10, and what was begun
+    await until(lambda: len(heard(line)) == 30, turns=10**7)
+    assert heard(line) == [*range(30)]
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
+async def test_a_connection_that_is_lost_reads_no_more(line):
+    line.hello()
+    line.session.data_received(pings(line, 30))
+    line.session.connection_lost(None)
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert heard(line) == [*range(8)]
+
+
+async def test_the_end_of_a_stream_that_has_no_half_is_its_close(line, monkeypatch):
+    closed = []
+    monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
+    monkeypatch.setattr(line.transport, "close", lambda: closed.append(True), raising=False)
+    line.hello()
+    line.session.end(m.Bye())
+    assert closed == [True]
+    assert not line.transport.eof
+
+
+@pytest.mark.parametrize("peername", ["a", "/run/a", b"\x00a", b"\x00abc", "", None, ("x", "y", 0)])
+async def test_a_client_of_the_unix_socket_may_choose_any_peer_name(peername):
+    desk, transport = SessionOwner(), Transport()
+    session = Session(desk, 1, Slot("uid 1000", 1000), 1000, FairScheduler(lambda: 0.0))
+    transport.peername = peername
+    session.connection_made(transport)
+    assert (session.address, desk.told) == ("uid 1000", ["opened"])
+    session.connection_lost(None)
+    transport.socket.close()
+
+
+async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
+    desk, transport = SessionOwner(), Transport()
+    transport.socket.close()
+    session = Session(desk, 1, Slot("127.0.0.1"), 1000, FairScheduler(lambda: 0.0))
+    session.connection_made(transport)
+    assert transport.aborted
+    session.connection_lost(None)
+    assert desk.told == ["gone: connection lost", "closed"]
+
+
+async def test_a_hello_does_not_wait_for_what_others_of_its_address_send():
+    allowances = RateLimits(Rates(client=2000.0, identity=1.0, address=1.0, in_all=1.0), lambda: 0.0)
+    RateLimit(allowances, "127.0.0.1").spend(1e6, privileged=False)
+    line = TcpPeerSocket(allowance=RateLimit(allowances, "127.0.0.1"))
+    assert line.session.guest.silent
+    line.hello()
+    assert not line.session.guest.silent
+    line.send(m.Ping(time=1.0))
+    assert not line.desk.told[1:]  # what follows waits
+    line.session.connection_lost(OSError("closed"))
+    line.transport.socket.close()
+
+
+@pytest.mark.parametrize("message", [m.Describe(), m.Sessions()])
+async def test_messages_with_large_answers_count_more(line, message):
+    line.hello()
+    line.session._connection.push(line.client.send(message))
+    cost, _ = line.session._hear_some()
+    assert cost >= 20
+
+
+@pytest.mark.parametrize(
+    ("uid", "token", "known_as"),
+    [(None, None, None), (1000, None, "uid 1000"), (1000, "lab", "lab"), (None, "lab", "lab")],
+)
+def test_a_client_is_known_by_its_token_or_its_user(uid, token, known_as):
+    guest = Slot("192.0.2.1" if uid is None else f"uid {uid}", uid)
+    session = Session(SessionOwner(), 1, guest, 1000, FairScheduler(lambda: 0.0))
+    session.token = token and make(token, "observer", None).token
+    assert session.known_as == known_as
