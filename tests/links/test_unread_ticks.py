@@ -12,12 +12,12 @@ from armgate.cell.config import load_config
 from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Notes, read_ethernet
 from armgate.emulator.krc.arm import kr16
 from armgate.events import Plan, PlanAnswer, PlanKey
-from armgate.links.robot_server.address import listen
-from armgate.links.robot_server.berth import Berth
 from armgate.links.robot_server.codec import Decoder, encode
+from armgate.links.robot_server.hosted_link import HostedLink
 from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Standing, Welcome
 from armgate.links.robot_server.server import RobotServer
-from armgate.links.rsi import RsiDrivenLink, setup_of
+from armgate.links.robot_server.unix_socket import listen
+from armgate.links.rsi import RsiUdpLink, setup_of
 from support.clients import PATIENCE
 from support.krcs import Sheet
 from support.rsi import WIDE, cell_text
@@ -74,10 +74,10 @@ class Rig:
         self.time = 100.0
         self.cell = build_cell(load_config([cell_text(folder, krc="127.0.0.1", listen="127.0.0.1:1")]))
         setup = replace(setup_of(self.cell, self.cell.robots[0]), listen=("127.0.0.1", 0))
-        self.link = RsiDrivenLink(setup, "s", now=lambda: self.time)
+        self.link = RsiUdpLink(setup, "s", now=lambda: self.time)
         self.log, self.path = Log(), folder / "s"
         self.server = RobotServer(
-            self.cell.hash, [Berth(self.link, "s", 1e-6, 0.02)], self.log, lambda: self.time
+            self.cell.hash, [HostedLink(self.link, "s", 1e-6, 0.02)], self.log, lambda: self.time
         )
         self.krc = Controller(
             PROFILES["krc4-rsi3"], Context(precision=6, limits=WIDE, monitor=WIDE),

@@ -30,7 +30,7 @@ class Link(Protocol):
         """Drop the plan and take the given setpoint as the commanded position."""
 
 
-class ClockedLink(Link, Protocol):
+class SteppedLink(Link, Protocol):
     """A link whose robot has no clock of its own: somebody else's clock makes it tick."""
 
     def advance(self, time: float) -> Tick:
@@ -44,7 +44,7 @@ class ClockedLink(Link, Protocol):
         """
 
 
-class DrivenLink(Link, Protocol):
+class SelfClockedLink(Link, Protocol):
     """A link whose robot is the clock.
 
     It tells of ticks from when the robot speaks. After the robot was lost or has faulted (``LinkChange``)

@@ -12,8 +12,8 @@ from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import read_ethernet as krc_reads
 from armgate.links.rsi import setup_of
 from armgate.links.rsi.axes import axes_of
-from armgate.links.rsi.ethernet import EthernetError, read_ethernet
-from armgate.links.rsi.sequence import Order, Sequence
+from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet
+from armgate.links.rsi.ipoc_and_delay import Order, Sequence
 from armgate.links.rsi.states import TABLE, State
 from armgate.links.rsi.telegram import LIMIT, ReplyWriter, TelegramError, TelegramReader
 from support.krcs import FILES, krc_file, sen

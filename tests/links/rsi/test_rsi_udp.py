@@ -15,7 +15,7 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.events import LinkChange, Plan, PlanKey, Tick
-from armgate.links.rsi import RsiDrivenLink, setup_of
+from armgate.links.rsi import RsiUdpLink, setup_of
 from armgate.links.rsi.probe import shape_of
 from support.clients import PATIENCE
 from support.krcs import krc_file
@@ -88,7 +88,7 @@ async def station(folder, *options, mode, krc_mode=None, file=None, becomes="rea
         late_in_a_row=10**6, silence="1 s", mode=mode, file=file,
     )  # fmt: skip
     cell = build_cell(load_config([file]))
-    driven = RsiDrivenLink(setup_of(cell, cell.robots[0]), "d1")
+    driven = RsiUdpLink(setup_of(cell, cell.robots[0]), "d1")
     holder = Holder(driven)
     await driven.open(holder)
     try:
@@ -150,4 +150,4 @@ async def test_an_address_in_use_is_told_when_it_opens(tmp_path):
         listen = f'"127.0.0.1:{own.getsockname()[1]}"'
         cell = build_cell(load_config([cell_text(tmp_path, listen=listen)]))
         with pytest.raises(OSError, match=r"in use; expected .*127\.0\.0\.1"):
-            await RsiDrivenLink(setup_of(cell, cell.robots[0]), "d1").open(lambda event: None)
+            await RsiUdpLink(setup_of(cell, cell.robots[0]), "d1").open(lambda event: None)

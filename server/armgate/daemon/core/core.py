@@ -14,7 +14,7 @@ from armgate.daemon.core.leasing import LeaseTime, Leasing
 from armgate.daemon.core.peer import Peer, answer
 from armgate.daemon.core.signals import Reserved, Sharer, Signals
 from armgate.daemon.core.states import LatestState, LatestStates
-from armgate.links import ClockedLink
+from armgate.links import SteppedLink
 from armgate.links.log import Log
 from armgate.links.robot_server.client import RemoteEvent, RemoteLink
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
@@ -76,7 +76,7 @@ class Core:
         self,
         cell: Cell,
         runner: GateRunner,
-        links: Sequence[ClockedLink] | Sequence[RemoteLink],
+        links: Sequence[SteppedLink] | Sequence[RemoteLink],
         now: Callable[[], float],
         lockstep: bool,
         log: Log,
@@ -96,7 +96,7 @@ class Core:
         )
         # Two measurements of a robot that stands differ by up to twice the tolerance.
         self._noise = {robot.name: 2.0 * robot.q_tolerance for robot in cell.robots}
-        self._links: tuple[ClockedLink | RemoteLink, ...] = tuple(links)
+        self._links: tuple[SteppedLink | RemoteLink, ...] = tuple(links)
         self._runner = runner
         self._now = now
         self._lockstep = lockstep

@@ -39,8 +39,8 @@ from armgate.emulator import Instant
 from armgate.events import Tick
 from armgate.links import EmulatedLink
 from armgate.links.log import Log
-from armgate.links.notify import Notifier
 from armgate.links.robot_server.client import RemoteEvent, RemoteLink
+from armgate.links.systemd import Notifier
 from armgate.protocol import (
     DIALECTS,
     INBOUND_LIMIT,

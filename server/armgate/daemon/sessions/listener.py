@@ -19,7 +19,7 @@ from armgate.daemon.sessions import tls_stream
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
 from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
-from armgate.links.robot_server.address import peer_uid
+from armgate.links.robot_server.unix_socket import peer_uid
 
 _QUEUE = 128
 """Connections that may wait in the kernel."""

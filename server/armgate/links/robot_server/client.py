@@ -11,9 +11,8 @@ from pathlib import Path
 from time import monotonic
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links.robot_server.address import SocketError, call
 from armgate.links.robot_server.codec import CodecError, Decoder, encode
-from armgate.links.robot_server.liveness import BEAT, Liveness
+from armgate.links.robot_server.heartbeat import BEAT, Liveness
 from armgate.links.robot_server.messages import (
     FORMAT,
     Beat,
@@ -25,6 +24,7 @@ from armgate.links.robot_server.messages import (
     Standing,
     Welcome,
 )
+from armgate.links.robot_server.unix_socket import SocketError, call
 
 RETRY = 0.5
 """Time between two attempts to get back, s."""

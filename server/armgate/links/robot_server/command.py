@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from armgate.cell.cell import Cell
-    from armgate.links.notify import Notifier
+    from armgate.links.systemd import Notifier
 
 
 class StartError(Exception):
@@ -44,7 +44,7 @@ def robot_server(
 
 def robot_server_path(cell: "Cell") -> Path:
     """Where a cell's robot server listens: as configured, or in the folder of the user's sockets."""
-    from armgate.links.robot_server.address import default_path  # noqa: PLC0415
+    from armgate.links.robot_server.unix_socket import default_path  # noqa: PLC0415
 
     given = cell.config.server.robot_server
     if given is None:
@@ -57,10 +57,10 @@ def _serve(cell: "Cell", path: Path) -> int:
     from time import monotonic  # noqa: PLC0415
 
     from armgate.links.log import Log  # noqa: PLC0415
-    from armgate.links.notify import Notifier  # noqa: PLC0415
-    from armgate.links.robot_server.address import listen  # noqa: PLC0415
     from armgate.links.robot_server.make import make_berths  # noqa: PLC0415
     from armgate.links.robot_server.server import RobotServer  # noqa: PLC0415
+    from armgate.links.robot_server.unix_socket import listen  # noqa: PLC0415
+    from armgate.links.systemd import Notifier  # noqa: PLC0415
 
     listening, lock = listen(path)
     log = Log(sys.stderr)

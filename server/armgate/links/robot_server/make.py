@@ -5,11 +5,10 @@ from collections.abc import Callable
 
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.link_config import RsiLinkConfig
-from armgate.links.driven import DrivenEmulatedLink
-from armgate.links.emulated import EmulatedLink
-from armgate.links.link import DrivenLink
-from armgate.links.robot_server.berth import Berth
-from armgate.links.rsi import RsiDrivenLink, setup_of
+from armgate.links.emulated import EmulatedLink, SelfClockedEmulatedLink
+from armgate.links.link import SelfClockedLink
+from armgate.links.robot_server.hosted_link import HostedLink
+from armgate.links.rsi import RsiUdpLink, setup_of
 
 
 def needs_robot_server(cell: Cell) -> bool:
@@ -19,7 +18,7 @@ def needs_robot_server(cell: Cell) -> bool:
 
 def make_berths(
     cell: Cell, now: Callable[[], float], note: Callable[[str, str], None] = lambda robot, text: None
-) -> list[Berth]:
+) -> list[HostedLink]:
     """Makes links and berths in the order of the configuration.
 
     Args:
@@ -32,16 +31,16 @@ def make_berths(
     """
     start = secrets.token_hex(8)
     return [
-        Berth(_link(cell, robot, start, now, note), start, robot.q_tolerance, robot.lag_window)
+        HostedLink(_link(cell, robot, start, now, note), start, robot.q_tolerance, robot.lag_window)
         for robot in cell.robots
     ]
 
 
 def _link(
     cell: Cell, robot: Robot, start: str, now: Callable[[], float], note: Callable[[str, str], None]
-) -> DrivenLink:
+) -> SelfClockedLink:
     own = robot.config.link
     if isinstance(own, RsiLinkConfig):
-        return RsiDrivenLink(setup_of(cell, robot), start, lambda text: note(robot.name, text), now)
+        return RsiUdpLink(setup_of(cell, robot), start, lambda text: note(robot.name, text), now)
     emulated = EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.lags)
-    return DrivenEmulatedLink(emulated, robot.period, now)
+    return SelfClockedEmulatedLink(emulated, robot.period, now)

@@ -13,9 +13,9 @@ from time import monotonic
 from typing import Protocol
 
 from armgate.events import Plan, Rebase
-from armgate.links.robot_server.berth import Berth
 from armgate.links.robot_server.codec import CodecError, Decoder, encode
-from armgate.links.robot_server.liveness import BEAT, Liveness
+from armgate.links.robot_server.heartbeat import BEAT, Liveness
+from armgate.links.robot_server.hosted_link import HostedLink
 from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Message, Refusal, Up, Welcome
 
 BACKLOG = 1 << 18
@@ -46,7 +46,7 @@ class RobotServer:
     """
 
     def __init__(
-        self, cell: str, berths: Sequence[Berth], log: Log, now: Callable[[], float] = monotonic
+        self, cell: str, berths: Sequence[HostedLink], log: Log, now: Callable[[], float] = monotonic
     ) -> None:
         self._cell = cell
         self._berths = {berth.robot: berth for berth in berths}
@@ -181,7 +181,7 @@ class RobotServer:
             case _:
                 raise CodecError(f"{type(message).__name__} is not a daemon's to say")
 
-    def _berth(self, robot: str) -> Berth:
+    def _berth(self, robot: str) -> HostedLink:
         if robot not in self._berths:
             raise CodecError(f"no robot {robot}")
         return self._berths[robot]

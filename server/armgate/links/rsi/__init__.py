@@ -2,7 +2,7 @@
 
 from armgate.links.rsi.link import Answer, RsiLink
 from armgate.links.rsi.setup import Setup, setup_of, warnings_of
-from armgate.links.rsi.shell import RsiDrivenLink
 from armgate.links.rsi.states import State
+from armgate.links.rsi.udp_link import RsiUdpLink
 
-__all__ = ["Answer", "RsiDrivenLink", "RsiLink", "Setup", "State", "setup_of", "warnings_of"]
+__all__ = ["Answer", "RsiLink", "RsiUdpLink", "Setup", "State", "setup_of", "warnings_of"]

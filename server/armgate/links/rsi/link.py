@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 from armgate.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.link import LinkEvent
-from armgate.links.player import PlanPlayer, Played
-from armgate.links.rsi.agreement import Agreement
-from armgate.links.rsi.commanded import Commanded
+from armgate.links.plan_player import PlanPlayer, Played
+from armgate.links.rsi.accumulation import AccumulationDetector
+from armgate.links.rsi.diagnostics import Diagnostics
+from armgate.links.rsi.ipoc_and_delay import Follows, Order, Sequence
 from armgate.links.rsi.probe import Probe
-from armgate.links.rsi.remarks import Remarks
-from armgate.links.rsi.run import NEW_RUN, UNKNOWN, Run
-from armgate.links.rsi.runaway import Runaway
-from armgate.links.rsi.sequence import Follows, Order, Sequence
+from armgate.links.rsi.program_run import NEW_RUN, UNKNOWN, Run
+from armgate.links.rsi.setpoint import SetpointTracker
 from armgate.links.rsi.setup import Address, Setup, warnings_of
 from armgate.links.rsi.states import ARMED, TAKING, Event, State, after
+from armgate.links.rsi.synchronisation import Agreement
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _SETTLED = 1.0
@@ -54,7 +54,7 @@ class RsiLink:
     def __init__(self, setup: Setup, start: str, note: Callable[[str], None] = lambda text: None) -> None:
         self._setup = setup
         self._player = PlanPlayer(setup.robot, start)
-        self._remarks = Remarks(setup.robot, note)
+        self._remarks = Diagnostics(setup.robot, note)
         self._state = State.WAITING
         self._run: Run | None = None
         self._agreement = Agreement(setup)
@@ -189,8 +189,8 @@ class RsiLink:
             self._lose("the KRC's program began anew")
         sequence = Sequence(telegram.ipoc, telegram.delay)
         reference = telegram.programmed if self._setup.programmed else telegram.q
-        commanded = Commanded(self._setup.axes, reference, self._setup.relative)
-        runaway = Runaway(self._setup.tolerance, self._setup.speed, self._setup.period)
+        commanded = SetpointTracker(self._setup.axes, reference, self._setup.relative)
+        runaway = AccumulationDetector(self._setup.tolerance, self._setup.speed, self._setup.period)
         run = Run(
             self._setup, source[:2], sequence, commanded, telegram.q, telegram.programmed, now,
             Probe(self._setup), runaway,
@@ -290,7 +290,7 @@ class RsiLink:
         """Let corrections count from a measured position, as long as none was sent; True if it moves."""
         if self._setup.programmed or run.proven or not run.probe.moved(run.commanded.reference, q):
             return False
-        run.commanded = Commanded(self._setup.axes, q, self._setup.relative)
+        run.commanded = SetpointTracker(self._setup.axes, q, self._setup.relative)
         self._rebased = True
         return True
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
-from armgate.links.rsi.sequence import Follows
+from armgate.links.rsi.ipoc_and_delay import Follows
 
 if TYPE_CHECKING:  # a setup has the size of its probe
     from armgate.links.rsi.setup import Setup

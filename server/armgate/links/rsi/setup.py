@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from armgate.cell.link_config import RsiLinkConfig
 from armgate.events import Joints
 from armgate.links.rsi.axes import AXES, Axis, axes_of
-from armgate.links.rsi.ethernet import Ethernet, EthernetError, Received, load_ethernet
+from armgate.links.rsi.ethernet_file import Ethernet, EthernetError, Received, load_ethernet
 from armgate.links.rsi.probe import shape_of
 from armgate.links.rsi.telegram import LONGEST_REPLY, ReplyWriter
 

@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 from armgate.events import Joints
 from armgate.links.rsi.axes import AXES, Axis
-from armgate.links.rsi.ethernet import Ethernet
+from armgate.links.rsi.ethernet_file import Ethernet
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 4096

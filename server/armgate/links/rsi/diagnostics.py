@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Callable
 
 
-class Remarks:
-    """Remarks of one link.
+class Diagnostics:
+    """Diagnostics of one link.
 
     Args:
         robot: Its robot's name.

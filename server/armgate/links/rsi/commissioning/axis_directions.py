@@ -24,7 +24,7 @@ _RIST = re.compile(rb"<RIst ([^>]*)>")
 _VALUE = re.compile(rb'([XYZABC])="([-+.0-9]{1,32})"')
 
 
-class Signs:
+class AxisDirections:
     """Gathers positions and what RIst says of them.
 
     Args:

@@ -23,7 +23,7 @@ _OUTSIDE = 2.0
 """Distance from the setpoints of the past, in tolerances."""
 
 
-class Runaway:
+class AccumulationDetector:
     """Compares measured positions with setpoints, axis by axis.
 
     Args:

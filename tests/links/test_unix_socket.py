@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from armgate.links.robot_server.address import SocketError, default_path, listen
+from armgate.links.robot_server.unix_socket import SocketError, default_path, listen
 
 
 @pytest.fixture

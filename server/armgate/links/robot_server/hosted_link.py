@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links.link import DrivenLink, LinkEvent
+from armgate.links.link import LinkEvent, SelfClockedLink
 from armgate.links.robot_server.messages import Played, Standing
 
 Say = Callable[[Played | LinkChange | PlanAnswer], None]
@@ -23,7 +23,7 @@ _UNARMED = "the robot server had another connection to a daemon before: reset th
 _ENDING = "the robot server is ending"
 
 
-class Berth:
+class HostedLink:
     """One robot's link, and the daemon that holds it.
 
     Args:
@@ -33,7 +33,7 @@ class Berth:
         settling: How long a robot follows setpoints of the past, s: its declared lag window.
     """
 
-    def __init__(self, link: DrivenLink, start: str, tolerance: float, settling: float) -> None:
+    def __init__(self, link: SelfClockedLink, start: str, tolerance: float, settling: float) -> None:
         self._link = link
         self._start = start
         self._noise = max(2.0 * tolerance, _STILL)  # two measurements of a robot that stands differ by that

@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from armgate.links.rsi.commissioning.axis_directions import AxisDirections, Foot
 from armgate.links.rsi.setup import Setup
-from armgate.links.rsi.signs import Foot, Signs
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _MOVED = 0.5
@@ -24,7 +24,7 @@ class Survey:
 
     def __init__(self, setup: Setup, foot: Foot) -> None:
         self._setup = setup
-        self._signs = Signs(setup, foot)
+        self._signs = AxisDirections(setup, foot)
         self._reader = TelegramReader(setup.axes, programmed=setup.programmed)
         self._times: list[float] = []
         self._ipocs: list[int] = []

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from armgate.links.notify import Notifier
+from armgate.links.systemd import Notifier
 
 
 @pytest.fixture

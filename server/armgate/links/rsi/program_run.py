@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from armgate.events import Joints
-from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.accumulation import AccumulationDetector
+from armgate.links.rsi.ipoc_and_delay import Follows, Order, Sequence
 from armgate.links.rsi.probe import Probe
-from armgate.links.rsi.runaway import Runaway
-from armgate.links.rsi.sequence import Follows, Order, Sequence
+from armgate.links.rsi.setpoint import SetpointTracker
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
 
@@ -45,12 +45,12 @@ class Run:
     setup: Setup
     source: Address
     sequence: Sequence
-    commanded: Commanded
+    commanded: SetpointTracker
     q: Joints
     programmed: Joints
     time: float
     probe: Probe
-    runaway: Runaway
+    runaway: AccumulationDetector
     agreed: bool = False
     proven: bool = False
     objection: str | None = None

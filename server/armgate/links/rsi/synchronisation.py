@@ -3,7 +3,7 @@
 import math
 
 from armgate.events import Joints
-from armgate.links.rsi.commanded import Commanded
+from armgate.links.rsi.setpoint import SetpointTracker
 from armgate.links.rsi.setup import Setup, uncovered
 from armgate.links.rsi.telegram import Telegram
 
@@ -36,7 +36,7 @@ class Agreement:
         self._count = 0
         self._decimals = 0
 
-    def take(self, commanded: Commanded, q: Joints, clean: bool, now: float) -> str | None:
+    def take(self, commanded: SetpointTracker, q: Joints, clean: bool, now: float) -> str | None:
         """A telegram more.
 
         Returns:
@@ -93,7 +93,7 @@ class Agreement:
                 )
         return found
 
-    def _lacking(self, commanded: Commanded, q: Joints, now: float) -> str | None:
+    def _lacking(self, commanded: SetpointTracker, q: Joints, now: float) -> str | None:
         if self._count < _TELEGRAMS:
             return "telegrams do not come one after the other, answered in time"
         cycle = (now - self._first) / (self._count - 1)

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     from armgate.cell.cell import Cell, Robot
     from armgate.cell.placement import Placement
+    from armgate.links.rsi.commissioning.axis_directions import Foot
+    from armgate.links.rsi.commissioning.survey import Survey
     from armgate.links.rsi.setup import Setup
-    from armgate.links.rsi.signs import Foot
-    from armgate.links.rsi.survey import Survey
 
 rsi = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Bring a KUKA controller and a cell together."
@@ -51,8 +51,8 @@ def config(
 ) -> None:
     """Write the RSI Ethernet file and a KRL program that match a robot of a cell."""
     from armgate.cell.link_config import RsiLinkConfig  # noqa: PLC0415
-    from armgate.links.rsi import krl  # noqa: PLC0415
-    from armgate.links.rsi.ethernet import EthernetError, read_ethernet  # noqa: PLC0415
+    from armgate.links.rsi.commissioning import krl  # noqa: PLC0415
+    from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet  # noqa: PLC0415
     from armgate.links.rsi.setup import joint_axes  # noqa: PLC0415
 
     _, found = _robot(configs, robot)
@@ -93,9 +93,9 @@ def check(
     """
     import asyncio  # noqa: PLC0415
 
-    from armgate.links.rsi.listen import listen  # noqa: PLC0415
+    from armgate.links.rsi.commissioning.survey import Survey  # noqa: PLC0415
     from armgate.links.rsi.setup import setup_of  # noqa: PLC0415
-    from armgate.links.rsi.survey import Survey  # noqa: PLC0415
+    from armgate.links.rsi.udp import listen  # noqa: PLC0415
 
     cell, found = _robot(configs, robot)
     setup = setup_of(cell, found)

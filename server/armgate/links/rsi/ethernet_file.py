@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.links.rsi.axes import A_AXES, E_AXES
-from armgate.links.rsi.ethernet_words import encoding_objection, unread
+from armgate.links.rsi.ethernet_vocabulary import encoding_objection, unread
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 65536

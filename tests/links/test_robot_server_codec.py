@@ -8,7 +8,7 @@ import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links.robot_server.codec import LARGEST, CodecError, Decoder, encode
-from armgate.links.robot_server.liveness import SILENCE, Liveness
+from armgate.links.robot_server.heartbeat import SILENCE, Liveness
 from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Refusal, Standing, Welcome
 
 KEY = PlanKey("s", 2, 7, -1)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
-from armgate.links.rsi.sequence import Follows
+from armgate.links.rsi.ipoc_and_delay import Follows
 
 _DECIMALS = 6
 
 
-class Commanded:
+class SetpointTracker:
     """Setpoint and correction of one run of the KRC's program.
 
     Args:

@@ -14,8 +14,8 @@ from armgate.links.rsi.telegram import LIMIT
 from armgate.links.rsi.udp import bound
 
 
-class RsiDrivenLink:
-    """Listens for a KRC; a ``DrivenLink``.
+class RsiUdpLink:
+    """Listens for a KRC; a ``SelfClockedLink``.
 
     It reads its socket itself: asyncio's own endpoint makes room for 256 KiB at every datagram, which costs
     as much as all else that a reply takes.

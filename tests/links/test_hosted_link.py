@@ -6,8 +6,8 @@ import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links import EmulatedLink
-from armgate.links.driven import DrivenEmulatedLink
-from armgate.links.robot_server.berth import Berth
+from armgate.links.emulated import SelfClockedEmulatedLink
+from armgate.links.robot_server.hosted_link import HostedLink
 from armgate.links.robot_server.messages import Played, Standing
 
 T = 0.012
@@ -19,8 +19,8 @@ class Bench:
     def __init__(self, lag=0.0, settling=0.0):
         self.now = 0.0
         link = EmulatedLink("A", "link", (0.0, 1.0), T, lag)
-        self.link = DrivenEmulatedLink(link, T, lambda: self.now, self.make_clock)
-        self.berth = Berth(self.link, "link", 1e-6, settling)
+        self.link = SelfClockedEmulatedLink(link, T, lambda: self.now, self.make_clock)
+        self.berth = HostedLink(self.link, "link", 1e-6, settling)
         self.said = []
         asyncio.run(self.berth.open())
 
@@ -146,7 +146,7 @@ def test_one_that_ends_takes_no_plan():
 def test_a_robot_that_stands_under_noise_is_told_of_to_the_next_daemon(off, told):
     """Two measurements of it differ by up to twice the tolerance."""
     bench = Bench(settling=5 * T)
-    bench.berth = Berth(bench.link, "link", 1e-3, 5 * T)
+    bench.berth = HostedLink(bench.link, "link", 1e-3, 5 * T)
     bench.daemon("d1")
     for k in range(20):
         q = (off * (-1.0) ** k, 1.0)
