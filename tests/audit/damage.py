@@ -31,7 +31,7 @@ from armgate.audit.replaying import replayed
 from armgate.audit.reporting import page
 from armgate.events import Tick
 from armgate.protocol import messages as m
-from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Sink
+from armgate.recording import CellState, Gap, LogLine, Recording, RecordingWriter, RobotState
 from armgate.recording.scan import records, scan
 from armgate.recording.verify import verify
 from support.cells import arms_yaml
@@ -67,7 +67,7 @@ def _with_states(file: Path, new: Path) -> Path:
     """Add what clients were shown, the log, and a gap that hides nothing."""
     recording = Recording.open(file)
     with new.open("wb", buffering=0) as stream:
-        sink = Sink(stream, recording.header)
+        sink = RecordingWriter(stream, recording.header)
         for time_, step in recording.steps():
             sink.put(step, time_)
             if isinstance(step.event, Tick):
@@ -81,14 +81,14 @@ def _with_states(file: Path, new: Path) -> Path:
 
 def _states(tick: Tick):
     near = m.Nearest(pair=("A/tip", "post"), distance=0.1, limit=0.02, points=((0, 0, 0), (0, 0, 0.1)))
-    yield Shown(
+    yield RobotState(
         m.Entry(
             robot=tick.robot, tick=tick.tick, time=tick.time, q=tick.q, setpoint=tick.setpoint,
             nearest=(near,), holder="leader", stops=(1,), counts={"admitted": 3, "refused:clearance": 1},
         )
     )  # fmt: skip
     signals = {"lead.progress": m.SignalValue(owner="leader", value=(0.5,), time=tick.time)}
-    yield Moment(tick.time, None, {tick.robot: tick.tick}, signals, ("late",))
+    yield CellState(tick.time, None, {tick.robot: tick.tick}, signals, ("late",))
 
 
 class Content:

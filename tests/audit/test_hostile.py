@@ -20,7 +20,7 @@ from armgate.audit.recovering import recovered
 from armgate.audit.reporting import page
 from armgate.monitor.audit import audit
 from armgate.monitor.errors import MonitorError
-from armgate.recording import DamagedError, ForeignError, Header, Recording, Sink
+from armgate.recording import DamagedError, ForeignError, Header, Recording, RecordingWriter
 from support import records
 
 from .damage import NAME, Content, attempt, whole
@@ -40,7 +40,7 @@ def header(tmp_path_factory):
 
 def with_header(folder, header):
     with (folder / NAME).open("xb", buffering=0) as stream:
-        Sink(stream, header).close()
+        RecordingWriter(stream, header).close()
     return folder
 
 
@@ -265,7 +265,7 @@ def test_a_crafted_header_gives_one_clear_error(tmp_path, header, what):
 def test_names_are_no_formulas(tmp_path):
     value = records.header().model_dump()
     with (tmp_path / NAME).open("xb", buffering=0) as stream:
-        sink = Sink(stream, Header(**value | {"cell": "$\\frac{"}))
+        sink = RecordingWriter(stream, Header(**value | {"cell": "$\\frac{"}))
         for k in range(20):
             for time_, item in records.tick_items(k):
                 sink.put(item, time_)

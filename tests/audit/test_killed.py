@@ -95,7 +95,7 @@ def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_p
         new.write(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(recovering, "rewrite", full)
+    monkeypatch.setattr(recovering, "recover_file", full)
     with pytest.raises(RecordingError, match=r"No space left on device; \d+ bytes are needed"):
         recovered(tmp_path)
     assert file.read_bytes() == before

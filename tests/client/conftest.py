@@ -1,4 +1,4 @@
-"""Both shells behind one awaited face."""
+"""Both shells of the SDK behind one awaited interface."""
 
 import asyncio
 import socket
@@ -10,7 +10,7 @@ from support.wire import Seat, Server
 
 
 class Awaited:
-    """A blocking handle whose calls run in a thread, so that one test body serves both shells."""
+    """Blocking handle whose calls run in a thread, so that one test body works for both shells."""
 
     def __init__(self, handle):
         self._handle = handle
@@ -51,7 +51,7 @@ def awaited(value):
 async def server():
     fake = Server()
     sock = socket.socket()
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # soon full when nobody reads
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full soon if the server does not read
     sock.bind(("127.0.0.1", 0))
     listening = await asyncio.get_running_loop().create_server(lambda: Seat(fake), sock=sock)
     fake.address = f"127.0.0.1:{listening.sockets[0].getsockname()[1]}"
@@ -65,7 +65,7 @@ async def server():
 
 @pytest.fixture(params=["aio", "blocking"])
 def connect(request, server):
-    """``connect`` of one of the shells, awaited; a client named c at the fake server."""
+    """``connect`` of one shell, awaited; connects a client named c to the fake server."""
 
     async def call(name="c", **more):
         address = more.pop("address", server.address)

@@ -1,4 +1,4 @@
-"""HOST:PORT, and what is wrong with anything else."""
+"""Addresses of a daemon: valid forms, and errors for others."""
 
 import pytest
 
@@ -15,12 +15,12 @@ from armgate.client.address import socket_path
         ("[::1]:7411", ("::1", 7411)),
     ],
 )
-def test_good(text, expected):
+def test_valid_addresses(text, expected):
     assert parse_address(text) == expected
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "fault"),
     [
         ("", "no port"),
         ("localhost", "no port"),
@@ -37,14 +37,14 @@ def test_good(text, expected):
         ("localhost:²", "expected a number from 1 to 65535"),
     ],
 )
-def test_bad(text, told):
-    with pytest.raises(BadArgument, match=told):
+def test_invalid_addresses_are_explained(text, fault):
+    with pytest.raises(BadArgument, match=fault):
         parse_address(text)
     with pytest.raises(ValueError, match="address"):
         parse_address(text)
 
 
-def test_the_path_of_a_socket():
+def test_path_of_a_unix_socket():
     assert socket_path("unix:/run/cell.sock") == "/run/cell.sock"
     assert socket_path("unix:here.sock") == "here.sock"
     assert socket_path("127.0.0.1:7411") is None

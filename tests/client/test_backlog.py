@@ -1,4 +1,4 @@
-"""States that come faster than they are asked for wait in a backlog, if the client wants one."""
+"""Backlog of states that arrive faster than the program reads them."""
 
 from armgate.client.session import Session
 from armgate.protocol.messages import State
@@ -17,14 +17,14 @@ def taken(session: Session, seen: int) -> list[int]:
     return found
 
 
-def test_without_a_backlog_only_the_newest_is_given() -> None:
+def test_without_a_backlog_only_the_newest_state_is_returned() -> None:
     session = Session()
     states(session, 1, 2, 3)
     assert taken(session, 0) == [3]
     assert taken(session, 3) == []
 
 
-def test_a_backlog_gives_all_in_order_and_drops_the_oldest() -> None:
+def test_a_backlog_returns_all_states_in_order_and_drops_the_oldest() -> None:
     session = Session()
     states(session, 1)
     session.keep_states(3)

@@ -1,4 +1,4 @@
-"""Connecting to a Unix socket whose queue is full."""
+"""Connection to a Unix socket whose queue is full."""
 
 import asyncio
 import socket
@@ -8,18 +8,20 @@ from contextlib import ExitStack
 import pytest
 
 from armgate.client import ConnectionLost, aio
-from armgate.client.stream import Stream
+from armgate.client.aio_stream import Stream as AioStream
+from armgate.client.blocking_stream import Stream
+from armgate.client.session import Session
 from support.clients import PATIENCE
 
 
 def make_room(listening):
-    """Take the client that waits out of the queue."""
+    """Accept and close the waiting client."""
     listening.accept()[0].close()
 
 
 @pytest.fixture
 def full(tmp_path):
-    """A listening socket; one client waits in its queue, which has no more room."""
+    """Path and listening socket; one client waits in its queue, which is then full."""
     path = str(tmp_path / "cell.sock")
     with ExitStack() as stack:
         listening = stack.enter_context(socket.socket(socket.AF_UNIX))
@@ -30,27 +32,28 @@ def full(tmp_path):
         yield path, listening
 
 
-def test_a_blocking_client_waits_for_room(full):
+def test_a_blocking_client_waits_until_the_queue_has_room(full):
     path, listening = full
     timer = threading.Timer(0.1, make_room, [listening])
     timer.start()
-    Stream.open_local(path, PATIENCE).close()
+    Stream.open(f"unix:{path}", PATIENCE, None).close()
     timer.join()
 
 
-def test_a_blocking_client_waits_no_longer_than_it_may(full):
+def test_a_blocking_client_waits_at_most_for_the_timeout(full):
     with pytest.raises(TimeoutError, match="is full"):
-        Stream.open_local(full[0], 0.1)
+        Stream.open(f"unix:{full[0]}", 0.1, None)
 
 
-async def test_an_asynchronous_client_waits_for_room(full):
+async def test_an_asyncio_client_waits_until_the_queue_has_room(full):
     path, listening = full
     asyncio.get_running_loop().call_later(0.1, make_room, listening)
-    sock = await asyncio.wait_for(aio._connected(path), PATIENCE)
-    assert sock.getpeername() == path
-    sock.close()
+    stream = AioStream(Session())
+    await asyncio.wait_for(stream.open(f"unix:{path}", None), PATIENCE)
+    assert stream.peer == path
+    stream.close()
 
 
-async def test_an_asynchronous_client_waits_no_longer_than_it_may(full):
+async def test_an_asyncio_client_waits_at_most_for_the_timeout(full):
     with pytest.raises(ConnectionLost):
         await aio.connect(f"unix:{full[0]}", "x", timeout=0.1)

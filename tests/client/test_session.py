@@ -1,4 +1,4 @@
-"""The client's core without sockets: times are handed in."""
+"""Session of the SDK without sockets; times are arguments."""
 
 import pytest
 
@@ -12,56 +12,56 @@ from support.wire import Server, state, verdict
 
 
 class Pair:
-    """A session and the server's side of its connection."""
+    """Session and the server's side of its connection."""
 
     def __init__(self, ttl=0.9):
         self.session = Session()
         self.server = Connection(Side.SERVER)
-        self.desk = Server()
-        self.desk.ttl = ttl
-        self.tell(self.session.hello("c", "controller", None, ""))
+        self.fake = Server()
+        self.fake.ttl = ttl
+        self.forward(self.session.hello("c", "controller", None, ""))
 
-    def hear(self, data):
+    def receive(self, data):
         return self.server.receive(data)
 
-    def say(self, message):
+    def send(self, message):
         self.session.receive(self.server.send(message))
 
-    def tell(self, data):
-        for message in self.hear(data):
-            for reply in getattr(self.desk, f"_{message.type}")(message):
-                self.say(reply)
+    def forward(self, data):
+        for message in self.receive(data):
+            for reply in getattr(self.fake, f"_{message.type}")(message):
+                self.send(reply)
 
     def acquire(self, robot="FR"):
         number, data = self.session.ask(m.Acquire(robot=robot))
-        self.tell(data)
+        self.forward(data)
         return self.session.pending.answer(number, m.Lease)
 
 
-def test_a_sign_of_life_after_a_third_of_the_time_to_live():
+def test_a_ping_is_due_after_a_third_of_the_time_to_live():
     pair = Pair(ttl=0.9)
     pair.acquire()
     pair.session.sent(10.0)
     assert pair.session.keepalive(10.29) == b""
-    (ping,) = pair.hear(pair.session.keepalive(10.3))
+    (ping,) = pair.receive(pair.session.keepalive(10.3))
     assert (ping.type, ping.time) == ("ping", 10.3)
     pair.session.sent(10.3)
     assert pair.session.keepalive(10.59) == b""
 
 
-def test_the_shortest_lease_sets_the_pace():
+def test_the_shortest_lease_determines_when_a_ping_is_due():
     pair = Pair(ttl=0.9)
     pair.session.sent(10.0)
     assert pair.session.keepalive_due == pytest.approx(10.3)
     pair.acquire("FR")
-    pair.desk.ttl = 0.3
+    pair.fake.ttl = 0.3
     fence = pair.acquire("GR").fence
     assert pair.session.keepalive_due == pytest.approx(10.1)
-    pair.say(pair.desk.lost("GR", fence, "x"))
+    pair.send(pair.fake.lost("GR", fence, "x"))
     assert pair.session.keepalive_due == pytest.approx(10.3)
 
 
-def test_nothing_is_due_before_the_welcome_or_after_the_end():
+def test_no_ping_is_due_before_the_welcome_or_after_the_end():
     session = Session()
     session.hello("c", "controller", None, "")
     assert session.keepalive(1e9) == b""
@@ -70,7 +70,7 @@ def test_nothing_is_due_before_the_welcome_or_after_the_end():
     assert pair.session.keepalive(1e9) == b""
 
 
-def test_silence_counts_from_the_first_ping_without_any_reaction():
+def test_silence_counts_from_the_first_ping_without_a_reaction():
     pair = Pair()
     session = pair.session
     session.check_silence(1e9, 5.0)
@@ -79,11 +79,11 @@ def test_silence_counts_from_the_first_ping_without_any_reaction():
     session.check_silence(105.0, 5.0)
     with pytest.raises(TimedOut, match="silent for 5 s"):
         session.check_silence(105.1, 5.0)
-    pair.say(state())
+    pair.send(state())
     session.check_silence(1e9, 5.0)
 
 
-def test_numbers_run_through_all_robots_of_a_session():
+def test_seq_increases_over_all_robots_of_a_session():
     pair = Pair()
     pair.acquire("FR")
     pair.acquire("GR")
@@ -91,29 +91,29 @@ def test_numbers_run_through_all_robots_of_a_session():
     assert numbers == [1, 2, 3, 4]
 
 
-def test_a_command_without_its_lease_is_not_sent():
+def test_a_command_without_a_lease_is_not_sent():
     pair = Pair()
     pair.acquire("FR")
-    with pytest.raises(Lost, match="given back, or acquired anew"):
+    with pytest.raises(Lost, match="released the robot or acquired it again"):
         pair.session.command("FR", 99, 0, [0.0])
     with pytest.raises(Lost):
         pair.session.command("GR", 1, 0, [0.0])
 
 
-def test_a_tick_whose_slot_is_taken_is_not_told():
+def test_a_tick_that_already_has_a_command_is_not_returned():
     pair = Pair()
     pair.acquire("FR")
-    # Based on tick 5, judged when the robot was at tick 6: its command is for tick 7.
-    pair.say(state(tick=5))
+    # A command based on tick 5 and judged at tick 6 is for tick 7.
+    pair.send(state(tick=5))
     command = m.Command(robot="FR", fence=1, seq=1, tick=5, dq=())
-    pair.say(verdict(command, target=7))
-    pair.say(state(tick=6))
+    pair.send(verdict(command, target=7))
+    pair.send(state(tick=6))
     assert pair.session.next_tick("FR", 1, 5) is None
-    pair.say(state(tick=7))
+    pair.send(state(tick=7))
     assert pair.session.next_tick("FR", 1, 5).tick == 7
 
 
-def test_verdicts_nobody_asks_for_are_bounded():
+def test_unread_verdicts_are_bounded():
     pair = Pair()
     command = m.Command(robot="FR", fence=1, seq=0, tick=0, dq=())
     for seq in range(KEPT_VERDICTS + 10):
@@ -122,39 +122,41 @@ def test_verdicts_nobody_asks_for_are_bounded():
     assert [judged.seq for judged in kept] == list(range(10, KEPT_VERDICTS + 10))
 
 
-def test_an_answer_of_another_kind_ends_it():
+def test_an_answer_of_another_type_is_an_error():
     pair = Pair()
     number, data = pair.session.ask(m.Ping(time=0.0))
-    (ping,) = pair.hear(data)
-    pair.say(m.Signaled(re=ping.id, name="x"))
-    with pytest.raises(ConnectionLost, match="answered with signaled where Pong was expected"):
+    (ping,) = pair.receive(data)
+    pair.send(m.Signaled(re=ping.id, name="x"))
+    with pytest.raises(ConnectionLost, match="answered with signaled; expected Pong"):
         pair.session.pending.answer(number, m.Pong)
 
 
-def test_answers_nobody_expects_are_dropped():
+def test_unexpected_answers_are_dropped():
     pair = Pair()
-    pair.say(m.Pong(re=12345, time=0.0, received=0.0, sent=0.0))
+    pair.send(m.Pong(re=12345, time=0.0, received=0.0, sent=0.0))
     assert pair.session.pending.answer(12345, m.Pong) is None
 
 
-def test_an_error_that_nobody_waits_for_is_told_once():
+def test_an_unawaited_error_is_raised_once():
     pair = Pair()
     pair.acquire("FR")
-    pair.say(m.Error(code="wrong_step", text="step 3", fatal=False, about="pass"))
-    with pytest.raises(Refused, match="pass was refused: wrong_step: step 3; name the newest state's step"):
+    pair.send(m.Error(code="wrong_step", text="step 3", fatal=False, about="pass"))
+    with pytest.raises(
+        Refused, match="pass was refused: wrong_step: step 3; use the step of the newest state"
+    ):
         pair.session.next_tick("FR", 1, -1)
     assert pair.session.next_tick("FR", 1, -1) is None
 
 
-def test_the_first_reason_for_the_end_stands():
+def test_the_first_reason_for_the_end_is_kept():
     pair = Pair()
-    pair.say(m.Error(code="shutting_down", text="maintenance", fatal=True))
+    pair.send(m.Error(code="shutting_down", text="maintenance", fatal=True))
     pair.session.receive_eof()
     with pytest.raises(Rejected, match="maintenance"):
         pair.session.check()
 
 
-def test_every_code_can_be_told_with_its_advice():
+def test_the_text_of_every_code_contains_its_advice():
     for code in ErrorCode:
         error = m.Error(code=code.value, text="t", fatal=CODES[code].fatal)
         assert CODES[code].advice in str(client_errors.Refused(error))
@@ -162,7 +164,7 @@ def test_every_code_can_be_told_with_its_advice():
     assert str(client_errors.Refused(later)) == "a message was refused: code_of_a_later_version: t"
 
 
-def test_a_tick_knows_what_it_does_not_hold():
+def test_absent_fields_and_robots_of_a_tick_are_explained():
     tick = Tick("FR", state(entries=(m.Entry(robot="FR", tick=0, time=0.0, setpoint=(1.0,)),)))
     assert tick.setpoint == (1.0,)
     with pytest.raises(BadArgument, match="q of FR was not subscribed"):
@@ -171,23 +173,23 @@ def test_a_tick_knows_what_it_does_not_hold():
         tick.entry("GR")
 
 
-def test_bad_arguments_are_named():
+def test_invalid_arguments_are_named():
     with pytest.raises(BadArgument, match=r"^speed: "):
         build(m.Acquire, robot="FR", speed=2.0)
     with pytest.raises(BadArgument, match=r"^every: "):
         build(m.Subscribe, every=-1)
 
 
-def test_a_message_too_large_for_the_server_is_not_sent():
+def test_a_message_beyond_the_servers_limit_is_not_sent():
     pair = Pair()
     pair.acquire("FR")
     with pytest.raises(BadArgument, match="at most 65536"):
         pair.session.command("FR", 1, 0, [0.0] * 10_000)
-    pair.tell(pair.session.command("FR", 1, 0, [0.0])[1])
+    pair.forward(pair.session.command("FR", 1, 0, [0.0])[1])
     assert len(pair.session.pending.verdicts("FR")) == 1
 
 
-def test_the_exceptions_are_those_of_the_docstring():
+def test_the_docstring_lists_all_exceptions():
     classes = [c for c in vars(client_errors).values() if isinstance(c, type) and issubclass(c, Exception)]
     assert {c.__name__ for c in classes if c.__name__ not in client_errors.__doc__} == set()
     assert all(issubclass(c, client_errors.ClientError) for c in classes)

@@ -1,4 +1,4 @@
-"""Both shells against a server on loopback: every test runs for asyncio and for plain sockets."""
+"""Both shells of the SDK against a fake server on loopback; every test runs for each shell."""
 
 import asyncio
 import inspect
@@ -38,7 +38,7 @@ def error(request, code, fatal=False, **more):
 # --- connecting -------------------------------------------------------------------------------------------
 
 
-async def test_connect_says_hello_and_asks_for_the_description(connect, server):
+async def test_connect_sends_hello_and_requests_the_description(connect, server):
     async with await connect(role="observer", token="secret") as cell:
         hello = await server.said(m.Hello)
         assert (hello.name, hello.role, hello.token, hello.versions) == ("c", "observer", "secret", (1,))
@@ -47,14 +47,14 @@ async def test_connect_says_hello_and_asks_for_the_description(connect, server):
     await server.said(m.Bye)
 
 
-async def test_nobody_listens(connect, server):
+async def test_connect_without_a_daemon_is_explained(connect, server):
     server.listening.close()
     await server.listening.wait_closed()
     with pytest.raises(ConnectionLost, match=r"no connection to 127\.0\.0\.1:\d+.*armgate serve"):
         await connect()
 
 
-async def test_bad_arguments_are_named_before_anything_is_sent(connect, server):
+async def test_invalid_arguments_are_named_and_nothing_is_sent(connect, server):
     with pytest.raises(BadArgument, match="no port"):
         await connect(address="localhost")
     with pytest.raises(BadArgument, match="name"):
@@ -62,41 +62,41 @@ async def test_bad_arguments_are_named_before_anything_is_sent(connect, server):
     assert server.heard == []
 
 
-async def test_a_server_without_a_common_version_ends_the_connection(connect, server):
-    text = "no version in common: the server speaks [2], the client [1]"
+async def test_a_server_without_a_common_version_rejects_the_client(connect, server):
+    text = "no version in common: the server supports [2], the client [1]"
     server.on[m.Hello] = lambda seat, hello: seat.say(m.Error(code="version", text=text, fatal=True))
-    with pytest.raises(Rejected, match=r"speaks \[2\], the client \[1\]") as caught:
+    with pytest.raises(Rejected, match=r"supports \[2\], the client \[1\]") as caught:
         await connect()
     assert caught.value.code == "version"
 
 
-async def test_a_server_that_never_welcomes(connect, server):
+async def test_a_missing_welcome_times_out(connect, server):
     server.on[m.Hello] = lambda seat, hello: None
-    with pytest.raises(TimedOut, match="a welcome did not come within"):
+    with pytest.raises(TimedOut, match="a welcome did not arrive within"):
         await connect(timeout=0.05)
 
 
-# --- the ten lines ----------------------------------------------------------------------------------------
+# --- controllers ------------------------------------------------------------------------------------------
 
 
-async def test_a_controller(connect, server):
+async def test_a_controller_commands_its_robot_and_releases_it(connect, server):
     async with await connect() as cell:
         async with await cell.acquire("FR", speed=0.5) as robot:
             assert (robot.lease.fence, robot.lease.speed) == (1, 0.5)
             tick = await first(robot.ticks())
             assert (tick.tick, tick.q, tick.setpoint) == (0, (0.1, 0.2), (0.3, 0.4))
             assert tick.entry("GR").robot == "GR"
-            judged = await robot.send([0.001, -0.002])
-            assert judged.outcome == "admitted"
+            answer = await robot.send([0.001, -0.002])
+            assert answer.outcome == "admitted"
         command = await server.said(m.Command)
         assert (command.robot, command.fence, command.tick, command.dq) == ("FR", 1, 0, (0.001, -0.002))
-        assert judged.seq == command.seq
+        assert answer.seq == command.seq
         release = await server.said(m.Release)
         assert (release.robot, release.fence) == ("FR", 1)
     await server.said(m.Bye)
 
 
-async def test_the_newest_tick_wins(connect, server):
+async def test_ticks_yield_the_newest_tick(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         ticks = aiter(robot.ticks())
         assert (await anext(ticks)).tick == 0
@@ -104,7 +104,7 @@ async def test_the_newest_tick_wins(connect, server):
         assert (await anext(ticks)).tick == 59
 
 
-async def test_a_tick_that_is_known_gives_way_to_a_newer_one_that_is_not_read_yet(connect, server):
+async def test_ticks_read_the_socket_before_they_yield(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         ticks = aiter(robot.ticks())
         await anext(ticks)
@@ -114,7 +114,7 @@ async def test_a_tick_that_is_known_gives_way_to_a_newer_one_that_is_not_read_ye
         assert (await anext(ticks)).tick == 3
 
 
-async def test_states_are_the_newest_of_any_robot(connect, server):
+async def test_states_yield_the_newest_state_of_any_robot(connect, server):
     async with await connect(role="observer") as cell:
         states = aiter(cell.states())
         assert (await anext(states)).tick == 0
@@ -125,16 +125,16 @@ async def test_states_are_the_newest_of_any_robot(connect, server):
         assert cell.state == newest
 
 
-async def test_verdicts_of_posts_are_all_kept_in_order(connect, server):
+async def test_verdicts_on_posted_commands_are_kept_in_order(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         sent = [await robot.post([0.0, 0.0]) for _ in range(20)]
         await robot.send([0.0, 0.0])
-        assert [judged.seq for judged in robot.verdicts()] == sent
+        assert [answer.seq for answer in robot.verdicts()] == sent
         assert robot.verdicts() == []
 
 
-async def test_the_command_names_the_tick_last_yielded(connect, server):
+async def test_a_command_is_based_on_the_tick_yielded_last(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         server.say(state("FR", 1), state("FR", 2))
@@ -143,7 +143,7 @@ async def test_the_command_names_the_tick_last_yielded(connect, server):
         assert (await server.said(m.Command)).tick == 0
 
 
-async def test_commands_need_a_tick(connect, server):
+async def test_a_command_before_the_first_tick_is_an_error(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         with pytest.raises(BadArgument, match=r"robot\.ticks\(\)"):
             await robot.send([0.0, 0.0])
@@ -152,36 +152,36 @@ async def test_commands_need_a_tick(connect, server):
 @pytest.mark.parametrize(
     "dq", [np.array([0.25, 0.5]), [np.float32(0.25), np.float64(0.5)], (0.25, 0.5), [0.25, 0.5]]
 )
-async def test_any_sequence_of_numbers_is_an_increment(connect, server, dq):
+async def test_any_sequence_of_numbers_is_accepted_as_an_increment(connect, server, dq):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         await robot.send(dq)
         assert (await server.said(m.Command)).dq == (0.25, 0.5)
 
 
-async def test_an_increment_that_is_not_finite_is_for_the_server_to_judge(connect, server):
+async def test_an_increment_that_is_not_finite_is_sent_and_refused_by_the_server(connect, server):
     server.on[m.Command] = lambda seat, command: seat.say(
         verdict(command, outcome="refused", beta=0.0, reasons=(m.Reason(cause="not_finite", text="nan"),))
     )
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
-        judged = await robot.send([math.nan, math.inf])
-        assert (judged.outcome, judged.reasons[0].cause) == ("refused", "not_finite")
+        answer = await robot.send([math.nan, math.inf])
+        assert (answer.outcome, answer.reasons[0].cause) == ("refused", "not_finite")
         assert math.isnan((await server.said(m.Command)).dq[0])
 
 
-@pytest.mark.parametrize(("value", "told"), [(True, "a bool True"), ("x", "a text 'x'"), (None, "nil")])
-async def test_what_cannot_be_read_has_no_verdict(connect, server, value, told):
+@pytest.mark.parametrize(("value", "shown"), [(True, "a bool True"), ("x", "a text 'x'"), (None, "nil")])
+async def test_an_unreadable_command_is_refused_without_a_verdict(connect, server, value, shown):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
-        with pytest.raises(Refused, match=rf"command\.dq\[1\].*{told}") as caught:
+        with pytest.raises(Refused, match=rf"command\.dq\[1\].*{shown}") as caught:
             await robot.send([0.0, value])
         assert (caught.value.code, caught.value.about) == ("invalid_message", "command")
         assert caught.value.seq is not None
         assert (await robot.send([0.0, 0.0])).outcome == "admitted"
 
 
-async def test_what_was_posted_and_cannot_be_read_is_told_at_the_next_tick(connect, server):
+async def test_an_unreadable_posted_command_is_reported_at_the_next_tick(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         seq = await robot.post([True])
@@ -191,7 +191,7 @@ async def test_what_was_posted_and_cannot_be_read_is_told_at_the_next_tick(conne
         assert caught.value.seq == seq
 
 
-async def test_a_number_is_no_increment(connect, server):
+async def test_a_single_number_is_not_an_increment(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         with pytest.raises(BadArgument, match="expected a sequence of numbers, got float"):
@@ -201,10 +201,10 @@ async def test_a_number_is_no_increment(connect, server):
 # --- leases and stops -------------------------------------------------------------------------------------
 
 
-async def test_acquiring_may_be_refused(connect, server):
+async def test_a_refused_acquire_raises(connect, server):
     server.on[m.Acquire] = lambda seat, request: seat.say(error(request, "leased"))
     async with await connect() as cell:
-        with pytest.raises(Refused, match="because; wait, or take it over") as caught:
+        with pytest.raises(Refused, match="because; wait, or take the robot over") as caught:
             await cell.acquire("FR")
         assert (caught.value.code, caught.value.about) == ("leased", "acquire")
 
@@ -214,8 +214,8 @@ async def test_a_lost_lease_ends_the_loop(connect, server):
         async with await cell.acquire("FR") as robot:
             ticks = aiter(robot.ticks())
             await anext(ticks)
-            server.say(state("FR", 1), server.lost("FR", 1, "an operator took it over"))
-            with pytest.raises(LeaseLost, match=r"took it over.*acquire it again") as caught:
+            server.say(state("FR", 1), server.lost("FR", 1, "an operator took the robot over"))
+            with pytest.raises(LeaseLost, match=r"took the robot over.*acquire it again") as caught:
                 await anext(ticks)
             assert (caught.value.robot, robot.held) == ("FR", False)
             with pytest.raises(LeaseLost):
@@ -226,7 +226,7 @@ async def test_a_lost_lease_ends_the_loop(connect, server):
             assert robot.lease.fence == 2
 
 
-async def test_an_old_loss_does_not_touch_a_new_lease(connect, server):
+async def test_the_loss_of_an_old_lease_does_not_affect_a_new_one(connect, server):
     async with await connect() as cell:
         old = await cell.acquire("FR")
         robot = await cell.acquire("FR")
@@ -237,7 +237,7 @@ async def test_an_old_loss_does_not_touch_a_new_lease(connect, server):
         assert (old.held, robot.held) == (False, True)
 
 
-async def test_a_stop_ends_the_loop_of_its_robots_alone(connect, server):
+async def test_a_stop_ends_only_the_loops_of_its_robots(connect, server):
     async with await connect() as cell:
         robot, other = await cell.acquire("FR"), await cell.acquire("GR")
         ticks = aiter(robot.ticks())
@@ -253,7 +253,7 @@ async def test_a_stop_ends_the_loop_of_its_robots_alone(connect, server):
         assert list(cell.stops) == []
 
 
-async def test_stop_and_reset(connect, server):
+async def test_an_operator_stops_and_resets(connect, server):
     async with await connect(role="operator") as cell:
         stopped = await cell.stop("FR", reason="test")
         assert (stopped.stop, stopped.robots, stopped.reason) == (7, ("FR",), "test")
@@ -261,7 +261,7 @@ async def test_stop_and_reset(connect, server):
         assert not cell.stops
 
 
-async def test_a_lease_is_given_back_when_the_loop_fails(connect, server):
+async def test_a_lease_is_released_when_the_loop_fails(connect, server):
     async with await connect() as cell:
         with pytest.raises(ZeroDivisionError):
             async with await cell.acquire("FR"):
@@ -269,7 +269,7 @@ async def test_a_lease_is_given_back_when_the_loop_fails(connect, server):
         await server.said(m.Release)
 
 
-async def test_a_release_that_is_refused_does_not_hide_what_went_wrong_before(connect, server):
+async def test_a_refused_release_does_not_hide_an_earlier_exception(connect, server):
     server.on[m.Release] = lambda seat, request: seat.say(error(request, "not_held"))
     async with await connect() as cell:
         with pytest.raises(Refused, match="not_held"):
@@ -280,7 +280,7 @@ async def test_a_release_that_is_refused_does_not_hide_what_went_wrong_before(co
                 1 / 0  # noqa: B018
 
 
-async def test_a_connection_that_is_reset(connect, server):
+async def test_a_reset_connection_is_lost(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         sock = server.seat.transport.get_extra_info("socket")
@@ -297,7 +297,7 @@ async def test_a_connection_that_is_reset(connect, server):
             await asyncio.wait_for(flood(), 30)
 
 
-async def test_waiting_keeps_the_lease(connect, server):
+async def test_a_waiting_client_sends_pings(connect, server):
     server.ttl = 0.03
     server.first = None
     async with await connect() as cell, await cell.acquire("FR") as robot:
@@ -310,14 +310,14 @@ async def test_waiting_keeps_the_lease(connect, server):
 # --- subscriptions, signals, assets ------------------------------------------------------------------------
 
 
-async def test_following_a_robot_asks_for_its_ticks_alone(connect, server):
+async def test_ticks_subscribe_to_one_robot(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         asked = await server.said(m.Subscribe)
         assert (asked.every, asked.robots, asked.fields) == (1, ("FR",), None)
 
 
-async def test_a_subscription_of_ones_own_is_kept_and_widened(connect, server):
+async def test_ticks_extend_an_existing_subscription(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await cell.subscribe(every=5, robots=["GR"], fields=["q"])
         await first(robot.ticks())
@@ -327,7 +327,7 @@ async def test_a_subscription_of_ones_own_is_kept_and_widened(connect, server):
         assert server.count(m.Subscribe) == 2
 
 
-async def test_signals_do_not_wait(connect, server):
+async def test_signals_do_not_wait_for_answers(connect, server):
     async with await connect() as cell:
         await cell.signal("one", 1)
         await cell.signal("three", np.array([1.0, 2.0, 3.0]))
@@ -338,7 +338,7 @@ async def test_signals_do_not_wait(connect, server):
             await cell.signal("bad", [])
 
 
-async def test_a_signal_with_more_to_come_goes_with_what_is_said_next(connect, server):
+async def test_a_delayed_signal_is_sent_with_the_next_message(connect, server):
     async with await connect() as cell:
         await cell.signal("one", 1, more=True)
         await cell.signal("two", 2, more=True)
@@ -348,21 +348,21 @@ async def test_a_signal_with_more_to_come_goes_with_what_is_said_next(connect, s
         assert (await server.said(m.Signal, 2)).name == "two"
         assert server.count(m.Signal) == 2
         await cell.signal("three", 3, more=True)
-    assert (await server.said(m.Signal, 3)).name == "three"  # a bye takes it along, too
+    assert (await server.said(m.Signal, 3)).name == "three"  # also sent with a bye
 
 
-async def test_a_robot_less_participant_passes_the_step_of_the_newest_state(connect, server):
+async def test_a_participant_without_a_robot_passes_the_step_of_the_newest_state(connect, server):
     server.lockstep = True
     server.first = state("FR", 0, step=5)
     async with await connect() as cell:
-        await cell.skip()  # nothing has been seen yet
+        await cell.skip()  # no state has arrived yet
         assert (await first(cell.states())).step == 5
         await cell.skip()
         assert (await server.said(m.Pass)).step == 5
         assert server.count(m.Pass) == 1
 
 
-async def test_the_refusal_of_a_signal_is_told_by_the_next_one(connect, server):
+async def test_the_refusal_of_a_signal_is_raised_by_the_next_one(connect, server):
     server.on[m.Signal] = lambda seat, request: seat.say(error(request, "signal_owned"))
     async with await connect() as cell:
         await cell.signal("zoom", 1.0)
@@ -371,7 +371,7 @@ async def test_the_refusal_of_a_signal_is_told_by_the_next_one(connect, server):
             await cell.signal("zoom", 1.0)
 
 
-async def test_a_signal_that_came_too_fast_is_only_counted(connect, server):
+async def test_signals_that_arrive_too_fast_are_only_counted(connect, server):
     server.on[m.Signal] = lambda seat, request: seat.say(error(request, "signal_rate"))
     async with await connect() as cell:
         for _ in range(3):
@@ -380,7 +380,7 @@ async def test_a_signal_that_came_too_fast_is_only_counted(connect, server):
         assert cell.signals_dropped == 3
 
 
-async def test_an_asset_is_fetched_once_in_pieces(connect, server):
+async def test_an_asset_is_downloaded_once_in_pieces(connect, server):
     async with await connect() as cell:
         assert (await cell.urdf("GR")).encode() == URDF
         assert await cell.asset(URDF_HASH) == URDF
@@ -389,7 +389,7 @@ async def test_an_asset_is_fetched_once_in_pieces(connect, server):
             await cell.urdf("XX")
 
 
-async def test_an_asset_with_another_hash_is_not_taken(connect, server):
+async def test_an_asset_with_another_hash_is_refused(connect, server):
     server.on[m.Asset] = lambda seat, request: seat.say(
         m.Chunk(re=request.id, hash=request.hash, offset=0, total=3, data=b"abc")
     )
@@ -398,12 +398,12 @@ async def test_an_asset_with_another_hash_is_not_taken(connect, server):
             await cell.asset(URDF_HASH)
 
 
-async def test_an_asset_that_does_not_grow_ends(connect, server):
+async def test_an_empty_piece_of_an_asset_is_refused(connect, server):
     server.on[m.Asset] = lambda seat, request: seat.say(
         m.Chunk(re=request.id, hash=request.hash, offset=0, total=3, data=b"")
     )
     async with await connect() as cell:
-        with pytest.raises(ConnectionLost, match="not asked for"):
+        with pytest.raises(ConnectionLost, match="not requested"):
             await cell.asset(URDF_HASH)
 
 
@@ -420,7 +420,7 @@ async def test_skip_passes_the_step(connect, server):
         assert (await server.said(m.Pass)).step == 11
 
 
-async def test_skip_says_nothing_by_the_wall_clock(connect, server):
+async def test_skip_sends_nothing_by_the_wall_clock(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         await robot.skip()
@@ -428,7 +428,7 @@ async def test_skip_says_nothing_by_the_wall_clock(connect, server):
         assert server.count(m.Pass) == 0
 
 
-async def test_lockstep_waits_as_long_as_the_server_lives(connect, server):
+async def test_a_wait_in_lock_step_is_unlimited_while_the_server_answers(connect, server):
     server.lockstep, server.ttl = True, 0.03
     server.on[m.Command] = lambda seat, command: None
     async with await connect(timeout=0.1, patience=0.05) as cell, await cell.acquire("FR") as robot:
@@ -439,7 +439,7 @@ async def test_lockstep_waits_as_long_as_the_server_lives(connect, server):
         assert (await sending).outcome == "admitted"
 
 
-async def test_a_silent_server_is_found_out(connect, server):
+async def test_a_silent_server_is_detected(connect, server):
     server.lockstep, server.ttl = True, 0.03
     server.first = None
     async with await connect(timeout=0.1) as cell:
@@ -448,29 +448,29 @@ async def test_a_silent_server_is_found_out(connect, server):
             await first(cell.states())
 
 
-# --- what goes wrong --------------------------------------------------------------------------------------
+# --- failures ---------------------------------------------------------------------------------------------
 
 
-async def test_an_answer_that_comes_late_is_dropped(connect, server):
+async def test_a_late_answer_is_dropped(connect, server):
     async with await connect(timeout=0.05) as cell:
         server.on[m.Stop] = lambda seat, request: None
-        with pytest.raises(TimedOut, match=r"an answer to stop did not come within 0.05 s"):
+        with pytest.raises(TimedOut, match=r"an answer to stop did not arrive within 0.05 s"):
             await cell.stop()
         server.say(m.Stopped(re=(await server.said(m.Stop)).id, stop=1, robots=("FR",), reason="", by="c"))
         assert await cell.ping() >= 0.0
         assert list(cell.stops) == [1]
 
 
-async def test_no_tick_within_the_patience(connect, server):
+async def test_a_missing_tick_times_out(connect, server):
     server.first = None
     async with await connect(patience=0.05) as cell, await cell.acquire("FR") as robot:
-        with pytest.raises(TimedOut, match=r"a tick of FR did not come within 0.05 s"):
+        with pytest.raises(TimedOut, match=r"a tick of FR did not arrive within 0.05 s"):
             await first(robot.ticks())
         with pytest.raises(TimedOut, match=r"0.01 s"):
             await first(robot.ticks(timeout=0.01))
 
 
-async def test_what_came_before_the_end_is_still_given(connect, server):
+async def test_messages_before_the_end_are_still_returned(connect, server):
     def last_word(seat, command):
         seat.say(verdict(command), m.Bye(reason="shutting down"))
         seat.transport.close()
@@ -479,7 +479,7 @@ async def test_what_came_before_the_end_is_still_given(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         assert (await robot.send([0.0, 0.0])).outcome == "admitted"
-        with pytest.raises(ConnectionLost, match=r"said goodbye \(shutting down\)"):
+        with pytest.raises(ConnectionLost, match=r"ended the connection \(shutting down\)"):
             await first(robot.ticks())
 
 
@@ -493,7 +493,7 @@ async def test_a_fatal_error_ends_the_connection(connect, server):
             await cell.ping()
 
 
-async def test_the_server_is_gone(connect, server):
+async def test_a_lost_server_is_reported(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         server.on[m.Command] = lambda seat, command: seat.transport.abort()
@@ -502,20 +502,20 @@ async def test_the_server_is_gone(connect, server):
 
 
 @pytest.mark.parametrize("bytes_", [b"\xff" * 8, frame(b"\xc1"), frame(b"\x81\xa4type\xa7verdict")])
-async def test_a_server_that_sends_garbage(connect, server, bytes_):
+async def test_garbage_from_the_server_ends_the_connection(connect, server, bytes_):
     async with await connect() as cell:
         server.on[m.Ping] = lambda seat, request: seat.transport.write(bytes_)
-        with pytest.raises(ConnectionLost, match=r"what cannot be read.*versions"):
+        with pytest.raises(ConnectionLost, match=r"an unreadable message.*versions"):
             await cell.ping()
 
 
-async def test_messages_of_a_later_version_are_left_out(connect, server):
+async def test_messages_of_a_later_version_are_ignored(connect, server):
     async with await connect() as cell:
         server.seat.transport.write(frame(b"\x81\xa4type\xa7weather"))
         assert await cell.ping() >= 0.0
 
 
-async def test_a_server_that_does_not_read(connect, server):
+async def test_a_server_that_does_not_read_ends_the_connection(connect, server):
     async with await connect(timeout=0.05) as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         server.seat.transport.pause_reading()
@@ -528,7 +528,7 @@ async def test_a_server_that_does_not_read(connect, server):
             await asyncio.wait_for(flood(), 30)
 
 
-async def test_closed_is_closed(connect, server):
+async def test_a_closed_connection_stays_closed(connect, server):
     cell = await connect()
     await cell.close()
     await cell.close()
@@ -549,8 +549,8 @@ async def test_two_tasks_share_a_connection(server):
             return await asyncio.gather(*(handle.send([0.0, 0.0]) for _ in range(5)))
 
         verdicts = await asyncio.gather(drive(robot), drive(other))
-        assert [{judged.robot for judged in each} for each in verdicts] == [{"FR"}, {"GR"}]
-        assert len({judged.seq for each in verdicts for judged in each}) == 10
+        assert [{answer.robot for answer in each} for each in verdicts] == [{"FR"}, {"GR"}]
+        assert len({answer.seq for each in verdicts for answer in each}) == 10
 
 
 @pytest.mark.parametrize("kind", ["Cell", "Robot"])

@@ -21,7 +21,7 @@ from armgate.client import (
     read_token,
     tls_context,
 )
-from armgate.client.tls import check_token
+from armgate.client.security import check_token
 from armgate.protocol import messages as m
 from support.cells import arms_yaml
 from support.certificates import Authority

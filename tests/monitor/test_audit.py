@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from armgate import events as e
 from armgate.daemon.recording.recorder import Recorder
 from armgate.recording import Recording
-from armgate.recording.form import METADATA, PROFILE
+from armgate.recording.header import METADATA, PROFILE
 from armgate.recording.verify import verify
 from monitor.test_planted_faults import DOWN
 from monitor.watched import ARM, GANTRY, Watched, demo, saved

@@ -1,4 +1,4 @@
-"""Messages to bytes and back, and everything that is not a message."""
+"""Codec of messages: round trips, and the errors of invalid payloads."""
 
 import contextlib
 import re
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, answering, decode, encode
 from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, MAX_DEPTH, MAX_MAP, MAX_STR, _bounds, unpack
-from armgate.protocol.faults import Reader, fault_in
+from armgate.protocol.fault_location import Reader, fault_in
 from armgate.protocol.framing import HEADER, frame
 from support.messages import FROM_CLIENT, FROM_SERVER
 
@@ -27,12 +27,12 @@ def refused(payload, catalogue=m.Catalogue.client, **more):
 
 
 def fields_given(model):
-    """What was set in a message, through all its parts; a NaN as a text, so that it equals itself."""
+    """Return the fields set in a message and its parts; as a text, so that NaN equals itself."""
     return repr({"type": model.type, **model.model_dump(exclude_unset=True)})
 
 
 @pytest.mark.parametrize(("model", "catalogue", "strategy"), EVERY, ids=lambda x: getattr(x, "__name__", ""))
-def test_every_message_comes_back_with_exactly_what_was_given(model, catalogue, strategy):
+def test_every_message_survives_a_round_trip_with_exactly_its_set_fields(model, catalogue, strategy):
     @settings(
         max_examples=30,
         deadline=None,
@@ -50,7 +50,7 @@ def test_every_message_comes_back_with_exactly_what_was_given(model, catalogue, 
 
 
 @pytest.mark.parametrize("re", [0, 127, 2**31 - 1])
-def test_an_answer_that_is_encoded_already_gets_its_re(re):
+def test_re_is_added_to_an_encoded_answer(re):
     small = m.Signaled(name="x")
     assert decode(answering(encode(small), re)[HEADER:], m.Catalogue.server) == m.Signaled(name="x", re=re)
     counts = {f"a{number}": number for number in range(16)}
@@ -58,7 +58,7 @@ def test_an_answer_that_is_encoded_already_gets_its_re(re):
     assert unpack(answering(large, re)[HEADER:]) == {"re": re, "type": "signaled", "name": "x", **counts}
 
 
-def test_what_was_not_subscribed_differs_from_nobody():
+def test_an_absent_holder_differs_from_nil():
     absent = m.Entry(robot="FR", tick=1, time=0.0)
     nobody = m.Entry(robot="FR", tick=1, time=0.0, holder=None)
     state = m.State(robot="FR", tick=1, time=0.0, entries=(absent, nobody))
@@ -66,7 +66,7 @@ def test_what_was_not_subscribed_differs_from_nobody():
     assert ["holder" in entry.model_fields_set for entry in back.entries] == [False, True]
 
 
-def test_type_is_always_written_and_defaults_are_not():
+def test_type_is_always_encoded_and_defaults_are_not():
     assert unpack(encode(m.Describe())[HEADER:]) == {"type": "describe"}
     assert unpack(encode(m.Ping(time=1))[HEADER:]) == {"type": "ping", "time": 1.0}
 
@@ -76,17 +76,17 @@ def test_keys_of_a_later_version_are_ignored():
     assert message == m.Command(**COMMAND | {"dq": (0.1, 0.2)})
 
 
-def test_an_integer_may_stand_for_a_number():
+def test_an_integer_is_accepted_as_a_number():
     message = decode(msgpack.packb(COMMAND | {"dq": [1, -(2**63), 2**64 - 1]}), m.Catalogue.client)
     assert message.dq == (1.0, -(2.0**63), 2.0**64)
     assert all(type(x) is float for x in message.dq)
 
 
-# --- what is well-formed but no message --------------------------------------------------------------------
+# --- well-formed payloads that are not valid messages ------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "text"),
     [
         ({"dq": [0.0, True]}, r"command\.dq\[1\]: .*got a bool True"),
         ({"dq": ["0.1"]}, r"command\.dq\[0\]: .*got a text '0\.1'"),
@@ -106,14 +106,14 @@ def test_an_integer_may_stand_for_a_number():
         ({"fence": 1.5, "tick": "x"}, r"command\.fence: .*\(and 1 more\)"),
     ],
 )
-def test_a_field_of_the_wrong_form_is_named_and_seq_is_echoed(change, told):
+def test_an_invalid_field_is_named_and_seq_is_repeated(change, text):
     error = refused(msgpack.packb(COMMAND | change))
     assert (error.code, error.fatal, error.about, error.seq) == ("invalid_message", False, "command", 7)
-    assert re.search(told, error.text), error.text
+    assert re.search(text, error.text), error.text
 
 
 @given(st.binary(max_size=60))
-def test_whatever_the_fast_reader_refuses_the_slow_one_explains(payload):
+def test_the_slow_reader_locates_a_fault_in_every_payload_that_the_fast_reader_refuses(payload):
     slow, refused = fault_in(payload, _bounds(MAX_ARRAY)), False
     try:
         unpack(payload)
@@ -141,7 +141,7 @@ WRONG = (
 
 
 @pytest.mark.parametrize("model", m.CLIENT_MESSAGES, ids=lambda x: x.__name__)
-def test_each_wrong_value_of_each_field_is_told_in_our_words_with_its_place(model):
+def test_errors_of_every_field_name_its_place_and_no_library(model):
     kind = model.model_fields["type"].default
     for field in model.model_fields.keys() - {"type"}:
         for value in WRONG:
@@ -154,31 +154,31 @@ def test_each_wrong_value_of_each_field_is_told_in_our_words_with_its_place(mode
             assert re.match(rf"{kind}\.\w+(\[\d+\])?: (is missing|expected .+; got )", text), text
 
 
-def test_the_byte_told_is_where_the_value_begins():
+def test_the_reported_byte_is_the_first_of_the_value():
     payload = msgpack.packb({"type": "subscribe", "robots": ["A", "B", 7], "every": 1})
     text = refused(payload).text
     assert text == "subscribe.robots[2]: expected a text; got an integer 7 at byte 28"
     assert payload[28] == 7
 
 
-CROOKED = {"type": "stop", "robot": 5, "pad": [[1] * 250] * 250}
-LATE = {"type": "stop", "pad": [[1] * 250] * 250, "robot": 5}
+NEAR = {"type": "stop", "robot": 5, "pad": [[1] * 250] * 250}
+FAR = {"type": "stop", "pad": [[1] * 250] * 250, "robot": 5}
 
 
 @pytest.mark.parametrize(
-    ("payload", "told"),
+    ("payload", "text"),
     [
-        (msgpack.packb(CROOKED), r"stop\.robot: .*at byte 17"),
-        (msgpack.packb(LATE), r"stop\.robot: expected a text; got an integer 5"),
-        (msgpack.packb(LATE)[:-1] + b"\xc1", "the payload is not a map of this protocol"),
+        (msgpack.packb(NEAR), r"stop\.robot: .*at byte 17"),
+        (msgpack.packb(FAR), r"stop\.robot: expected a text; got an integer 5"),
+        (msgpack.packb(FAR)[:-1] + b"\xc1", "the payload is not a map of this protocol"),
     ],
     ids=["near", "far", "malformed"],
 )
-def test_no_more_values_are_read_again_than_a_bound(payload, told, monkeypatch):
+def test_the_second_pass_reads_a_bounded_number_of_values(payload, text, monkeypatch):
     read = []
     head = Reader._head
     monkeypatch.setattr(Reader, "_head", lambda self: read.append(1) or head(self))
-    assert re.fullmatch(told, refused(payload).text)
+    assert re.fullmatch(text, refused(payload).text)
     assert len(read) < 200
 
 
@@ -188,12 +188,12 @@ def test_a_missing_field_is_named():
 
 
 @pytest.mark.parametrize("seq", [True, "7", 7.0, -1, 2**63, None])
-def test_a_seq_that_is_no_number_is_not_echoed(seq):
+def test_an_invalid_seq_is_not_repeated(seq):
     assert refused(msgpack.packb(COMMAND | {"seq": seq})).seq is None
 
 
 @pytest.mark.parametrize(("id_", "echoed"), [(5, 5), (True, None), (2**31, None), ("5", None)])
-def test_the_id_of_a_request_is_echoed_where_it_can_be_read(id_, echoed):
+def test_the_id_of_a_request_is_repeated_if_it_is_valid(id_, echoed):
     assert refused(msgpack.packb({"type": "ping", "time": "x", "id": id_})).re == echoed
     assert refused(msgpack.packb({"type": "tea", "id": id_})).re == echoed
 
@@ -207,12 +207,12 @@ def test_an_unknown_type_is_not_fatal_and_names_the_known_ones():
 
 
 @pytest.mark.parametrize("kind", [None, 3, ["hello"], b"hello", {}])
-def test_a_type_that_is_no_text(kind):
+def test_a_type_that_is_not_a_text_is_not_fatal(kind):
     error = refused(msgpack.packb({"type": kind}))
     assert (error.code, error.fatal, error.about) == ("invalid_message", False, None)
 
 
-def test_no_error_tells_the_token():
+def test_no_error_contains_the_token():
     hello = {"type": "hello", "versions": [1], "name": "c"}
     for token in ("hunter2" * 50, b"hunter2", ["hunter2"], {"hunter2": "hunter2"}, ""):
         error = refused(msgpack.packb(hello | {"token": token}))
@@ -221,14 +221,14 @@ def test_no_error_tells_the_token():
 
 
 @given(st.text(max_size=2000), st.text(max_size=2000))
-def test_texts_of_errors_are_bounded_whatever_came(kind, robot):
+def test_error_texts_are_bounded_for_any_input(kind, robot):
     for payload in (msgpack.packb({"type": kind}), msgpack.packb(COMMAND | {"robot": robot + " "})):
         error = refused(payload)
         assert len(error.text) <= 512
         decode(encode(error.message())[HEADER:], m.Catalogue.server)
 
 
-# --- what is not well-formed -------------------------------------------------------------------------------
+# --- malformed payloads ------------------------------------------------------------------------------------
 
 
 def nested(levels):
@@ -243,13 +243,13 @@ MALFORMED = {
         msgpack.packb({}) + b"\x01",
         "byte 1: expected the end of the payload, got 1 bytes",
     ),
-    "a byte that is reserved": (b"\xc1", "byte 0: no value of msgpack begins with the byte 0xc1"),
+    "a byte that is reserved": (b"\xc1", "byte 0: no msgpack value begins with the byte 0xc1"),
     "no map": (msgpack.packb([1, 2]), "byte 0: expected a map, got an array"),
     "a number": (b"\x01", "byte 0: expected a map, got an integer"),
     "not UTF-8": (b"\x81\xa1a\xa1\xff", "byte 3: a text that is not UTF-8"),
     "key not UTF-8": (b"\x81\xa1\xff\x01", "byte 1: a text that is not UTF-8"),
-    "a key twice": (b"\x82\xa1a\x01\xa1a\x02", "byte 4: a key stands twice"),
-    "a key twice inside": (b"\x81\xa1m\x82\xa1a\x01\xa1a\x02", "byte 7: a key stands twice"),
+    "a key twice": (b"\x82\xa1a\x01\xa1a\x02", "byte 4: a key occurs twice"),
+    "a key twice inside": (b"\x81\xa1m\x82\xa1a\x01\xa1a\x02", "byte 7: a key occurs twice"),
     "an integer as key": (b"\x81\x01\x02", "byte 1: a key of a map is not a text"),
     "binary data as key": (b"\x81\xc4\x01a\x02", "byte 1: a key of a map is not a text"),
     "an array as key": (b"\x81\x91\x01\x02", "byte 1: a key of a map is not a text"),
@@ -276,18 +276,18 @@ MALFORMED = {
 FOREIGN = re.compile(
     r"Input should|validation|Tuple|String should|pydantic|Stack|strict|NoneType|Extra|Field req|max_|ext_"
 )
-"""Words of libraries, and names of their options."""
+"""Words of libraries and names of their options, which must not appear in error texts."""
 
 
-@pytest.mark.parametrize(("payload", "told"), list(MALFORMED.values()), ids=list(MALFORMED))
-def test_malformed_payloads_are_fatal(payload, told):
+@pytest.mark.parametrize(("payload", "text"), list(MALFORMED.values()), ids=list(MALFORMED))
+def test_malformed_payloads_are_fatal(payload, text):
     error = refused(payload)
     assert (error.code, error.fatal) == ("malformed", True)
-    assert error.text.startswith(told), error.text
+    assert error.text.startswith(text), error.text
     assert not FOREIGN.search(error.text)
 
 
-def test_bounds_themselves_are_accepted():
+def test_values_at_the_bounds_are_accepted():
     at_bounds = {
         "deep": b"\x81\xa1a" + b"\x91" * (MAX_DEPTH - 1) + b"\x01",
         "map": msgpack.packb({str(i): 0 for i in range(MAX_MAP)}),
@@ -298,7 +298,7 @@ def test_bounds_themselves_are_accepted():
         unpack(payload)
 
 
-def test_clients_may_send_shorter_arrays_only():
+def test_arrays_from_clients_have_a_lower_bound_than_those_to_clients():
     payload = msgpack.packb(COMMAND | {"more": [0] * (MAX_ARRAY_INBOUND + 1)})
     assert decode(payload, m.Catalogue.client).seq == 7
     assert refused(payload, max_array=MAX_ARRAY_INBOUND).code == "malformed"
@@ -341,10 +341,10 @@ def test_a_message_with_one_byte_changed_gives_a_message_or_a_protocol_error(mes
         encode(error.message())
 
 
-# --- what is mine ------------------------------------------------------------------------------------------
+# --- faults of this side -----------------------------------------------------------------------------------
 
 
-def test_what_has_no_form_on_the_wire_is_my_own_fault():
+def test_a_value_that_cannot_be_encoded_is_a_local_error():
     for dq in ((object(),), (2**64,), (1 + 2j,), ("\ud800",)):
         message = m.Command.model_construct(robot="FR", fence=1, seq=1, tick=1, dq=dq)
         with pytest.raises(LocalProtocolError, match="command: cannot be encoded") as caught:
@@ -352,11 +352,11 @@ def test_what_has_no_form_on_the_wire_is_my_own_fault():
         assert caught.value.about == "command"
 
 
-def test_a_message_beyond_the_limit_is_my_own_fault():
+def test_a_message_beyond_the_limit_is_a_local_error():
     with pytest.raises(LocalProtocolError, match=r"chunk: .*at most 100"):
         encode(m.Chunk(hash="0" * 64, offset=0, total=1, data=b"x" * 100), limit=100)
 
 
-def test_the_largest_chunk_fits():
+def test_the_largest_chunk_fits_into_a_frame():
     chunk = m.Chunk(re=2**31 - 1, hash="0" * 64, offset=2**63 - 1, total=2**63 - 1, data=bytes(m.MAX_CHUNK))
     assert decode(encode(chunk)[HEADER:], m.Catalogue.server) == chunk

@@ -1,4 +1,4 @@
-"""Who may say what when: the whole product of states, sides and messages, written down a second time."""
+"""State machine of a connection: every combination of state, side and message, stated a second time."""
 
 import itertools
 from dataclasses import replace
@@ -44,7 +44,7 @@ def welcome(**more):
     return m.Welcome(**fields | {"role": "observer", "limits": LIMITS} | more)
 
 
-CLIENT_SAYS = {
+CLIENT_MESSAGES = {
     "hello": HELLO,
     "describe": m.Describe(),
     "asset": m.Asset(hash="0" * 64),
@@ -61,7 +61,7 @@ CLIENT_SAYS = {
     "sessions": m.Sessions(),
     "kick": m.Kick(session="s1"),
 }
-SERVER_SAYS = {
+SERVER_MESSAGES = {
     "welcome": welcome(),
     "description": m.Description(
         name="x",
@@ -90,14 +90,14 @@ SERVER_SAYS = {
     "session_list": m.SessionList(sessions=()),
     "kicked": m.Kicked(session="s1"),
 }
-SAYS = {Side.CLIENT: CLIENT_SAYS, Side.SERVER: SERVER_SAYS}
-EVENTS = [(side, event) for side, says in SAYS.items() for event in says]
+MESSAGES = {Side.CLIENT: CLIENT_MESSAGES, Side.SERVER: SERVER_MESSAGES}
+EVENTS = [(side, event) for side, messages in MESSAGES.items() for event in messages]
 
 
 def expected(state, side, event):
-    """The machine in words of its own: the state that follows, None for what may not be said."""
+    """Return the next state, stated independently of the table; None if the message is not allowed."""
     client = side is Side.CLIENT
-    talk = event not in ("hello", "welcome", "bye", "fatal")
+    ordinary = event not in ("hello", "welcome", "bye", "fatal")
     match state:
         case State.CLOSED:
             return None
@@ -106,11 +106,11 @@ def expected(state, side, event):
         case State.CLIENT_LEAVING:
             if client:
                 return None
-            return State.CLOSED if event in ("bye", "fatal") else state if talk else None
+            return State.CLOSED if event in ("bye", "fatal") else state if ordinary else None
         case State.SERVER_LEAVING:
             if not client:
                 return None
-            return State.CLOSED if event == "bye" else state if talk else None
+            return State.CLOSED if event == "bye" else state if ordinary else None
     if event == "bye":
         return State.CLIENT_LEAVING if client else State.SERVER_LEAVING
     if event == "fatal":
@@ -119,11 +119,11 @@ def expected(state, side, event):
         return State.AWAIT_WELCOME if event == "hello" else None
     if state is State.AWAIT_WELCOME:
         return State.READY if event == "welcome" else None
-    return state if talk else None
+    return state if ordinary else None
 
 
 def connection(role, state):
-    """A connection that was brought to a state by what is said on the way there."""
+    """Return a connection in a state, brought there by messages."""
     made = Connection(role)
     way = {
         State.AWAIT_HELLO: [],
@@ -139,7 +139,7 @@ def connection(role, state):
             made.receive(bytes(HEADER))
             continue
         side = Side.CLIENT if step in ("hello", "client bye") else Side.SERVER
-        message = SAYS[side][step.split()[-1]]
+        message = MESSAGES[side][step.split()[-1]]
         if side is role:
             made.send(message)
         else:
@@ -148,94 +148,98 @@ def connection(role, state):
     return made
 
 
-def test_every_message_of_the_protocol_is_in_the_product():
+def test_every_message_of_the_protocol_is_covered():
     assert {m.CLIENT_MESSAGES, m.SERVER_MESSAGES} == {
-        tuple(type(message) for event, message in says.items() if event != "fatal") for says in SAYS.values()
+        tuple(type(message) for event, message in messages.items() if event != "fatal")
+        for messages in MESSAGES.values()
     }
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
-def test_the_table_is_the_machine(state, event):
+def test_the_table_equals_the_independent_statement(state, event):
     assert TRANSITIONS.get((state, *event)) is expected(state, *event)
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
-def test_sending(state, event):
+def test_sending_is_allowed_in_exactly_the_states_of_the_table(state, event):
     side, name = event
-    talker = connection(side, state)
+    sender = connection(side, state)
     following = expected(state, side, name)
     if following is None:
         with pytest.raises(
             LocalProtocolError, match=f"the {side.value} may not send this in state {state.value}"
         ):
-            talker.send(SAYS[side][name])
-        assert talker.state is state
+            sender.send(MESSAGES[side][name])
+        assert sender.state is state
     else:
-        assert talker.send(SAYS[side][name]) == encode(SAYS[side][name])
-        assert talker.state is following
+        assert sender.send(MESSAGES[side][name]) == encode(MESSAGES[side][name])
+        assert sender.state is following
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(State, EVENTS)))
-def test_receiving(state, event):
+def test_receiving_is_allowed_in_exactly_the_states_of_the_table(state, event):
     side, name = event
-    listener = connection(side.other, state)
+    receiver = connection(side.other, state)
     following = expected(state, side, name)
-    found = listener.receive(encode(SAYS[side][name]))
+    found = receiver.receive(encode(MESSAGES[side][name]))
     if state in (State.CLOSED, State.FAILED):
-        assert (found, listener.state) == ([], state)
+        assert (found, receiver.state) == ([], state)
     elif following is None:
         (refusal,) = found
-        assert (refusal.fatal, refusal.error.code, listener.state) == (True, "unexpected", State.FAILED)
+        assert (refusal.fatal, refusal.error.code, receiver.state) == (True, "unexpected", State.FAILED)
         assert f"not allowed from the {side.value} in state {state.value}" in refusal.error.text
     else:
-        assert found == [SAYS[side][name]]
-        assert listener.state is following
+        assert found == [MESSAGES[side][name]]
+        assert receiver.state is following
 
 
 @pytest.mark.parametrize("event", EVENTS)
-def test_both_sides_agree_about_where_they_are(event):
+def test_both_sides_reach_the_same_state(event):
     side, name = event
     for state in (State.AWAIT_HELLO, State.AWAIT_WELCOME, State.READY):
         if expected(state, side, name) is None:
             continue
-        talker, listener = connection(side, state), connection(side.other, state)
-        listener.receive(talker.send(SAYS[side][name]))
-        assert talker.state is listener.state
+        sender, receiver = connection(side, state), connection(side.other, state)
+        receiver.receive(sender.send(MESSAGES[side][name]))
+        assert sender.state is receiver.state
 
 
 # --- versions ---------------------------------------------------------------------------------------------
 
 
-def speaking(*versions):
+def dialects(*versions):
     return [replace(DIALECTS[0], version=version) for version in versions]
 
 
-def test_the_server_takes_the_highest_version_in_common():
-    server = Connection(Side.SERVER, speaking(1, 2, 3))
+def test_the_server_chooses_the_highest_version_in_common():
+    server = Connection(Side.SERVER, dialects(1, 2, 3))
     server.receive(encode(m.Hello(versions=(2, 1, 9), name="c")))
     assert (server.version, server.hello.versions) == (2, (2, 1, 9))
 
 
 def test_no_version_in_common_is_fatal_and_names_both_lists():
-    (refusal,) = Connection(Side.SERVER, speaking(1, 2)).receive(
+    (refusal,) = Connection(Side.SERVER, dialects(1, 2)).receive(
         encode(m.Hello(versions=(9, 7), name="c", id=4))
     )
     assert (refusal.fatal, refusal.error.code, refusal.error.about) == (True, "version", "hello")
     assert refusal.error.re == 4
-    assert "server speaks [1, 2], the client [7, 9]" in refusal.error.text
+    assert "server supports [1, 2], the client [7, 9]" in refusal.error.text
 
 
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"versions": (1, 2), "client_versions": (1, 2)}, "chose version 1 where both speak 2"),
-        ({"versions": (1, 2), "client_versions": (1,)}, r"the server saw the versions [1], sent were [1, 2]"),
-        ({"version": 2, "client_versions": (1, 2)}, "chose version 2 where both speak 1"),
+        ({"versions": (1, 2), "client_versions": (1, 2)}, "chose version 1; both sides support 2"),
+        (
+            {"versions": (1, 2), "client_versions": (1,)},
+            r"the server received the versions [1]; this client sent [1, 2]",
+        ),
+        ({"version": 2, "client_versions": (1, 2)}, "chose version 2; both sides support 1"),
         ({"version": 7, "versions": (7,), "client_versions": (1, 2)}, "no version in common"),
     ],
 )
-def test_a_downgrade_shows(change, told):
-    client = Connection(Side.CLIENT, speaking(1, 2))
+def test_the_client_detects_a_downgrade(change, told):
+    client = Connection(Side.CLIENT, dialects(1, 2))
     client.send(m.Hello(versions=(1, 2), name="c"))
     (refusal,) = client.receive(encode(welcome(**change)))
     assert (refusal.fatal, refusal.error.code) == (True, "version")
@@ -248,10 +252,10 @@ def test_the_client_learns_the_version_from_the_welcome():
     assert connection(Side.CLIENT, State.READY).version == 1
 
 
-# --- what comes in ----------------------------------------------------------------------------------------
+# --- receiving --------------------------------------------------------------------------------------------
 
 
-def test_a_refused_message_leaves_the_others_alone():
+def test_a_refused_message_does_not_affect_the_others():
     server = connection(Side.SERVER, State.READY)
     ping = encode(m.Ping(time=1.0))
     tea = frame(msgpack.packb({"type": "tea"}))
@@ -263,14 +267,14 @@ def test_a_refused_message_leaves_the_others_alone():
     assert server.state is State.READY
 
 
-def test_after_a_fatal_refusal_nothing_is_read_and_one_thing_is_said():
+def test_after_a_fatal_refusal_only_the_error_may_be_sent():
     server = connection(Side.SERVER, State.READY)
     ping = encode(m.Ping(time=1.0))
     _, refusal = server.receive(ping + frame(b"\xc1") + ping)
     assert refusal.fatal
     assert server.receive(ping) == []
     with pytest.raises(LocalProtocolError):
-        server.send(SERVER_SAYS["state"])
+        server.send(SERVER_MESSAGES["state"])
     server.send(refusal.error)
     assert server.closed
     with pytest.raises(LocalProtocolError):
@@ -288,10 +292,10 @@ def test_before_the_welcome_every_refusal_is_fatal(payload):
         assert server.state is State.FAILED
 
 
-def test_what_may_not_be_said_is_answered_to_who_asked():
+def test_a_refusal_of_a_message_out_of_turn_repeats_its_id_or_seq():
     (refusal,) = connection(Side.SERVER, State.AWAIT_HELLO).receive(encode(m.Describe(id=7)))
     assert (refusal.error.code, refusal.error.about, refusal.error.re) == ("unexpected", "describe", 7)
-    (refusal,) = connection(Side.SERVER, State.AWAIT_HELLO).receive(encode(CLIENT_SAYS["command"]))
+    (refusal,) = connection(Side.SERVER, State.AWAIT_HELLO).receive(encode(CLIENT_MESSAGES["command"]))
     assert (refusal.error.about, refusal.error.seq) == ("command", 1)
 
 
@@ -305,7 +309,7 @@ def test_what_may_not_be_said_is_answered_to_who_asked():
         (Side.CLIENT, State.READY, 1024 * 1024),
     ],
 )
-def test_limits_of_what_comes_in(role, state, limit):
+def test_inbound_limits(role, state, limit):
     def header(length):
         return length.to_bytes(HEADER, "big")
 
@@ -318,7 +322,7 @@ def test_limits_of_what_comes_in(role, state, limit):
 @pytest.mark.parametrize(
     ("state", "limit"), [(State.AWAIT_HELLO, HANDSHAKE_LIMIT), (State.READY, INBOUND_LIMIT)]
 )
-def test_a_client_does_not_send_what_the_server_would_not_read(state, limit):
+def test_a_client_does_not_send_payloads_beyond_the_servers_limit(state, limit):
     client = connection(Side.CLIENT, state)
     if state is State.READY:
         message = m.Command.model_construct(**ROBOT, seq=1, tick=1, dq=(0.0,) * (limit // 9 + 1))
@@ -329,14 +333,14 @@ def test_a_client_does_not_send_what_the_server_would_not_read(state, limit):
     assert client.state is state
 
 
-def test_a_frame_made_once_is_sent_as_it_is_where_it_may_be():
-    state = SERVER_SAYS["state"]
+def test_an_encoded_frame_is_sent_unchanged_if_the_message_is_allowed():
+    state = SERVER_MESSAGES["state"]
     assert connection(Side.SERVER, State.READY).send(state, b"made before") == b"made before"
     with pytest.raises(LocalProtocolError):
         connection(Side.SERVER, State.AWAIT_WELCOME).send(state, b"made before")
 
 
-def test_the_end_of_the_stream():
+def test_the_end_of_the_stream_closes_the_connection():
     server = connection(Side.SERVER, State.READY)
     assert server.receive_eof() == []
     assert server.closed
@@ -349,7 +353,7 @@ def test_the_end_of_the_stream():
 
 
 def run(stream, pieces):
-    """What a server makes of a stream; it answers hello at once, as a server does."""
+    """Return everything that a server reads from a stream; the server answers hello at once."""
     server = Connection(Side.SERVER)
     found = []
     for piece in pieces(stream):
@@ -362,7 +366,7 @@ def run(stream, pieces):
 
 
 def whole(stream):
-    """The hello alone, as a client waits for the welcome, then all the rest."""
+    """Divide the stream after the hello: a client waits for the welcome first."""
     first = len(encode(HELLO))
     return [stream[:first], stream[first:]]
 
@@ -371,7 +375,7 @@ def single(stream):
     return [stream[i : i + 1] for i in range(len(stream))]
 
 
-TALK = st.lists(
+CONVERSATIONS = st.lists(
     st.one_of(
         *(s.map(encode) for model, s in FROM_CLIENT.items() if model is not m.Hello), st.binary(max_size=30)
     ),
@@ -380,22 +384,22 @@ TALK = st.lists(
 
 
 @settings(max_examples=60)
-@given(TALK)
-def test_byte_by_byte_equals_whole(talk):
-    stream = encode(HELLO) + b"".join(talk)
+@given(CONVERSATIONS)
+def test_a_conversation_gives_the_same_result_byte_by_byte(ordinary):
+    stream = encode(HELLO) + b"".join(ordinary)
     assert run(stream, whole) == run(stream, single)
 
 
 @given(st.binary(max_size=200))
-def test_garbage_from_the_first_byte(stream):
+def test_garbage_gives_the_same_result_byte_by_byte(stream):
     assert run(stream, lambda s: [s]) == run(stream, single)
 
 
-# --- stops ahead of their turn ----------------------------------------------------------------------------
+# --- stops that overtake other messages -------------------------------------------------------------------
 
 
 def pushed(*messages):
-    """A server that has been sent these, and has read nothing of them."""
+    """Return a server that has received these messages and popped none."""
     client, server = connection(Side.CLIENT, State.READY), connection(Side.SERVER, State.READY)
     server.push(b"".join(x if isinstance(x, bytes) else client.send(x) for x in messages))
     return server
@@ -409,7 +413,7 @@ PING, STOP = m.Ping(time=1.0), m.Stop(reason="now")
 
 
 @pytest.mark.parametrize(("before", "after"), [(0, 0), (1, 0), (0, 1), (50, 50), (3000, 0)])
-def test_a_stop_is_taken_ahead_and_the_others_keep_their_order(before, after):
+def test_a_stop_overtakes_and_the_other_messages_keep_their_order(before, after):
     first = [m.Ping(time=float(i)) for i in range(before)]
     last = [m.Ping(time=float(i)) for i in range(after)]
     server = pushed(*first, STOP, *last)
@@ -418,7 +422,7 @@ def test_a_stop_is_taken_ahead_and_the_others_keep_their_order(before, after):
     assert popped(server) == first + last
 
 
-def test_several_stops_are_taken_in_their_order_also_while_others_are_read():
+def test_several_stops_overtake_in_order_while_other_messages_are_popped():
     stops = [m.Stop(reason=f"{i}") for i in range(3)]
     server = pushed(PING, stops[0], PING, stops[1], PING, stops[2], PING)
     assert server.overtake() == stops[0]
@@ -428,11 +432,11 @@ def test_several_stops_are_taken_in_their_order_also_while_others_are_read():
 
 
 @pytest.mark.parametrize("cut", range(1, 25))
-def test_a_stop_that_is_not_complete_yet_waits(cut):
+def test_an_incomplete_stop_does_not_overtake(cut):
     data = connection(Side.CLIENT, State.READY).send(STOP)
     server = pushed(PING, data[:cut])
     assert server.overtake() is None
-    assert not server.may_overtake  # until more comes there is nothing to look at
+    assert not server.may_overtake  # until more bytes arrive there is nothing to inspect
     server.push(data[cut:])
     assert server.overtake() == STOP
     assert popped(server) == [PING]
@@ -441,7 +445,7 @@ def test_a_stop_that_is_not_complete_yet_waits(cut):
 @pytest.mark.parametrize(
     "wall", [frame(b"\xc1"), encode(m.Bye()), frame(b"\x80" + b"x"), b"\x00\x00\x00\x00", b"\xff\xff\xff\xff"]
 )
-def test_nothing_is_taken_from_behind_a_bye_or_a_fatal_fault(wall):
+def test_a_stop_behind_a_bye_or_a_fatal_fault_does_not_overtake(wall):
     server = pushed(PING, wall, STOP)
     assert [server.overtake() for _ in range(3)] == [None] * 3
     assert server.pop() == PING
@@ -450,12 +454,12 @@ def test_nothing_is_taken_from_behind_a_bye_or_a_fatal_fault(wall):
 @pytest.mark.parametrize(
     "packed", [b"\x82\xa4type\xd9\x04stop\xa2id\x01", b"\x83\xa3new\x01\xa4type\xa4stop\xa6reason\xa0"]
 )
-def test_any_encoding_of_a_stop_is_one(packed):
+def test_a_stop_in_any_encoding_overtakes(packed):
     assert isinstance(pushed(PING, frame(packed)).overtake(), m.Stop)
 
 
 @pytest.mark.parametrize("other", [m.Signal(name="stop", value=(1.0,)), m.Stop.model_construct(robot="")])
-def test_what_only_names_a_stop_or_is_none_keeps_its_turn(other):
+def test_an_invalid_stop_and_a_signal_named_stop_do_not_overtake(other):
     server = pushed(PING, encode(other), STOP)
     assert server.overtake() == STOP
     first, second = popped(server)
@@ -463,7 +467,7 @@ def test_what_only_names_a_stop_or_is_none_keeps_its_turn(other):
     assert second == other or isinstance(second, Refusal)
 
 
-def test_a_reset_that_a_stop_overtook_is_refused_and_later_ones_are_not():
+def test_a_reset_that_a_stop_overtook_is_refused_and_a_later_one_is_not():
     before, after = m.Reset(id=1, stop=5), m.Reset(id=2, stop=6)
     server = pushed(PING, before, PING, STOP, PING, after)
     assert [server.overtake(), server.overtake()] == [STOP, None]
@@ -473,18 +477,18 @@ def test_a_reset_that_a_stop_overtook_is_refused_and_later_ones_are_not():
     assert (error.code, error.fatal, error.about, error.re) == ("unknown_stop", False, "reset", 1)
 
 
-def test_one_call_looks_at_a_bounded_number_of_bytes_and_locates_no_fault(monkeypatch):
+def test_one_call_inspects_a_bounded_number_of_bytes_and_locates_no_fault(monkeypatch):
     monkeypatch.setattr("armgate.protocol.codec.offset_of", None)
-    crooked = frame(msgpack.packb({"type": "stop", "robot": 5, "pad": [[1] * 250] * 15}))
-    server = pushed(crooked * 60)
-    looked = 0
+    invalid = frame(msgpack.packb({"type": "stop", "robot": 5, "pad": [[1] * 250] * 15}))
+    server = pushed(invalid * 60)
+    calls = 0
     while server.may_overtake:
         assert server.overtake() is None
-        looked += 1
-    assert looked >= 30
+        calls += 1
+    assert calls >= 30
 
 
-def test_before_the_welcome_and_for_a_client_nothing_is_taken():
+def test_no_message_overtakes_before_the_welcome_or_at_a_client():
     server = connection(Side.SERVER, State.AWAIT_HELLO)
     server.push(encode(STOP))
     assert server.overtake() is None

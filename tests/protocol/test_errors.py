@@ -1,4 +1,4 @@
-"""The table of codes, and errors that fit into a message whatever they say."""
+"""Table of error codes, and errors as messages."""
 
 import pytest
 from hypothesis import given
@@ -14,7 +14,7 @@ def test_every_code_has_a_row_and_advice():
 
 
 @pytest.mark.parametrize("code", ErrorCode)
-def test_an_error_is_fatal_as_the_table_says_unless_told_otherwise(code):
+def test_an_error_is_fatal_as_in_the_table_unless_overridden(code):
     assert RemoteProtocolError(code, "x").fatal is CODES[code].fatal
     assert RemoteProtocolError(code, "x", fatal=True).message().fatal is True
     assert RemoteProtocolError(code, "x", fatal=False).message().fatal is False
@@ -28,14 +28,14 @@ def test_any_text_fits_into_a_message(text, about):
     assert message.about in (None, about)
 
 
-def test_the_message_carries_what_the_error_knows():
+def test_the_message_has_all_fields_of_the_error():
     error = RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, "no robot X", about="command", seq=4, re=2)
     expected = Error(code="unknown_robot", text="no robot X", fatal=False, about="command", seq=4, re=2)
     assert error.message() == expected
     assert str(error) == "unknown_robot: no robot X"
 
 
-def test_the_tree_of_the_docstring():
+def test_the_docstring_lists_all_exceptions():
     classes = {c for c in vars(errors).values() if isinstance(c, type) and issubclass(c, Exception)}
     assert classes == {ProtocolError, LocalProtocolError, RemoteProtocolError}
     assert all(issubclass(c, ProtocolError) and c.__name__ in errors.__doc__ for c in classes)

@@ -1,4 +1,4 @@
-"""A short search for bytes that break the reader, and that the search would find them."""
+"""Short run of the fuzzer, and its ability to find planted defects."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ from tools.fuzz.target import ROLES, BrokenError, check
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_vector_holds():
+def test_every_vector_passes_the_check():
     assert len(corpus()) > 500
     assert {data[0] for data in corpus()} == set(range(len(ROLES)))
     check_all()
@@ -28,7 +28,7 @@ def test_a_blind_search_finds_nothing():
     assert search(300) is None
 
 
-def test_the_command_searches(capsys, monkeypatch):
+def test_the_command_runs_both_kinds_of_search(capsys, monkeypatch):
     done = subprocess.run(
         [sys.executable, "-m", "tools.fuzz", "300"], cwd=ROOT, capture_output=True, text=True, check=False
     )
@@ -47,11 +47,11 @@ def test_a_broken_reader_makes_the_command_fail(capsys, monkeypatch):
     assert "TypeError" in capsys.readouterr().err
 
 
-# --- defects that a search must find ----------------------------------------------------------------------
+# --- planted defects --------------------------------------------------------------------------------------
 
 
 def pop_one_late(decoder):
-    """Gives a payload at the next push only: how the stream is cut shows."""
+    """Delay each payload to the next push, so that the result depends on how the stream is divided."""
     waiting = decoder.__dict__.setdefault("waiting", [])
     if len(decoder._buffer) < HEADER:
         return waiting.pop() if waiting else None
@@ -65,16 +65,16 @@ ORIGINAL_POP = FrameDecoder.pop
 
 
 DEFECTS = {
-    "the cut of a stream shows": (FrameDecoder, "pop", pop_one_late),
+    "a result that depends on how the stream is divided": (FrameDecoder, "pop", pop_one_late),
     "a defect of the decoder": (codec, "_is_deep", lambda value: {}[type(value)]),
-    "a message that reads otherwise": (codec, "_unique", lambda pairs: dict(pairs[::-1])),
+    "a message that changes in a round trip": (codec, "_unique", lambda pairs: dict(pairs[::-1])),
 }
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_a_defect_shows_in_the_vectors(defect, monkeypatch):
+def test_a_planted_defect_fails_on_the_vectors(defect, monkeypatch):
     monkeypatch.setattr(*DEFECTS[defect])
-    with pytest.raises(Exception):  # noqa: B017, PT011 (whatever it is that breaks)
+    with pytest.raises(Exception):  # noqa: B017, PT011 (any exception is a finding)
         check_all()
 
 
@@ -83,9 +83,9 @@ def check_all():
         check(data)
 
 
-def test_what_is_kept_beyond_the_limit_shows(monkeypatch):
+def test_a_buffer_beyond_the_limit_is_found(monkeypatch):
     monkeypatch.setattr(FrameDecoder, "_check", lambda decoder, length: None)
-    with pytest.raises(BrokenError, match="are kept"):
+    with pytest.raises(BrokenError, match="are buffered"):
         check(FRESH_SERVER + (5000).to_bytes(4, "big") + bytes(4500))
 
 
@@ -98,11 +98,11 @@ def test_what_is_kept_beyond_the_limit_shows(monkeypatch):
         pytest.param((INBOUND_LIMIT).to_bytes(4, "big") + bytes(1000), id="a frame that never ends"),
         pytest.param(b"\xff" * 4096, id="lengths beyond the limit"),
         pytest.param(bytes(4096), id="lengths of 0"),
-        pytest.param(b"\x00\x00\x00\x06\xdf\xff\xff\xff\xff\xa0", id="a map said to be huge"),
-        pytest.param(b"\x00\x00\x00\x07\x81\xa1a\xdd\xff\xff\xff", id="an array cut off"),
+        pytest.param(b"\x00\x00\x00\x06\xdf\xff\xff\xff\xff\xa0", id="a map with a huge declared length"),
+        pytest.param(b"\x00\x00\x00\x07\x81\xa1a\xdd\xff\xff\xff", id="an incomplete array"),
     ],
 )
-def test_what_a_peer_sends_takes_bounded_memory(chunk):
+def test_input_takes_bounded_memory(chunk):
     connection = Connection(Side.SERVER)
     connection.push(b"")
     tracemalloc.start()

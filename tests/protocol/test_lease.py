@@ -1,4 +1,4 @@
-"""The lease machine: its table, and a random life of three sessions and two robots."""
+"""State machine of the leases: its table, and random event sequences of three sessions and two robots."""
 
 import itertools
 
@@ -23,7 +23,7 @@ def acquire(leases, robot="FR", session="a", role="controller", *, takeover=Fals
     return leases.acquire(robot, session, role, takeover=takeover, speed=speed, now=now)
 
 
-def test_a_free_robot_is_given(leases):
+def test_a_free_robot_is_granted(leases):
     assert leases.state("FR") is Free
     grant = acquire(leases, speed=0.5, now=3.0)
     assert grant == Grant("FR", "a", 1, 0.5, 4.0, None)
@@ -32,7 +32,7 @@ def test_a_free_robot_is_given(leases):
 
 
 @pytest.mark.parametrize(
-    ("request_", "code", "told"),
+    ("request_", "code", "text"),
     [
         ({"robot": "XX"}, "unknown_robot", "the cell has FR, GR"),
         ({"role": "observer"}, "forbidden", "connect as a controller"),
@@ -43,25 +43,25 @@ def test_a_free_robot_is_given(leases):
         ({"robot": "GR", "role": "operator", "takeover": True}, "stopped", "an operator must reset"),
     ],
 )
-def test_denials(leases, request_, code, told):
+def test_requests_that_are_denied_leave_the_holder_unchanged(leases, request_, code, text):
     first = acquire(leases, session="first")
     leases.stop(["GR"], "x")
     denial = acquire(leases, **request_)
     assert isinstance(denial, Denial)
     assert denial.code is ErrorCode(code)
-    assert told in denial.text
+    assert text in denial.text
     assert leases.holder("FR") == first
 
 
 def test_an_operator_takes_over(leases):
     acquire(leases, session="a")
     grant = acquire(leases, session="b", role="operator", takeover=True)
-    assert grant.displaced == Loss("FR", "a", 1, "an operator took it over")
+    assert grant.displaced == Loss("FR", "a", 1, "an operator took the robot over")
     assert (grant.fence, leases.holder("FR").session) == (2, "b")
     assert leases.drop("a") == []
 
 
-def test_asking_again_gives_a_new_fence_and_speed(leases):
+def test_a_repeated_acquire_by_the_holder_gives_a_new_fence_and_speed(leases):
     acquire(leases, speed=0.2)
     grant = acquire(leases, speed=0.9, now=0.5)
     assert (grant.fence, grant.speed, grant.expires, grant.displaced) == (2, 0.9, 1.5, None)
@@ -69,17 +69,17 @@ def test_asking_again_gives_a_new_fence_and_speed(leases):
     assert leases.holds("FR", "a", 2, 0.5)
 
 
-def test_a_lease_lives_until_its_time_and_not_at_it(leases):
+def test_a_lease_expires_exactly_at_its_time_to_live(leases):
     acquire(leases)
     assert leases.holds("FR", "a", 1, 0.999)
     assert not leases.holds("FR", "a", 1, 1.0)
     assert leases.expire(0.999) == []
-    assert leases.expire(1.0) == [Loss("FR", "a", 1, "no sign of life from its holder for 1 s")]
+    assert leases.expire(1.0) == [Loss("FR", "a", 1, "the holder sent nothing for 1 s")]
     assert leases.expire(1.0) == []
     assert leases.state("FR") is Free
 
 
-def test_signs_of_life(leases):
+def test_messages_of_the_holder_renew_its_leases(leases):
     acquire(leases, "FR")
     acquire(leases, "GR", now=0.5)
     assert leases.next_expiry() == 1.0
@@ -88,19 +88,19 @@ def test_signs_of_life(leases):
     leases.renew("a", 0.8)
     assert leases.next_expiry() == 1.8
     leases.renew("a", 1.8)
-    assert len(leases.expire(1.8)) == 2, "a sign of life that comes too late renews nothing"
+    assert len(leases.expire(1.8)) == 2, "a message after the expiry renews nothing"
     assert leases.next_expiry() is None
 
 
-def test_who_asks_after_the_time_is_told_whom_it_displaced(leases):
+def test_an_acquire_after_the_expiry_reports_the_displaced_lease(leases):
     acquire(leases)
     grant = acquire(leases, session="b", now=1.0)
     assert (grant.session, grant.fence) == ("b", 2)
-    assert grant.displaced == Loss("FR", "a", 1, "no sign of life from its holder for 1 s")
+    assert grant.displaced == Loss("FR", "a", 1, "the holder sent nothing for 1 s")
     assert leases.expire(1.0) == []
 
 
-def test_giving_back(leases):
+def test_only_the_holder_can_release_with_the_current_fence(leases):
     acquire(leases)
     for robot, session, fence in (("FR", "b", 1), ("FR", "a", 2), ("GR", "a", 1)):
         assert leases.release(robot, session, fence, 0.5).code is ErrorCode.NOT_HELD
@@ -120,14 +120,14 @@ def test_a_stop_ends_leases_until_it_is_lifted(leases):
     assert leases.state("GR") is Stopped
 
 
-def test_lifting_a_stop_that_is_not_there_changes_nothing(leases):
+def test_resume_without_a_stop_changes_nothing(leases):
     acquire(leases)
     leases.resume(["FR", "GR"])
     assert (leases.state("FR"), leases.state("GR")) == (Held, Free)
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(LeaseState, LeaseEvent)))
-def test_the_table_is_the_machine(state, event):
+def test_the_table_equals_an_independent_statement(state, event):
     into = {
         Held: {"acquire", "again", "takeover", "renew"},
         Free: {"release", "expire", "drop", "resume"},
@@ -141,8 +141,8 @@ def test_the_table_is_the_machine(state, event):
     assert TRANSITIONS.get((state, event)) is expected
 
 
-class Life(RuleBasedStateMachine):
-    """What must hold in any order of events; a model of who holds what, and until when."""
+class EventSequences(RuleBasedStateMachine):
+    """Invariants in any order of events, checked against a model of holders and expiry times."""
 
     robots = st.sampled_from(("FR", "GR"))
     sessions = st.sampled_from(("a", "b", "c"))
@@ -159,7 +159,7 @@ class Life(RuleBasedStateMachine):
     def lose(self, losses):
         for loss in losses:
             session, fence, _ = self.held.pop(loss.robot)
-            assert (loss.session, loss.fence) == (session, fence), "a loss is told of what was held, once"
+            assert (loss.session, loss.fence) == (session, fence), "a loss names a held lease, once"
             self.past.add((loss.robot, session, fence))
 
     @rule(seconds=st.sampled_from((0.0, 0.1, 0.5, 0.999, 1.0, 5.0)))
@@ -234,7 +234,7 @@ class Life(RuleBasedStateMachine):
         self.stopped.discard(robot)
 
     @invariant()
-    def nobody_holds_what_is_past_expired_or_stopped(self):
+    def former_expired_and_stopped_leases_are_not_held(self):
         for robot, session, fence in self.past:
             assert not self.leases.holds(robot, session, fence, self.now)
         for robot, (session, fence, expires) in self.held.items():
@@ -243,12 +243,12 @@ class Life(RuleBasedStateMachine):
             assert not any(self.leases.holds(robot, other, fence, self.now) for other in others)
 
     @invariant()
-    def the_machine_knows_what_the_model_knows(self):
+    def the_states_equal_those_of_the_model(self):
         for robot in ("FR", "GR"):
             held, stopped = robot in self.held, robot in self.stopped
             assert self.leases.state(robot) is (Held if held else Stopped if stopped else Free)
             assert (self.leases.holder(robot) is not None) == held
 
 
-TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+TestEventSequences = EventSequences.TestCase
+TestEventSequences.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)

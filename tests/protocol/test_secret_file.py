@@ -1,4 +1,4 @@
-"""Files with secrets: who may be able to read them."""
+"""Owner and permissions of files with secrets."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ ME = os.geteuid()
 
 
 class Found:
-    """What the system says of a file."""
+    """Result of ``stat``, faked."""
 
     def __init__(self, mode, owner):
         self.st_mode, self.st_uid = 0o100000 | mode, owner
@@ -35,7 +35,7 @@ class Found:
         (0, 0o640, 0, "can read"),
     ],
 )
-def test_who_may_be_able_to_read_it(tmp_path, monkeypatch, user, mode, owner, told):
+def test_owner_and_mode_of_a_secret_file(tmp_path, monkeypatch, user, mode, owner, told):
     monkeypatch.setattr(module.os, "geteuid", lambda: user)
     if told is None:
         module._check(tmp_path, Found(mode, owner))
@@ -44,7 +44,7 @@ def test_who_may_be_able_to_read_it(tmp_path, monkeypatch, user, mode, owner, to
             module._check(tmp_path, Found(mode, owner))
 
 
-def test_a_file_of_this_user(tmp_path):
+def test_a_file_that_others_can_read_is_refused_with_a_remedy(tmp_path):
     file = tmp_path / "secret"
     file.write_text("armgate_x\n")
     file.chmod(0o644)
@@ -62,7 +62,7 @@ def test_a_file_of_this_user(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "two words", "x" * 257])
-def test_a_file_without_one_token(tmp_path, text):
+def test_a_file_without_exactly_one_token_is_refused(tmp_path, text):
     file = tmp_path / "token"
     file.write_text(text)
     file.chmod(0o600)
@@ -72,6 +72,6 @@ def test_a_file_without_one_token(tmp_path, text):
         read_token(tmp_path / "none")
 
 
-def test_a_device_without_an_end_is_no_secret_file():
+def test_a_device_without_an_end_is_refused():
     with pytest.raises(SecretFileError, match="/dev/zero: more than 1048576 characters; expected a file"):
         read_secret_file(Path("/dev/zero"))

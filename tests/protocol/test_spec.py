@@ -1,4 +1,4 @@
-"""The specification says what the code does: tables, bounds, causes, errors."""
+"""Agreement of the specification with the code: tables, bounds, causes, errors."""
 
 import re
 
@@ -9,19 +9,18 @@ from armgate.protocol import CODES, HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIM
 from armgate.protocol import messages as m
 from armgate.protocol.statements import spec_text, statements
 from tools.spec.__main__ import main, products
-from tools.spec.tables import BLOCKS
-from tools.spec.text import filled
+from tools.spec.tables import BLOCKS, filled
 
 SPEC = spec_text()
 WHOLE = {key: statement.text for key, statement in statements().items()}
 
 
-def test_what_is_drawn_from_the_code_is_up_to_date(capsys):
+def test_the_generated_files_are_up_to_date(capsys):
     assert main(["--check"]) == 0, capsys.readouterr().err
     assert all(path.exists() for path in products())
 
 
-def test_a_difference_is_told_and_a_wrong_call_too(tmp_path, monkeypatch, capsys):
+def test_check_reports_a_difference_and_a_wrong_option(tmp_path, monkeypatch, capsys):
     file = tmp_path / "drawn" / "x.md"
     monkeypatch.setattr("tools.spec.__main__.products", lambda: {file: "drawn"})
     assert main(["--check"]) == 1
@@ -33,7 +32,7 @@ def test_a_difference_is_told_and_a_wrong_call_too(tmp_path, monkeypatch, capsys
     assert main(["--chekc"]) == 2
 
 
-def test_a_block_is_filled_and_nothing_else_changes():
+def test_only_the_blocks_are_replaced():
     text = "a\n<!-- begin x -->\nold\n<!-- end -->\nb\n"
     assert filled(text, {"x": lambda: "new"}) == text.replace("old", "new")
     for blocks in ({}, {"x": str, "y": str}):
@@ -43,7 +42,7 @@ def test_a_block_is_filled_and_nothing_else_changes():
         filled(text + text, {"x": str})
 
 
-def test_every_message_map_and_code_is_told():
+def test_every_message_field_and_code_is_in_the_tables():
     for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
         assert f"**`{message.model_fields['type'].default}`**" in SPEC
         for name in message.model_fields.keys() - {"type"}:
@@ -58,19 +57,19 @@ def test_every_request_has_an_answer():
     assert set(m.ANSWERS.values()) <= set(m.SERVER_MESSAGES)
 
 
-def test_the_diagrams_hold_every_transition():
+def test_the_diagrams_contain_every_transition():
     drawn = BLOCKS["lease"]()
     assert "held --> free: release / expire / drop" in drawn
     assert "ready --> ready: client: any other message / server: any other message" in BLOCKS["connection"]()
 
 
-def test_the_order_of_checks_is_that_of_the_causes():
-    told = [re.search("with cause `([a-z_]+)`", WHOLE[f"CMD-{n}"])[1] for n in range(8, 17)]
-    told += re.findall("`([a-z_]+)`", WHOLE["CMD-19"])
+def test_the_checks_are_stated_in_the_order_of_the_causes():
+    stated = [re.search("with cause `([a-z_]+)`", WHOLE[f"CMD-{n}"])[1] for n in range(8, 17)]
+    stated += re.findall("`([a-z_]+)`", WHOLE["CMD-19"])
     order = [cause.value for cause in Cause]
-    assert sorted(told, key=order.index) == order
-    # A command is based on a tick to come or on one long gone, never on both: their order does not matter.
-    assert [cause for cause in told if cause != "ahead"] == [cause for cause in order if cause != "ahead"]
+    assert sorted(stated, key=order.index) == order
+    # A tick cannot be both ahead and stale, so the order of these two checks does not matter.
+    assert [cause for cause in stated if cause != "ahead"] == [cause for cause in order if cause != "ahead"]
 
 
 @pytest.mark.parametrize(
@@ -91,11 +90,11 @@ def test_the_order_of_checks_is_that_of_the_causes():
         ("SIG-5", f"more than {m.MAX_SIGNAL}"),
     ],
 )
-def test_limits(key, text):
+def test_the_limits_in_statements_are_those_of_the_code(key, text):
     assert text in WHOLE[key]
 
 
-def test_every_code_in_a_statement_is_one_of_the_table():
+def test_every_code_in_a_statement_is_in_the_table():
     known = set(CODES) | {"fatal"}
     for text in WHOLE.values():
         for code in re.findall(r"(?:a fatal|answer\w* .*? by|by(?: an)?) `([a-z_]+)`", text):

@@ -1,4 +1,4 @@
-"""The statements of the specification are read as they stand there."""
+"""Parser of the specification's statements."""
 
 import re
 from collections import Counter
@@ -17,12 +17,12 @@ from armgate.protocol.statements import (
 )
 
 
-def test_every_item_that_looks_like_one_is_read():
+def test_every_item_of_the_text_is_parsed():
     assert len(statements()) == len(re.findall(r"^- \*\*", spec_text(), re.MULTILINE))
     assert len(statements()) > 200
 
 
-def test_a_statement_over_two_lines():
+def test_a_statement_may_span_lines():
     text = "## 7. Leases\n\n- **LEA-7** (server, lock-step): A server SHOULD,\n  MAY and so on.\n\nText.\n"
     assert parse(text) == {
         "LEA-7": Statement(
@@ -44,12 +44,12 @@ def test_a_statement_over_two_lines():
         ("- **LEA-7** (server): A MUST.\n- **LEA-7** (server): B MUST.", "twice"),
     ],
 )
-def test_a_statement_without_its_form(item, problem):
+def test_a_malformed_statement_is_an_error(item, problem):
     with pytest.raises(SpecError, match=problem):
         parse(f"## 7. Leases\n{item}\n")
 
 
-def test_ids_are_counted_up_within_their_letters():
+def test_ids_increase_within_their_group():
     groups = Counter(key.partition("-")[0] for key in statements())
     numbers = {group: [] for group in groups}
     for key in statements():
@@ -59,7 +59,7 @@ def test_ids_are_counted_up_within_their_letters():
         assert found == sorted(found), group
 
 
-def test_who_can_be_tried_from_outside():
+def test_statements_that_a_client_can_check_are_known():
     assert statements()["FRM-1"].about_server
     assert statements()["FRM-4"].about_server
     assert not statements()["FRM-3"].about_server

@@ -1,6 +1,6 @@
-"""A server speaks two versions at once, and clients of the first notice nothing.
+"""A server that supports two versions at once: clients of version 1 receive the same bytes as before.
 
-The daemon itself, with a second version that exists in tests alone.
+The tests run the daemon, with a second version that exists only in tests.
 """
 
 import asyncio
@@ -24,7 +24,7 @@ STEPS = 40
 
 
 class Serving:
-    """A daemon that speaks these versions."""
+    """Daemon that supports these versions."""
 
     def __init__(self, folder, dialects, **more):
         self.log = Log(io.StringIO())
@@ -43,8 +43,8 @@ class Serving:
         self.log.close()
 
 
-async def newcomer(port, name, **more):
-    """A client of the second version."""
+async def client_of_version_2(port, name, **more):
+    """Return a client of version 2."""
     raw = await Raw.open(port)
     raw.connection = Connection(Side.CLIENT, (DIALECTS[0], two.CLIENT_SIDE))
     raw.send(m.Hello(versions=(1, 2), name=name, **more))
@@ -54,12 +54,12 @@ async def newcomer(port, name, **more):
 
 async def test_each_client_commands_its_robot_in_its_own_version(tmp_path):
     async with Serving(tmp_path, two.BOTH, max_age_ticks=1000) as port:
-        old, new = await asyncio.gather(sdk_of_version_1(port), both_ways_of_version_2(port))
+        old, new = await asyncio.gather(drive_by_the_sdk(port), drive_by_both_commands_of_version_2(port))
     assert (old.version, old.versions) == (1, (1, 2))
     assert (new.version, new.client_versions) == (2, (1, 2))
 
 
-async def sdk_of_version_1(port):
+async def drive_by_the_sdk(port):
     async with await aio.connect(f"127.0.0.1:{port}", name="old") as cell, await cell.acquire("A") as robot:
         start, ticks = None, robot.ticks()
         async for tick in ticks:
@@ -67,11 +67,11 @@ async def sdk_of_version_1(port):
             if tick.setpoint[0] > start + 10 * STEP[0]:
                 return cell.welcome
             await robot.send(STEP)
-    raise AssertionError("it never moved")
+    raise AssertionError("the robot never moved")
 
 
-async def both_ways_of_version_2(port):
-    new = await newcomer(port, "new")
+async def drive_by_both_commands_of_version_2(port):
+    new = await client_of_version_2(port, "new")
     fence = await new.acquire("B")
     new.send(m.Subscribe(robots=("B",)))
     for seq, make in enumerate((by_steps, by_jog), start=1):
@@ -91,9 +91,9 @@ def by_jog(**at):
     return two.Jog(**at, joint=0, by=STEP[0])
 
 
-async def test_what_the_second_version_refuses_is_told_in_it(tmp_path):
+async def test_a_refusal_by_version_2_is_sent_in_version_2(tmp_path):
     async with Serving(tmp_path, two.BOTH) as port:
-        new = await newcomer(port, "new")
+        new = await client_of_version_2(port, "new")
         fence = await new.acquire("B")
         new.send(two.Command(robot="B", fence=fence, seq=5, tick=0, steps=(STEP, STEP)))
         error = await new.get(m.Error)
@@ -102,12 +102,12 @@ async def test_what_the_second_version_refuses_is_told_in_it(tmp_path):
         old.send_bytes(encode(two.Jog(robot="B", fence=fence, seq=1, tick=0, joint=0, by=0.0)))
         assert (await old.get(m.Error)).code == "unknown_type"
         new.send(m.Signal(name="zoom", value=(1.0,), id=3), m.Ping(time=1.0, id=4))
-        assert isinstance(await new.next(), m.Pong)  # the signal is answered by nothing
+        assert isinstance(await new.next(), m.Pong)  # version 2 has no answer to a signal
 
 
 async def transcript(port, name, version):
-    """A participant that commands its robot for some steps; every byte that it was sent."""
-    raw = await (Raw.hello(port, name) if version == 1 else newcomer(port, name))
+    """Return a participant that has commanded its robot for some steps, with all bytes that it received."""
+    raw = await (Raw.hello(port, name) if version == 1 else client_of_version_2(port, name))
     robot = {"one": "A", "two": "B"}[name]
     fence = await raw.acquire(robot)
     raw.send(m.Subscribe())
@@ -118,20 +118,20 @@ async def transcript(port, name, version):
     return raw
 
 
-async def heard_by_the_old_one(folder, dialects, version):
-    """What a client of version 1 is sent beside a partner of that version."""
+async def received_by_version_1(folder, dialects, version):
+    """Return the welcome and the bytes that a client of version 1 receives beside a client of ``version``."""
     clock = "{kind: lockstep, participants: [one, two], grace: 30.0}"
     async with Serving(folder, dialects, clock=clock) as port, asyncio.timeout(PATIENCE):
         old, _ = await asyncio.gather(transcript(port, "one", 1), transcript(port, "two", version))
         return old.welcome, bytes(old.raw)
 
 
-async def test_a_client_of_version_1_is_sent_the_same_bytes_beside_one_of_version_2(tmp_path):
-    alone, before = await heard_by_the_old_one(tmp_path, DIALECTS, 1)
-    beside, after = await heard_by_the_old_one(tmp_path, two.BOTH, 2)
+async def test_a_client_of_version_1_receives_the_same_bytes_beside_a_client_of_version_2(tmp_path):
+    alone, before = await received_by_version_1(tmp_path, DIALECTS, 1)
+    beside, after = await received_by_version_1(tmp_path, two.BOTH, 2)
     assert beside == alone.model_copy(update={"versions": (1, 2)})
     before, after = before[len(encode(alone)) :], after[len(encode(beside)) :]
-    common = min(len(before), len(after))  # where each stopped reading is chance
+    common = min(len(before), len(after))  # each run stops reading at an arbitrary byte
     assert common > STEPS * 1000
     assert before[:common] == after[:common]
 
@@ -140,16 +140,18 @@ async def test_a_client_of_version_1_is_sent_the_same_bytes_beside_one_of_versio
 
 
 def pair(client, server):
-    """Both sides of a connection after the welcome."""
-    there, here = Connection(Side.CLIENT, client), Connection(Side.SERVER, server)
-    (hello,) = here.receive(there.send(m.Hello(versions=there.versions, name="c", capabilities=("lights",))))
+    """Return both sides of a connection after the welcome."""
+    client_end, server_end = Connection(Side.CLIENT, client), Connection(Side.SERVER, server)
+    (hello,) = server_end.receive(
+        client_end.send(m.Hello(versions=client_end.versions, name="c", capabilities=("lights",)))
+    )
     limits = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
     welcome = m.Welcome(
-        version=here.version, versions=here.versions, client_versions=hello.versions, start="a",
+        version=server_end.version, versions=server_end.versions, client_versions=hello.versions, start="a",
         session="b", name="c", role="observer", limits=limits, capabilities=("doors",),
     )  # fmt: skip
-    there.receive(here.send(welcome))
-    return there, here
+    client_end.receive(server_end.send(welcome))
+    return client_end, server_end
 
 
 VERDICT = m.Verdict(
@@ -158,7 +160,7 @@ VERDICT = m.Verdict(
 
 
 @pytest.mark.parametrize(
-    ("client", "server", "spoken"),
+    ("client", "server", "chosen"),
     [
         (DIALECTS, two.BOTH, 1),
         ((DIALECTS[0], two.CLIENT_SIDE), DIALECTS, 1),
@@ -166,34 +168,34 @@ VERDICT = m.Verdict(
         ((two.CLIENT_SIDE,), two.BOTH, 2),
     ],
 )
-def test_the_highest_in_common_is_spoken_by_both(client, server, spoken):
-    there, here = pair(client, server)
-    assert (there.version, here.version) == (spoken, spoken)
+def test_both_sides_use_the_highest_version_in_common(client, server, chosen):
+    client_end, server_end = pair(client, server)
+    assert (client_end.version, server_end.version) == (chosen, chosen)
     made_before = encode(VERDICT)
-    sent = here.send(VERDICT, made_before)
-    assert (sent == made_before) == (spoken == 1)
-    (read,) = there.receive(sent)
-    assert isinstance(read, m.Verdict if spoken == 1 else two.Verdict)
+    sent = server_end.send(VERDICT, made_before)
+    assert (sent == made_before) == (chosen == 1)
+    (read,) = client_end.receive(sent)
+    assert isinstance(read, m.Verdict if chosen == 1 else two.Verdict)
 
 
-def test_what_one_version_does_not_know_cannot_be_said_in_it():
-    there, here = pair((DIALECTS[0], two.CLIENT_SIDE), DIALECTS)
+def test_a_message_that_a_version_lacks_cannot_be_sent_in_it():
+    client_end, server_end = pair((DIALECTS[0], two.CLIENT_SIDE), DIALECTS)
     with pytest.raises(LocalProtocolError):
-        there.send(two.Jog(robot="B", fence=1, seq=1, tick=0, joint=0, by=0.0))
-    assert here.send(m.Signaled(name="zoom"))
-    _, here = pair((two.CLIENT_SIDE,), two.BOTH)
-    assert here.send(m.Signaled(name="zoom")) == b""
+        client_end.send(two.Jog(robot="B", fence=1, seq=1, tick=0, joint=0, by=0.0))
+    assert server_end.send(m.Signaled(name="zoom"))
+    _, server_end = pair((two.CLIENT_SIDE,), two.BOTH)
+    assert server_end.send(m.Signaled(name="zoom")) == b""
 
 
-def test_no_version_in_common():
-    here = Connection(Side.SERVER, DIALECTS)
-    (refusal,) = here.receive(
+def test_no_version_in_common_is_fatal():
+    server_end = Connection(Side.SERVER, DIALECTS)
+    (refusal,) = server_end.receive(
         Connection(Side.CLIENT, (two.CLIENT_SIDE,)).send(m.Hello(versions=(2,), name="c"))
     )
     assert isinstance(refusal, Refusal)
     assert (refusal.fatal, refusal.error.code) == (True, "version")
 
 
-def test_each_side_learns_what_the_other_is_capable_of():
-    there, here = pair(DIALECTS, DIALECTS)
-    assert (here.capabilities, there.capabilities) == ({"lights"}, {"doors"})
+def test_each_side_receives_the_capabilities_of_the_other():
+    client_end, server_end = pair(DIALECTS, DIALECTS)
+    assert (server_end.capabilities, client_end.capabilities) == ({"lights"}, {"doors"})

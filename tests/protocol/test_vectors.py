@@ -1,4 +1,4 @@
-"""The vectors mean what they say: to this codec, and to a reader that knows nothing but msgpack."""
+"""Vectors, checked with this codec and with plain msgpack."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY_INBOUND
 from armgate.protocol.framing import HEADER, frame
 from armgate.protocol.statements import statements
-from tools.spec.values import from_json, to_json
+from tools.spec.vectors import from_json, to_json
 
 HOME = Path(armgate.protocol.__file__).parent
 SCHEMA = json.loads((HOME / "schema.json").read_text(encoding="utf-8"))
@@ -30,7 +30,7 @@ def named(name):
 
 
 def same(one, other):
-    """Equal in value and in kind, NaN and the sign of zero included."""
+    """Return True if both are equal in value and type, including NaN and the sign of zero."""
     if isinstance(one, float) and isinstance(other, float):
         return repr(one) == repr(other)
     if isinstance(one, dict) and isinstance(other, dict):
@@ -40,11 +40,11 @@ def same(one, other):
     return type(one) is type(other) and one == other
 
 
-# --- both ways --------------------------------------------------------------------------------------------
+# --- round trips ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("vector", named("messages"))
-def test_our_codec_reads_and_writes_these_bytes(vector):
+def test_the_codec_reads_and_writes_these_bytes(vector):
     payload = bytes.fromhex(vector["hex"])
     message = decode(payload, CATALOGUES[vector["from"]])
     assert same(message.model_dump(exclude_unset=True), from_json(vector["value"]))
@@ -59,7 +59,7 @@ def test_plain_msgpack_reads_and_writes_these_bytes(vector):
 
 
 @pytest.mark.parametrize("vector", named("readable"))
-def test_what_may_be_written_otherwise_is_read_the_same(vector):
+def test_other_encodings_of_a_message_are_read(vector):
     payload, value = bytes.fromhex(vector["hex"]), from_json(vector["value"])
     message = decode(payload, CATALOGUES["client"], MAX_ARRAY_INBOUND)
     assert message == decode(msgpack.packb(value), CATALOGUES["client"])
@@ -67,21 +67,21 @@ def test_what_may_be_written_otherwise_is_read_the_same(vector):
     assert msgpack.packb(value) != payload
 
 
-def test_every_message_has_its_least_and_its_whole():
+def test_every_message_has_a_minimal_and_a_complete_vector():
     names = {vector["name"] for vector in load("messages")}
     for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
         kind = message.model_fields["type"].default
         assert {f"{kind}: the least", f"{kind}: the whole"} <= names
-    wholes = {v["name"].partition(":")[0]: v["value"] for v in load("messages") if "whole" in v["name"]}
+    complete = {v["name"].partition(":")[0]: v["value"] for v in load("messages") if "whole" in v["name"]}
     for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
         kind = message.model_fields["type"].default
-        assert wholes[kind].keys() == set(message.model_fields)
+        assert complete[kind].keys() == set(message.model_fields)
 
 
 def test_names_are_unique():
     for name in ("messages", "readable", "invalid", "streams"):
         found = [(vector["name"], vector.get("from")) for vector in load(name)]
-        # bye is said by both
+        # both sides send bye
         assert len(set(found)) == len(found)
 
 
@@ -95,8 +95,8 @@ WELCOME = m.Welcome(
 
 
 def connected(side, state="ready"):
-    """The side of a connection that receives."""
-    if side == "server":  # sends: a client receives
+    """Return the receiving side of a connection."""
+    if side == "server":  # the server sends, a client receives
         made = Connection(Side.CLIENT)
         made.send(m.Hello(versions=(1,), name="c"))
         made.receive(encode(WELCOME))
@@ -109,7 +109,7 @@ def connected(side, state="ready"):
 
 
 @pytest.mark.parametrize("vector", named("invalid"))
-def test_what_is_not_valid_is_refused_as_told(vector):
+def test_invalid_payloads_get_the_error_of_the_vector(vector):
     connection = connected(vector["from"], vector["state"])
     (refusal,) = connection.receive(frame(bytes.fromhex(vector["hex"])))
     error = refusal.error.model_dump(exclude_none=True)
@@ -145,7 +145,7 @@ def read_by(connection, pieces):
 
 
 @pytest.mark.parametrize("vector", named("streams"))
-def test_a_stream_is_read_as_told_however_it_is_cut(vector):
+def test_the_result_of_a_stream_does_not_depend_on_how_it_is_divided(vector):
     pieces = [bytes.fromhex(piece["hex"]) * piece["times"] for piece in vector["pieces"]]
     whole = b"".join(pieces)
     bytewise = (whole[i : i + 1] for i in range(len(whole)))
@@ -154,7 +154,7 @@ def test_a_stream_is_read_as_told_however_it_is_cut(vector):
 
 
 def plainly(stream):
-    """A reader of streams in ten lines: the types that it finds before the first fault of framing."""
+    """Yield the types of the messages before the first framing fault, in a few independent lines."""
     while len(stream) >= 4:
         length = int.from_bytes(stream[:4], "big")
         if not 0 < length <= 65536 or len(stream) < 4 + length:
@@ -169,15 +169,15 @@ def plainly(stream):
 @pytest.mark.parametrize("vector", named("streams"))
 def test_a_plain_reader_finds_the_same_messages(vector):
     stream = b"".join(bytes.fromhex(piece["hex"]) * piece["times"] for piece in vector["pieces"])
-    told = [event for event in vector["events"] if isinstance(event, str)]
+    expected = [event for event in vector["events"] if isinstance(event, str)]
     found = [kind for kind in plainly(stream) if kind != "tea"]
-    assert found[: len(told)] == told
+    assert found[: len(expected)] == expected
 
 
 # --- agreement --------------------------------------------------------------------------------------------
 
 
-def test_vectors_name_statements_that_there_are():
+def test_vectors_refer_to_existing_statements():
     for name in ("readable", "invalid", "streams"):
         for vector in load(name):
             assert vector["statements"]
@@ -191,7 +191,7 @@ def validator(side):
 
 
 def in_json(value):
-    """As the schema sees it: binary data is a text."""
+    """Return the value in JSON's types: binary data as a text."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, dict):
@@ -205,12 +205,12 @@ def test_the_schema_accepts_every_valid_message():
         checks[vector["from"]].validate(in_json(from_json(vector["value"])))
 
 
-# JSON does not tell 1.0 from 1, has no NaN, and a text there may be one of binary data. A line break at the
-# end passes Python's `$`, on which this validator relies, though not that of JSON Schema.
+# JSON does not distinguish 1.0 from 1, has no NaN, and represents binary data as a text. This validator uses
+# Python's `$`, which accepts a final line break; that of JSON Schema does not.
 BEYOND_JSON = ("nan", "inf", "tick 1.0", "b'", r"\n")
 
 
-def test_the_schema_refuses_what_is_of_the_wrong_form():
+def test_the_schema_refuses_invalid_fields():
     checks = {side: validator(side) for side in CATALOGUES}
     refused = 0
     for vector in load("invalid"):
@@ -227,5 +227,5 @@ def test_the_schema_refuses_what_is_of_the_wrong_form():
     [None, True, 0, -1, 2**53, 2**53 + 1, 2**64 - 1, 0.5, math.nan, -math.inf, -0.0, "$x", b"\x00", [[]]],
 )
 def test_values_survive_json(value):
-    told = json.loads(json.dumps(to_json({"a": [value]}), allow_nan=False))
-    assert same(from_json(told), {"a": [value]})
+    expected = json.loads(json.dumps(to_json({"a": [value]}), allow_nan=False))
+    assert same(from_json(expected), {"a": [value]})

@@ -1,4 +1,4 @@
-"""Hash chain of a recording: what was changed, removed or inserted is found, with its place."""
+"""Hash chain of a recording: changed, removed and inserted bytes are found, with their place."""
 
 import zlib
 from pathlib import Path
@@ -8,7 +8,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 
-from armgate.recording import Recording, Sink, part_name
+from armgate.recording import Recording, RecordingWriter, part_name
 from armgate.recording.chain import ChainWriter
 from armgate.recording.scan import PREFIX, scan
 from armgate.recording.verify import verify
@@ -16,18 +16,18 @@ from support import records
 
 
 def written(folder: Path, parts=1, ticks=160, signer=None):
-    """A recording of some parts, of which each names the one before."""
+    """Write a recording of some parts; each header contains the seal of the previous part."""
     folder.mkdir(exist_ok=True)
     previous = ""
     for part in range(1, parts + 1):
         stream = records.File(folder / part_name(part))
-        sink = Sink(stream, records.header(part, previous=previous), signer)
+        writer = RecordingWriter(stream, records.header(part, previous=previous), signer)
         for k in range(ticks * (part - 1), ticks * part):
             for time, item in records.tick_items(k):
-                sink.put(item, time)
+                writer.put(item, time)
             if k % 8 == 7:
-                sink.flush()
-        previous = sink.close(last=part == parts).digest.hex()
+                writer.flush()
+        previous = writer.close(last=part == parts).digest.hex()
         stream.file.close()
     return folder
 
@@ -41,7 +41,7 @@ def change(folder, edit, part=1):
 
 
 def repacked(data, place, old, new):
-    """A chunk with other messages, whole in itself."""
+    """Return a valid chunk with changed messages."""
     content = data[place.offset : place.end]
     at = content.index(b"zstd") + 12
     inside = zstandard.ZstdDecompressor().decompress(bytes(content[at:])).replace(old, new)
@@ -54,18 +54,16 @@ def repacked(data, place, old, new):
 def test_a_recording_is_intact_over_all_its_parts(tmp_path):
     chain = verify(Recording.open(written(tmp_path, parts=3)))
     assert (chain.breaks, chain.unsealed, len(chain.seals)) == ((), (), 3)
-    assert (
-        chain.links == 3 * 21
-    )  # 20 chunks behind the header's, of which the first begins with a link, and a seal
+    assert chain.links == 3 * 21  # 20 chunks after the header's, each with a link, and a seal
 
 
-def test_what_is_written_in_a_long_chunk_is_in_the_chain(tmp_path):
+def test_the_chain_covers_chunks_that_end_without_a_flush(tmp_path):
     stream = records.File(tmp_path / part_name(1))
-    sink = Sink(stream, records.header())
+    writer = RecordingWriter(stream, records.header())
     for k in range(6000):  # more than a chunk holds
         for time, item in records.tick_items(k):
-            sink.put(item, time)
-    sink.close()
+            writer.put(item, time)
+    writer.close()
     stream.file.close()
     assert len(scan(tmp_path / part_name(1)).chunks) > 3
     assert verify(Recording.open(tmp_path)).breaks == ()
@@ -78,7 +76,7 @@ def test_what_is_written_in_a_long_chunk_is_in_the_chain(tmp_path):
 
 
 @pytest.mark.parametrize("k", [0, 1, 7, 20])
-def test_a_changed_message_is_found_in_its_chunk_and_the_rest_holds(tmp_path, k):
+def test_a_changed_message_breaks_only_the_link_of_its_chunk(tmp_path, k):
     def edit(data, chunks):
         old = (b'"start":"feed"', b'"start":"beef"') if k == 0 else (b'"owner":"x"', b'"owner":"y"')
         new = repacked(data, chunks[k], *old)
@@ -109,7 +107,7 @@ def test_removed_moved_and_inserted_chunks_are_found(tmp_path, what):
     assert verify(Recording.open(tmp_path)).breaks
 
 
-def test_what_is_between_the_chunks_is_in_the_chain(tmp_path):
+def test_the_chain_covers_bytes_between_the_chunks(tmp_path):
     def edit(data, chunks):
         data[chunks[5].end + PREFIX.size] ^= 1  # an index
 
@@ -117,16 +115,16 @@ def test_what_is_between_the_chunks_is_in_the_chain(tmp_path):
     assert len(verify(Recording.open(tmp_path)).breaks) == 1
 
 
-def test_a_chunk_behind_the_seal_is_found(tmp_path):
+def test_a_chunk_after_the_seal_is_found(tmp_path):
     def edit(data, chunks):
         end = data.index(b"\x0f\x04" + bytes(7), chunks[-1].end)  # the end of the data
         return data[:end] + repacked(data, chunks[4], b"{", b"{") + data[end:]
 
     change(written(tmp_path), edit)
-    assert "behind the seal" in str(verify(Recording.open(tmp_path)).breaks[-1])
+    assert "after the seal" in str(verify(Recording.open(tmp_path)).breaks[-1])
 
 
-def test_a_file_that_was_cut_is_not_sealed(tmp_path):
+def test_a_truncated_file_has_no_seal(tmp_path):
     change(written(tmp_path), lambda data, chunks: data[: chunks[9].begin])
     chain = verify(Recording.open(tmp_path, partial=True))
     assert (chain.breaks, chain.unsealed) == ((), (tmp_path / part_name(1),))
@@ -147,26 +145,26 @@ def test_a_part_removed_at_the_end_or_the_beginning_is_found(tmp_path, part, tex
     (found,) = verify(Recording.open(tmp_path)).breaks
     assert text in str(found)
     assert found.time == pytest.approx(0.012 * 319 if part == 3 else 0.0, abs=0.001)
-    for file in tmp_path.iterdir():  # one file that is named is not the folder
+    for file in tmp_path.iterdir():  # a single file may be verified alone
         assert verify(Recording.open(file)).breaks == ()
 
 
-def test_a_part_that_is_followed_cannot_be_made_the_last_one(tmp_path):
+def test_a_part_cannot_be_changed_into_the_last_one(tmp_path):
     (written(tmp_path, parts=3) / part_name(3)).unlink()
     change(tmp_path, lambda data, chunks: data.replace(b"false", b"truth"), part=2)
     (found,) = verify(Recording.open(tmp_path)).breaks
-    assert "its hash is another" in str(found)
+    assert "its hash differs" in str(found)
 
 
 @pytest.mark.parametrize("last", [True, None])
-def test_a_recording_that_does_not_state_its_end_is_distinguished(tmp_path, monkeypatch, last):
+def test_a_recording_of_an_earlier_version_does_not_state_its_end(tmp_path, monkeypatch, last):
     finish = ChainWriter.finish
     monkeypatch.setattr(ChainWriter, "finish", lambda self, **_: finish(self, last=last))
     chain = verify(Recording.open(written(tmp_path, parts=2)))
     assert (chain.breaks, chain.parts, chain.last) == ((), (1, 2), last)
 
 
-def test_a_recording_without_a_chain_has_none(tmp_path):
+def test_a_recording_without_a_chain_is_recognised(tmp_path):
     import mcap.writer
 
     file = written(tmp_path) / part_name(1)

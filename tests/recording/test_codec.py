@@ -1,4 +1,4 @@
-"""Events, outputs and states through JSON: to the last bit, and as the schemas say."""
+"""Codec of recordings: exact to the last bit, and valid by the schemas."""
 
 import dataclasses
 import json
@@ -12,9 +12,9 @@ from hypothesis import given
 
 from armgate import events as e
 from armgate.protocol import messages as m
-from armgate.recording import Gap, LogLine, Moment, Shown, Step
+from armgate.recording import CellState, Gap, LogLine, RobotState, Step
 from armgate.recording.codec import decode, encode
-from armgate.recording.form import EVENTS, OUTPUTS, schema_of
+from armgate.recording.topics import EVENTS, OUTPUTS, schema_of
 
 numbers = st.floats()
 joints = st.lists(numbers, min_size=1, max_size=9).map(tuple)
@@ -52,7 +52,7 @@ outputs = st.one_of(
 
 
 def bits(value):
-    """The value with every float as its bits: NaN equals NaN, 0.0 is not -0.0."""
+    """Return the value with every float as its bits: NaN equals NaN, 0.0 differs from -0.0."""
     if isinstance(value, float):
         return ("nan",) if math.isnan(value) else struct.pack("<d", value)
     if dataclasses.is_dataclass(value):
@@ -61,16 +61,16 @@ def bits(value):
 
 
 @given(events, st.lists(outputs, max_size=3).map(tuple))
-def test_an_event_with_its_outputs_comes_back_to_the_last_bit(event, answered):
-    topic, data = encode(Step(event, answered))
+def test_an_event_and_its_outputs_survive_a_round_trip_to_the_last_bit(event, given):
+    topic, data = encode(Step(event, given))
     back = decode(topic, data)
     assert bits(back.event) == bits(event)
-    assert bits(tuple(back.outputs)) == bits(answered)
-    assert b"NaN," not in data.replace(b'"NaN",', b"")  # every reader of JSON reads it
+    assert bits(tuple(back.outputs)) == bits(given)
+    assert b"NaN," not in data.replace(b'"NaN",', b"")  # valid JSON has no bare NaN
     json.loads(data, parse_constant=pytest.fail)
 
 
-def test_every_kind_of_event_and_output_is_known():
+def test_every_event_and_output_has_a_topic():
     assert set(EVENTS.values()) == set(e.GateEvent.__args__)
     assert set(OUTPUTS.values()) == set(e.GateOutput.__args__)
 
@@ -79,16 +79,16 @@ SIGNAL = m.SignalValue(owner="x", value=(1.0, 2.0), time=0.5)
 VERDICT = e.Verdict("A", 2, 3, 4, e.Outcome.ADMITTED, 1.0, (0.1,), (0.2,))
 ITEMS = [
     Step(e.Command("A", 1, 2, 3, (0.1,)), (VERDICT,)),
-    Shown(m.Entry(robot="A", tick=3, time=0.5, q=(0.1,), nearest=(), counts={"admitted": 3})),
-    Moment(0.5, 7, {"A": 3}, {"s": SIGNAL}, ("late",)),
-    Moment(0.5, None, {}, {}, ()),
+    RobotState(m.Entry(robot="A", tick=3, time=0.5, q=(0.1,), nearest=(), counts={"admitted": 3})),
+    CellState(0.5, 7, {"A": 3}, {"s": SIGNAL}, ("late",)),
+    CellState(0.5, None, {}, {}, ()),
     LogLine(1.5, "warning", "stopped", {"stop": 1, "robots": ["A"]}),
     Gap(7, 3),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_every_item_comes_back_and_fits_its_schema(item):
+def test_every_item_survives_a_round_trip_and_fits_its_schema(item):
     topic, data = encode(item)
     assert decode(topic, data) == item
     name, schema = schema_of(topic)
@@ -97,7 +97,7 @@ def test_every_item_comes_back_and_fits_its_schema(item):
 
 
 @pytest.mark.parametrize("topic", ["/gate/later", "/later"])
-def test_what_is_added_later_is_passed_over(topic):
+def test_topics_of_a_later_version_are_ignored(topic):
     assert decode(topic, b"{}") is None
 
 
@@ -109,6 +109,6 @@ def test_what_is_added_later_is_passed_over(topic):
         ("/robots/A/state", b"{}"), ("/state", b"{}"), ("/state", b"[]"), ("/log", b"{}"), ("/gap", b"7"),
     ],
 )  # fmt: skip
-def test_what_does_not_belong_on_a_topic_is_refused(topic, data):
+def test_a_message_without_the_form_of_its_topic_is_refused(topic, data):
     with pytest.raises(ValueError, match=topic):
         decode(topic, data)

@@ -1,4 +1,4 @@
-"""Files of a recording: whole, cut off anywhere, damaged, foreign, of other versions."""
+"""Reader of recordings: complete, truncated, damaged and foreign files, and other versions."""
 
 import random
 
@@ -13,15 +13,15 @@ from armgate.recording import (
     IncompleteError,
     NewerFormatError,
     Recording,
-    Sink,
+    RecordingWriter,
     StateSeries,
     Step,
     TruncatedError,
     part_name,
-    sink,
+    writer,
 )
-from armgate.recording.files import written_anew
-from armgate.recording.rewrite import Rewritten, rewrite
+from armgate.recording.files import atomic_write
+from armgate.recording.recover import Recovery, recover_file
 from armgate.recording.scan import scan
 from support import records
 
@@ -30,7 +30,7 @@ def ticks(recording):
     return [step.event.tick for _, step in recording.steps()]
 
 
-def test_what_is_written_is_read_in_order_over_all_parts(tmp_path):
+def test_items_are_read_in_order_over_all_parts(tmp_path):
     records.write(tmp_path, range(60), part=1)
     records.write(tmp_path, range(60, 130), part=2)
     recording = Recording.open(tmp_path)
@@ -43,7 +43,7 @@ def test_what_is_written_is_read_in_order_over_all_parts(tmp_path):
     assert [time for time, _ in read] == pytest.approx([time for time, _ in written], abs=1e-8)
 
 
-def test_general_tools_read_it_with_schemas_and_index(tmp_path):
+def test_general_mcap_tools_read_the_schemas_and_the_index(tmp_path):
     path = records.write(tmp_path)
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
@@ -56,8 +56,8 @@ def test_general_tools_read_it_with_schemas_and_index(tmp_path):
     assert summary.statistics.message_count == 1 + 100 * 3 + 2 + links
 
 
-def cuts(path):
-    """Every record's border and one byte around it, some places within, and the first bytes one by one."""
+def offsets(path):
+    """Return the bytes of a file, and offsets at which to truncate it."""
     whole = path.read_bytes()
     borders = {place.offset - 9 for place in scan(path).chunks} | {
         place.offset + place.length for place in scan(path).chunks
@@ -67,10 +67,10 @@ def cuts(path):
     return whole, sorted({n for n in {*near, *within, *range(12)} if 0 <= n < len(whole)})
 
 
-def test_a_file_cut_anywhere_keeps_all_whole_chunks_and_is_made_whole(tmp_path):
+def test_a_file_truncated_anywhere_keeps_all_complete_chunks_and_is_recovered(tmp_path):
     path = records.write(tmp_path, range(24), close=True)
     before = list(Recording.open(path).items())
-    whole, places = cuts(path)
+    whole, places = offsets(path)
     header_at = scan(path).chunks[0]
     for place in places:
         path.write_bytes(whole[:place])
@@ -85,13 +85,13 @@ def test_a_file_cut_anywhere_keeps_all_whole_chunks_and_is_made_whole(tmp_path):
         assert partial == before[: len(partial)]
         assert sum(isinstance(item, Step) for _, item in partial) == 8 * flushed
         new = tmp_path / "new.mcap"
-        with written_anew(new) as stream:
-            result = rewrite(path, stream)
+        with atomic_write(new) as stream:
+            result = recover_file(path, stream)
         assert list(Recording.open(new).items()) == partial
-        assert result == Rewritten(len(partial) + 1, place - scan(path).good, 0)
+        assert result == Recovery(len(partial) + 1, place - scan(path).good, 0)
 
 
-def test_damage_in_the_middle_is_found_with_its_place(tmp_path):
+def test_damage_in_the_middle_is_reported_with_its_byte(tmp_path):
     path = records.write(tmp_path)
     place = scan(path).chunks[3]
     data = bytearray(path.read_bytes())
@@ -111,14 +111,14 @@ def other_mcap(path, profile="", start=True):
 
 
 @pytest.mark.parametrize("data", [b"hello", b"\x89PNG\r\n\x1a\n" + bytes(50), b"{}" * 100])
-def test_another_file_is_foreign(tmp_path, data):
+def test_a_file_that_is_not_mcap_is_foreign(tmp_path, data):
     path = tmp_path / part_name(1)
     path.write_bytes(data)
     with pytest.raises(ForeignError, match="expected a recording of armgate"):
         Recording.open(path)
 
 
-def test_mcap_of_others_is_foreign(tmp_path):
+def test_mcap_of_another_program_is_foreign(tmp_path):
     other_mcap(tmp_path / part_name(1), "ros2")
     with pytest.raises(ForeignError, match="'ros2'"):
         Recording.open(tmp_path)
@@ -127,20 +127,20 @@ def test_mcap_of_others_is_foreign(tmp_path):
         Recording.open(tmp_path)
 
 
-def test_a_folder_without_or_no_folder_is_told(tmp_path):
+def test_an_empty_or_missing_folder_is_named(tmp_path):
     for path in (tmp_path, tmp_path / "none"):
         with pytest.raises(ForeignError, match=str(path)):
             Recording.open(path)
 
 
-def test_a_later_format_asks_for_a_later_armgate(tmp_path):
+def test_a_newer_format_is_refused_with_advice(tmp_path):
     path = records.write(tmp_path, format=2)
-    with pytest.raises(NewerFormatError, match="format 2, this armgate reads up to 1; use a later armgate"):
+    with pytest.raises(NewerFormatError, match="format 2; this version reads up to 1; use a later version"):
         Recording.open(path)
 
 
 @pytest.mark.parametrize("other", [{"start": "beef"}, {"hash": "f" * 64}])
-def test_parts_of_two_runs_in_a_folder_are_told_apart(tmp_path, other):
+def test_parts_of_two_runs_in_a_folder_are_refused(tmp_path, other):
     records.write(tmp_path, part=1)
     records.write(tmp_path, part=2, **other)
     with pytest.raises(IncompleteError, match="another run"):
@@ -154,7 +154,7 @@ def test_a_missing_part_is_named(tmp_path):
         Recording.open(tmp_path)
 
 
-def test_without_its_first_part_nothing_is_judged_but_states_are_shown(tmp_path):
+def test_without_its_first_part_a_recording_has_states_but_no_steps(tmp_path):
     records.write(tmp_path, range(50, 99), part=2)
     recording = Recording.open(tmp_path)
     assert StateSeries(recording).at(1e9).tick == 98
@@ -162,13 +162,13 @@ def test_without_its_first_part_nothing_is_judged_but_states_are_shown(tmp_path)
         next(recording.steps())
 
 
-def test_no_replay_goes_beyond_a_gap_of_events(tmp_path):
+def test_steps_end_at_a_gap_of_events(tmp_path):
     path = tmp_path / part_name(1)
     stream = records.File(path)
-    sink = Sink(stream, records.header())
+    writer = RecordingWriter(stream, records.header())
     for item in (*records.tick_items(1), (0.02, Gap(3, 0)), *records.tick_items(2), (0.05, Gap(3, 2))):
-        sink.put(item[1], item[0])
-    sink.close()
+        writer.put(item[1], item[0])
+    writer.close()
     stream.file.close()
     steps = Recording.open(path).steps()
     assert [next(steps)[1].event.tick, next(steps)[1].event.tick] == [1, 2]
@@ -179,11 +179,11 @@ def test_no_replay_goes_beyond_a_gap_of_events(tmp_path):
 # --- states at any time -----------------------------------------------------------------------------------
 
 
-def test_the_state_at_any_time_is_the_newest_until_then(tmp_path):
+def test_the_state_at_any_time_is_the_newest_before_it(tmp_path):
     records.write(tmp_path, range(40), part=1)
     records.write(tmp_path, range(40, 100), part=2, close=False)
     series = StateSeries(Recording.open(tmp_path, partial=True))
-    last = 95  # what was not flushed is not there
+    last = 95  # later ticks were not flushed
     assert (series.start, series.end) == (pytest.approx(0.0), pytest.approx(last * 0.012))
     assert series.at(-1.0) is None
     random.seed(3)
@@ -195,16 +195,16 @@ def test_the_state_at_any_time_is_the_newest_until_then(tmp_path):
     assert [state.tick for state in series.all()] == list(range(last + 1))
 
 
-def test_what_no_reader_would_take_is_not_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(sink, "LARGEST", 10_000)
+def test_a_header_too_large_for_readers_is_not_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "LARGEST", 10_000)
     with (
         (tmp_path / "x").open("wb") as stream,
         pytest.raises(OSError, match="more than a recording can hold"),
     ):
-        Sink(stream, records.header(assets={"a": "A" * 6000}))
+        RecordingWriter(stream, records.header(assets={"a": "A" * 6000}))
 
 
-def test_a_robot_that_never_ticked_is_shown_without_a_position(tmp_path):
+def test_a_robot_that_never_ticked_has_no_position(tmp_path):
     one = records.header()
     robots = one.description["robots"]
     description = one.description | {"robots": [*robots, robots[0] | {"name": "B"}]}

@@ -2,7 +2,7 @@
 
 from armgate import events as e
 from armgate.protocol import messages as m
-from armgate.recording import Header, LogLine, Moment, Shown, Sink, Step, part_name
+from armgate.recording import CellState, Header, LogLine, RecordingWriter, RobotState, Step, part_name
 
 START = "feed"
 
@@ -35,7 +35,7 @@ def tick_items(k, period=0.012):
     tick = e.Tick("A", k, time, (0.001 * k,), (0.0011 * k,), (0.001,), e.PlanKey(START, 0, k, -1), 0)
     entry = m.Entry(robot="A", tick=k, time=time, q=(0.001 * k,), setpoint=(0.0011 * k,))
     signals = {"s": m.SignalValue(owner="x", value=(float(k),), time=time)}
-    items = [Step(tick, ()), Shown(entry), Moment(time, None, {"A": k}, signals, ())]
+    items = [Step(tick, ()), RobotState(entry), CellState(time, None, {"A": k}, signals, ())]
     if k % 50 == 0:
         items.append(LogLine(1.7e9 + time, "info", "hello", {"k": k}))
     return [(time, item) for item in items]
@@ -56,7 +56,7 @@ def write(folder, ticks=range(100), part=1, close=True, every=8, **more):
     """One file with these ticks, flushed at every eighth; returns its path."""
     path = folder / part_name(part)
     stream = File(path)
-    sink = Sink(stream, header(part, **more))
+    sink = RecordingWriter(stream, header(part, **more))
     for k in ticks:
         for time, item in tick_items(k):
             sink.put(item, time)

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import armgate.protocol
 from tools.spec.schema import schema
-from tools.spec.tables import BLOCKS
-from tools.spec.text import filled
+from tools.spec.tables import BLOCKS, filled
 from tools.spec.vectors import FILES
 
 HOME = Path(armgate.protocol.__file__).parent

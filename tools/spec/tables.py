@@ -1,8 +1,9 @@
 """The tables and diagrams of SPEC.md, drawn from the models, the transition tables and the table of codes."""
 
+import re
 import types
 import typing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
@@ -96,7 +97,21 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "errors": error_codes,
     "lease": lease_machine,
 }
-"""What stands between ``<!-- begin NAME -->`` and ``<!-- end -->``."""
+"""Generators of the blocks between ``<!-- begin NAME -->`` and ``<!-- end -->``."""
+
+_BLOCK = re.compile(r"(<!-- begin ([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def filled(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
+    """Return the text with every block generated anew.
+
+    Raises:
+        ValueError: The text has other blocks than ``blocks``, or one block twice.
+    """
+    names = [match[2] for match in _BLOCK.finditer(text)]
+    if sorted(names) != sorted(blocks):
+        raise ValueError(f"expected the blocks {sorted(blocks)}, each once; the text has {sorted(names)}")
+    return _BLOCK.sub(lambda match: f"{match[1]}{blocks[match[2]]()}\n{match[3]}", text)
 
 
 # --- messages ---------------------------------------------------------------------------------------------

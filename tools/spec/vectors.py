@@ -1,6 +1,7 @@
 """The vectors: JSON files with bytes in hex, made from the examples, the faults and the streams."""
 
 import json
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -10,10 +11,9 @@ from armgate.protocol import encode
 from armgate.protocol.framing import HEADER
 from armgate.protocol.versions import DIALECTS
 from tools.spec.examples import messages
-from tools.spec.faults import faults
+from tools.spec.invalid import faults
+from tools.spec.readable import unusual
 from tools.spec.streams import STREAMS
-from tools.spec.unusual import unusual
-from tools.spec.values import to_json
 
 _SIDES = {"client": DIALECTS[0].client, "server": DIALECTS[0].server}
 
@@ -85,3 +85,40 @@ def _lines(vectors: Iterable[dict[str, Any]]) -> str:
     """A JSON array with one vector a line, so that a change shows as the lines that it touches."""
     lines = [json.dumps(vector, ensure_ascii=False, allow_nan=False) for vector in vectors]
     return "[\n" + ",\n".join(lines) + "\n]\n"
+
+
+# --- values in JSON -----------------------------------------------------------------------------------------
+
+_EXACT = 2**53
+
+
+def to_json(value: Any) -> Any:
+    """A decoded payload as JSON holds it."""
+    match value:
+        case bytes():
+            return {"$hex": value.hex()}
+        case float() if not math.isfinite(value):
+            return {"$float": repr(value)}
+        case int() if abs(value) > _EXACT:
+            return {"$int": str(value)}
+        case dict():
+            return {key: to_json(item) for key, item in value.items()}
+        case list() | tuple():
+            return [to_json(item) for item in value]
+    return value
+
+
+def from_json(value: Any) -> Any:
+    """The same, back."""
+    match value:
+        case {"$hex": text}:
+            return bytes.fromhex(text)
+        case {"$float": text}:
+            return float(text)
+        case {"$int": text}:
+            return int(text)
+        case dict():
+            return {key: from_json(item) for key, item in value.items()}
+        case list():
+            return [from_json(item) for item in value]
+    return value

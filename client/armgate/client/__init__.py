@@ -1,4 +1,4 @@
-"""The SDK: what a controller, an observer or an operator needs to work with a cell.
+"""SDK for controllers, observers and operators of a cell.
 
 ::
 
@@ -6,9 +6,9 @@
         for tick in robot.ticks():
             verdict = robot.send([0.001] * len(tick.setpoint))
 
-``armgate.client.blocking`` (whose ``connect`` this is) and ``armgate.client.aio`` have the same names. The
-exceptions are told in ``armgate.client.errors``; messages that a caller gets are re-exported here. Nothing
-reconnects or acquires again by itself.
+``connect`` is that of ``armgate.client.blocking``; ``armgate.client.aio`` has the same names for asyncio.
+``armgate.client.errors`` documents the exceptions. Messages that calls return are re-exported here. The SDK
+never reconnects, and never acquires a robot again, by itself.
 """
 
 from armgate.client.address import parse_address
@@ -24,9 +24,8 @@ from armgate.client.errors import (
     RobotStopped,
     TimedOut,
 )
-from armgate.client.secret import read_token
+from armgate.client.security import Tls, read_token, tls_context
 from armgate.client.tick import Tick
-from armgate.client.tls import Tls, tls_context
 from armgate.protocol.messages import (
     Body,
     Description,

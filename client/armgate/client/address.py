@@ -6,10 +6,10 @@ DEFAULT_PORT = 7411
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
+    """Return host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
 
     Raises:
-        BadArgument: Anything else; the text says what is wrong.
+        BadArgument: The address has another form; the text states the fault.
     """
     host, colon, port = text.rpartition(":")
     if not colon or "]" in port:
@@ -29,7 +29,7 @@ def socket_path(address: str) -> str | None:
     """Return the path of ``unix:PATH``; None for another form of address.
 
     Raises:
-        BadArgument: There is no path.
+        BadArgument: The path is empty.
     """
     kind, colon, path = address.partition(":")
     if kind != "unix" or not colon:

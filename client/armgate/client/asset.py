@@ -1,4 +1,4 @@
-"""Fetching an asset piece by piece."""
+"""Download of an asset in pieces."""
 
 import hashlib
 
@@ -6,14 +6,14 @@ from armgate.client.errors import ConnectionLost
 from armgate.protocol.messages import MAX_CHUNK, Chunk
 
 MAX_ASSET = 256 * 1024 * 1024
-"""The largest asset that is fetched, bytes."""
+"""Largest accepted asset, bytes."""
 
 
 class Download:
-    """One asset: asks for what is missing until its SHA-256 fits.
+    """Download of one asset, verified by its SHA-256.
 
     Args:
-        name: The asset's hash, as the description names it.
+        name: Hash of the asset from the description.
     """
 
     def __init__(self, name: str) -> None:
@@ -21,21 +21,21 @@ class Download:
         self._data = bytearray()
 
     def request(self) -> dict[str, str | int]:
-        """The fields of the next request."""
+        """Return the fields of the next request."""
         return {"hash": self._hash, "offset": len(self._data), "length": MAX_CHUNK}
 
     def take(self, chunk: Chunk) -> bytes | None:
-        """Takes a piece; the whole once it is complete, None before.
+        """Add a piece; return the asset if it is complete, else None.
 
         Raises:
-            ConnectionLost: The pieces do not make the asset that was asked for.
+            ConnectionLost: The piece or the complete asset does not match the request.
         """
         fits = (chunk.hash, chunk.offset) == (self._hash, len(self._data))
         if not fits or chunk.total > MAX_ASSET or not (chunk.data or chunk.total == 0):
-            raise ConnectionLost(f"asset {self._hash[:12]}…: the server sent a piece that was not asked for")
+            raise ConnectionLost(f"asset {self._hash[:12]}…: the server sent a piece that was not requested")
         self._data += chunk.data
         if len(self._data) < chunk.total:
             return None
         if hashlib.sha256(self._data).hexdigest() != self._hash:
-            raise ConnectionLost(f"asset {self._hash[:12]}…: what the server sent has another hash")
+            raise ConnectionLost(f"asset {self._hash[:12]}…: the server sent data with another hash")
         return bytes(self._data)

@@ -1,24 +1,21 @@
-"""The blocking shell of the SDK: a plain socket, no thread. ``armgate.client.connect`` is this one's.
+"""Blocking shell of the SDK: a plain socket, no thread. ``armgate.client.connect`` is this module's.
 
-Nothing is read between two calls, so a lease lives as long as the program calls the SDK often enough: while
-it waits, the SDK pings; a controller that computes for longer than the lease's time to live loses the lease.
-Handles belong to one thread at a time.
+The SDK reads the socket only during a call, and sends pings while a call waits. A program that makes no call
+for longer than the lease's time to live loses its leases. Use a handle in one thread at a time.
 """
 
-import ssl
 from collections.abc import Callable, Iterable, Iterator
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from armgate.client.address import parse_address, socket_path
 from armgate.client.asset import Download
-from armgate.client.errors import ClientError, TimedOut
-from armgate.client.handle import SOFTWARE, CellHandle, RobotHandle
+from armgate.client.base import SOFTWARE, CellBase, RobotBase
+from armgate.client.blocking_stream import Stream
+from armgate.client.errors import ClientError
+from armgate.client.security import Tls, check_token, context_of, no_connection
 from armgate.client.session import Session, build
-from armgate.client.stream import Stream
 from armgate.client.tick import Tick
-from armgate.client.tls import Tls, check_token, context_of, no_connection, no_tls_on
 from armgate.protocol.messages import (
     Acquire,
     Answer,
@@ -42,13 +39,12 @@ from armgate.protocol.messages import (
     State,
     Stop,
     Stopped,
-    Subscribe,
     Subscribed,
     Verdict,
 )
 
 _ROUNDS = 64
-"""How often the socket is read before what came is looked at: a flood must not hold up a tick."""
+"""Number of reads after which received messages are handled first: a flood must not delay a tick."""
 
 T = TypeVar("T")
 A = TypeVar("A", bound=Answer)
@@ -64,27 +60,27 @@ def connect(
     timeout: float = 5.0,
     patience: float = 30.0,
 ) -> "Cell":
-    """Connects to a daemon, says hello and asks for the description of its cell.
+    """Connect to a daemon, send hello and request the description of its cell.
 
     Args:
         address: ``HOST:PORT``, or ``unix:PATH`` of a socket on this machine.
-        name: This client's name, as others see it; in lock-step a participant's.
-        role: ``observer`` looks on, ``controller`` also moves robots, ``operator`` also resets and takes
-            over.
-        token: Where the daemon asks for one.
-        tls: Where it speaks TLS: the file with its CA, True for the system's CAs, or an ``SSLContext``, see
-            ``tls_context``.
-        timeout: How long connecting and each answer may take, s.
-        patience: How long the robots' clock may stand still before a wait for it ends, s.
+        name: Name of this client, visible to other clients; in lock-step the name of a participant.
+        role: ``observer`` reads states, ``controller`` also moves robots, ``operator`` also resets stops and
+            takes robots over.
+        token: Token, if the daemon requires one.
+        tls: TLS, if the daemon uses it: the file with its CA, True for the system's CAs, or an
+            ``SSLContext``, see ``tls_context``.
+        timeout: Timeout of the connection and of each answer, s.
+        patience: Longest time for which the robots' clock may stand still before a wait for it ends, s.
 
     Raises:
-        BadArgument: The address or the name has no sense, or the token would cross a network readable.
-        ConnectionLost: Nobody listens there, or (``Rejected``) the daemon does not want this client.
-        TimedOut: No welcome in time.
+        BadArgument: An argument is invalid, or the token would cross a network unencrypted.
+        ConnectionLost: No daemon listens there, or (``Rejected``) the daemon rejects this client.
+        TimedOut: The daemon sent no welcome in time.
     """
     context = context_of(tls)
     try:
-        stream = _call(address, timeout, context)
+        stream = Stream.open(address, timeout, context)
     except OSError as error:
         raise no_connection(address, error) from error
     cell = Cell(stream, Session(), timeout, patience)
@@ -97,16 +93,8 @@ def connect(
     return cell
 
 
-def _call(address: str, timeout: float, context: ssl.SSLContext | None) -> Stream:
-    path = socket_path(address)
-    if path is None:
-        return Stream.open(*parse_address(address), timeout, context)
-    no_tls_on(address, context)
-    return Stream.open_local(path, timeout)
-
-
-class Cell(CellHandle):
-    """A connection to a cell; a context manager that closes it."""
+class Cell(CellBase):
+    """Connection to a cell; a context manager that closes it."""
 
     def __init__(self, stream: Stream, session: Session, timeout: float, patience: float) -> None:
         super().__init__(session, timeout, patience)
@@ -121,12 +109,12 @@ class Cell(CellHandle):
     # --- the cell ------------------------------------------------------------------------------------------
 
     def acquire(self, robot: str, *, speed: float = 1.0, takeover: bool = False) -> "Robot":
-        """Takes the lease of a robot; use it as a context manager, which gives it back.
+        """Acquire the lease of a robot; the result is a context manager that releases it.
 
         Args:
-            robot: Its name.
-            speed: An own, tighter speed bound, a fraction of the cell's.
-            takeover: Take it from its holder (operators).
+            robot: Name of the robot.
+            speed: Tighter speed bound, a share of the cell's.
+            takeover: Take the robot over from its holder (operators only).
 
         Raises:
             Refused: ``leased``, ``stopped``, ``unknown_robot`` or ``forbidden``.
@@ -137,19 +125,17 @@ class Cell(CellHandle):
     def subscribe(
         self, every: int = 1, robots: Iterable[str] | None = None, fields: Iterable[str] | None = None
     ) -> Subscribed:
-        """Asks for the state at every n-th tick of these robots (None: all) with these fields (None: all)."""
-        own = None if robots is None else tuple(robots)
-        shown = None if fields is None else tuple(fields)
-        return self._ask(build(Subscribe, every=every, robots=own, fields=shown), Subscribed)
+        """Subscribe to states at every n-th tick of these robots, with these fields (None: all)."""
+        return self._ask(self._subscription(every, robots, fields), Subscribed)
 
     def states(self, timeout: float | None = None, backlog: int = 1) -> Iterator[State]:
-        """Yields states; who is slow misses some.
+        """Yield states; a slow program misses some.
 
-        Subscribes to all at every tick unless something is subscribed.
+        Without a subscription, subscribe to all robots at every tick.
 
         Args:
-            timeout: How long to wait for the next one, s; None: ``patience``, in lock-step no bound.
-            backlog: How many states may wait here to be yielded in their order; 1: always the newest.
+            timeout: Timeout of the wait for the next state, s; None: ``patience``, unlimited in lock-step.
+            backlog: Number of states that are queued in order; 1: yield the newest state only.
         """
         if self._session.subscription is None:
             self.subscribe()
@@ -160,52 +146,47 @@ class Cell(CellHandle):
             seen, state = self._wait(self._poll_state(seen), limit, "a state")
             yield state
 
-    @property
-    def state(self) -> State | None:
-        """The newest state; None before the first, see ``subscribe``."""
-        self._drain()
-        return self._session.state
-
     def skip(self) -> None:
-        """Lock-step: nothing from this client for the newest step; for participants that hold no robot."""
+        """End the newest step without a command, in lock-step; for participants that hold no robot."""
         self._write(self._session.skip())
 
     def signal(self, name: str, value: Iterable[float] | float, *, more: bool = False) -> None:
-        """Shares a number, or a short vector of them, with all clients; does not wait.
+        """Share a number or a short vector with all clients, without waiting for the answer.
 
         Args:
-            name: Of the signal.
+            name: Name of the signal.
             value: The number or numbers.
-            more: Whether something will be said right after it, a command, say: then both go as one.
+            more: Delay the signal and send it together with the next message, such as a command.
 
         Raises:
-            Refused: An earlier signal was refused; those that came too fast are only counted.
+            Refused: An earlier signal was refused. Signals that were sent too fast are only counted, see
+                ``signals_dropped``.
         """
-        self._drain()
+        self._receive()
         self._write(self._session.signal(name, value, more=more))
 
     def stop(self, robot: str | None = None, reason: str = "") -> Stopped:
-        """Stops one robot, or all; anybody may. The answer holds the stop's id."""
+        """Stop one robot, or all, and return the stop with its id; every role may stop."""
         return self._ask(build(Stop, robot=robot, reason=reason), Stopped)
 
     def reset(self, stop: int) -> Resumed:
-        """Lifts a stop (operators); leases must be taken again.
+        """Lift a stop (operators only); its robots must be acquired again.
 
         Raises:
-            Refused: ``unknown_stop`` (also if a newer stop took its place), ``moving`` or ``forbidden``.
+            Refused: ``unknown_stop`` (also if a newer stop replaced it), ``moving`` or ``forbidden``.
         """
         return self._ask(build(Reset, stop=stop), Resumed)
 
     def sessions(self) -> tuple[SessionInfo, ...]:
-        """Return the sessions of the daemon (operators).
+        """Return the sessions of the daemon (operators only).
 
         Raises:
-            Refused: ``forbidden``, or the daemon does not know this (``unknown_type``).
+            Refused: ``forbidden``, or ``unknown_type`` if the daemon does not support this.
         """
-        return (self._ask(build(Sessions), SessionList)).sessions
+        return self._ask(build(Sessions), SessionList).sessions
 
     def kick(self, session: str, reason: str = "") -> None:
-        """End a session; its robots play their plans to rest (operators).
+        """End a session (operators only); its robots play their plans to rest.
 
         Raises:
             Refused: ``unknown_session`` or ``forbidden``.
@@ -213,13 +194,13 @@ class Cell(CellHandle):
         self._ask(build(Kick, session=session, reason=reason), Kicked)
 
     def ping(self) -> float:
-        """How long an answer takes, s."""
+        """Return the round-trip time of an answer, s."""
         start = monotonic()
         self._ask(Ping(time=start), Pong)
         return monotonic() - start
 
     def asset(self, name: str) -> bytes:
-        """The asset of this SHA-256, as the description names it; fetched once, checked against its hash."""
+        """Return the asset with this SHA-256 from the description; download and verify it once."""
         if name not in self._assets:
             download = Download(name)
             while (data := download.take(self._ask(build(Asset, **download.request()), Chunk))) is None:
@@ -228,15 +209,15 @@ class Cell(CellHandle):
         return self._assets[name]
 
     def urdf(self, robot: str) -> str:
-        """The robot's URDF."""
+        """Return the URDF of a robot."""
         return self.asset(self.robot(robot).urdf.hash).decode()
 
     def close(self) -> None:
-        """Says bye and closes; leases end with it and robots come to rest."""
+        """Send bye and close the connection; its leases end, and their robots come to rest."""
         try:
             self._write(self._session.bye())
         except ClientError:
-            pass  # there is nobody left to say it to
+            pass  # the connection has ended already
         finally:
             self._stream.close()
 
@@ -249,37 +230,28 @@ class Cell(CellHandle):
 
     def _ask(self, request: Request, kind: type[A]) -> A:
         number, data = self._session.ask(request)
-        self._write(data)
-        # In lock-step the answer may have to wait for the others' step.
-        limit = None if self.welcome.lockstep else self.timeout
+        poll = self._session.pending.answer
         try:
+            self._write(data)
             return self._wait(
-                lambda: self._session.pending.answer(number, kind), limit, f"an answer to {request.type}"
+                lambda: poll(number, kind), self._answer_limit(), f"an answer to {request.type}"
             )
         finally:
             self._session.pending.forget_answer(number)
 
     def _wait(self, poll: Callable[[], T | None], timeout: float | None, what: str) -> T:
         deadline = float("inf") if timeout is None else monotonic() + timeout
-        self._write(self._session.kept())
-        self._drain()
+        self._write(self._session.delayed())
+        self._receive()
         while (found := poll()) is None:
-            self._session.check()
-            self._turn(deadline, f"{what} did not come within {timeout} s")
+            self._write(self._keepalive(deadline, what, timeout))
+            self._stream.wait(self._pause(deadline), writing=False)
+            self._receive()
         return found
-
-    def _turn(self, deadline: float, late: str) -> None:
-        now = monotonic()
-        if now >= deadline:
-            raise TimedOut(f"{late}; is the server overloaded, or the network slow?")
-        self._write(self._session.keepalive(now))
-        self._session.check_silence(now, self.timeout)
-        self._stream.wait(min(deadline, self._session.keepalive_due) - now, writing=False)
-        self._drain()
 
     # --- the stream ----------------------------------------------------------------------------------------
 
-    def _drain(self) -> None:
+    def _receive(self) -> None:
         for _ in range(_ROUNDS):
             if self._session.closed is not None:
                 return
@@ -303,7 +275,7 @@ class Cell(CellHandle):
             try:
                 sent = self._stream.send(left)
             except OSError as error:
-                self._drain()  # the server may have said why
+                self._receive()  # the server may have sent the reason
                 self._session.receive_eof(f"the connection broke ({error.strerror or error})")
                 self._session.check()
             if sent:
@@ -314,15 +286,15 @@ class Cell(CellHandle):
             self._session.sent(monotonic())
 
     def _make_room(self) -> None:
-        # Reading meanwhile keeps two peers with full buffers from waiting for each other.
+        # Reading meanwhile prevents a deadlock of two peers with full buffers.
         if not self._stream.wait(self.timeout, writing=True):
             self._session.receive_eof(f"the server has read nothing for {self.timeout:g} s")
-        self._drain()
+        self._receive()
         self._session.check()
 
 
-class Robot(RobotHandle):
-    """A robot that this client holds; a context manager that gives it back."""
+class Robot(RobotBase):
+    """Robot whose lease this client holds; a context manager that releases it."""
 
     def __init__(self, cell: Cell, lease: Lease) -> None:
         super().__init__(cell._session, lease)
@@ -341,17 +313,20 @@ class Robot(RobotHandle):
                 raise
 
     def ticks(self, timeout: float | None = None) -> Iterator[Tick]:
-        """Yields one tick per cycle of this robot's clock, always the newest: who is slow misses some.
+        """Yield the newest tick of this robot's clock, one per cycle; a slow program misses some.
 
-        ``timeout`` bounds the wait for the next one, s; None: the cell's ``patience``, in lock-step no bound.
+        Args:
+            timeout: Timeout of the wait for the next tick, s; None: the cell's ``patience``, unlimited in
+                lock-step.
 
         Raises:
-            LeaseLost: The robot is no longer this client's.
-            RobotStopped: It was stopped.
-            ConnectionLost: There is no connection any more.
-            Refused: The server could not read an earlier message that nobody waited for.
+            LeaseLost: The lease ended.
+            RobotStopped: The robot was stopped.
+            ConnectionLost: The connection ended.
+            TimedOut: No tick arrived in time.
+            Refused: The server refused an earlier message whose answer no call waited for.
         """
-        if (missing := self._session.wanted(self.name)) is not None:
+        if (missing := self._session.missing_subscription(self.name)) is not None:
             self._cell._ask(missing, Subscribed)
         while True:
             limit = self._cell._clock_limit(timeout)
@@ -359,11 +334,17 @@ class Robot(RobotHandle):
             yield self.tick
 
     def send(self, dq: Any, timeout: float | None = None) -> Verdict:
-        """Asks for the increment ``dq`` (rad or m by joint) to the setpoint and waits for the verdict.
+        """Request the increment ``dq`` (rad or m by joint) to the setpoint, and return the verdict.
+
+        Args:
+            dq: Increment at the next tick, one number per joint.
+            timeout: Timeout of the verdict, s; None: the cell's ``timeout``, unlimited in lock-step.
 
         Raises:
-            Refused: The command could not be read, so that it has no verdict.
-            Lost, ConnectionLost, TimedOut: As for ``ticks``.
+            Refused: The command could not be read, so it has no verdict.
+            Lost: The lease ended, or the robot was stopped.
+            ConnectionLost: The connection ended.
+            TimedOut: No verdict arrived in time.
         """
         seq, data = self._command(dq)
         self._session.pending.expect_verdict(seq)
@@ -375,16 +356,16 @@ class Robot(RobotHandle):
             self._session.pending.forget_verdict(seq)
 
     def post(self, dq: Any) -> int:
-        """As ``send`` without waiting; gives the number that the verdict in ``verdicts`` will have."""
+        """Send a command like ``send``, without waiting; return the ``seq`` of its verdict."""
         seq, data = self._command(dq)
         self._cell._write(data)
         return seq
 
     def skip(self) -> None:
-        """Lock-step: nothing from this client for this step. By the wall clock there is nothing to say."""
+        """End this step without a command, in lock-step; do nothing by the wall clock."""
         self._cell._write(self._pass())
 
     def release(self) -> None:
-        """Gives the lease back, if it is still held; the robot comes to rest."""
+        """Release the lease, if it is still held; the robot comes to rest."""
         if self.held:
             self._cell._ask(Release(robot=self.name, fence=self.lease.fence), Lease)

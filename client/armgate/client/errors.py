@@ -1,15 +1,15 @@
-"""What a controller can meet, one exception each; every text says what happened and what to do.
+"""Exceptions of the SDK; every text states what happened and what to do.
 
 ::
 
     ClientError
-    ├── BadArgument       a value given to the SDK has no sense (also a ValueError)
-    ├── ConnectionLost    there is no connection (any more): connect again, nothing does it by itself
-    │   └── Rejected      the server ended it with a fatal error; ``code`` says why
-    ├── TimedOut          no answer in time; the connection is still there
-    ├── Refused           the server did not do what was asked; ``code`` says why
-    └── Lost              the robot is no longer this client's; it brakes to rest along its plan
-        ├── LeaseLost     the lease expired, was taken over or given back: acquire the robot again
+    ├── BadArgument       an argument is invalid (also a ValueError)
+    ├── ConnectionLost    the connection failed or ended: connect again, the SDK never reconnects
+    │   └── Rejected      the server ended it with a fatal error; ``code`` is the reason
+    ├── TimedOut          no answer in time; the connection is still open
+    ├── Refused           the server refused a request; ``code`` is the reason
+    └── Lost              the lease ended; the robot brakes to rest along its plan
+        ├── LeaseLost     the lease expired, was taken over or released: acquire the robot again
         └── RobotStopped  a stop is in force: an operator resets it, then acquire the robot again
 
 Codes are those of ``armgate.protocol.ErrorCode``.
@@ -20,56 +20,56 @@ from armgate.protocol.messages import Error, Stopped
 
 
 class ClientError(Exception):
-    """Whatever goes wrong between a controller and its cell."""
+    """Base of all exceptions of the SDK."""
 
 
 class BadArgument(ClientError, ValueError):  # noqa: N818
-    """A value given to the SDK has no sense; nothing was sent."""
+    """Invalid argument; nothing was sent."""
 
 
 class ConnectionLost(ClientError):  # noqa: N818
-    """There is no connection (any more)."""
+    """Connection that failed or ended."""
 
 
 class Rejected(ConnectionLost):
-    """The server ended the connection.
+    """Connection that the server ended with a fatal error.
 
     Attributes:
-        code: Why, see ``armgate.protocol.CODES``.
+        code: Error code, see ``armgate.protocol.CODES``.
     """
 
     def __init__(self, error: Error) -> None:
-        super().__init__(f"the server ended the connection: {_told(error)}")
+        super().__init__(f"the server ended the connection: {_explained(error)}")
         self.code = error.code
 
 
 class TimedOut(ClientError):  # noqa: N818
-    """No answer in time; a late one is dropped."""
+    """Timeout of an answer; a late answer is dropped."""
 
 
 class Refused(ClientError):  # noqa: N818
-    """The server did not do what was asked.
+    """Refusal of a request or command by the server.
 
     Attributes:
-        code: Why, see ``armgate.protocol.CODES``.
-        about: The type of the message meant.
-        seq: The command meant, None for other messages.
+        code: Error code, see ``armgate.protocol.CODES``.
+        about: Type of the refused message.
+        seq: Number of the refused command; None for other messages.
     """
 
     def __init__(self, error: Error) -> None:
         about = error.about or "a message"
-        super().__init__(f"{about} was refused: {_told(error)}")
+        super().__init__(f"{about} was refused: {_explained(error)}")
         self.code = error.code
         self.about = error.about
         self.seq = error.seq
 
 
 class Lost(ClientError):  # noqa: N818
-    """The robot is no longer this client's; it brakes to rest along the plan that it holds.
+    """Loss of a robot; it brakes to rest along its plan.
 
     Attributes:
-        robot: Its name.
-        reason: Why.
+        robot: Name of the robot.
+        reason: Reason of the loss.
     """
 
     def __init__(self, text: str, robot: str, reason: str) -> None:
@@ -79,19 +79,19 @@ class Lost(ClientError):  # noqa: N818
 
 
 class LeaseLost(Lost):
-    """The lease ended: it expired, was taken over, or was given back."""
+    """Loss of a lease: it expired, was taken over, or was released."""
 
     def __init__(self, robot: str, reason: str) -> None:
-        text = f"the lease of {robot} is lost ({reason}); the robot comes to rest; acquire it again to go on"
+        text = f"the lease of {robot} ended ({reason}); the robot comes to rest; acquire it again to continue"
         super().__init__(text, robot, reason)
 
 
 class RobotStopped(Lost):
-    """A stop is in force.
+    """Loss of a robot by a stop.
 
     Attributes:
-        stop: The stop's id, which a reset names.
-        by: Who stopped.
+        stop: Id of the stop, for ``reset``.
+        by: Name of the client that stopped the robot.
     """
 
     def __init__(self, robot: str, stopped: Stopped) -> None:
@@ -105,7 +105,7 @@ class RobotStopped(Lost):
         self.by = stopped.by
 
 
-def _told(error: Error) -> str:
+def _explained(error: Error) -> str:
     known = error.code in ErrorCode.__members__.values()
     advice = f"; {CODES[ErrorCode(error.code)].advice}" if known else ""
     return f"{error.code}: {error.text}{advice}"

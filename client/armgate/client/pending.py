@@ -1,4 +1,4 @@
-"""What this client waits for: answers by id, verdicts by number, and refusals that nobody waits for."""
+"""Correlation of received messages with sent ones: answers by id, verdicts by ``seq``, unawaited errors."""
 
 from collections import deque
 from typing import TypeVar
@@ -8,16 +8,16 @@ from armgate.protocol import ErrorCode
 from armgate.protocol.messages import Answer, Error, Verdict
 
 KEPT_VERDICTS = 4096
-"""How many verdicts of posted commands are kept per robot until somebody asks; older ones are dropped."""
+"""Number of verdicts on posted commands that are kept per robot; older ones are dropped."""
 
 A = TypeVar("A", bound=Answer)
 
 
 class Pending:
-    """Correlates what comes with what was sent.
+    """Messages that await an answer.
 
     Attributes:
-        signals_dropped: How many signals the server dropped because they came too fast.
+        signals_dropped: Number of signals that the server dropped because they arrived too fast.
     """
 
     def __init__(self) -> None:
@@ -27,37 +27,38 @@ class Pending:
         self._posted: dict[str, deque[Verdict]] = {}
         self._signals: set[int] = set()
         self._signal_refused: Refused | None = None
-        self._complaint: Refused | None = None
+        self._unawaited: Refused | None = None
 
-    # --- what is expected ----------------------------------------------------------------------------------
+    # --- sent messages -------------------------------------------------------------------------------------
 
     def expect_answer(self, number: int) -> None:
-        """The answer with this ``re`` is waited for."""
+        """Expect the answer with this ``re``."""
         self._answers[number] = None
 
     def expect_verdict(self, seq: int) -> None:
-        """The verdict of this command is waited for; others' are kept for ``verdicts``."""
+        """Expect the verdict on this command; other verdicts are kept for ``verdicts``."""
         self._verdicts[seq] = None
 
     def expect_signaled(self, number: int) -> None:
-        """A signal was sent; nobody waits."""
+        """Expect the answer to a signal, without a call that waits for it."""
         self._signals.add(number)
 
     def forget_answer(self, number: int) -> None:
-        """Nobody waits any longer."""
+        """Stop waiting for an answer."""
         self._answers.pop(number, None)
 
     def forget_verdict(self, seq: int) -> None:
-        """Nobody waits any longer."""
+        """Stop waiting for a verdict."""
         self._verdicts.pop(seq, None)
 
-    # --- what came -----------------------------------------------------------------------------------------
+    # --- results -------------------------------------------------------------------------------------------
 
     def answer(self, number: int, kind: type[A]) -> A | None:
-        """The answer to a request, once; None while there is none.
+        """Return the answer to a request, once; None until it has arrived.
 
         Raises:
-            Refused: The server did not do it.
+            Refused: The server answered with an error.
+            ConnectionLost: The server answered with a message of another type.
         """
         found = self._answers.get(number)
         if found is None:
@@ -66,14 +67,14 @@ class Pending:
         if isinstance(found, Error):
             raise Refused(found)
         if not isinstance(found, kind):
-            raise ConnectionLost(f"the server answered with {found.type} where {kind.__name__} was expected")
+            raise ConnectionLost(f"the server answered with {found.type}; expected {kind.__name__}")
         return found
 
     def verdict(self, seq: int) -> Verdict | None:
-        """The verdict of a command that is waited for, once; None while there is none.
+        """Return the verdict on a command that is waited for, once; None until it has arrived.
 
         Raises:
-            Refused: The command could not be read, so that it has no verdict.
+            Refused: The command could not be read, so it has no verdict.
         """
         found = self._verdicts.get(seq)
         if found is None:
@@ -84,48 +85,48 @@ class Pending:
         return found
 
     def verdicts(self, robot: str) -> list[Verdict]:
-        """The verdicts of the robot's posted commands that came since the last call, in order."""
+        """Return the verdicts on a robot's posted commands since the last call, in order."""
         return list(self._posted.pop(robot, ()))
 
-    def complain(self) -> None:
-        """Raises, once, what was refused without anybody waiting for the answer."""
-        complaint, self._complaint = self._complaint, None
-        if complaint is not None:
-            raise complaint
+    def raise_unawaited(self) -> None:
+        """Raise, once, a refusal that no call waited for."""
+        refused, self._unawaited = self._unawaited, None
+        if refused is not None:
+            raise refused
 
-    def complain_of_signals(self) -> None:
-        """Raises, once, the refusal of an earlier signal."""
+    def raise_refused_signal(self) -> None:
+        """Raise, once, the refusal of an earlier signal."""
         refused, self._signal_refused = self._signal_refused, None
         if refused is not None:
             raise refused
 
-    # --- what comes ----------------------------------------------------------------------------------------
+    # --- received messages ---------------------------------------------------------------------------------
 
     def take_answer(self, answer: Answer) -> None:
-        """Any message with a ``re``."""
+        """Note a message with a ``re``."""
         if answer.re in self._signals:
             self._signals.discard(answer.re)
         if answer.re in self._answers:
             self._answers[answer.re] = answer
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """A judgement."""
+        """Note a verdict."""
         if verdict.seq in self._verdicts:
             self._verdicts[verdict.seq] = verdict
         else:
             self._posted.setdefault(verdict.robot, deque(maxlen=KEPT_VERDICTS)).append(verdict)
 
     def take_error(self, error: Error) -> None:
-        """An error that is not fatal; the answer to a request is found by ``take_answer``."""
+        """Note an error that is not fatal; ``take_answer`` handles the answer to a request."""
         if error.re in self._signals:
             self._take_signal_error(error)
         elif error.seq in self._verdicts:
             self._verdicts[error.seq] = Refused(error)
         elif error.re not in self._answers:
-            self._complaint = Refused(error)
+            self._unawaited = Refused(error)
 
     def _take_signal_error(self, error: Error) -> None:
-        # A value for others to look at that came too fast is no reason to end a control loop.
+        # Too fast a signal must not end a control loop: the value is only information for other clients.
         if error.code == ErrorCode.SIGNAL_RATE:
             self.signals_dropped += 1
         else:

@@ -1,8 +1,8 @@
-"""The client's side of a conversation, without I/O: what the asyncio and the blocking shell have in common.
+"""Client side of a connection, without I/O: the core of the asyncio and the blocking shell.
 
-A shell writes the bytes that the methods return, hands what it reads to :meth:`Session.receive`, and then
-polls (``pending.answer``, ``pending.verdict``, ``next_tick`` …) until it gets something else than None.
-Nothing here waits or knows a socket; times are handed in, s, of any clock that does not go back.
+A shell writes the bytes that the methods return, passes the bytes that it reads to :meth:`Session.receive`,
+and polls (``pending.answer``, ``pending.verdict``, ``next_tick``, …) until the result is not None. The module
+neither waits nor uses a socket; times are arguments, s, of any monotonic clock.
 """
 
 from collections import deque
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
 from armgate.client.errors import BadArgument, ClientError, ConnectionLost, Rejected, TimedOut
-from armgate.client.holdings import Holdings
+from armgate.client.leases import HeldLeases
 from armgate.client.pending import Pending
 from armgate.client.tick import Tick
 from armgate.protocol import DIALECTS, Connection, Dialect, ErrorCode, LocalProtocolError, Refusal, Side
@@ -37,28 +37,28 @@ from armgate.protocol.messages import (
 )
 
 KEEPALIVE_SHARE = 1 / 3
-"""A sign of life is given after this share of a lease's time to live."""
+"""Share of a lease's time to live after which a ping is sent if nothing else was."""
 
 _CAPABILITIES = ("stop.replaces",)
-"""Capabilities named in hello: this client resets only stops that it knows to be in force."""
+"""Capabilities in hello: this client resets a stop only by the id that is in force."""
 
 
 class Session:
-    """One client's conversation with a daemon.
+    """Protocol session of one client with a daemon.
 
     Attributes:
-        pending: What is waited for.
-        holdings: What is held.
-        welcome: The server's welcome, None before.
-        state: The newest state of all, None before the first.
-        states: How many states have come.
-        subscription: What is subscribed, None for nothing.
-        closed: Why nothing more can be said, None while the connection stands.
+        pending: Messages that await an answer.
+        leases: Leases held, and stops in force.
+        welcome: The server's welcome; None before.
+        state: The newest state of any robot; None before the first.
+        states: Number of states received.
+        subscription: The subscription in force; None if there is none.
+        closed: Reason for which the connection ended; None while it is open.
     """
 
     def __init__(self, dialects: Sequence[Dialect] = DIALECTS) -> None:
         self.pending = Pending()
-        self.holdings = Holdings()
+        self.leases = HeldLeases()
         self.welcome: Welcome | None = None
         self.state: State | None = None
         self.states = 0
@@ -66,38 +66,38 @@ class Session:
         self.closed: ClientError | None = None
         self._connection = Connection(Side.CLIENT, dialects)
         self._newest: dict[str, State] = {}
-        # The tick for which each robot's newest command was judged: its slot is taken.
-        self._slot: dict[str, int] = {}
+        # Target tick of each robot's newest verdict: this tick already has its command.
+        self._target: dict[str, int] = {}
         self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
-        # Said, but not yet handed to the shell: it goes with what is said next.
-        self._kept = b""
+        # Encoded, but not returned to the shell yet: sent together with the next message.
+        self._delayed = b""
         self._sent = 0.0
         self._pinged: float | None = None
 
-    # --- what is said --------------------------------------------------------------------------------------
+    # --- sending -------------------------------------------------------------------------------------------
 
     def hello(self, name: str, role: Role, token: str | None, software: str) -> bytes:
-        """The first message; the shell then waits for ``welcome``."""
+        """Return the first message; the shell then waits for ``welcome``."""
         own: dict[str, Any] = {} if token is None else {"token": token}
         own |= {"versions": self._connection.versions, "capabilities": _CAPABILITIES}
-        return self._say(build(Hello, name=name, role=role, software=software, **own))
+        return self._send(build(Hello, name=name, role=role, software=software, **own))
 
     def ask(self, request: Request) -> tuple[int, bytes]:
-        """A request: the number by which ``pending.answer`` finds the answer, and its bytes."""
+        """Return the number for ``pending.answer`` and the bytes of a request."""
         self._ids += 1
-        data = self._say(request.model_copy(update={"id": self._ids}))
+        data = self._send(request.model_copy(update={"id": self._ids}))
         self.pending.expect_answer(self._ids)
         return self._ids, data
 
     def command(self, robot: str, fence: int, tick: int, dq: Iterable[Any]) -> tuple[int, bytes]:
-        """A command: the number by which ``pending.verdict`` finds the judgement, and its bytes.
+        """Return the number for ``pending.verdict`` and the bytes of a command.
 
-        The increment is sent as it is: what is wrong with it is for the server to say. Numbers run through
-        the whole session, so that an error that names nothing else is about one command.
+        The increment is sent unchanged: the server validates it. Numbers increase over all robots of the
+        session, so that an error with a ``seq`` identifies one command.
         """
-        self.holdings.check(robot, fence)
+        self.leases.check(robot, fence)
         fields: dict[str, Any] = {
             "robot": robot,
             "fence": fence,
@@ -105,36 +105,36 @@ class Session:
             "tick": tick,
             "dq": _increment(dq),
         }
-        data = self._say(Command.model_construct(**fields))
+        data = self._send(Command.model_construct(**fields))
         self._seq += 1
         return self._seq, data
 
     def pass_step(self, step: int) -> bytes:
-        """Lock-step: nothing more for this step."""
-        return self._say(Pass(step=step))
+        """Return a pass for a step in lock-step."""
+        return self._send(Pass(step=step))
 
     def skip(self) -> bytes:
-        """As ``pass_step`` for the step of the newest state; nothing by the wall clock or before a state."""
+        """Return a pass for the newest state's step; empty by the wall clock and before the first state."""
         step = None if self.state is None else self.state.step
         return b"" if step is None else self.pass_step(step)
 
     def signal(self, name: str, value: Iterable[float] | float, *, more: bool = False) -> bytes:
-        """A signal; nobody waits for the answer. With ``more`` it goes with what is said next.
+        """Return the bytes of a signal, whose answer is not awaited; with ``more``, delay them.
 
         Raises:
             Refused: An earlier signal was refused.
         """
-        self.pending.complain_of_signals()
+        self.pending.raise_refused_signal()
         self._ids += 1
-        data = self._say(build(Signal, name=name, value=_vector(name, value), id=self._ids))
+        data = self._send(build(Signal, name=name, value=_vector(name, value), id=self._ids))
         self.pending.expect_signaled(self._ids)
         if more:
-            self._kept = data
+            self._delayed = data
             return b""
         return data
 
-    def wanted(self, robot: str) -> Subscribe | None:
-        """The subscription that is still missing before this robot's ticks can be followed."""
+    def missing_subscription(self, robot: str) -> Subscribe | None:
+        """Return the subscription required for this robot's ticks; None if the present one includes them."""
         now = self.subscription
         if now is None or not now.every:
             return Subscribe(every=1, robots=(robot,))
@@ -142,98 +142,96 @@ class Session:
             return None
         return Subscribe(every=now.every, robots=(*now.robots, robot), fields=now.fields)
 
-    def kept(self) -> bytes:
-        """What was kept for what is said next, for a shell that is about to wait."""
-        data, self._kept = self._kept, b""
+    def delayed(self) -> bytes:
+        """Return the delayed bytes, for a shell that is about to wait."""
+        data, self._delayed = self._delayed, b""
         return data
 
     def bye(self, reason: str = "") -> bytes:
-        """The last message; nothing where nothing can be said any more."""
+        """Return the last message; empty if the connection has ended already."""
         if self.closed is not None:
             return b""
         self.closed = ConnectionLost("this client has closed the connection; connect again")
-        return self.kept() + self._connection.send(Bye(reason=reason[:512]))
+        return self.delayed() + self._connection.send(Bye(reason=reason[:512]))
 
     def keepalive(self, now: float) -> bytes:
-        """A ping where nothing was sent for a third of a lease's time to live, else nothing."""
+        """Return a ping if nothing was sent for a third of a lease's time to live, else nothing."""
         if self.closed is not None or now < self.keepalive_due:
             return b""
         if self._pinged is None:
             self._pinged = now
-        return self._say(Ping(time=now))
+        return self._send(Ping(time=now))
 
     @property
     def keepalive_due(self) -> float:
-        """When the next sign of life is due; an observer's tells it whether the server still lives."""
+        """Time at which the next ping is due; an observer also pings, to detect a lost server."""
         if self.welcome is None:
             return float("inf")
-        ttl = self.holdings.ttl
+        ttl = self.leases.ttl
         return self._sent + KEEPALIVE_SHARE * (self.welcome.limits.lease_ttl if ttl is None else ttl)
 
     def sent(self, now: float) -> None:
-        """The shell has written something."""
+        """Note that the shell has written bytes."""
         self._sent = now
 
-    # --- what is heard -------------------------------------------------------------------------------------
+    # --- receiving -----------------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Takes bytes from the server."""
+        """Handle bytes from the server."""
         self._pinged = None
         for item in self._connection.receive(data):
             if isinstance(item, Refusal):
-                self._unreadable(item)
+                self._take_refusal(item)
             else:
                 self._take(item)
 
     def receive_eof(self, why: str = "the server closed the connection") -> None:
-        """The server sends no more."""
+        """Close the session at the end of the server's stream."""
         self._connection.receive_eof()
         if self.welcome is None:
-            text = (
-                f"{why} without a welcome; does it ask for TLS (tls=…, --ca), or for a certificate (--cert)?"
-            )
+            text = f"{why} without a welcome; does it require TLS (tls=…, --ca), or a certificate (--cert)?"
         else:
-            text = f"{why}; robots held come to rest; connect again when the server runs"
+            text = f"{why}; the robots held come to rest; connect again when the server runs"
         self._close(ConnectionLost(text))
 
     def check(self) -> None:
-        """Raises why the connection is closed, if it is."""
+        """Raise the reason for which the connection ended, if it has."""
         if self.closed is not None:
             raise self.closed
 
     def check_silence(self, now: float, timeout: float) -> None:
-        """Raises ``TimedOut`` if a ping has been without any reaction for longer than ``timeout``."""
+        """Raise ``TimedOut`` if the server has sent nothing since a ping longer than ``timeout`` ago."""
         if self._pinged is not None and now - self._pinged > timeout:
             raise TimedOut(f"the server has been silent for {timeout:g} s; close and connect again")
 
     def keep_states(self, count: int) -> None:
-        """Keeps up to this many states for ``next_state``; at first only the newest."""
+        """Queue up to this many states for ``next_state``; by default only the newest."""
         self._recent = deque(self._recent, maxlen=max(count, 1))
 
     def next_state(self, seen: int) -> tuple[int, State] | None:
-        """The oldest kept state after the first ``seen`` ones, and which one it is, from 1; else None."""
-        self.pending.complain()
+        """Return number (from 1) and state of the oldest queued state after number ``seen``, if any."""
+        self.pending.raise_unawaited()
         dropped = self.states - len(self._recent)
         index = max(seen - dropped, 0)
         return (dropped + index + 1, self._recent[index]) if index < len(self._recent) else None
 
     def next_tick(self, robot: str, fence: int, after: int) -> Tick | None:
-        """The newest tick of a robot that is held, if it is later than ``after`` and can be answered.
+        """Return the newest tick of a held robot if it is later than ``after`` and still lacks a command.
 
-        A command for the tick after it may have been judged already, where the state that the command was
-        based on came late: one more would be refused.
+        If an earlier state arrived late, the command based on it may already have been judged for the tick
+        after this one. A further command would be refused.
 
         Raises:
             Lost: The robot is no longer held with this fence.
         """
-        self.holdings.check(robot, fence)
-        self.pending.complain()
+        self.leases.check(robot, fence)
+        self.pending.raise_unawaited()
         state = self._newest.get(robot)
-        if state is None or state.tick <= after or state.tick < self._slot.get(robot, 0):
+        if state is None or state.tick <= after or state.tick < self._target.get(robot, 0):
             return None
         return Tick(robot, state)
 
-    # --- one handler for each message ----------------------------------------------------------------------
+    # --- one handler per message; messages without a handler are answers, or of a later version ------------
 
     def _take(self, message: Message) -> None:
         handler = self._HANDLERS.get(type(message))
@@ -252,7 +250,7 @@ class Session:
 
     def _take_verdict(self, verdict: Verdict) -> None:
         if verdict.target is not None:
-            self._slot[verdict.robot] = verdict.target
+            self._target[verdict.robot] = verdict.target
         self.pending.take_verdict(verdict)
 
     def _take_subscribed(self, subscribed: Subscribed) -> None:
@@ -266,7 +264,7 @@ class Session:
 
     def _take_bye(self, bye: Bye) -> None:
         why = f" ({bye.reason})" if bye.reason else ""
-        self._close(ConnectionLost(f"the server said goodbye{why}; connect again when it runs"))
+        self._close(ConnectionLost(f"the server ended the connection{why}; connect again when it runs"))
 
     _HANDLERS: ClassVar[dict[type[Message], Callable[[Any, Any], None]]] = {
         Welcome: _take_welcome,
@@ -275,35 +273,35 @@ class Session:
         Error: _take_error,
         Bye: _take_bye,
         Verdict: _take_verdict,
-        Lease: lambda self, lease: self.holdings.take_lease(lease),
-        Stopped: lambda self, stopped: self.holdings.take_stopped(stopped),
-        Resumed: lambda self, resumed: self.holdings.take_resumed(resumed),
+        Lease: lambda self, lease: self.leases.take_lease(lease),
+        Stopped: lambda self, stopped: self.leases.take_stopped(stopped),
+        Resumed: lambda self, resumed: self.leases.take_resumed(resumed),
     }
 
-    def _unreadable(self, refusal: Refusal) -> None:
-        # A type that this version does not know may be left out; a known one that cannot be read may not:
-        # somebody may wait for it.
+    def _take_refusal(self, refusal: Refusal) -> None:
+        # A message of an unknown type is ignored. An unreadable message of a known type is not: a call may
+        # wait for it.
         if refusal.fatal or refusal.error.code != ErrorCode.UNKNOWN_TYPE:
-            text = f"the server sent what cannot be read ({refusal.error.code}: {refusal.error.text})"
+            text = f"the server sent an unreadable message ({refusal.error.code}: {refusal.error.text})"
             self._close(ConnectionLost(f"{text}; compare the versions of client and server"))
 
     def _close(self, why: ClientError) -> None:
         if self.closed is None:
             self.closed = why
 
-    def _say(self, message: Message) -> bytes:
+    def _send(self, message: Message) -> bytes:
         self.check()
         try:
-            return self.kept() + self._connection.send(message)
+            return self.delayed() + self._connection.send(message)
         except LocalProtocolError as error:
             raise BadArgument(error.text) from error
 
 
 def build(model: type[Message], **fields: Any) -> Any:
-    """A message from a caller's arguments.
+    """Return a message made of a caller's arguments.
 
     Raises:
-        BadArgument: An argument has the wrong form; the text names it.
+        BadArgument: An argument is invalid; the text names it.
     """
     try:
         return model(**fields)

@@ -1,4 +1,4 @@
-"""What a controller sees at one tick of its robot."""
+"""State of the cell at one tick of a robot."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,18 +9,18 @@ from armgate.protocol.messages import Entry, SignalValue, State
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The cell at one tick of one robot.
+    """State of the cell at one tick of one robot.
 
     Attributes:
-        robot: Whose tick it is.
-        state: The whole state message.
+        robot: Name of the robot.
+        state: The complete state message.
     """
 
     robot: str
     state: State
 
     def entry(self, robot: str) -> Entry:
-        """The entry of any robot of the cell; its own ``time`` tells its age.
+        """Return the entry of any robot of the cell; its ``time`` states its age.
 
         Raises:
             BadArgument: The state has no such robot.
@@ -33,7 +33,7 @@ class Tick:
 
     @property
     def tick(self) -> int:
-        """The number of the tick, of this robot's clock."""
+        """Number of the tick on this robot's clock."""
         return self.state.tick
 
     @property
@@ -43,22 +43,22 @@ class Tick:
 
     @property
     def step(self) -> int | None:
-        """The step of the lock-step; None by the wall clock."""
+        """Step in lock-step; None by the wall clock."""
         return self.state.step
 
     @property
     def q(self) -> tuple[float, ...]:
-        """The measured position, rad or m by the joint's type."""
+        """Measured position, rad or m by the joint's type."""
         return self._own("q", self.entry(self.robot).q)
 
     @property
     def setpoint(self) -> tuple[float, ...]:
-        """The commanded position, to which the next increment is added; rad or m."""
+        """Commanded position, to which the next increment is added, rad or m."""
         return self._own("setpoint", self.entry(self.robot).setpoint)
 
     @property
     def signals(self) -> Mapping[str, SignalValue]:
-        """The newest values that clients share, by name."""
+        """Newest values of the signals that clients share, by name."""
         return self.state.signals
 
     def _own(self, field: str, value: tuple[float, ...] | None) -> tuple[float, ...]:

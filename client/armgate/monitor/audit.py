@@ -18,7 +18,7 @@ from armgate.monitor.model import Cell, build
 from armgate.monitor.motion import Sample
 from armgate.monitor.samples import sample_of
 from armgate.monitor.yaml_files import read_files
-from armgate.recording import Header, Recording, Shown, Step
+from armgate.recording import Header, Recording, RobotState, Step
 from armgate.recording.verify import verify
 
 MAX_FILES = 256
@@ -52,7 +52,7 @@ def audit(run: Path, configs: Sequence[Path], silence: float) -> tuple[Cell, Acc
         if isinstance(item, Step):
             change: Any = item.event  # of a link; the monitor does not import its type
             monitor.link(change.robot, ended=change.state != "ready")
-        elif isinstance(item, Shown) and (sample := sample_of(item.entry)) is not None:
+        elif isinstance(item, RobotState) and (sample := sample_of(item.entry)) is not None:
             if not _repeats(newest.get(sample.robot), sample):
                 monitor.take(sample)
             newest[sample.robot] = sample

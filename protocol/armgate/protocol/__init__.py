@@ -1,12 +1,11 @@
-"""The wire: what controllers, observers and the daemon say to each other over TCP, without I/O.
+"""The wire protocol between clients and the daemon, without I/O.
 
-``messages`` (the models), ``framing`` (cuts the stream), ``codec`` (bytes to messages and back),
-``connection`` (who may say what when), ``versions`` (which version, and what is said in it), ``lease`` (who
-may command a robot), ``errors`` (exceptions and the table of codes). SPEC.md beside this file is the same in
-words, ``statements`` reads it.
+Modules: ``messages`` (models), ``framing`` (frames), ``codec`` (bytes to messages and back), ``connection``
+(state machine of a connection), ``versions`` (versions and their dialects), ``lease`` (state machine of the
+leases), ``errors`` (exceptions and error codes). SPEC.md in this folder is the specification; ``statements``
+parses it.
 
-The messages themselves are used as ``messages.State`` etc.: their short names (``Stop``, ``Error``) say
-little alone.
+Use messages as ``messages.State`` etc.: their short names (``Stop``, ``Error``) are unclear alone.
 """
 
 from armgate.protocol import messages
@@ -18,6 +17,7 @@ from armgate.protocol.framing import (
     INBOUND_LIMIT,
     OUTBOUND_LIMIT,
     FrameDecoder,
+    FrameError,
 )
 from armgate.protocol.lease import Denial, Grant, Leases, LeaseState, Loss
 from armgate.protocol.versions import DIALECTS, VERSIONS, Dialect
@@ -35,6 +35,7 @@ __all__ = [
     "Dialect",
     "ErrorCode",
     "FrameDecoder",
+    "FrameError",
     "Grant",
     "LeaseState",
     "Leases",

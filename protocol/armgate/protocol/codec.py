@@ -1,11 +1,11 @@
-"""Messages to bytes and back.
+"""Codec of messages.
 
-``encode(message) -> frame`` and ``decode(payload, catalogue) -> message``; ``unpack`` is the bounded msgpack
-reader alone. What stands on the wire is what was set: ``encode`` writes ``type`` and the fields given to the
-model, also those given as None, and leaves out all others. So an entry's ``holder: nil`` (nobody) differs
-from no ``holder`` at all (not subscribed), see ``model_fields_set``.
+``encode(message) -> frame`` and ``decode(payload, catalogue) -> message``; ``unpack`` is only the bounded
+msgpack reader. ``encode`` writes ``type`` and the fields that were set, including those set to None, and
+leaves out all others (see ``model_fields_set``). Therefore ``holder: nil`` in an entry (the robot is free)
+differs from an absent ``holder`` (not subscribed).
 
-Sizes are bounded where bytes enter: ``MAX_DEPTH`` of nesting, ``MAX_MAP`` keys, ``MAX_ARRAY`` items (server
+Sizes are bounded on input: ``MAX_DEPTH`` of nesting, ``MAX_MAP`` keys, ``MAX_ARRAY`` items (server
 to client) or ``MAX_ARRAY_INBOUND`` (client to server), ``MAX_STR`` bytes of text, ``MAX_CHUNK`` bytes of
 binary data.
 """
@@ -17,7 +17,7 @@ import msgpack
 from pydantic import ValidationError
 
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, RemoteProtocolError, as_name
-from armgate.protocol.faults import Bounds, expected_form, fault_in, offset_of
+from armgate.protocol.fault_location import Bounds, expected_form, fault_in, offset_of
 from armgate.protocol.framing import HEADER, OUTBOUND_LIMIT, frame
 from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message
 
@@ -33,10 +33,10 @@ _SECRET = "token"  # noqa: S105 (the name of the field)
 
 
 def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
-    """The frame of ``message``.
+    """Return the frame of ``message``.
 
     Raises:
-        LocalProtocolError: A value has no form on the wire, or the frame would be beyond ``limit``.
+        LocalProtocolError: A value cannot be encoded, or the payload is longer than ``limit``.
     """
     about = message.type
     try:
@@ -52,7 +52,7 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
 
 
 def answering(frame_: bytes, re: int) -> bytes:
-    """Return the frame of an answer, encoded without ``re``, with it; the rest is not encoded again."""
+    """Add ``re`` to the frame of an answer that was encoded without it; the rest is not encoded again."""
     payload = frame_[HEADER:]
     if payload[0] != _MAP16:
         count, body = payload[0] & 0x0F, payload[1:]
@@ -63,16 +63,16 @@ def answering(frame_: bytes, re: int) -> bytes:
 
 
 def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: int = MAX_ARRAY) -> Message:
-    """The message in ``payload``.
+    """Return the message in ``payload``.
 
     Args:
-        payload: What a frame held.
-        catalogue: The models by ``type`` that the sender may use (``Catalogue.client`` or ``.server``).
-        max_array: The longest array accepted.
+        payload: Payload of a frame.
+        catalogue: Models by ``type`` that the sender may use (``Catalogue.client`` or ``.server``).
+        max_array: Longest accepted array.
 
     Raises:
         RemoteProtocolError: Fatal if the payload is not a well-formed map within the bounds; not fatal if the
-            type is unknown or the fields do not validate.
+            type is unknown or the fields are invalid.
     """
     fields = unpack(payload, max_array)
     kind = fields.get("type")
@@ -93,7 +93,7 @@ def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: in
 
 
 def valid(model: type[Message], fields: Mapping[str, Any]) -> Message | None:
-    """Return the message in unpacked fields; None if they do not validate: a fault is not located."""
+    """Return the message with these fields; None if they are invalid."""
     try:
         return model.model_validate(fields)
     except ValidationError:
@@ -101,11 +101,11 @@ def valid(model: type[Message], fields: Mapping[str, Any]) -> Message | None:
 
 
 def unpack(payload: bytes, max_array: int = MAX_ARRAY) -> dict[str, Any]:
-    """The map in ``payload``, its arrays as tuples.
+    """Return the map in ``payload``, with arrays as tuples.
 
     Raises:
-        RemoteProtocolError: Fatal: not msgpack, not one map, beyond a bound, a key twice or not a text, an
-            extension type, text that is not UTF-8.
+        RemoteProtocolError: Fatal: the payload is not msgpack or not exactly one map, a bound is exceeded, a
+            key is repeated or not a text, there is an extension type, or a text is not UTF-8.
     """
     try:
         value = msgpack.unpackb(
@@ -139,7 +139,7 @@ def _bounds(max_array: int) -> Bounds:
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ValueError("a key stands twice in one map")
+        raise ValueError("a key occurs twice in one map")
     if found and set(map(type, found)) != {str}:
         raise ValueError("a key is not a text")
     return found
@@ -150,7 +150,7 @@ def _no_extension(code: int, data: bytes) -> object:
 
 
 def _is_deep(value: dict[str, Any]) -> bool:
-    # Level by level: most items are numbers, and this is the cheapest way past them.
+    # Breadth-first: most items are numbers, and one pass per level is the cheapest way to skip them.
     level: list[Any] = [value]
     for _ in range(MAX_DEPTH):
         level = [item for part in level for item in _items(part) if type(item) in _CONTAINERS]
@@ -205,7 +205,7 @@ def _kind(value: object) -> str:
 
 
 def _shown(value: object) -> str:
-    # Only scalars are shown: a map or an array may hold anything, also secrets.
+    # Show scalars only: a map or an array may hold a secret.
     if value is None or isinstance(value, (tuple, dict, bytes)):
         return _kind(value)
     return f"{_kind(value)} {_cut(value)}"

@@ -1,20 +1,21 @@
-"""One connection's conversation, without I/O, for either side.
+"""State machine of one connection, without I/O, for either side.
 
-Who speaks when is one table, ``TRANSITIONS``: (state, sender, event) → state, where an event is a message's
-type, and a fatal error counts as ``fatal``. The table does not know which side it runs on. Each version of
-the protocol has its own: the same one, with the messages of its dialect.
+Theory of operation: one table, ``TRANSITIONS``, states which side may send which message in which state:
+(state, sender, event) → next state. An event is the type of a message; a fatal error is the event ``fatal``.
+What the table does not contain is not allowed. The table is the same for client and server. Each version of
+the protocol has a table of its own: the same rules for the messages of its dialect.
 
 Use, on both sides::
 
     connection = Connection(Side.SERVER)
     for item in connection.receive(data):        # messages and refusals, in order
         if isinstance(item, Refusal):
-            write(connection.send(item.error))   # (server) tells the peer; close after a fatal one
+            write(connection.send(item.error))   # (server) report it; close after a fatal error
         else: ...
     write(connection.send(message))
     connection.receive_eof()
 
-On the client side a refusal is not sent: there is no error message from client to server.
+A client does not send refusals: the protocol has no error message from client to server.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,44 +26,50 @@ from functools import cache
 from armgate.protocol import versions as v
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, decode, encode, unpack, valid
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
-from armgate.protocol.framing import HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, FrameDecoder
+from armgate.protocol.framing import (
+    HANDSHAKE_LIMIT,
+    INBOUND_LIMIT,
+    OUTBOUND_LIMIT,
+    FrameDecoder,
+    FrameError,
+)
 from armgate.protocol.messages import Command, Error, Hello, Message, Request, Reset, Stop, Welcome
 
 
 class Side(Enum):
-    """Which end of the connection."""
+    """End of a connection."""
 
     CLIENT = "client"
     SERVER = "server"
 
     @property
     def other(self) -> "Side":
-        """The peer's side."""
+        """Side of the peer."""
         return Side.SERVER if self is Side.CLIENT else Side.CLIENT
 
 
 class ConnectionState(Enum):
-    """Where the conversation is."""
+    """State of a connection."""
 
     AWAIT_HELLO = "await_hello"
     AWAIT_WELCOME = "await_welcome"
     READY = "ready"
     CLIENT_LEAVING = "client_leaving"
-    """The client said bye; what the server still sends is read until it closes."""
+    """The client has sent ``bye``; the server's remaining messages are read until it closes."""
     SERVER_LEAVING = "server_leaving"
-    """The server said bye; what the client had already sent may still arrive."""
+    """The server has sent ``bye``; messages that the client sent before may still arrive."""
     FAILED = "failed"
-    """A fatal fault was found in what the peer sent: nothing more is read, the fatal error may be sent."""
+    """The peer sent a fatal fault: nothing more is read, and the fatal error may be sent."""
     CLOSED = "closed"
 
 
 _STOP = b"stop"
-_LOOKED_AT = 128
-"""Messages that one call looks at in search of a stop."""
-_BYTES_LOOKED_AT = 4096
-"""Bytes after which one call looks at no further message."""
+_MAX_AHEAD = 128
+"""Largest number of messages that one call of ``overtake`` inspects."""
+_MAX_BYTES_AHEAD = 4096
+"""Number of bytes after which one call of ``overtake`` inspects no further message."""
 
-_OVERTAKEN = "a stop that was sent after this reset was acted on first; reset the stops that states name"
+_OVERTAKEN = "a stop sent after this reset was handled first; reset the stops that the states list"
 
 _State = ConnectionState
 Key = tuple[ConnectionState, Side, str]
@@ -74,7 +81,7 @@ def _types(known: Iterable[str], *left_out: str) -> list[str]:
 
 @cache
 def transitions(dialect: v.Dialect) -> dict[Key, ConnectionState]:
-    """All that may be said in one version: what is not in here may not."""
+    """Return the table of one version: every allowed message with its next state."""
     client, server = Side.CLIENT, Side.SERVER
     from_client = _types(dialect.client, "hello", "bye")
     from_server = _types(dialect.server, "welcome", "bye")
@@ -99,35 +106,35 @@ def transitions(dialect: v.Dialect) -> dict[Key, ConnectionState]:
 
 
 TRANSITIONS = transitions(v.DIALECTS[0])
-"""The table of version 1."""
+"""Table of version 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Something that the peer sent and that is of no effect; ``error`` is what it is told."""
+    """Refused input without effect; ``error`` is the message due to the peer."""
 
     error: Error
 
     @property
     def fatal(self) -> bool:
-        """Whether nothing more is read from this connection."""
+        """True if nothing more is read from this connection."""
         return self.error.fatal
 
 
 class Connection:
-    """The conversation over one stream of bytes.
+    """Protocol state of one stream of bytes.
 
     Attributes:
-        role: The side that this object plays.
-        versions: The versions that this side speaks.
-        state: Where the conversation is.
-        version: The version spoken, None before it is known (server: hello, client: welcome).
-        hello: The hello sent or received, None before.
-        capabilities: What the peer has named in its hello or welcome.
+        role: This side of the connection.
+        versions: Versions that this side supports.
+        state: Current state.
+        version: Version in use; None until it is chosen (server: by hello, client: by welcome).
+        hello: The hello sent or received; None before.
+        capabilities: Capabilities in the peer's hello or welcome.
 
     Args:
-        role: The side to play.
-        dialects: The versions to speak, ascending.
+        role: This side of the connection.
+        dialects: Supported versions, ascending.
     """
 
     def __init__(self, role: Side, dialects: Sequence[v.Dialect] = v.DIALECTS) -> None:
@@ -138,20 +145,19 @@ class Connection:
         self.hello: Hello | None = None
         self.capabilities: frozenset[str] = frozenset()
         self._dialects = {dialect.version: dialect for dialect in dialects}
-        # Before one is chosen only that is said which is the same in all of them.
+        # Until a version is chosen, only messages occur that are the same in all versions.
         self._dialect = dialects[-1]
         server = role is Side.SERVER
         self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
         self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
         self._in_order = not server
-        self._overtaken = 0  # frames still to be popped that a stop has overtaken
+        self._overtaken = 0  # number of frames not yet popped that a stop has overtaken
 
     def receive(self, data: bytes) -> list[Message | Refusal]:
-        """Takes bytes from the peer and returns what they complete, in order.
+        """Add bytes from the peer and return the messages and refusals that they complete, in order.
 
-        After a fatal refusal, and once closed, nothing more is read: later bytes are dropped. The caller
-        owes the peer ``send(refusal.error)`` for each refusal (server side), and must close after a fatal
-        one.
+        After a fatal refusal, and after the close, later bytes are dropped. A server must send
+        ``send(refusal.error)`` for each refusal, and close after a fatal one.
         """
         self.push(data)
         found = []
@@ -160,51 +166,53 @@ class Connection:
         return found
 
     def push(self, data: bytes) -> None:
-        """Takes bytes from the peer, of which ``pop`` gives what they complete, one by one."""
-        if not self._deaf:
+        """Add bytes from the peer; ``pop`` returns the messages and refusals that they complete."""
+        if not self._ignores_input:
             self._decoder.push(data)
 
     def pop(self) -> Message | Refusal | None:
-        """The next of what the peer said; None: nothing more is complete."""
-        if self._deaf:
+        """Return the next message or refusal; None if no further one is complete."""
+        if self._ignores_input:
             return None
         try:
             payload = self._decoder.pop()
             return None if payload is None else self._accept(payload)
+        except FrameError as error:
+            return self._refuse(_bad_frame(error))
         except ProtocolError as error:
             return self._refuse(error)
 
     @property
     def may_overtake(self) -> bool:
-        """True if there may be a ``stop`` among the messages that `overtake` has not looked at yet."""
+        """True if the messages that ``overtake`` has not inspected yet may contain a ``stop``."""
         return self.state is ConnectionState.READY and not self._in_order and self._decoder.may_hold(_STOP)
 
     def overtake(self) -> Stop | None:
-        """Take a complete ``stop`` from behind other unread messages, ahead of its turn; None: there is none.
+        """Remove and return a complete ``stop`` that waits behind other messages; None if there is none.
 
-        Nothing is taken from behind a ``bye`` or a fatal fault. ``pop`` refuses each ``reset`` that the stop
-        overtook: it was sent before the stop and must not lift it. Each call looks at a bounded number of
-        messages and bytes, at none of them twice.
+        A stop behind a ``bye`` or a fatal fault stays where it is. ``pop`` refuses each ``reset`` that the
+        stop overtook: the client sent it before the stop, so it must not lift the stop. Each call inspects a
+        bounded number of messages and bytes, and no message twice.
         """
         if not self.may_overtake:
             return None
-        looked_at = 0
-        for _ in range(_LOOKED_AT):
+        inspected = 0
+        for _ in range(_MAX_AHEAD):
             payload = self._decoder.look_ahead()
             if payload is None:
                 return None
-            looked_at += len(payload)
+            inspected += len(payload)
             message = self._read_ahead(payload)
             if message is not None:
                 self._decoder.take_seen(len(payload))
                 self._overtaken = self._decoder.ahead
                 return message
-            if self._in_order or looked_at >= _BYTES_LOOKED_AT:
+            if self._in_order or inspected >= _MAX_BYTES_AHEAD:
                 return None
         return None
 
     def _read_ahead(self, payload: bytes) -> Stop | None:
-        """Return the stop in a payload; note if nothing behind this payload may be taken ahead of it."""
+        """Return the stop in a payload; note if messages behind this payload must keep their order."""
         try:
             fields = unpack(payload, self._max_array)
             kind = fields.get("type")
@@ -217,8 +225,8 @@ class Connection:
             return None
 
     def receive_eof(self) -> list[Message | Refusal]:
-        """The peer sends no more: the connection is closed; a frame that was cut off is a refusal."""
-        cut = self._decoder.buffered and not self._deaf
+        """Close the connection at the end of the peer's stream; return a refusal for an incomplete frame."""
+        cut = self._decoder.buffered and not self._ignores_input
         self.state = ConnectionState.CLOSED
         if not cut:
             return []
@@ -226,45 +234,46 @@ class Connection:
         return [Refusal(RemoteProtocolError(ErrorCode.TRUNCATED, text).message())]
 
     def send(self, message: Message, frame: bytes | None = None) -> bytes:
-        """The bytes of ``message``, to be written in this order; none if this version has no word for it.
+        """Return the bytes of ``message``, to be written in order; empty if this version lacks the message.
 
         Args:
-            message: What to say.
-            frame: Its frame where it is known already (one state to many observers); it is not encoded again,
-                unless this version says it otherwise.
+            message: Message to send.
+            frame: Frame of the message, if it is encoded already (one state for many observers); used unless
+                this version encodes the message differently.
 
         Raises:
-            LocalProtocolError: It may not be said now, or has no form within the limit; nothing has changed.
+            LocalProtocolError: The message is not allowed now, or cannot be encoded within the limit; the
+                state of the connection is unchanged.
         """
-        said = self._dialect.outward(message)
-        if said is None:
+        translated = self._dialect.outward(message)
+        if translated is None:
             return b""
-        following = self._following(self.role, said)
+        following = self._next_state(self.role, translated)
         if following is None:
             text = f"{message.type}: the {self.role.value} may not send this in state {self.state.value}"
             raise LocalProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
-        if frame is None or said is not message:
-            frame = encode(said, self._outgoing_limit)
-        self._note(said, following)
+        if frame is None or translated is not message:
+            frame = encode(translated, self._outgoing_limit)
+        self._advance(translated, following)
         return frame
 
     @property
     def buffered(self) -> int:
-        """How many bytes of an unfinished frame are kept."""
+        """Number of bytes of an incomplete frame in the buffer."""
         return self._decoder.buffered
 
     @property
     def limit(self) -> int:
-        """The longest payload that is accepted now."""
+        """Longest payload accepted now."""
         return self._decoder.limit
 
     @property
     def closed(self) -> bool:
-        """Whether nothing more can be said or read."""
+        """True if nothing more can be sent or received."""
         return self.state is ConnectionState.CLOSED
 
     @property
-    def _deaf(self) -> bool:
+    def _ignores_input(self) -> bool:
         return self.state in (ConnectionState.FAILED, ConnectionState.CLOSED)
 
     @property
@@ -279,35 +288,35 @@ class Connection:
         known = dialect.client if self.role is Side.SERVER else dialect.server
         message = decode(payload, known, self._max_array)
         try:
-            following = self._following(self.role.other, message)
+            following = self._next_state(self.role.other, message)
             if following is None:
                 text = f"{message.type}: not allowed from the {self.role.other.value}"
                 text += f" in state {self.state.value}"
                 raise RemoteProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
             if overtaken and isinstance(message, Reset):
                 raise RemoteProtocolError(ErrorCode.UNKNOWN_STOP, _OVERTAKEN, about=message.type)
-            self._agree(message)
+            self._choose_version(message)
             inward = dialect.inward(message)
         except RemoteProtocolError as error:
-            raise _about(error, message) from None
-        self._note(message, following)
+            raise _identified(error, message) from None
+        self._advance(message, following)
         return inward
 
-    def _following(self, side: Side, message: Message) -> ConnectionState | None:
+    def _next_state(self, side: Side, message: Message) -> ConnectionState | None:
         return transitions(self._dialect).get((self.state, side, _event(message)))
 
-    def _agree(self, message: Message) -> None:
+    def _choose_version(self, message: Message) -> None:
         if isinstance(message, Hello):
-            self._speak(v.choose(self.versions, message.versions), message.capabilities)
+            self._use(v.choose(self.versions, message.versions), message.capabilities)
         elif isinstance(message, Welcome):
             v.check_choice(message.version, message.versions, message.client_versions, self.versions)
-            self._speak(message.version, message.capabilities)
+            self._use(message.version, message.capabilities)
 
-    def _speak(self, version: int, capabilities: Iterable[str]) -> None:
+    def _use(self, version: int, capabilities: Iterable[str]) -> None:
         self.version, self._dialect = version, self._dialects[version]
         self.capabilities = frozenset(capabilities)
 
-    def _note(self, message: Message, following: ConnectionState) -> None:
+    def _advance(self, message: Message, following: ConnectionState) -> None:
         if isinstance(message, Hello):
             self.hello = message
         elif isinstance(message, Welcome) and self.role is Side.SERVER:
@@ -315,7 +324,7 @@ class Connection:
         self.state = following
 
     def _refuse(self, error: ProtocolError) -> Refusal:
-        # Before the welcome nothing can be left out: the peers would disagree about where they are.
+        # Before the welcome every error is fatal: otherwise the peers could disagree about the state.
         if self.state in (ConnectionState.AWAIT_HELLO, ConnectionState.AWAIT_WELCOME):
             error.fatal = True
         if error.fatal:
@@ -323,8 +332,13 @@ class Connection:
         return Refusal(error.message())
 
 
-def _about(error: RemoteProtocolError, message: Message) -> RemoteProtocolError:
-    """The error with what the peer needs to find the message again."""
+def _bad_frame(error: FrameError) -> RemoteProtocolError:
+    code = ErrorCode.FRAME_TOO_LARGE if error.length else ErrorCode.EMPTY_FRAME
+    return RemoteProtocolError(code, str(error))
+
+
+def _identified(error: RemoteProtocolError, message: Message) -> RemoteProtocolError:
+    """Return the error with the id or number by which the peer finds the message."""
     if isinstance(message, Request):
         error.re = message.id
     elif isinstance(message, Command):

@@ -1,13 +1,13 @@
-"""What can go wrong on the wire: the exceptions, and the one table of error codes.
+"""Exceptions of the protocol, and the table of error codes.
 
 Exceptions::
 
-    ProtocolError                 a message or a frame is wrong; carries what an Error message needs
-    ├── LocalProtocolError        my own side's fault: may not be sent now, or cannot be encoded
-    └── RemoteProtocolError       the peer's fault: should not have sent that
+    ProtocolError                 invalid message or frame; holds the content of an Error message
+    ├── LocalProtocolError        fault of this side: not allowed now, or cannot be encoded
+    └── RemoteProtocolError       fault of the peer
 
-``ErrorCode`` names every code that an :class:`~armgate.protocol.messages.Error` may carry, ``CODES`` says of
-each whether the connection ends, what it means and what the peer can do.
+``ErrorCode`` lists every code of an :class:`~armgate.protocol.messages.Error`. ``CODES`` states for each code
+if it ends the connection, what it means, and how the peer can react.
 """
 
 import re as regex
@@ -20,9 +20,9 @@ _NAME = regex.compile(r"[A-Za-z0-9_.:/-]{1,64}")
 
 
 class ErrorCode(StrEnum):
-    """The codes of error messages; their meaning is in ``CODES``."""
+    """Codes of error messages; ``CODES`` explains them."""
 
-    # The connection is of no more use.
+    # Fatal: the connection ends.
     FRAME_TOO_LARGE = "frame_too_large"
     EMPTY_FRAME = "empty_frame"
     TRUNCATED = "truncated"
@@ -37,7 +37,7 @@ class ErrorCode(StrEnum):
     SHUTTING_DOWN = "shutting_down"
     SILENT = "silent"
     KICKED = "kicked"
-    # One message was of no effect.
+    # One message had no effect.
     UNKNOWN_TYPE = "unknown_type"
     INVALID_MESSAGE = "invalid_message"
     UNKNOWN_ROBOT = "unknown_robot"
@@ -61,7 +61,7 @@ class ErrorCode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CodeInfo:
-    """One row of the table of codes: does it end the connection, what does it mean, what can be done."""
+    """Row of the table of codes: True if it ends the connection, its meaning, and advice to the peer."""
 
     fatal: bool
     meaning: str
@@ -80,66 +80,74 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ErrorCode.FRAME_TOO_LARGE: _fatal("a frame's length is beyond the limit", "send smaller messages"),
     ErrorCode.EMPTY_FRAME: _fatal("a frame's length is 0", "send a message in every frame"),
     ErrorCode.TRUNCATED: _fatal("the stream ended inside a frame", "connect again"),
-    ErrorCode.MALFORMED: _fatal("a payload is not a well-formed map of this protocol", "repair the encoder"),
+    ErrorCode.MALFORMED: _fatal("a payload is not a well-formed map of this protocol", "fix the encoder"),
     ErrorCode.UNEXPECTED: _fatal("this message is not allowed now", "follow the connection's state machine"),
-    ErrorCode.VERSION: _fatal("no version in common, or a downgrade", "use a version that both sides list"),
+    ErrorCode.VERSION: _fatal(
+        "no version in common, or a downgrade", "use a version that both sides support"
+    ),
     ErrorCode.UNAUTHORIZED: _fatal("the token does not allow this", "use a valid token for this role"),
     ErrorCode.NAME_TAKEN: _fatal(
         "another session uses this name", "choose another name, or end that session"
     ),
-    ErrorCode.HANDSHAKE_TIMEOUT: _fatal("no hello came in time", "say hello at once after connecting"),
+    ErrorCode.HANDSHAKE_TIMEOUT: _fatal("no hello arrived in time", "send hello right after connecting"),
     ErrorCode.TOO_MANY: _fatal(
-        "the server holds as many connections as it may", "close some, try again later"
+        "the server has reached its limit of connections", "close some, or try again later"
     ),
-    ErrorCode.OVERFLOW: _fatal("messages that may not be dropped were not read", "read faster"),
-    ErrorCode.SHUTTING_DOWN: _fatal("the server is ending", "connect again when it runs"),
+    ErrorCode.OVERFLOW: _fatal("the client left answers or verdicts unread", "read faster"),
+    ErrorCode.SHUTTING_DOWN: _fatal("the server is shutting down", "connect again when it runs"),
     ErrorCode.SILENT: _fatal(
-        "a participant gave no sign of life while all waited", "answer every step, or pass"
+        "a participant sent nothing while the step waited for it", "answer every step, or pass"
     ),
     ErrorCode.KICKED: _fatal("an operator ended the session", "ask the operator"),
     ErrorCode.UNKNOWN_TYPE: _single(
         "this version has no message of that type", "see the welcome's capabilities"
     ),
-    ErrorCode.INVALID_MESSAGE: _single("a field is missing or has the wrong form", "repair the field named"),
+    ErrorCode.INVALID_MESSAGE: _single("a field is missing or has the wrong form", "fix the named field"),
     ErrorCode.UNKNOWN_ROBOT: _single("the cell has no such robot", "use a name from the description"),
     ErrorCode.UNKNOWN_ASSET: _single(
-        "no such asset, or an offset beyond its end", "use hash and size as described"
+        "no such asset, or an offset beyond its end", "use hash and size of the description"
     ),
     ErrorCode.UNKNOWN_FIELD: _single("the state has no such field", "use the fields of a state entry"),
     ErrorCode.UNKNOWN_STOP: _single("no such stop is in force", "use the id of the stopped message"),
-    ErrorCode.UNKNOWN_SESSION: _single("there is no such session", "use an id of the session list"),
-    ErrorCode.FORBIDDEN: _single("this role may not do that", "connect with a role that may"),
-    ErrorCode.LEASED: _single("another session holds the robot", "wait, or take it over as an operator"),
+    ErrorCode.UNKNOWN_SESSION: _single("there is no such session", "use an id from the session list"),
+    ErrorCode.FORBIDDEN: _single("the role does not allow this", "connect with a role that does"),
+    ErrorCode.LEASED: _single(
+        "another session holds the robot", "wait, or take the robot over as an operator"
+    ),
     ErrorCode.NOT_HELD: _single("the session does not hold that lease", "acquire the robot"),
     ErrorCode.STOPPED: _single("the robot is stopped", "have an operator reset the stop, then acquire again"),
-    ErrorCode.MOVING: _single("a robot still moves", "reset when it rests"),
+    ErrorCode.MOVING: _single("a robot still moves", "reset when it is at rest"),
     ErrorCode.NO_LOCKSTEP: _single("the server does not run in lock-step", "send no pass"),
     ErrorCode.NOT_PARTICIPANT: _single(
         "this session is no participant of the lock-step", "connect by its name"
     ),
-    ErrorCode.WRONG_STEP: _single("a pass for another step than the current", "name the newest state's step"),
+    ErrorCode.WRONG_STEP: _single(
+        "a pass for another step than the current one", "use the step of the newest state"
+    ),
     ErrorCode.SIGNAL_OWNED: _single("another session owns the signal", "use another name"),
-    ErrorCode.SIGNAL_RATE: _single("signals come too fast; this one was dropped", "send them less often"),
+    ErrorCode.SIGNAL_RATE: _single(
+        "signals arrive too fast; this one was dropped", "send signals less often"
+    ),
     ErrorCode.TOO_MANY_SIGNALS: _single("the table of signals is full", "share fewer signals"),
-    ErrorCode.INTERNAL: _single("the server failed to do it", "read the server's log"),
+    ErrorCode.INTERNAL: _single("the server failed to handle the message", "read the server's log"),
 }
 
 
 def as_name(value: object) -> str | None:
-    """``value`` if it may stand where a message wants a name, else None: a peer's text is not trusted."""
+    """Return ``value`` if it is a valid name, else None: a text of the peer is not trusted."""
     return value if isinstance(value, str) and _NAME.fullmatch(value) else None
 
 
 class ProtocolError(Exception):
-    """Something is wrong with a message or a frame.
+    """Invalid message or frame.
 
     Attributes:
-        code: Which kind, see ``CODES``.
-        text: What was wrong, for people; bounded, without secrets.
-        fatal: Whether the connection ends; by default as the table says.
-        about: The ``type`` of the message meant, where known.
-        seq: The command's ``seq``, where it could be read.
-        re: The request's ``id``, where it could be read.
+        code: Error code, see ``CODES``.
+        text: Explanation for people; bounded, without secrets.
+        fatal: True if the connection ends; by default as in ``CODES``.
+        about: ``type`` of the message concerned, if known.
+        seq: ``seq`` of the command, if it could be read.
+        re: ``id`` of the request, if it could be read.
     """
 
     def __init__(
@@ -161,15 +169,15 @@ class ProtocolError(Exception):
         self.re = re
 
     def message(self) -> Error:
-        """The error message that tells the peer."""
+        """Return the error message for the peer."""
         return Error(
             re=self.re, code=self.code.value, text=self.text, fatal=self.fatal, about=self.about, seq=self.seq
         )
 
 
 class LocalProtocolError(ProtocolError):
-    """My own side's fault; nothing was sent and the connection's state is unchanged."""
+    """Fault of this side; nothing was sent and the state of the connection is unchanged."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """The peer's fault."""
+    """Fault of the peer."""

@@ -1,11 +1,11 @@
-"""Frames: a 4-byte big-endian length, then that many bytes of payload.
+"""Length-prefixed frames: a 4-byte big-endian length, followed by that many bytes of payload.
 
-``frame(payload) -> bytes`` writes one, :class:`FrameDecoder` cuts a stream into payloads. Limits are checked
-on the length alone, before any payload is kept: ``HANDSHAKE_LIMIT`` (to the server, before it has said
-welcome), ``INBOUND_LIMIT`` (to the server), ``OUTBOUND_LIMIT`` (to the client).
+``frame(payload) -> bytes`` encodes one frame; :class:`FrameDecoder` divides a stream into payloads. The
+decoder checks the length before it buffers any payload. Limits of the protocol: ``HANDSHAKE_LIMIT`` (to the
+server, before its welcome), ``INBOUND_LIMIT`` (to the server), ``OUTBOUND_LIMIT`` (to the client).
+
+This module imports nothing: the socket between the daemon and a robot server uses the same frames.
 """
-
-from armgate.protocol.errors import ErrorCode, RemoteProtocolError
 
 HEADER = 4
 HANDSHAKE_LIMIT = 4 * 1024
@@ -13,41 +13,56 @@ INBOUND_LIMIT = 64 * 1024
 OUTBOUND_LIMIT = 1024 * 1024
 
 
+class FrameError(Exception):
+    """A frame whose length is 0 or beyond the limit.
+
+    Attributes:
+        length: The length in the frame's header.
+        limit: The longest payload accepted.
+    """
+
+    def __init__(self, length: int, limit: int) -> None:
+        beyond = f"a frame of {length} bytes; at most {limit} are accepted here"
+        super().__init__(beyond if length else "a frame of length 0")
+        self.length = length
+        self.limit = limit
+
+
 def frame(payload: bytes) -> bytes:
-    """One frame around ``payload``."""
+    """Return ``payload`` as one frame."""
     return len(payload).to_bytes(HEADER, "big") + payload
 
 
 class FrameDecoder:
-    """Cuts a stream of bytes into payloads; feeding it byte by byte equals feeding it whole.
+    """Decoder of a stream of frames; the result does not depend on how the stream is divided.
 
-    Between two calls it keeps less than one frame within the limit. After an error it is of no more use and
-    raises the same error again.
+    Between two calls it buffers less than one frame within the limit. After an error it discards all input
+    and raises the same error again.
 
     Attributes:
         limit: The longest payload accepted; may be changed between two frames.
-        ahead: Number of frames that were looked at ahead and are still to be popped.
+        ahead: Number of frames that ``look_ahead`` has returned and ``pop`` has not.
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._buffer = bytearray()
-        self._seen = 0  # bytes of whole frames at the buffer's beginning that were looked at ahead
-        self._searched = 0  # bytes at the buffer's beginning behind which a word is searched on
+        self._seen = 0  # bytes of the complete frames at the start of the buffer that were looked at
+        self._searched = 0  # offset in the buffer from which `may_hold` continues its search
         self.ahead = 0
-        self._needed = HEADER  # bytes to wait for; more once the length of a frame is read
-        self._error: RemoteProtocolError | None = None
+        self._needed = HEADER  # bytes to wait for; more once the length of a frame is known
+        self._error: FrameError | None = None
 
     @property
     def buffered(self) -> int:
-        """How many bytes of an unfinished frame are kept."""
+        """Number of bytes of an incomplete frame in the buffer."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Takes bytes in and returns all payloads that are now complete.
+        """Add bytes and return all payloads that are now complete.
 
         Raises:
-            RemoteProtocolError: A length is 0 or beyond the limit.
+            FrameError: A length is 0 or beyond the limit.
         """
         self.push(data)
         payloads = []
@@ -56,15 +71,15 @@ class FrameDecoder:
         return payloads
 
     def push(self, data: bytes) -> None:
-        """Takes bytes in; ``pop`` until it gives None before the next push."""
+        """Add bytes; call ``pop`` until it returns None before the next push."""
         if self._error is None:
             self._buffer += data
 
     def pop(self) -> bytes | None:
-        """The next complete payload, None if there is none yet.
+        """Return the next complete payload; None if there is none yet.
 
         Raises:
-            RemoteProtocolError: A length is 0 or beyond the limit.
+            FrameError: A length is 0 or beyond the limit.
         """
         if self._error is not None:
             raise self._error
@@ -84,11 +99,14 @@ class FrameDecoder:
         self._needed = HEADER
         return payload
 
+    # Looking ahead. The buffer is divided at `_seen`: the frames before it have been looked at and wait for
+    # `pop`, the frames after it have not. `take_seen` removes the last frame before `_seen` out of turn.
+
     def may_hold(self, word: bytes) -> bool:
-        """Return True if a complete frame was not looked at yet, and these bytes stand there or behind it.
+        """Return True if ``word`` occurs in a complete frame not looked at yet, or in the bytes after it.
 
         Args:
-            word: The bytes, always the same ones: what was searched once is not searched again.
+            word: The bytes to find, the same in every call: no byte is searched twice.
         """
         if self._unseen_end() is None:
             return False
@@ -97,9 +115,9 @@ class FrameDecoder:
         return at >= 0
 
     def look_ahead(self) -> bytes | None:
-        """Return the next complete payload that was not looked at yet, and leave it; None if there is none.
+        """Return the next complete payload not looked at yet, without removing it; None if there is none.
 
-        A frame of a length that is not accepted ends the search: ``pop`` will find it.
+        A frame with a length that is not accepted ends the search; ``pop`` raises its error.
         """
         end = self._unseen_end()
         if end is None:
@@ -115,7 +133,7 @@ class FrameDecoder:
         return end if 0 < length <= self.limit and end <= len(self._buffer) else None
 
     def take_seen(self, length: int) -> None:
-        """Take the payload, of this length, that ``look_ahead`` returned last: ``pop`` will not give it."""
+        """Remove the payload, of this length, that ``look_ahead`` returned last; ``pop`` skips it."""
         begin = self._seen - HEADER - length
         del self._buffer[begin : self._seen]
         self._seen = self._searched = begin
@@ -124,12 +142,7 @@ class FrameDecoder:
             self._needed = HEADER
 
     def _check(self, length: int) -> None:
-        if 0 < length <= self.limit:
-            return
-        self._buffer.clear()
-        if length == 0:
-            self._error = RemoteProtocolError(ErrorCode.EMPTY_FRAME, "a frame of length 0")
-        else:
-            text = f"a frame of {length} bytes; at most {self.limit} are accepted here"
-            self._error = RemoteProtocolError(ErrorCode.FRAME_TOO_LARGE, text)
-        raise self._error
+        if not 0 < length <= self.limit:
+            self._buffer.clear()
+            self._error = FrameError(length, self.limit)
+            raise self._error

@@ -1,12 +1,12 @@
-"""Leases: the exclusive right to command one robot, as a table, without clocks or sockets.
+"""State machine of the leases, without clocks or sockets.
 
-A robot is ``free``, ``held`` or ``stopped``; ``TRANSITIONS`` says what each event makes of it. Every grant
-has a fence, a number larger than every one before it on this robot: a command with an older fence is from a
-former holder.
+A lease is the exclusive right to command one robot. Theory of operation: a lease is ``free``, ``held`` or
+``stopped``, and ``TRANSITIONS`` lists the next state for each event. Every grant has a fence, a number larger
+than all earlier fences of this robot; a command with an older fence comes from a former holder.
 
-:class:`Leases` keeps all robots of a cell. ``acquire`` answers a :class:`Grant` or a :class:`Denial`;
-whatever ends a grant without its holder's wish is told as a :class:`Loss`, once. ``now`` is any clock that
-does not go back, in s.
+:class:`Leases` holds the leases of all robots of a cell. ``acquire`` returns a :class:`Grant` or a
+:class:`Denial`. A grant that ends without a request of its holder is reported once, as a :class:`Loss`.
+``now`` is the time of any monotonic clock, s.
 """
 
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from armgate.protocol.messages import Role
 
 
 class LeaseState(Enum):
-    """What a robot's lease is."""
+    """State of a robot's lease."""
 
     FREE = "free"
     HELD = "held"
@@ -26,22 +26,22 @@ class LeaseState(Enum):
 
 
 class LeaseEvent(Enum):
-    """What can happen to it."""
+    """Event that can change a lease."""
 
     ACQUIRE = "acquire"
-    """A session asks while nobody holds the robot."""
+    """A session requests a free robot."""
     AGAIN = "again"
-    """The holder itself asks again: a new fence, maybe another speed."""
+    """The holder requests the robot again: new fence, possibly another speed."""
     TAKEOVER = "takeover"
-    """An operator takes it from its holder."""
+    """An operator takes the robot over from its holder."""
     RENEW = "renew"
-    """The holder gave a sign of life."""
+    """The holder sent a message."""
     RELEASE = "release"
-    """The holder gives it back."""
+    """The holder releases the robot."""
     EXPIRE = "expire"
-    """The holder was silent for the time to live."""
+    """The holder sent nothing for the time to live."""
     DROP = "drop"
-    """The holder's connection is gone."""
+    """The holder's connection ended."""
     STOP = "stop"
     """The robot was stopped."""
     RESUME = "resume"
@@ -61,20 +61,20 @@ TRANSITIONS: dict[tuple[LeaseState, LeaseEvent], LeaseState] = {
     (LeaseState.STOPPED, LeaseEvent.STOP): LeaseState.STOPPED,
     (LeaseState.STOPPED, LeaseEvent.RESUME): LeaseState.FREE,
 }
-"""All that can happen: an event that is not in here for a state has no effect there."""
+"""Next state by state and event; an event that is not listed for a state has no effect in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """A lease as it was given.
+    """Granted lease.
 
     Attributes:
         robot: The robot.
-        session: Who holds it.
-        fence: Larger than every fence before on this robot.
-        speed: The holder's own speed bound, a fraction of the cell's.
-        expires: When it ends unless renewed (held until then, not at it).
-        displaced: Whose lease ended by this one, None if the robot was free.
+        session: Session that holds the robot.
+        fence: Fence, larger than all earlier fences of this robot.
+        speed: Speed bound of the holder, a share of the cell's.
+        expires: Time at which the lease ends unless it is renewed (at this time it is no longer held).
+        displaced: Lease that ended by this grant; None if the robot was free.
     """
 
     robot: str
@@ -87,7 +87,7 @@ class Grant:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A lease that ended without its holder's wish."""
+    """Lease that ended without a request of its holder."""
 
     robot: str
     session: str
@@ -97,55 +97,55 @@ class Loss:
 
 @dataclass(frozen=True, slots=True)
 class Denial:
-    """Why a lease was not given: the code and text of the error to answer."""
+    """Refusal of a lease: code and text of the error to send."""
 
     code: ErrorCode
     text: str
 
 
 class Leases:
-    """The leases of all robots of a cell.
+    """Leases of all robots of a cell.
 
-    A server that was stalled has messages to read that came in time. So a lease ends by ``heard``, the time
-    up to which everything that clients sent has been read, and is renewed from ``now``. If only ``now`` is
-    given, both are the same.
+    A server that was stalled still has to read messages that arrived in time. Therefore a lease expires by
+    ``heard``, the time up to which all messages of clients have been read, and is renewed from ``now``. If
+    only ``now`` is given, both are the same.
 
     Args:
-        robots: Their names.
-        ttl: Time to live of a lease without a sign of life from its holder, s.
+        robots: Names of the robots.
+        ttl: Time to live of a lease without a message of its holder, s.
     """
 
     def __init__(self, robots: Iterable[str], ttl: float) -> None:
         self.ttl = ttl
         self._states = dict.fromkeys(robots, LeaseState.FREE)
         self._grants: dict[str, Grant] = {}
-        # Counted per robot: the numbers do not depend on who took another robot first.
+        # Counted per robot, so that fences do not depend on the order in which other robots are acquired.
         self._fences = dict.fromkeys(self._states, 0)
 
     def state(self, robot: str) -> LeaseState:
-        """What the robot's lease is (KeyError for a robot that is not in the cell)."""
+        """Return the state of a robot's lease (KeyError for an unknown robot)."""
         return self._states[robot]
 
     def holder(self, robot: str) -> Grant | None:
-        """The grant in force, as of the last ``expire``."""
+        """Return the grant in force, as of the last ``expire``; None if the robot is not held."""
         return self._grants.get(robot)
 
     def held_by(self, session: str) -> list[Grant]:
-        """All grants of one session."""
+        """Return all grants of one session."""
         return [grant for grant in self._grants.values() if grant.session == session]
 
     @property
     def sessions(self) -> set[str]:
-        """All sessions that hold a robot."""
+        """Sessions that hold a robot."""
         return {grant.session for grant in self._grants.values()}
 
     def holds(self, robot: str, session: str, fence: int, now: float) -> bool:
-        """Whether this is the grant in force at ``now``."""
+        """Return True if this is the grant in force at ``now``."""
         grant = self._grants.get(robot)
         return grant is not None and (grant.session, grant.fence) == (session, fence) and now < grant.expires
 
     def next_expiry(self) -> float | None:
-        """When the next lease ends if nothing renews it; None if none is held."""
+        """Return the time at which the next lease ends unless it is renewed; None if no robot is held."""
         return min((grant.expires for grant in self._grants.values()), default=None)
 
     def acquire(
@@ -159,7 +159,7 @@ class Leases:
         now: float,
         heard: float | None = None,
     ) -> Grant | Denial:
-        """Gives the lease, if the robot is free, the session's own, or an operator takes it over."""
+        """Grant the lease if the robot is free, held by this session, or taken over by an operator."""
         if robot not in self._states:
             return Denial(
                 ErrorCode.UNKNOWN_ROBOT, f"no robot {robot}; the cell has {', '.join(self._states)}"
@@ -173,14 +173,14 @@ class Leases:
         return self._grant(robot, session, takeover, speed, now, now if heard is None else heard)
 
     def renew(self, session: str, now: float, heard: float | None = None) -> None:
-        """The session gave a sign of life: its leases that have not expired live on."""
+        """Renew the session's leases that have not expired: the session sent a message."""
         for grant in self.held_by(session):
             if (now if heard is None else heard) < grant.expires:
                 self._move(grant.robot, LeaseEvent.RENEW)
                 self._grants[grant.robot] = replace(grant, expires=now + self.ttl)
 
     def release(self, robot: str, session: str, fence: int, now: float) -> Grant | Denial:
-        """Gives a lease back; answers the grant that ended."""
+        """Release a lease; return the grant that ended."""
         if robot not in self._states:
             return Denial(
                 ErrorCode.UNKNOWN_ROBOT, f"no robot {robot}; the cell has {', '.join(self._states)}"
@@ -190,17 +190,17 @@ class Leases:
         return self._end(robot, LeaseEvent.RELEASE)
 
     def expire(self, now: float) -> list[Loss]:
-        """Ends the leases whose time is over."""
+        """End the leases whose time to live has passed."""
         over = [grant.robot for grant in self._grants.values() if now >= grant.expires]
-        return [self._lose(robot, LeaseEvent.EXPIRE, self._silent) for robot in over]
+        return [self._lose(robot, LeaseEvent.EXPIRE, self._expired) for robot in over]
 
     def drop(self, session: str) -> list[Loss]:
-        """The session is gone: ends its leases."""
+        """End the leases of a session whose connection ended."""
         robots = [grant.robot for grant in self.held_by(session)]
-        return [self._lose(robot, LeaseEvent.DROP, "its connection is gone") for robot in robots]
+        return [self._lose(robot, LeaseEvent.DROP, "the holder's connection ended") for robot in robots]
 
     def stop(self, robots: Iterable[str], reason: str) -> list[Loss]:
-        """The robots were stopped: ends their leases; none is given until ``resume``."""
+        """End the leases of stopped robots; none is granted until ``resume``."""
         losses = []
         for robot in robots:
             if robot in self._grants:
@@ -210,13 +210,13 @@ class Leases:
         return losses
 
     def resume(self, robots: Iterable[str]) -> None:
-        """No stop is in force any more for these robots: their leases may be taken again."""
+        """Free the leases of robots whose last stop was lifted."""
         for robot in robots:
             self._move(robot, LeaseEvent.RESUME)
 
     @property
-    def _silent(self) -> str:
-        return f"no sign of life from its holder for {self.ttl:g} s"
+    def _expired(self) -> str:
+        return f"the holder sent nothing for {self.ttl:g} s"
 
     def _grant(
         self, robot: str, session: str, takeover: bool, speed: float, now: float, heard: float
@@ -224,14 +224,14 @@ class Leases:
         displaced = None
         held = self._grants.get(robot)
         if held is not None and heard >= held.expires:
-            displaced, held = self._lose(robot, LeaseEvent.EXPIRE, self._silent), None
+            displaced, held = self._lose(robot, LeaseEvent.EXPIRE, self._expired), None
         if held is None:
             event = LeaseEvent.ACQUIRE
         elif held.session == session:
             event = LeaseEvent.AGAIN
         elif takeover:
             event = LeaseEvent.TAKEOVER
-            displaced = Loss(robot, held.session, held.fence, "an operator took it over")
+            displaced = Loss(robot, held.session, held.fence, "an operator took the robot over")
         else:
             return Denial(ErrorCode.LEASED, f"{robot} is held by another session")
         self._move(robot, event)

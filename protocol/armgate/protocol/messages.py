@@ -1,14 +1,18 @@
-"""The messages of protocol version 1: the one place where their form is written.
+"""Messages of protocol version 1: the single definition of their form.
 
 A message is a msgpack map with a ``type`` and the fields of one model below. Models are strict: a text is
-not a number, a bool is not a number, an int is accepted where a float is meant. Unknown keys are ignored.
-Every list, text and map is bounded. SPEC.md, the vectors and the JSON Schema are drawn from here.
+not a number and a bool is not a number, but an integer is accepted as a float. Unknown keys are ignored.
+Every list, text and map is bounded. The tables of SPEC.md, the vectors and the JSON Schema are generated from
+this module.
+
+A new message needs three entries here: its model, its place in the union ``ClientMessage`` or
+``ServerMessage``, and, for a request, its answer in ``ANSWERS``.
 
 Units: rad and m for joints (by the joint's type), m for points, s for times. Points and placements of the
 surroundings are in the world frame; a quaternion is x, y, z, w.
 """
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -37,7 +41,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)]
 Joints = Annotated[tuple[Finite, ...], Field(max_length=MAX_JOINTS)]
 Increment = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]
-"""A wish may hold NaN and infinities on the wire: such a command can be read, so it gets a verdict."""
+"""A requested increment may contain NaN and infinities: such a command is readable, so it gets a verdict."""
 Point = tuple[Finite, Finite, Finite]
 Quaternion = tuple[Finite, Finite, Finite, Finite]
 Versions = Annotated[tuple[Annotated[int, Field(ge=1, le=2**16)], ...], Field(min_length=1, max_length=16)]
@@ -46,14 +50,14 @@ Role = Literal["observer", "controller", "operator"]
 
 
 class Message(BaseModel):
-    """What all messages share: strict, immutable, tolerant of keys that a later version adds."""
+    """Base of all messages: strict, immutable, tolerant of keys that a later version adds."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
     type: str
 
 
 class Part(BaseModel):
-    """A map inside a message."""
+    """Base of all maps inside messages."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
 
@@ -62,13 +66,13 @@ class Part(BaseModel):
 
 
 class Request(Message):
-    """A message that is answered: the answer's ``re`` repeats its ``id``."""
+    """Message that is answered; the answer's ``re`` repeats its ``id``."""
 
     id: Id | None = None
 
 
 class Hello(Request):
-    """First message of a connection: who I am and which versions I speak."""
+    """First message of a connection: name, role and supported versions of the client."""
 
     type: Literal["hello"] = "hello"
     versions: Versions
@@ -80,13 +84,13 @@ class Hello(Request):
 
 
 class Describe(Request):
-    """Asks for the description of the cell."""
+    """Request for the description of the cell."""
 
     type: Literal["describe"] = "describe"
 
 
 class Asset(Request):
-    """Asks for a piece of an asset that the description names by its hash."""
+    """Request for a piece of an asset, named by the hash in the description."""
 
     type: Literal["asset"] = "asset"
     hash: Hash
@@ -95,7 +99,7 @@ class Asset(Request):
 
 
 class Acquire(Request):
-    """Asks for the lease of a robot; ``speed`` is an own, tighter bound as a fraction of the cell's."""
+    """Request for the lease of a robot; ``speed`` is a tighter speed bound, a share of the cell's."""
 
     type: Literal["acquire"] = "acquire"
     robot: Name
@@ -104,7 +108,7 @@ class Acquire(Request):
 
 
 class Release(Request):
-    """Gives a lease back."""
+    """Release of a lease."""
 
     type: Literal["release"] = "release"
     robot: Name
@@ -112,7 +116,7 @@ class Release(Request):
 
 
 class Command(Message):
-    """The increment ``dq`` to the setpoint at the robot's next tick, decided on what ``tick`` showed."""
+    """Increment ``dq`` to the setpoint at the robot's next tick, based on the state at ``tick``."""
 
     type: Literal["command"] = "command"
     robot: Name
@@ -125,14 +129,14 @@ class Command(Message):
 
 
 class Pass(Message):
-    """Lock-step: nothing more from this participant for this step."""
+    """Lock-step: end of this participant's commands for a step."""
 
     type: Literal["pass"] = "pass"
     step: Count
 
 
 class Subscribe(Request):
-    """Asks for the state: at every n-th tick of these robots, with these fields (nil: all)."""
+    """Request for states at every n-th tick of these robots, with these fields (nil: all)."""
 
     type: Literal["subscribe"] = "subscribe"
     every: Annotated[int, Field(ge=0, le=10_000)] = 1
@@ -141,7 +145,7 @@ class Subscribe(Request):
 
 
 class Signal(Request):
-    """Shares a scalar or a short vector with the other clients; the gate never reads it."""
+    """Scalar or short vector shared with all clients; the gate never reads it."""
 
     type: Literal["signal"] = "signal"
     name: Name
@@ -149,7 +153,7 @@ class Signal(Request):
 
 
 class Stop(Request):
-    """Stops one robot, or the cell."""
+    """Stop of one robot, or of the cell."""
 
     type: Literal["stop"] = "stop"
     robot: Name | None = None
@@ -157,27 +161,27 @@ class Stop(Request):
 
 
 class Reset(Request):
-    """Lifts a stop (operators only)."""
+    """Reset of a stop (operators only)."""
 
     type: Literal["reset"] = "reset"
     stop: Count
 
 
 class Ping(Request):
-    """Asks for a sign of life; ``time`` is the sender's own clock, repeated in the answer."""
+    """Request for a pong; ``time`` is read from the sender's clock and repeated in the answer."""
 
     type: Literal["ping"] = "ping"
     time: Finite
 
 
 class Sessions(Request):
-    """Asks for the sessions of the server (operators only)."""
+    """Request for the sessions of the server (operators only)."""
 
     type: Literal["sessions"] = "sessions"
 
 
 class Kick(Request):
-    """Ends a session (operators only)."""
+    """Request to end a session (operators only)."""
 
     type: Literal["kick"] = "kick"
     session: Name
@@ -185,7 +189,7 @@ class Kick(Request):
 
 
 class Bye(Message):
-    """Last message of either side."""
+    """Last message of a client or a server."""
 
     type: Literal["bye"] = "bye"
     reason: Text = ""
@@ -195,13 +199,13 @@ class Bye(Message):
 
 
 class Answer(Message):
-    """A message that may answer a request: ``re`` is the request's ``id``, None where nobody asked."""
+    """Message that may answer a request: ``re`` is the request's ``id``, None if it answers no request."""
 
     re: Id | None = None
 
 
 class Limits(Part):
-    """The bounds that this server keeps."""
+    """Bounds that this server enforces."""
 
     inbound: Count
     outbound: Count
@@ -212,7 +216,7 @@ class Limits(Part):
 
 
 class Welcome(Answer):
-    """The answer to hello: the version chosen, and both version lists so that a downgrade shows."""
+    """Answer to hello: the chosen version, and both version lists to detect a downgrade."""
 
     type: Literal["welcome"] = "welcome"
     version: Annotated[int, Field(ge=1, le=2**16)]
@@ -229,7 +233,7 @@ class Welcome(Answer):
 
 
 class Joint(Part):
-    """One joint: its unit follows from its type (rad, m); limits per s and per s²."""
+    """Joint; its unit follows from its type (rad, m), limits are per s and per s²."""
 
     name: Name
     kind: Literal["revolute", "prismatic"]
@@ -242,9 +246,9 @@ class Joint(Part):
 
 
 class Shape(Part):
-    """A primitive, centred in its frame, its axis along z; ``size`` by kind, m.
+    """Primitive, centred in its frame, with its axis along z; ``size`` by kind, m.
 
-    sphere: radius; capsule, cylinder: radius, length (a capsule's without its caps); box: x, y, z.
+    sphere: radius; capsule, cylinder: radius, length (of a capsule without its caps); box: x, y, z.
     """
 
     kind: Literal["sphere", "capsule", "cylinder", "box"]
@@ -252,7 +256,7 @@ class Shape(Part):
 
 
 class AssetRef(Part):
-    """Something large, to be had in chunks by its SHA-256."""
+    """Reference to large data, available in chunks by its SHA-256."""
 
     hash: Hash
     size: Count
@@ -260,10 +264,10 @@ class AssetRef(Part):
 
 
 class Exact(Part):
-    """What a body is that is no primitive, in the body's frame; kinds may be added.
+    """Exact shape of a body that is not a primitive, in the body's frame; later versions may add kinds.
 
-    cone: ``size`` is radius and length, m, its tip at +length/2. convex: the hull of the vertices of ``mesh``
-    (Wavefront OBJ in m, with the triangles of the hull), thickened by ``radius``, m.
+    cone: ``size`` is radius and length, m, with the tip at +length/2. convex: the convex hull of the vertices
+    of ``mesh`` (Wavefront OBJ in m, with the triangles of the hull), thickened by ``radius``, m.
     """
 
     kind: Name
@@ -273,9 +277,9 @@ class Exact(Part):
 
 
 class Body(Part):
-    """A rigid body: on a robot's link, or (robot and link nil) standing in the world.
+    """Rigid body, on a robot's link or (robot and link nil) fixed in the world.
 
-    It is its ``shape``, or, where ``exact`` is given, something inside of it.
+    Its shape is ``shape``; if ``exact`` is given, the body is contained in ``shape``.
     """
 
     name: Name
@@ -288,7 +292,7 @@ class Body(Part):
 
 
 class RobotDescription(Part):
-    """One robot: everything that a controller needs to model it."""
+    """Model of one robot for a controller."""
 
     name: Name
     urdf: AssetRef
@@ -303,7 +307,7 @@ class RobotDescription(Part):
 
 
 class Description(Answer):
-    """The cell: robots, bodies, distances kept; ``hash`` changes whenever any of it does."""
+    """Description of the cell: robots, bodies, distances; ``hash`` changes with any part of it."""
 
     type: Literal["description"] = "description"
     name: Text
@@ -317,7 +321,7 @@ class Description(Answer):
 
 
 class Chunk(Answer):
-    """A piece of an asset."""
+    """Piece of an asset."""
 
     type: Literal["chunk"] = "chunk"
     hash: Hash
@@ -327,7 +331,7 @@ class Chunk(Answer):
 
 
 class Lease(Answer):
-    """A lease's state as its holder (or former holder) sees it."""
+    """State of a lease, for its holder or former holder."""
 
     type: Literal["lease"] = "lease"
     robot: Name
@@ -339,7 +343,7 @@ class Lease(Answer):
 
 
 class Reason(Part):
-    """One cause that bound a command, with its numbers."""
+    """One cause that limited or refused a command, with its numbers."""
 
     cause: Name
     text: Text
@@ -351,7 +355,7 @@ class Reason(Part):
 
 
 class Verdict(Message):
-    """The judgement of one command: exactly one for each that can be read, in seq order per robot."""
+    """Verdict on one command; each readable command gets exactly one, in the order sent per robot."""
 
     type: Literal["verdict"] = "verdict"
     robot: Name
@@ -366,7 +370,7 @@ class Verdict(Message):
 
 
 class Nearest(Part):
-    """How near two bodies are: a certified lower bound at the measured positions."""
+    """Distance of two bodies: a certified lower bound at the measured positions."""
 
     pair: tuple[Name, Name]
     distance: Finite
@@ -375,7 +379,7 @@ class Nearest(Part):
 
 
 class LastVerdict(Part):
-    """The newest verdict of a robot, for those who did not send the command."""
+    """Newest verdict of a robot, for clients that did not send the command."""
 
     seq: Count
     outcome: Literal["admitted", "limited", "refused"]
@@ -384,7 +388,7 @@ class LastVerdict(Part):
 
 
 class Entry(Part):
-    """One robot in the state; a field that was not subscribed is left out."""
+    """State of one robot; fields that were not subscribed are absent."""
 
     robot: Name
     tick: Count
@@ -404,7 +408,7 @@ class Entry(Part):
 
 
 class SignalValue(Part):
-    """The newest value of a signal and who owns it."""
+    """Newest value of a signal and its owner."""
 
     owner: Name
     value: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=MAX_SIGNAL)]
@@ -412,7 +416,7 @@ class SignalValue(Part):
 
 
 class State(Answer):
-    """The cell at one tick of ``robot``: an entry per robot, signals and warnings."""
+    """State of the cell at one tick of ``robot``: an entry per robot, signals and warnings."""
 
     type: Literal["state"] = "state"
     robot: Name
@@ -425,7 +429,7 @@ class State(Answer):
 
 
 class Subscribed(Answer):
-    """The subscription now in force."""
+    """Subscription now in force."""
 
     type: Literal["subscribed"] = "subscribed"
     every: Count
@@ -434,14 +438,14 @@ class Subscribed(Answer):
 
 
 class Signaled(Answer):
-    """A signal was taken over."""
+    """Confirmation that a signal was accepted."""
 
     type: Literal["signaled"] = "signaled"
     name: Name
 
 
 class Stopped(Answer):
-    """A stop is in force; sent to every session. ``replaces``: the stop whose place it takes, if any."""
+    """Stop that is now in force; sent to every session. ``replaces``: the stop that it replaces, if any."""
 
     type: Literal["stopped"] = "stopped"
     stop: Count
@@ -452,7 +456,7 @@ class Stopped(Answer):
 
 
 class Resumed(Answer):
-    """A stop was lifted; sent to every session. ``lifted``: the stop that had replaced it, if any."""
+    """Stop that was lifted; sent to every session. ``lifted``: the stop that had replaced it, if any."""
 
     type: Literal["resumed"] = "resumed"
     stop: Count
@@ -461,7 +465,7 @@ class Resumed(Answer):
 
 
 class Pong(Answer):
-    """The answer to ping: the client's time, and the daemon's times of receipt and answer."""
+    """Answer to ping: the client's time, and the server's times of receipt and answer."""
 
     type: Literal["pong"] = "pong"
     time: Finite
@@ -470,7 +474,7 @@ class Pong(Answer):
 
 
 class SessionInfo(Part):
-    """One session: its client, its token (nil: none), where it connects from, the robots that it holds."""
+    """Session: its client, its token (nil: none), its peer address, and the robots that it holds."""
 
     session: Name
     name: Name
@@ -481,21 +485,21 @@ class SessionInfo(Part):
 
 
 class SessionList(Answer):
-    """The sessions of the server, in the order in which they came."""
+    """Sessions of the server, in the order in which they began."""
 
     type: Literal["session_list"] = "session_list"
     sessions: Annotated[tuple[SessionInfo, ...], Field(max_length=MAX_SESSIONS)]
 
 
 class Kicked(Answer):
-    """A session was ended."""
+    """Confirmation that a session was ended."""
 
     type: Literal["kicked"] = "kicked"
     session: Name
 
 
 class Error(Answer):
-    """Something was wrong with what the peer sent; after a fatal one the connection is closed."""
+    """Error in a message of the peer; after a fatal error the connection is closed."""
 
     type: Literal["error"] = "error"
     code: Name
@@ -505,14 +509,18 @@ class Error(Answer):
     seq: Count | None = None
 
 
-CLIENT_MESSAGES: tuple[type[Message], ...] = (
-    Hello, Describe, Asset, Acquire, Release, Command, Pass, Subscribe, Signal, Stop, Reset, Ping, Bye,
-    Sessions, Kick,
+# The two unions are the registry: the catalogues, the codec, the state machine, the tables of SPEC.md, the
+# schema and the vectors follow from them, and a type checker finds each dispatch that lacks a member.
+ClientMessage = (
+    Hello | Describe | Asset | Acquire | Release | Command | Pass | Subscribe | Signal | Stop | Reset | Ping
+    | Bye | Sessions | Kick
 )  # fmt: skip
-SERVER_MESSAGES: tuple[type[Message], ...] = (
-    Welcome, Description, Chunk, Lease, Verdict, State, Subscribed,
-    Signaled, Stopped, Resumed, Pong, Error, Bye, SessionList, Kicked,
+ServerMessage = (
+    Welcome | Description | Chunk | Lease | Verdict | State | Subscribed
+    | Signaled | Stopped | Resumed | Pong | Error | Bye | SessionList | Kicked
 )  # fmt: skip
+CLIENT_MESSAGES: tuple[type[Message], ...] = get_args(ClientMessage)
+SERVER_MESSAGES: tuple[type[Message], ...] = get_args(ServerMessage)
 
 ANSWERS: dict[type[Request], type[Answer]] = {
     Hello: Welcome,
@@ -528,11 +536,11 @@ ANSWERS: dict[type[Request], type[Answer]] = {
     Sessions: SessionList,
     Kick: Kicked,
 }
-"""What answers a request, if no error does."""
+"""Type of the answer to each request; any request may get an error instead."""
 
 
 class Catalogue:
-    """Models by ``type`` for each direction."""
+    """Models by ``type``, for each direction."""
 
     client: ClassVar[dict[str, type[Message]]] = {m.model_fields["type"].default: m for m in CLIENT_MESSAGES}
     server: ClassVar[dict[str, type[Message]]] = {m.model_fields["type"].default: m for m in SERVER_MESSAGES}

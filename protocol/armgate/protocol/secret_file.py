@@ -1,7 +1,7 @@
-"""Files that hold secrets: others must not be able to read them, nor to replace them.
+"""Files with secrets: other users must be able neither to read nor to replace them.
 
-The rules are those of ssh. A file of this user must not be accessible to anybody else. A file of root may be
-readable by a group, which administrators use to share keys with services, but not by everybody. A file of
+The rules are those of ssh. A file of this user must not be accessible to any other user. A file of root may
+be readable by a group, which administrators use to share keys with services, but not by all users. A file of
 another user is not trusted: that user could replace it.
 """
 
@@ -10,14 +10,14 @@ import stat
 from pathlib import Path
 
 MAX_CHARACTERS = 1 << 20
-"""Longest file of tokens; a device has no end."""
+"""Longest accepted file of tokens: a device has no end."""
 
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _ALL = stat.S_IRWXO | stat.S_IWGRP
 
 
 class SecretFileError(Exception):
-    """A file with a secret is not kept as it has to be; the text names it and says what to do."""
+    """Wrong owner or permissions of a file with a secret; the text names the file and a remedy."""
 
     exit_code = 2
 
@@ -27,7 +27,7 @@ def check_secret_file(file: Path) -> None:
 
     Raises:
         OSError: There is no such file.
-        SecretFileError: Others can read it, or it belongs to another user.
+        SecretFileError: Other users can read the file, or it belongs to another user.
     """
     _check(file, file.stat())
 
@@ -36,9 +36,9 @@ def read_secret_file(file: Path) -> str:
     """Return the text of a file that only its owner can read.
 
     Raises:
-        OSError: It cannot be read.
-        UnicodeDecodeError: It is not UTF-8.
-        SecretFileError: Others can read it, it belongs to another user, or it is too large.
+        OSError: The file cannot be read.
+        UnicodeDecodeError: The file is not UTF-8.
+        SecretFileError: Other users can read the file, it belongs to another user, or it is too large.
     """
     with file.open(encoding="utf-8") as opened:
         _check(file, os.fstat(opened.fileno()))

@@ -1,7 +1,4 @@
-"""The numbered statements of SPEC.md, for those who quote or count them: the conformance kit, the tests.
-
-SPEC.md is the one place where they are written; this reads it.
-"""
+"""Numbered statements of SPEC.md, parsed for the conformance kit and the tests."""
 
 import re
 from collections.abc import Mapping
@@ -18,34 +15,34 @@ _WORDS = re.compile(r"\b(MUST|SHOULD|MAY)\b")
 
 
 class SpecError(Exception):
-    """The text of the specification does not keep its own form."""
+    """Malformed statement in the text of the specification."""
 
 
 class Binds(StrEnum):
-    """Whom a statement binds."""
+    """Party that a statement binds."""
 
     SERVER = "server"
     CLIENT = "client"
     BOTH = "both"
     HOST = "host"
-    """Whoever runs the server, in what the wire does not show."""
+    """Operator of the server's machine, in matters that are not visible on the wire."""
     TEXT = "text"
     """Later versions of the specification."""
 
 
 class When(StrEnum):
-    """When a statement applies."""
+    """Condition under which a statement applies."""
 
     ALWAYS = "always"
     CLOCK = "clock"
-    """Time passes by the wall clock."""
+    """The server runs by the wall clock."""
     LOCKSTEP = "lock-step"
     TOKENS = "tokens"
     TLS = "tls"
 
 
 class Level(StrEnum):
-    """How binding it is: the strongest of its words."""
+    """Level of a statement: the strongest of its keywords."""
 
     MUST = "MUST"
     SHOULD = "SHOULD"
@@ -57,11 +54,11 @@ class Statement:
     """One statement.
 
     Attributes:
-        id: As ``LEA-7``; stable.
-        section: Title of the section that it stands in.
-        binds: Whom it binds.
-        when: When it applies.
-        level: How binding it is.
+        id: Stable id, such as ``LEA-7``.
+        section: Title of its section.
+        binds: Party that it binds.
+        when: Condition under which it applies.
+        level: MUST, SHOULD or MAY.
         text: The sentence.
     """
 
@@ -74,18 +71,18 @@ class Statement:
 
     @property
     def about_server(self) -> bool:
-        """Whether a server can be held to it from outside."""
+        """True if the statement binds a server in a way that a client can observe."""
         return self.binds in (Binds.SERVER, Binds.BOTH)
 
 
 def spec_text() -> str:
-    """The specification, in Markdown."""
+    """Return the specification, in Markdown."""
     return files(__package__).joinpath("SPEC.md").read_text(encoding="utf-8")
 
 
 @cache
 def statements() -> Mapping[str, Statement]:
-    """All statements by id, in the order of the text.
+    """Return all statements by id, in the order of the text.
 
     Raises:
         SpecError: See :func:`parse`.
@@ -94,11 +91,11 @@ def statements() -> Mapping[str, Statement]:
 
 
 def parse(text: str) -> dict[str, Statement]:
-    """The statements in a text.
+    """Return the statements in a text.
 
     Raises:
-        SpecError: A statement lacks its id, whom it binds, its sentence or its MUST, SHOULD or MAY, or an id
-            stands twice.
+        SpecError: A statement lacks its id, the party that it binds, its sentence, or MUST, SHOULD or MAY, or
+            an id occurs twice.
     """
     found: dict[str, Statement] = {}
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
@@ -106,7 +103,7 @@ def parse(text: str) -> dict[str, Statement]:
         for item in _ITEM.finditer(section):
             statement = _statement(title, item[1], " ".join(item[2].split()))
             if statement.id in found:
-                raise SpecError(f"{statement.id} stands twice")
+                raise SpecError(f"{statement.id} occurs twice")
             found[statement.id] = statement
     return found
 

@@ -1,10 +1,11 @@
-"""The form of a recording: what a daemon writes, and what replays, reports and viewers read.
+"""Recordings of a daemon: written by the daemon, read by replays, reports and viewers.
 
 A recording is a folder of MCAP files (``recording-0001.mcap``, …), each readable by itself, with messages in
-JSON. ``Recording`` reads one, ``StateSeries`` shows its states at any time, ``Sink`` writes one file.
+JSON. ``Recording`` reads a recording, ``StateSeries`` returns its states at any time, ``RecordingWriter``
+writes one file.
 """
 
-from armgate.recording.codec import Gap, Item, LogLine, Moment, Shown, Step
+from armgate.recording.codec import CellState, Gap, Item, LogLine, RobotState, Step
 from armgate.recording.errors import (
     DamagedError,
     ForeignError,
@@ -13,14 +14,14 @@ from armgate.recording.errors import (
     RecordingError,
     TruncatedError,
 )
-from armgate.recording.form import FORMAT, Header
-from armgate.recording.machine import machine, software
+from armgate.recording.header import FORMAT, Header, machine, software
 from armgate.recording.reader import Recording, part_name, parts_of
-from armgate.recording.series import StateSeries
-from armgate.recording.sink import Sink
+from armgate.recording.state_series import StateSeries
+from armgate.recording.writer import RecordingWriter
 
 __all__ = [
     "FORMAT",
+    "CellState",
     "DamagedError",
     "ForeignError",
     "Gap",
@@ -28,12 +29,11 @@ __all__ = [
     "IncompleteError",
     "Item",
     "LogLine",
-    "Moment",
     "NewerFormatError",
     "Recording",
     "RecordingError",
-    "Shown",
-    "Sink",
+    "RecordingWriter",
+    "RobotState",
     "StateSeries",
     "Step",
     "TruncatedError",

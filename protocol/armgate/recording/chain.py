@@ -1,10 +1,10 @@
-"""Hash chain of a recording: each chunk begins with the SHA-256 of all that was written before it.
+"""Hash chain of a recording: each chunk begins with the SHA-256 of all bytes before it.
 
 Let s₀, s₁, … be the bytes of a file, divided before each chunk that begins with a link. Link k + 1 holds
-dₖ₊₁ = SHA-256(dₖ ‖ sₖ), with d₀ empty; the seal, written when the file is closed, holds the last one. The
-header of a later part names the seal of the part before it, and the last bytes before a seal state if another
-part follows. So no byte can be changed, removed or inserted, and no part removed, without changing all later
-links and the seal; a signature of the seal shows who wrote it.
+dₖ₊₁ = SHA-256(dₖ ‖ sₖ), with d₀ empty. The seal, written when the file is closed, holds the last digest. The
+header of a later part contains the seal of the previous part, and the last bytes before a seal state if
+another part follows. Therefore no byte can be changed, removed or inserted, and no part removed, without
+changing all later links and the seal. A signature of the seal identifies the writer.
 """
 
 import json
@@ -15,31 +15,31 @@ from typing import Protocol
 
 from mcap.writer import CompressionType, Writer
 
-from armgate.recording import form
+from armgate.recording.header import END, PROFILE, SEAL, end_record
 
 
 class Stream(Protocol):
-    """Where the bytes go."""
+    """Destination of the bytes."""
 
     def write(self, data: bytes, /) -> int:
-        """Take all of the bytes, or raise OSError."""
+        """Write all bytes, or raise OSError."""
 
     def tell(self) -> int:
-        """Return how many bytes were written."""
+        """Return the number of bytes written."""
 
     def flush(self) -> None:
-        """Hand everything to the operating system."""
+        """Pass all bytes to the operating system."""
 
 
 class Signer(Protocol):
-    """A private key."""
+    """Private key that signs seals."""
 
     @property
     def public(self) -> bytes:
-        """The public key, 32 bytes of Ed25519."""
+        """Public key, 32 bytes of Ed25519."""
 
     def sign(self, data: bytes, /) -> bytes:
-        """Return the signature of some bytes."""
+        """Return the signature of ``data``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class Seal:
     """End of a file's chain.
 
     Attributes:
-        digest: The last link.
-        public: Public key of the signature; empty without one.
-        signature: Of ``digest``.
+        digest: Last digest of the chain.
+        public: Public key of the signature; empty without a signature.
+        signature: Signature of ``digest``.
         by: Program that wrote the file.
     """
 
@@ -59,7 +59,7 @@ class Seal:
     by: str = ""
 
     def metadata(self) -> dict[str, str]:
-        """Return the seal as it stands in a file."""
+        """Return the seal as a metadata record."""
         return {
             "sha256": self.digest.hex(), "key": self.public.hex(), "signature": self.signature.hex(),
             "by": self.by,
@@ -67,10 +67,10 @@ class Seal:
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> "Seal":
-        """Return the seal in a file's metadata.
+        """Return the seal in a metadata record.
 
         Raises:
-            ValueError: It is none.
+            ValueError: The record is not a seal.
         """
         digest, public, signature = (
             bytes.fromhex(metadata.get(name, "")) for name in ("sha256", "key", "signature")
@@ -79,7 +79,7 @@ class Seal:
 
 
 class _Hashed:
-    """Passes bytes on and hashes them."""
+    """Stream that also hashes the bytes written to it."""
 
     def __init__(self, stream: Stream) -> None:
         self._stream = stream
@@ -91,27 +91,27 @@ class _Hashed:
         return self._stream.write(data)
 
     def link(self) -> bytes:
-        """Return the digest of the last link and of what was written since then; begin the next one."""
+        """Return the digest of the last link and of all bytes since then; begin the next link."""
         found = self._digest.digest()
         self._digest = sha256(found)
         return found
 
 
 _CHUNK = 1 << 20
-"""Bytes of messages after which a chunk ends even without a flush."""
+"""Bytes of messages after which a chunk ends without a flush."""
 
 
 class ChainWriter:
-    """Writes a file of MCAP whose chunks are linked.
+    """Writer of an MCAP file with linked chunks.
 
     Args:
-        stream: Where the bytes go.
-        library: What writes it.
-        signer: Signs the seal; None: no signature.
+        stream: Destination of the bytes.
+        library: Name and version of the writing program.
+        signer: Key that signs the seal; None: no signature.
         chunk: Bytes of messages after which a chunk ends.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class ChainWriter:
         self._hashed = _Hashed(stream)
         self._signer, self._library = signer, library
         self._writer = Writer(self._hashed, chunk_size=chunk, compression=CompressionType.ZSTD)
-        self._writer.start(profile=form.PROFILE, library=library)
+        self._writer.start(profile=PROFILE, library=library)
         self.register_schema: Callable[[str, str, bytes], int] = self._writer.register_schema
         self.register_channel: Callable[[str, str, int], int] = self._writer.register_channel
         self.add_metadata: Callable[[str, dict[str, str]], None] = self._writer.add_metadata
@@ -128,14 +128,14 @@ class ChainWriter:
         self._due, self._waiting = False, True
 
     def chain(self, channel: int) -> None:
-        """Write links on this channel from the next chunk on."""
+        """Write links on this channel, beginning with the next chunk."""
         self._channel = channel
 
     def add(self, channel: int, ns: int, data: bytes, sequence: int) -> None:
         """Add a message.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         if self._due and self._channel is not None:
             link = json.dumps({"sha256": self._hashed.link().hex()}).encode()
@@ -145,31 +145,31 @@ class ChainWriter:
         self._waiting = True
 
     def flush(self) -> None:
-        """End the chunk and hand everything to the operating system.
+        """End the chunk and pass all bytes to the operating system.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         if self._waiting:
             self._writer.flush()
             self._due, self._waiting = True, False
 
     def finish(self, *, last: bool | None = None) -> Seal:
-        """Seal the chain and write the index: then the file is whole.
+        """Seal the chain and write the index, which completes the file.
 
         Args:
-            last: True if this part ends the recording, False if another one follows; None: not known.
+            last: True if this part ends the recording, False if another part follows; None: not known.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         self.flush()
         if last is not None:
-            self._writer.add_metadata(form.END, form.end(last))
+            self._writer.add_metadata(END, end_record(last))
         digest, signer = self._hashed.link(), self._signer
         public, signature = (b"", b"") if signer is None else (signer.public, signer.sign(digest))
         seal = Seal(digest, public, signature, self._library)
-        self._writer.add_metadata(form.SEAL, seal.metadata())
+        self._writer.add_metadata(SEAL, seal.metadata())
         self._writer.finish()
         self._hashed.flush()
         return seal

@@ -1,4 +1,4 @@
-"""The records in one chunk, read within bounds: a small file must not fill the memory."""
+"""Bounded decoder of the records in one chunk: a small file must not exhaust the memory."""
 
 import struct
 import zlib
@@ -14,24 +14,24 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 
 LARGEST = 1 << 28
-"""Most bytes of a chunk's messages. A chunk ends after 1 MiB, but the first one holds all meshes, too."""
+"""Largest chunk in bytes of messages. A chunk ends after 1 MiB, but the first one also holds all meshes."""
 _DENSEST, _SMALL = 256, 1 << 16
-"""Most bytes of messages for a compressed byte; chunks of fewer bytes than ``_SMALL`` may be denser."""
+"""Largest compression ratio; chunks of fewer bytes than ``_SMALL`` may exceed it."""
 _PREFIX = struct.Struct("<BQ")
 
 
 class ChunkError(Exception):
-    """A chunk is not what was written; the text says what is wrong."""
+    """Damaged chunk; the text states the fault."""
 
 
 def read_chunk(content: bytes) -> Iterator[Any]:
     """Yield the schemas, channels and messages of a chunk.
 
     Args:
-        content: The content of the chunk's record.
+        content: Content of the chunk's record.
 
     Raises:
-        ChunkError: It is damaged, or larger than any recording of armgate.
+        ChunkError: The chunk is damaged, or larger than armgate ever writes.
     """
     try:
         data = _unpacked(Chunk.read(ReadDataStream(BytesIO(content))))
@@ -49,7 +49,7 @@ def read_chunk(content: bytes) -> Iterator[Any]:
 def _unpacked(chunk: Chunk) -> Any:
     size = chunk.uncompressed_size
     if size > LARGEST or size > max(_DENSEST * len(chunk.data), _SMALL):
-        raise ChunkError(f"{size} bytes of messages in {len(chunk.data)}; no armgate writes that")
+        raise ChunkError(f"{size} bytes of messages in {len(chunk.data)}; armgate writes no such chunk")
     match chunk.compression:
         case "":
             data = chunk.data
@@ -62,15 +62,15 @@ def _unpacked(chunk: Chunk) -> Any:
     if len(data) != size:
         raise ChunkError(f"{len(data)} bytes of messages; expected {size}")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ChunkError("its checksum is wrong")
+        raise ChunkError("wrong checksum")
     return data
 
 
 def _zstd(data: bytes, size: int) -> Any:
-    """Decompress a frame; its own header must not ask for more memory than the chunk's."""
-    told = zstandard.get_frame_parameters(data).content_size
-    if told not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-        raise ChunkError(f"{told} bytes of messages; expected {size}")
+    """Decompress a frame; its own header must not request more memory than the chunk's."""
+    declared = zstandard.get_frame_parameters(data).content_size
+    if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+        raise ChunkError(f"{declared} bytes of messages; expected {size}")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
 
 
@@ -78,11 +78,11 @@ def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
     while at < len(data):
         if at + _PREFIX.size > len(data):
-            raise ChunkError("breaks off within a record")
+            raise ChunkError("ends within a record")
         kind, length = _PREFIX.unpack_from(data, at)
         at += _PREFIX.size
         if length > len(data) - at:
-            raise ChunkError("breaks off within a record")
+            raise ChunkError("ends within a record")
         yield kind, data[at : at + length]
         at += length
 
@@ -97,4 +97,4 @@ def _record(kind: int, data: bytes) -> Any:
         case Opcode.MESSAGE:
             return Message.read(stream, len(data))
         case _:
-            return None  # of a kind that was added later
+            return None  # a kind that a later format added: the set of kinds is open

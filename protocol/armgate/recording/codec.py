@@ -1,20 +1,21 @@
-"""What a recording holds, to and from JSON: exact to the last bit, the sign of zero included.
+"""Items of a recording and their JSON encoding, exact to the last bit, the sign of zero included.
 
-JSON knows neither NaN nor infinity: they stand as the texts ``NaN``, ``Infinity`` and ``-Infinity``.
+JSON has neither NaN nor infinity: they are encoded as the strings ``NaN``, ``Infinity`` and ``-Infinity``.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, assert_never
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json, to_json
 
 from armgate.events import GateEvent, GateOutput, Plan
 from armgate.protocol import messages as m
-from armgate.recording import form, plans
+from armgate.recording import plans
 from armgate.recording.errors import first_problem
+from armgate.recording.topics import EVENTS, GAP, LOG, OUTPUTS, STATE, robot_topic
 
 _LEVELS = {"info": 2, "warning": 3, "error": 4}
 _LEVEL_NAMES = {number: name for name, number in _LEVELS.items()}
@@ -22,27 +23,30 @@ _LEVEL_NAMES = {number: name for name, number in _LEVELS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """An event with what the gate answered."""
+    """Event of the gate and the outputs that it caused."""
 
     event: GateEvent
     outputs: Sequence[GateOutput]
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
-    """A robot's entry in the state at its own tick; bounds are kept to 1 µm (down), points to 0.1 mm."""
+class RobotState:
+    """Entry of one robot in the state at its own tick.
+
+    Lower bounds are rounded down to 1 µm, points are rounded to 0.1 mm.
+    """
 
     entry: m.Entry
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """What beside the robots' entries stands in the state of an instant.
+class CellState:
+    """State of the cell at one instant, without the robots' entries.
 
     Attributes:
         time: Daemon time, s.
-        step: Number of the instant in lock-step.
-        ticks: The robots that ticked, and their ticks.
+        step: Number of the step in lock-step; None by the wall clock.
+        ticks: Tick numbers by robot, of the robots that ticked.
         signals: All signals by name.
         warnings: All warnings.
     """
@@ -56,7 +60,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """A line of the daemon's log: time of day [s since 1970], level, event, and its fields."""
+    """Line of the daemon's log: time of day [s since 1970], level, event, and its fields."""
 
     time: float
     level: str
@@ -66,58 +70,75 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """The recorder lost so many records here, so many of them events of the gate."""
+    """Number of records that the recorder lost here, and how many of them were events of the gate."""
 
     records: int
     steps: int
 
 
-Item = Step | Shown | Moment | LogLine | Gap
+Item = Step | RobotState | CellState | LogLine | Gap
 
-_EVENT_NAMES = {model: name for name, model in form.EVENTS.items()}
-_OUTPUT_NAMES = {model: name for name, model in form.OUTPUTS.items()}
-_EVENTS = {name: TypeAdapter[Any](model) for name, model in form.EVENTS.items()}
-_OUTPUTS = {name: TypeAdapter[Any](model) for name, model in form.OUTPUTS.items()}
-_MOMENT, _LOG, _GAP = TypeAdapter(Moment), TypeAdapter(LogLine), TypeAdapter(Gap)
-_STEP_TOPICS = {model: f"/gate/{name}" for model, name in _EVENT_NAMES.items()}
+_EVENT_TOPICS = {model: f"/gate/{name}" for name, model in EVENTS.items()}
+_OUTPUT_NAMES = {model: name for name, model in OUTPUTS.items()}
+_EVENTS = {name: TypeAdapter[Any](model) for name, model in EVENTS.items()}
+_OUTPUTS = {name: TypeAdapter[Any](model) for name, model in OUTPUTS.items()}
+_CELL_STATE, _LOG, _GAP = TypeAdapter(CellState), TypeAdapter(LogLine), TypeAdapter(Gap)
 
 
 def encode(item: Item) -> tuple[str, bytes]:
-    """The topic of an item, and its JSON."""
-    topic, value = _ENCODERS[type(item)](item)
+    """Return the topic of an item, and its JSON."""
+    topic, value = _topic_and_value(item)
     return topic, to_json(value, inf_nan_mode="strings")
 
 
 def decode(topic: str, data: bytes) -> Item | None:
-    """The item in a message; None if the topic is not known (it was added later).
+    """Return the item in a message; None if the topic is unknown, because a later version added it.
 
     Raises:
-        ValueError: The message is not what this topic holds.
+        ValueError: The message does not have the form of its topic.
     """
     try:
         if topic.startswith("/gate/"):
             return _step(topic.removeprefix("/gate/"), from_json(data))
         if topic.startswith("/robots/"):
-            return Shown(m.Entry.model_validate_json(data))
+            return RobotState(m.Entry.model_validate_json(data))
         reader = _READERS.get(topic)
         return None if reader is None else reader(from_json(data))
     except ValidationError as error:
         raise ValueError(f"a message on {topic[:100]!r}: {first_problem(error)}") from error
     except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
-        raise ValueError(f"a message on {topic[:100]!r} has not the form of this topic") from error
+        raise ValueError(f"a message on {topic[:100]!r} does not have the form of this topic") from error
     except ValueError as error:
         raise ValueError(f"a message on {topic[:100]!r}: {error!s:.200}") from error
 
 
-def _encode_step(step: Step) -> tuple[str, object]:
+# --- items to JSON values ---------------------------------------------------------------------------------
+
+
+def _topic_and_value(item: Item) -> tuple[str, object]:
+    match item:
+        case Step():
+            return _EVENT_TOPICS[type(item.event)], _step_value(item)
+        case RobotState(entry=entry):
+            return robot_topic(entry.robot), _entry_value(entry)
+        case CellState():
+            return STATE, item
+        case LogLine():
+            return LOG, _log_value(item)
+        case Gap():
+            return GAP, item
+        case _:
+            assert_never(item)
+
+
+def _step_value(step: Step) -> object:
     outputs = [{_OUTPUT_NAMES[type(o)]: plans.packed(o) if isinstance(o, Plan) else o} for o in step.outputs]
-    return _STEP_TOPICS[type(step.event)], {"event": step.event, "outputs": outputs}
+    return {"event": step.event, "outputs": outputs}
 
 
-def _encode_shown(shown: Shown) -> tuple[str, object]:
-    entry = shown.entry
+def _entry_value(entry: m.Entry) -> object:
     fields: dict[str, object] = dict(entry.__dict__)
-    # A third of a recording would be digits below these, which nobody can see.
+    # Digits below these bounds would take a third of a recording and carry no information for a reader.
     fields["nearest"] = entry.nearest and [
         {
             "pair": near.pair,
@@ -128,22 +149,18 @@ def _encode_shown(shown: Shown) -> tuple[str, object]:
         for near in entry.nearest
     ]
     fields["least_clearance"] = entry.least_clearance and _down(entry.least_clearance)
-    return form.robot_topic(entry.robot), fields
+    return fields
 
 
 def _down(bound: float) -> float:
-    """A lower bound to the micrometre: never more than it was."""
+    """Round a lower bound down to the micrometre: the result is still a lower bound."""
     return math.floor(bound * 1e6) / 1e6
 
 
-def _encode_moment(moment: Moment) -> tuple[str, object]:
-    return form.STATE, moment
-
-
-def _encode_log(line: LogLine) -> tuple[str, object]:
+def _log_value(line: LogLine) -> object:
     sec = int(line.time)
     stamp = {"sec": sec, "nsec": round((line.time - sec) * 1e9)}
-    return form.LOG, {
+    return {
         "timestamp": stamp,
         "level": _LEVELS[line.level],
         "message": line.event,
@@ -154,17 +171,7 @@ def _encode_log(line: LogLine) -> tuple[str, object]:
     }
 
 
-def _encode_gap(gap: Gap) -> tuple[str, object]:
-    return form.GAP, gap
-
-
-_ENCODERS: dict[type, Callable[[Any], tuple[str, object]]] = {
-    Step: _encode_step,
-    Shown: _encode_shown,
-    Moment: _encode_moment,
-    LogLine: _encode_log,
-    Gap: _encode_gap,
-}
+# --- JSON values to items ---------------------------------------------------------------------------------
 
 
 def _step(kind: str, value: Any) -> Step | None:
@@ -178,10 +185,10 @@ def _step(kind: str, value: Any) -> Step | None:
     return Step(_EVENTS[kind].validate_python(value["event"]), tuple(outputs))
 
 
-def _moment(value: Any) -> Moment:
-    # By way of JSON, in which a list is a tuple even where types are strict.
-    moment = _MOMENT.validate_json(to_json(value))
-    return replace(moment, warnings=tuple(moment.warnings))
+def _cell_state(value: Any) -> CellState:
+    # Validate JSON: in JSON mode a strict model accepts a list as a tuple.
+    state = _CELL_STATE.validate_json(to_json(value))
+    return replace(state, warnings=tuple(state.warnings))
 
 
 def _log(value: Any) -> LogLine:
@@ -197,4 +204,4 @@ def _gap(value: Any) -> Gap:
     return _GAP.validate_python(value)
 
 
-_READERS: dict[str, Callable[[Any], Item]] = {form.STATE: _moment, form.LOG: _log, form.GAP: _gap}
+_READERS: dict[str, Callable[[Any], Item]] = {STATE: _cell_state, LOG: _log, GAP: _gap}

@@ -1,11 +1,13 @@
-"""What can be wrong with a recording.
+"""Exceptions of recordings.
 
-RecordingError
-├── ForeignError       no recording of armgate
-├── NewerFormatError   written by a later armgate
-├── TruncatedError     breaks off: a killed daemon, a full disk, or still written
-├── DamagedError       what stands in it is not what was written
-└── IncompleteError    a part is missing, or its records have a gap
+::
+
+    RecordingError
+    ├── ForeignError       not a recording of armgate
+    ├── NewerFormatError   written by a later version of armgate
+    ├── TruncatedError     incomplete: the daemon was killed, the disk was full, or it is still being written
+    ├── DamagedError       the content was changed after it was written
+    └── IncompleteError    a part is missing, or the recorder lost records
 """
 
 from pathlib import Path
@@ -14,17 +16,17 @@ from pydantic import ValidationError
 
 
 def first_problem(error: ValidationError) -> str:
-    """Return the first finding in one line."""
+    """Return the first problem of a validation error on one line."""
     found = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(step)[:60] for step in found["loc"])
-    return f"{place or 'the whole'}: {found['msg'][:200]}"
+    return f"{place or 'whole message'}: {found['msg'][:200]}"
 
 
 class RecordingError(Exception):
-    """A recording cannot be used as it was asked for; the text says which, why and what to do.
+    """Unusable recording; the text states the file, the reason and a remedy.
 
     Attributes:
-        file: The file or folder.
+        file: File or folder of the recording.
     """
 
     exit_code = 1
@@ -35,24 +37,24 @@ class RecordingError(Exception):
 
 
 class ForeignError(RecordingError):
-    """Not a recording of armgate."""
+    """File that is not a recording of armgate."""
 
     exit_code = 2
 
 
 class NewerFormatError(RecordingError):
-    """Written by a later armgate."""
+    """Recording written by a later version of armgate."""
 
     exit_code = 2
 
 
 class TruncatedError(RecordingError):
-    """Breaks off."""
+    """Incomplete recording: its last bytes are missing."""
 
 
 class DamagedError(RecordingError):
-    """Changed after it was written."""
+    """Recording whose content was changed after it was written."""
 
 
 class IncompleteError(RecordingError):
-    """A part is missing, or the recorder lost records."""
+    """Recording with a missing part or lost records."""

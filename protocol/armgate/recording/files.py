@@ -1,6 +1,7 @@
-"""Access to the files of a recording, which may come from anywhere.
+"""Safe access to the files of a recording from an untrusted source.
 
-Links in a run's folder are never followed, devices and pipes are never read, and files are written anew.
+Symbolic links in the folder of a run are never followed, devices and pipes are never read, and files are
+never overwritten in place.
 """
 
 import os
@@ -20,8 +21,8 @@ def open_file(path: Path) -> BinaryIO:
     """Open a file for reading.
 
     Raises:
-        ForeignError: It is a symbolic link, a device, a pipe or a folder.
-        OSError: It cannot be read.
+        ForeignError: The path is a symbolic link, a device, a pipe or a folder.
+        OSError: The file cannot be read.
     """
     try:
         descriptor = os.open(path, _READ)
@@ -36,11 +37,13 @@ def open_file(path: Path) -> BinaryIO:
 
 
 @contextmanager
-def written_anew(path: Path) -> Iterator[BinaryIO]:
-    """Write a file beside its place and put it there when it is complete; a link at that place is replaced.
+def atomic_write(path: Path) -> Iterator[BinaryIO]:
+    """Write a temporary file in the same folder and move it to ``path`` when it is complete.
+
+    A symbolic link at ``path`` is replaced, not followed.
 
     Raises:
-        OSError: It cannot be written; what was there before stays.
+        OSError: The file cannot be written; an existing file at ``path`` stays unchanged.
     """
     descriptor, name = mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
     try:

@@ -1,7 +1,7 @@
-"""Plans in few numbers: almost all shrink evenly to rest, and say so by two of them.
+"""Compact encoding of plans: almost all plans brake linearly to rest.
 
-Such a plan has the increments u·(1 − k/m), k = 0 … n. It is kept as u, n and m if these give back every
-increment to the last bit, and as all of its increments otherwise.
+Such a plan has the increments u·(1 − k/m), k = 0 … n. It is stored as u, n and m if these reproduce every
+increment to the last bit; otherwise all increments are stored.
 """
 
 import math
@@ -15,13 +15,13 @@ from armgate.events import Joints, Plan
 
 _PLAN = TypeAdapter(Plan)
 _LARGEST = 1 << 20
-"""Most numbers of a plan; a robot of 8 joints needs so many to brake for nine minutes."""
+"""Largest plan, in numbers: nine minutes of braking for a robot with 8 joints."""
 _ULPS = np.arange(-4, 5)
-"""How far from the quotient the m may be that was reckoned with, in units of the last place."""
+"""Candidates for m around the computed quotient, in units in the last place."""
 
 
 def packed(plan: Plan) -> dict[str, Any]:
-    """A plan as it stands in a recording."""
+    """Return a plan in its recorded form."""
     found = {"robot": plan.robot, "key": plan.key, "seq": plan.seq}
     over = _shrinking(plan.increments)
     if over is None:
@@ -30,23 +30,23 @@ def packed(plan: Plan) -> dict[str, Any]:
 
 
 def unpacked(value: Mapping[str, Any]) -> Plan:
-    """The plan.
+    """Return the plan of a recorded form.
 
     Raises:
-        KeyError: Something is missing.
-        ValueError: Something is of another type.
+        KeyError: A field is missing.
+        ValueError: A field has a wrong type or value.
     """
     fields = dict(value)
     if "over" in fields:
         u, n, m = fields.pop("increment"), fields.pop("then"), fields.pop("over")
         if not 0 <= n * len(u) <= _LARGEST:
-            raise ValueError(f"a plan of {n} increments")
+            raise ValueError(f"a plan of {n} increments; expected at most {_LARGEST} numbers")
         fields["increments"] = (u, *([x * (1.0 - k / m) for x in u] for k in range(1, n + 1)))
     return _PLAN.validate_python(fields)
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of a packed plan."""
+    """Return the JSON Schema of a recorded plan."""
     whole: dict[str, Any] = _PLAN.json_schema()
     whole["required"].remove("increments")
     whole["properties"] |= {
@@ -58,7 +58,7 @@ def schema() -> dict[str, Any]:
 
 
 def _shrinking(increments: tuple[Joints, ...]) -> float | None:
-    """The m of increments u·(1 − k/m), None if they are no such ones."""
+    """Return the m of increments u·(1 − k/m); None if they do not have this form."""
     n = len(increments) - 1
     if n < 1 or len({len(row) for row in increments}) > 1 or not increments[0]:
         return None
@@ -71,6 +71,6 @@ def _shrinking(increments: tuple[Joints, ...]) -> float | None:
     m = n / (1.0 - last / first)
     near = m + np.spacing(m) * _ULPS
     shares = 1.0 - np.arange(1.0, n + 1.0) / near[:, None]
-    # As bits: the sign of a zero counts.
+    # Compare bits: the sign of a zero matters.
     exact = ((u * shares[:, :, None]).view(np.int64) == rows[1:].view(np.int64)).all((1, 2))
     return float(near[exact.argmax()]) if exact.any() else None

@@ -1,7 +1,7 @@
-"""Finds what is whole in one file, which may be damaged or still be written.
+"""Scan of one file for complete chunks; the file may be damaged or still be written.
 
-A record of MCAP begins with its kind and its length, so a file is read forward without its index: an index is
-only written when a file is closed, and a killed daemon closes none.
+An MCAP record begins with its kind and its length, so a file can be read forward without its index. The index
+is written only when a file is closed, which a killed daemon never does.
 """
 
 import struct
@@ -9,39 +9,39 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Message, Metadata
+from mcap.records import Channel, Header, Message, Metadata, Schema
 
-from armgate.recording import form
 from armgate.recording.chunk import ChunkError, read_chunk
 from armgate.recording.errors import DamagedError, ForeignError, NewerFormatError
 from armgate.recording.files import open_file
+from armgate.recording.header import FORMAT, METADATA, PROFILE
 
 MAGIC = b"\x89MCAP0\r\n"
 PREFIX = struct.Struct("<BQ")
 _TIMES = struct.Struct("<QQ")
 _LARGEST = 1 << 29
-"""Longest record that is read, bytes."""
+"""Longest accepted record, bytes."""
 _SHORT = 1 << 16
-"""Longest header and metadata record, bytes."""
+"""Longest accepted header or metadata record, bytes."""
 _PRIVATE = 0x80
-"""Kinds from here on are free for additions; the others are named by the standard."""
+"""First record kind that MCAP leaves to applications; lower kinds belong to the standard."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A chunk in a file.
+    """Position of a chunk in a file.
 
     Attributes:
         file: The file.
         offset: First byte of the chunk's content.
-        length: Bytes of it.
-        first_ns: Time of its first message, ns since 1970, as its header says.
-        last_ns: Time of its last message.
+        length: Length of the content, bytes.
+        first_ns: Time of its first message by the chunk's header, ns since 1970.
+        last_ns: Time of its last message by the chunk's header, ns since 1970.
     """
 
     file: Path
@@ -63,14 +63,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """Contents of a file up to the first byte that cannot be read.
+    """Readable content of a file, up to the first damaged byte.
 
     Attributes:
         file: The file.
-        chunks: Its whole chunks, in order.
-        good: Bytes up to the end of the last whole record.
-        size: All bytes.
-        closed: True if the file was closed: it ends as a whole file does.
+        chunks: Its complete chunks, in order.
+        good: Number of bytes up to the end of the last complete record.
+        size: Size of the file, bytes.
+        closed: True if the file was closed: its index and end marker are complete.
     """
 
     file: Path
@@ -81,13 +81,13 @@ class Scan:
 
 
 def scan(file: Path) -> Scan:
-    """Look through a file, without reading the content of chunks.
+    """Scan a file without reading the content of chunks.
 
     Raises:
-        OSError: It cannot be read.
-        ForeignError: It is no recording of armgate.
-        NewerFormatError: It was written by a later armgate.
-        DamagedError: It is damaged at its beginning.
+        OSError: The file cannot be read.
+        ForeignError: The file is not a recording of armgate.
+        NewerFormatError: The file was written by a later version of armgate.
+        DamagedError: The file is damaged at its beginning.
     """
     with open_file(file) as stream:
         size = stream.seek(0, 2)
@@ -102,7 +102,7 @@ def scan(file: Path) -> Scan:
 
 
 def scan_from(file: Path, offset: int) -> tuple[Place, ...]:
-    """Return the chunks that can be read from the first record after ``offset`` on, if records follow.
+    """Return the readable chunks of the consecutive records that begin at ``offset``.
 
     Raises:
         OSError: The file cannot be read.
@@ -114,7 +114,7 @@ def scan_from(file: Path, offset: int) -> tuple[Place, ...]:
 
 
 def _walk(file: Path, stream: BinaryIO, good: int, size: int) -> tuple[list[Place], int, bool]:
-    """Return the chunks of the records that follow each other, the end of the last, True if it is the end."""
+    """Return the chunks of consecutive records, the end of the last one, and True if the file ends there."""
     chunks: list[Place] = []
     while (record := _prefix(stream.read(PREFIX.size))) is not None:
         kind, length = record
@@ -150,36 +150,32 @@ def _prefix(data: bytes) -> tuple[int, int] | None:
 
 
 def _check(file: Path, kind: int, content: bytes) -> None:
-    """Refuse a file that is not ours, or of a form that this armgate does not know."""
+    """Refuse a file of another program or of a later format."""
     stream = ReadDataStream(BytesIO(content))
     try:
         if kind == Opcode.HEADER:
             profile = Header.read(stream).profile
-            if profile != form.PROFILE:
-                text = f"MCAP of the profile {profile[:40]!r}; expected a recording of armgate"
+            if profile != PROFILE:
+                text = f"MCAP with the profile {profile[:40]!r}; expected a recording of armgate"
                 raise ForeignError(file, text)
             return
         metadata = Metadata.read(stream)
-        written = int(metadata.metadata.get("format", "0")) if metadata.name == form.METADATA else 0
+        written = int(metadata.metadata.get("format", "0")) if metadata.name == METADATA else 0
     except (McapError, ValueError, struct.error, EOFError) as error:
         raise DamagedError(file, f"damaged at its beginning: {error or type(error).__name__}") from error
-    if written > form.FORMAT:
-        text = f"written in format {written}, this armgate reads up to {form.FORMAT}; use a later armgate"
+    if written > FORMAT:
+        text = f"written in format {written}; this version reads up to {FORMAT}; use a later version"
         raise NewerFormatError(file, text)
 
 
-Message_ = tuple[str, int, bytes]
-"""Topic, log time [ns] and data."""
-
-
-class Chunks:
-    """Reads a file's chunks; the first one names the topics of all.
+class ChunkReader:
+    """Reader of a file's chunks; the first chunk names the topics of all.
 
     Args:
-        place: The first chunk.
+        place: Position of the first chunk.
 
     Raises:
-        DamagedError: It is not what was written.
+        DamagedError: The first chunk is damaged.
     """
 
     def __init__(self, place: Place) -> None:
@@ -188,14 +184,14 @@ class Chunks:
             pass
 
     def topic(self, message: Message) -> str:
-        """Return the topic of a message; "" if it has none."""
+        """Return the topic of a message; "" if its channel is unknown."""
         return self._topics.get(message.channel_id, "")
 
-    def messages(self, place: Place) -> Iterator[Message_]:
+    def messages(self, place: Place) -> Iterator[tuple[str, int, bytes]]:
         """Yield topic, log time [ns] and data of every message of a chunk.
 
         Raises:
-            DamagedError: The chunk is not what was written.
+            DamagedError: The chunk is damaged.
         """
         for record in records(place):
             if isinstance(record, Channel):
@@ -204,11 +200,11 @@ class Chunks:
                 yield self.topic(record), record.log_time, record.data
 
 
-def records(place: Place) -> Iterator[Any]:
+def records(place: Place) -> Iterator[Schema | Channel | Message]:
     """Yield all records of a chunk: schemas, channels and messages.
 
     Raises:
-        DamagedError: The chunk is not what was written.
+        DamagedError: The chunk is damaged.
     """
     with open_file(place.file) as stream:
         stream.seek(place.offset)

@@ -1,4 +1,4 @@
-"""Verifies the hash chain of a recording: intact, or broken between which bytes and times."""
+"""Verification of the hash chain of a recording; reports the bytes and times of each break."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -13,29 +13,30 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Metadata
 from pydantic_core import from_json
 
-from armgate.recording import form
 from armgate.recording.chain import Seal
 from armgate.recording.errors import DamagedError
 from armgate.recording.files import open_file
+from armgate.recording.header import END, SEAL, end_record
 from armgate.recording.reader import Part, Recording
 from armgate.recording.scan import PREFIX, Place, records
+from armgate.recording.topics import CHAIN
 
 _NS = 1_000_000_000
 _BLOCK = 1 << 20
 _SHORT = 1 << 16
-_LAST = {form.end(last)["last"]: last for last in (True, False)}
+_LAST = {end_record(last)["last"]: last for last in (True, False)}
 
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """A place at which the chain does not hold.
+    """Break of the chain.
 
     Attributes:
         file: The file.
-        first: First byte of what is not as it was written.
-        end: First byte after it.
-        time: Daemon time of its first message, s.
-        why: The difference.
+        first: First byte of the range that was changed.
+        end: First byte after the range.
+        time: Daemon time of the range's first message, s.
+        why: Reason: the difference that was found.
     """
 
     file: Path
@@ -53,13 +54,13 @@ class Chain:
     """Result of a verification.
 
     Attributes:
-        links: Number of links and seals that hold.
-        breaks: Places at which the chain does not hold.
+        links: Number of valid links and seals.
+        breaks: Breaks of the chain.
         unsealed: Files without a seal: they were not closed by a daemon.
-        seals: The seals, a file each.
+        seals: Seals, one for each sealed file.
         parts: Numbers of the first and the last part.
-        last: True if the last part states that it ends the recording, False if it states that another one
-            follows; None if it states neither, as if a daemon of an earlier version closed it.
+        last: True if the last part states that it ends the recording, False if it states that another part
+            follows; None if it states neither, because a daemon of an earlier version closed it.
     """
 
     links: int
@@ -71,12 +72,12 @@ class Chain:
 
     @property
     def present(self) -> bool:
-        """Return True if the recording has a chain; earlier versions of armgate wrote none."""
+        """True if the recording has a chain; earlier versions of armgate wrote none."""
         return self.links > 0 or bool(self.breaks) or bool(self.seals)
 
 
 def verify(recording: Recording) -> Chain:
-    """Verify the chain through all parts of a recording; a folder must hold all of them.
+    """Verify the chain through all parts of a recording; a folder must hold all parts.
 
     Raises:
         OSError: A file cannot be read.
@@ -101,7 +102,7 @@ def verify(recording: Recording) -> Chain:
 
 
 def _missing(recording: Recording, last: "_Checked") -> Iterator[Break]:
-    """Yield the breaks where parts before the first or after the last one were removed."""
+    """Yield a break for each end of the recording at which parts were removed."""
     first, end = recording.parts[0], recording.parts[-1]
     if (number := first.header.part) != 1:
         yield Break(first.file, 0, 0, 0.0, f"begins with part {number}; part {number - 1} is missing")
@@ -112,7 +113,7 @@ def _missing(recording: Recording, last: "_Checked") -> Iterator[Break]:
 
 
 class _Checked:
-    """One file."""
+    """Verified chain of one file."""
 
     def __init__(self, recording: Recording, part: Part) -> None:
         self._part, self._origin = part, recording.header.origin_ns
@@ -127,15 +128,15 @@ class _Checked:
                 if found == claimed:
                     self.links += 1
                 else:
-                    self.breaks.append(self.broken(first, last, place, "its hash is another"))
+                    self.breaks.append(self.broken(first, last, place, "its hash differs"))
                 before = claimed
 
     def broken(self, first: int, end: int, place: Place, why: str) -> Break:
-        """Return a break of this file."""
+        """Return a break in this file."""
         return Break(self._part.file, first, end, (place.first_ns - self._origin) / _NS, why)
 
     def _segments(self, end: int) -> Iterator[tuple[int, int, Place, bytes | None]]:
-        """Yield begin, end and first chunk of what lies between two links, and the later link."""
+        """Yield begin, end and first chunk of each segment between two links, and the later link."""
         first, chunks = 0, self._part.chunks
         begun = chunks[0]
         linked = False
@@ -149,17 +150,17 @@ class _Checked:
         if self.seal is not None:
             yield first, end, begun, self.seal.digest
             if chunks[-1].begin >= end:
-                self.breaks.append(self.broken(end, chunks[-1].end, chunks[-1], "stands behind the seal"))
+                self.breaks.append(self.broken(end, chunks[-1].end, chunks[-1], "was added after the seal"))
         elif linked:
             yield first, chunks[-1].end, begun, None
 
     def _link(self, place: Place) -> bytes | None:
-        """Return the link with which a chunk begins; None if it begins with none, or cannot be read."""
+        """Return the link at the start of a chunk; None if there is none or the chunk cannot be read."""
         try:
             for record in records(place):
                 if isinstance(record, Channel):
                     continue
-                if not isinstance(record, Message) or self._part.reader.topic(record) != form.CHAIN:
+                if not isinstance(record, Message) or self._part.reader.topic(record) != CHAIN:
                     return None
                 return bytes.fromhex(from_json(record.data)["sha256"])
         except (DamagedError, ValueError, TypeError, KeyError):
@@ -177,9 +178,9 @@ def _digest(stream: BinaryIO, before: bytes, first: int, end: int) -> bytes:
 
 
 def _tail(part: Part) -> tuple[Seal | None, bool | None, int]:
-    """Return the seal, the statement of ``form.END`` before it, and the byte at which the seal begins.
+    """Return the seal, the value of the ``END`` record before it, and the byte at which the seal begins.
 
-    Without a seal, the byte is the end of the last chunk.
+    Without a seal, return the end of the last chunk as the byte.
     """
     place, last = part.chunks[-1], None
     with open_file(part.file) as stream:
@@ -191,7 +192,7 @@ def _tail(part: Part) -> tuple[Seal | None, bool | None, int]:
             found = _metadata(stream.read(length)) if kind == Opcode.METADATA and length <= _SHORT else None
             if found is not None and (seal := _read_seal(found)):
                 return seal, last, at
-            if found is not None and found.name == form.END:
+            if found is not None and found.name == END:
                 last = _LAST.get(found.metadata.get("last", ""))
             if kind in (0, Opcode.DATA_END):
                 break
@@ -208,6 +209,6 @@ def _metadata(content: bytes) -> Metadata | None:
 
 def _read_seal(found: Metadata) -> Seal | None:
     try:
-        return Seal.read(found.metadata) if found.name == form.SEAL else None
+        return Seal.read(found.metadata) if found.name == SEAL else None
     except ValueError:
         return None

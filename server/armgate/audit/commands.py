@@ -89,12 +89,12 @@ def report(
     """Write a run as one HTML page with plots."""
     from armgate.audit.reporting import page  # noqa: PLC0415
     from armgate.recording import Recording  # noqa: PLC0415
-    from armgate.recording.files import written_anew  # noqa: PLC0415
+    from armgate.recording.files import atomic_write  # noqa: PLC0415
 
     text = page(Recording.open(run))
     file = out or (run if run.is_dir() else run.parent) / "report.html"
     if out is None:
-        with written_anew(file) as stream:
+        with atomic_write(file) as stream:
             stream.write(text.encode(errors="replace"))
     else:
         file.write_text(text, encoding="utf-8", errors="replace")

@@ -16,7 +16,7 @@ from armgate.cell.cell import Body, Cell
 from armgate.cell.text import printable
 from armgate.events import Joints, Reason
 from armgate.gate import Intended
-from armgate.recording.files import written_anew
+from armgate.recording.files import atomic_write
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def draw(case: Case, cell: Cell, file: Path) -> bool:
 def _save(figure: Any, file: Path) -> None:
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    with written_anew(file) as stream, warnings.catch_warnings():
+    with atomic_write(file) as stream, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a glyph that the font has not, in a name
         figure.savefig(stream, format="png")
     plt.close(figure)

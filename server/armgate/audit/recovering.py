@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.recording import RecordingError, TruncatedError, parts_of
-from armgate.recording.files import written_anew
-from armgate.recording.rewrite import Rewritten, is_readable, rewrite
+from armgate.recording.files import atomic_write
+from armgate.recording.recover import Recovery, is_readable, recover_file
 from armgate.recording.scan import Scan, scan
 
-_NOTHING = Rewritten(0, 0, 0)
+_NOTHING = Recovery(0, 0, 0)
 _COPIES = 100
 
 
@@ -28,7 +28,7 @@ class Recovered:
 
     file: Path
     what: str
-    result: Rewritten = _NOTHING
+    result: Recovery = _NOTHING
     original: Path | None = None
 
 
@@ -60,8 +60,8 @@ def _recovered(found: Scan) -> Recovered:
         file.unlink()
         return Recovered(file, "removed")
     try:
-        with written_anew(file) as stream:
-            result = rewrite(file, stream)
+        with atomic_write(file) as stream:
+            result = recover_file(file, stream)
             original = _kept(file) if result.lost else None
     except OSError as error:
         text = f"stays as it is: {error.strerror or error}; {found.good} bytes are needed beside it"

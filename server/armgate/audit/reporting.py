@@ -14,7 +14,7 @@ from typing import Any
 from armgate.cell.text import printable
 from armgate.events import Outcome, Stopped, Verdict
 from armgate.protocol import messages as m
-from armgate.recording import Gap, LogLine, Moment, Recording, Shown, Step
+from armgate.recording import CellState, Gap, LogLine, Recording, RobotState, Step
 from armgate.recording.reader import check_entry
 from armgate.recording.verify import Chain, verify
 
@@ -60,9 +60,9 @@ class Run:
             case Step(outputs=outputs):
                 self.stops += sum(isinstance(output, Stopped) for output in outputs)
                 self._take_verdicts(time, outputs)
-            case Shown(entry=entry):
+            case RobotState(entry=entry):
                 self._take_entry(entry)
-            case Moment():
+            case CellState():
                 self.end = max(self.end, item.time)
                 for name, signal in item.signals.items():
                     if len(signal.value) == 1:
@@ -104,7 +104,7 @@ def page(recording: Recording) -> str:
     """
     run = Run()
     for time, item in recording.items():
-        if isinstance(item, Shown):
+        if isinstance(item, RobotState):
             check_entry(recording.path, recording.description, item.entry)
         run.take(time, item)
     header = recording.header

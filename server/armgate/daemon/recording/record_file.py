@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from armgate.recording import Header, Item, Sink
+from armgate.recording import Header, Item, RecordingWriter
 from armgate.recording.chain import Seal, Signer
 
 
@@ -60,7 +60,7 @@ class RecordFile:
         self._descriptor = descriptor
         self._good = 0
         try:
-            self._sink = Sink(_Stream(descriptor, write), header, signer)
+            self._sink = RecordingWriter(_Stream(descriptor, write), header, signer)
         except OSError:
             self.abandon()
             raise

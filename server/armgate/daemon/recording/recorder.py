@@ -15,7 +15,7 @@ from typing import Any
 from armgate.daemon.recording.record_file import RecordFile
 from armgate.events import GateEvent, GateOutput, Tick
 from armgate.protocol import messages as m
-from armgate.recording import Gap, Header, Item, LogLine, Moment, Shown, Step, part_name
+from armgate.recording import CellState, Gap, Header, Item, LogLine, RobotState, Step, part_name
 from armgate.recording.chain import Seal, Signer
 
 FLUSH = 0.12
@@ -31,12 +31,12 @@ class StateAt:
 
     ticks: Sequence[Tick]
     entries: Sequence[m.Entry]
-    moment: Moment
+    moment: CellState
 
     def items(self) -> list[Item]:
         """The records that it makes."""
         own = {entry.robot: entry for entry in self.entries}
-        return [*(Shown(own[tick.robot]) for tick in self.ticks), self.moment]
+        return [*(RobotState(own[tick.robot]) for tick in self.ticks), self.moment]
 
 
 _Queued = tuple[float, Item | StateAt] | None
@@ -152,7 +152,7 @@ class Recorder:
         """Take the state of an instant; ``ticks`` are those of the robots that ticked."""
         if ticks:
             at = ticks[0].time
-            moment = Moment(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
+            moment = CellState(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
             self._put(at, StateAt(ticks, entries, moment))
 
     def log(self, record: Mapping[str, Any]) -> None:

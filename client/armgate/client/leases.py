@@ -1,11 +1,11 @@
-"""What this client holds, lost and why, and the stops that it was told of."""
+"""Leases that this client holds or has lost, and the stops that it was notified of."""
 
 from armgate.client.errors import LeaseLost, Lost, RobotStopped
 from armgate.protocol.messages import Lease, Resumed, Stopped
 
 
-class Holdings:
-    """Leases by robot and fence.
+class HeldLeases:
+    """Leases of this client by robot and fence.
 
     Attributes:
         stops: The stops in force, by id.
@@ -18,16 +18,16 @@ class Holdings:
 
     @property
     def ttl(self) -> float | None:
-        """The shortest time to live of what is held, s; None where nothing is."""
+        """Shortest time to live of the held leases, s; None if no robot is held."""
         return min((lease.ttl for lease in self._held.values()), default=None)
 
     def holds(self, robot: str, fence: int) -> bool:
-        """Whether this lease is in force, as far as is known here."""
+        """Return True if this lease is in force, as far as this client was notified."""
         lease = self._held.get(robot)
         return lease is not None and lease.fence == fence and (robot, fence) not in self._lost
 
     def check(self, robot: str, fence: int) -> None:
-        """Raises why this lease is not in force, if it is not.
+        """Raise the reason for which this lease is not in force, if it is not.
 
         Raises:
             Lost: ``RobotStopped`` or ``LeaseLost``.
@@ -35,10 +35,10 @@ class Holdings:
         if (lost := self._lost.get((robot, fence))) is not None:
             raise lost
         if not self.holds(robot, fence):
-            raise LeaseLost(robot, "it was given back, or acquired anew by this client")
+            raise LeaseLost(robot, "this client released the robot or acquired it again")
 
     def take_lease(self, lease: Lease) -> None:
-        """A lease was given, given back, or lost."""
+        """Note a lease that was granted, released, or lost."""
         if lease.state == "held":
             self._held[lease.robot] = lease
             return
@@ -46,12 +46,12 @@ class Holdings:
         if held is not None and held.fence == lease.fence:
             del self._held[lease.robot]
         if lease.state == "lost":
-            # Where a stop was the cause it was told before, and tells more.
+            # If a stop ended the lease, `take_stopped` has noted that reason already, with more detail.
             reason = lease.reason or "no reason given"
             self._lost.setdefault((lease.robot, lease.fence), LeaseLost(lease.robot, reason))
 
     def take_stopped(self, stopped: Stopped) -> None:
-        """A stop is in force: what it names is held no longer."""
+        """Note a stop that is in force: the leases of its robots ended."""
         if stopped.replaces is not None:
             self.stops.pop(stopped.replaces, None)
         self.stops[stopped.stop] = stopped
@@ -60,7 +60,7 @@ class Holdings:
                 self._lost.setdefault((robot, held.fence), RobotStopped(robot, stopped))
 
     def take_resumed(self, resumed: Resumed) -> None:
-        """A stop was lifted; what it took must be acquired again."""
+        """Note a stop that was lifted; its robots must be acquired again."""
         self.stops.pop(resumed.stop, None)
         if resumed.lifted is not None:
             self.stops.pop(resumed.lifted, None)

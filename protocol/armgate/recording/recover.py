@@ -1,37 +1,41 @@
-"""Writes what can be read of a file that was never closed, or is damaged, as a whole file.
+"""Recovery of a file that was never closed, or is damaged: its readable part becomes a complete file.
 
-Where the chain of records is broken, chunks are recognised by their form. Lost records leave a gap in the new
-file, so that no replay goes on as if nothing was missing.
+Behind a damaged record, the next chunk is found by the byte pattern of its header. Lost records leave a
+``Gap`` in the new file, so that a replay stops there instead of continuing without them.
 """
 
 import mmap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import assert_never
 
 from mcap.records import Channel, Message, Schema
 
-from armgate.recording import codec, form
+from armgate.recording import codec
 from armgate.recording.chain import ChainWriter, Stream
 from armgate.recording.errors import DamagedError
 from armgate.recording.files import open_file
+from armgate.recording.header import METADATA, Header, header_record
 from armgate.recording.scan import PREFIX, Place, records, scan, scan_from
+from armgate.recording.topics import CHAIN, GAP, RUN
 
 _SIGN = b"\x04\x00\x00\x00zstd"
-"""The name of the compression in a chunk, which all our chunks have."""
+"""Compression name in the header of every chunk that armgate writes, with its length."""
 _BEFORE = PREFIX.size + 28
-"""Bytes of the record before it: two times, size and checksum."""
+"""Bytes of the chunk's record before ``_SIGN``: kind, length, two times, size and checksum."""
 _MOST_LOST = 1 << 24
+"""Largest plausible number of lost messages; beyond it, the sequence numbers themselves are damaged."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rewritten:
-    """Result of a rewrite.
+class Recovery:
+    """Result of a recovery.
 
     Attributes:
         messages: Number of messages in the new file, without gaps and links.
-        dropped: Bytes at the end that could not be read.
-        lost: Number of messages that could not be read before that.
+        dropped: Number of unreadable bytes at the end.
+        lost: Number of unreadable messages before the end.
     """
 
     messages: int
@@ -39,17 +43,19 @@ class Rewritten:
     lost: int
 
 
-def rewrite(file: Path, stream: Stream) -> Rewritten:
-    """Write what can be read of a file as a whole file.
+def recover_file(file: Path, stream: Stream) -> Recovery:
+    """Write the readable part of a file to ``stream`` as a complete file.
 
-    Topics, schemas, times, order and data of the messages stay as they are.
+    Topics, schemas, times, order and data of the messages stay unchanged.
 
     Raises:
-        RecordingError: It is no recording, or its beginning is damaged.
-        OSError: One of them cannot be read or written.
+        RecordingError: The file is not a recording, or its beginning is damaged.
+        OSError: The file cannot be read, or the stream cannot be written.
     """
     found = scan(file)
-    places = [*found.chunks, *_behind(file, found.good, found.size)] if not found.closed else found.chunks
+    places = list(found.chunks)
+    if not found.closed:
+        places += _behind_damage(file, found.good, found.size)
     good = [place for place in places if _readable(place)]
     if not good or good[0] != places[0]:
         raise DamagedError(file, "the header of the recording is damaged; restore it from a copy")
@@ -57,7 +63,7 @@ def rewrite(file: Path, stream: Stream) -> Rewritten:
     for place in good:
         copy.add(place)
     copy.writer.finish()
-    return Rewritten(copy.messages, _dropped(places, good, found.good, found.size), copy.lost)
+    return Recovery(copy.messages, _dropped(places, good, found.good, found.size), copy.lost)
 
 
 def is_readable(places: Sequence[Place]) -> bool:
@@ -66,7 +72,7 @@ def is_readable(places: Sequence[Place]) -> bool:
 
 
 def _dropped(places: Sequence[Place], good: Sequence[Place], end: int, size: int) -> int:
-    """Return the bytes from the first unreadable chunk after the last readable one, or from the end, on."""
+    """Return the number of bytes after the last readable chunk that could not be read."""
     tail = places[places.index(good[-1]) + 1 :]
     return size - (tail[0].begin if tail else max(end, good[-1].end))
 
@@ -80,8 +86,8 @@ def _readable(place: Place) -> bool:
     return True
 
 
-def _behind(file: Path, offset: int, size: int) -> Iterator[Place]:
-    """Yield the chunks behind damage."""
+def _behind_damage(file: Path, offset: int, size: int) -> Iterator[Place]:
+    """Yield the chunks behind each damaged place."""
     while (begin := _next_chunk(file, offset, size)) is not None:
         found = scan_from(file, begin)
         yield from found
@@ -106,7 +112,7 @@ def _next_chunk(file: Path, offset: int, size: int) -> int | None:
 
 
 class _Copy:
-    """A file that is written from the chunks of another."""
+    """New file, written from the chunks of a damaged file."""
 
     def __init__(self, file: Path, stream: Stream) -> None:
         self.writer = ChainWriter(stream, "armgate recover", chunk=1 << 30)
@@ -122,7 +128,7 @@ class _Copy:
         """Copy a chunk.
 
         Raises:
-            DamagedError: It is none of ours.
+            DamagedError: The chunk was not written by armgate.
         """
         for record in records(place):
             match record:
@@ -134,46 +140,48 @@ class _Copy:
                     self._add_channel(record)
                 case Message():
                     self._add_message(record)
+                case _:
+                    assert_never(record)
         self.writer.flush()
 
     def _add_channel(self, record: Channel) -> None:
         if record.schema_id not in self._schemas:
-            raise DamagedError(self._file, f"a topic without its schema: {record.topic[:60]!r}")
+            raise DamagedError(self._file, f"a topic without a schema: {record.topic[:60]!r}")
         schema = self._schemas[record.schema_id]
         channel = self.writer.register_channel(record.topic, record.message_encoding, schema)
         self._channels[record.id] = self._topics[record.topic] = channel
-        if record.topic == form.CHAIN:
+        if record.topic == CHAIN:
             self.writer.chain(channel)
 
     def _add_message(self, record: Message) -> None:
         channel = self._channels.get(record.channel_id)
         if channel is None:
-            raise DamagedError(self._file, "a message without its topic")
-        if channel == self._topics.get(form.CHAIN):
-            return  # the new file has links of its own
-        if channel == self._topics.get(form.RUN):
-            self._say_format(record.data)
+            raise DamagedError(self._file, "a message without a topic")
+        if channel == self._topics.get(CHAIN):
+            return  # the new file gets its own links
+        if channel == self._topics.get(RUN):
+            self._write_format(record.data)
         self._mark_gap(record.sequence)
         self.writer.add(channel, record.log_time, record.data, record.sequence)
         self._last_ns = record.log_time
         self.messages += 1
 
     def _mark_gap(self, sequence: int) -> None:
-        """Mark missing messages: the recorder numbers all of them."""
+        """Write a gap if messages are missing: the recorder numbers them consecutively."""
         expected, self._sequence = self._sequence, (sequence + 1) & 0xFFFFFFFF
         if expected is None or expected == sequence:
             return
         missing = (sequence - expected) & 0xFFFFFFFF
         missing = missing if missing <= _MOST_LOST else 1
-        if form.GAP not in self._topics:
-            raise DamagedError(self._file, "records are missing, and it has no topic to mark that")
+        if GAP not in self._topics:
+            raise DamagedError(self._file, "records are missing, and the file has no topic for gaps")
         _, data = codec.encode(codec.Gap(missing, missing))
-        self.writer.add(self._topics[form.GAP], self._last_ns, data, sequence)
+        self.writer.add(self._topics[GAP], self._last_ns, data, sequence)
         self.lost += missing
 
-    def _say_format(self, data: bytes) -> None:
+    def _write_format(self, data: bytes) -> None:
         try:
-            header = form.Header.model_validate_json(data)
+            header = Header.model_validate_json(data)
         except ValueError as error:
             raise DamagedError(self._file, "the header of the recording is damaged") from error
-        self.writer.add_metadata(form.METADATA, form.metadata(header))
+        self.writer.add_metadata(METADATA, header_record(header))

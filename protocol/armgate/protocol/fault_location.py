@@ -1,17 +1,17 @@
-"""Faults of a payload and where they are: it is read again, slowly, once the fast reader has refused it."""
+"""Location of a fault in a payload: a second, slow pass after the fast reader has refused the payload."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-MOST_READ = 128
-"""Values of a payload that are read again, about 0.1 ms: what lies behind them is not located."""
+MAX_VALUES = 128
+"""Largest number of values in the second pass (about 0.1 ms); later faults are not located."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """The largest values of each kind that a payload may hold."""
+    """Largest accepted depth of a payload, and size of each kind of value."""
 
     depth: int
     map: int
@@ -21,14 +21,14 @@ class Bounds:
 
 
 class TooFar(Exception):  # noqa: N818 (a bound that was reached)
-    """The fault or field is behind the values that are read again."""
+    """End of the second pass before the fault or field was found."""
 
 
 class Fault(Exception):  # noqa: N818 (a finding, not a defect of ours)
-    """Something in a payload that is not allowed.
+    """Forbidden value in a payload.
 
     Attributes:
-        offset: The byte at which it begins.
+        offset: Byte at which the value begins.
     """
 
     def __init__(self, offset: int, text: str) -> None:
@@ -41,24 +41,24 @@ _FIXED = {
     0xCC: ("an integer", 1), 0xCD: ("an integer", 2), 0xCE: ("an integer", 4), 0xCF: ("an integer", 8),
     0xD0: ("an integer", 1), 0xD1: ("an integer", 2), 0xD2: ("an integer", 4), 0xD3: ("an integer", 8),
 }  # fmt: skip
-"""Kinds of fixed size: name, and bytes after the first."""
+"""Kinds of fixed size: name, and number of bytes after the first."""
 
 _SIZED = {
     0xC4: ("binary data", 1), 0xC5: ("binary data", 2), 0xC6: ("binary data", 4),
     0xD9: ("a text", 1), 0xDA: ("a text", 2), 0xDB: ("a text", 4),
     0xDC: ("an array", 2), 0xDD: ("an array", 4), 0xDE: ("a map", 2), 0xDF: ("a map", 4),
 }  # fmt: skip
-"""Kinds that tell their size: name, and bytes of the size."""
+"""Kinds with an explicit size: name, and number of bytes of the size."""
 
 _EXTENSIONS = {*range(0xC7, 0xCA), *range(0xD4, 0xD9)}
 
 
 class Reader:
-    """Reads one payload value by value.
+    """Reader of one payload, value by value.
 
     Args:
         payload: The payload.
-        bounds: What it may hold.
+        bounds: Bounds of its values.
     """
 
     def __init__(self, payload: bytes, bounds: Bounds) -> None:
@@ -68,14 +68,14 @@ class Reader:
         self._depth = bounds.depth
         self._at = self._read = 0
         self.offsets: dict[tuple[str | int, ...], int] = {}
-        """Where each value begins, by the keys and indices that lead to it."""
+        """Byte at which each value begins, by the path of keys and indices to it."""
 
     def read(self) -> None:
-        """Read all of the payload.
+        """Read the whole payload.
 
         Raises:
-            Fault: At the first thing that is not allowed.
-            TooFar: More values than `MOST_READ` came before any fault.
+            Fault: At the first forbidden value.
+            TooFar: The first ``MAX_VALUES`` values contain no fault.
         """
         kind, _ = self._head()
         if kind != "a map":
@@ -88,10 +88,10 @@ class Reader:
             )
 
     def _value(self, path: tuple[str | int, ...], depth: int) -> str | None:
-        """Read a value and what is in it; return it if it is a text."""
+        """Read a value with its content; return it if it is a text."""
         begin = self.offsets[path] = self._at
         self._read += 1
-        if self._read > MOST_READ:
+        if self._read > MAX_VALUES:
             raise TooFar
         kind, size = self._head()
         limit = self._limits.get(kind)
@@ -117,12 +117,12 @@ class Reader:
             if key is None:
                 raise Fault(begin, "a key of a map is not a text")
             if key in keys:
-                raise Fault(begin, "a key stands twice in one map")
+                raise Fault(begin, "a key occurs twice in one map")
             keys.add(key)
             self._value((*path, key), depth + 1)
 
     def _head(self) -> tuple[str, int]:
-        """Read the first bytes of a value: its kind, and how many bytes, items or pairs follow."""
+        """Read the head of a value; return its kind and the number of bytes, items or pairs that follow."""
         begin = self._at
         first = self._take(begin, 1)[0]
         if first < 0x80 or first >= 0xE0:
@@ -136,7 +136,7 @@ class Reader:
             return sized[0], int.from_bytes(self._take(begin, sized[1]), "big")
         if first in _EXTENSIONS:
             raise Fault(begin, "a value of an extension type, which is not accepted")
-        raise Fault(begin, f"no value of msgpack begins with the byte 0x{first:02x}")
+        raise Fault(begin, f"no msgpack value begins with the byte 0x{first:02x}")
 
     def _bytes(self, begin: int, kind: str, size: int) -> str | None:
         data = self._take(begin, size)
@@ -161,7 +161,7 @@ def _short(first: int) -> tuple[str, int]:
 
 
 def fault_in(payload: bytes, bounds: Bounds) -> str:
-    """Return what is wrong with a payload that the fast reader has refused, and where unless it is far in."""
+    """Describe the fault of a payload that the fast reader has refused, with its place if it was found."""
     try:
         Reader(payload, bounds).read()
     except Fault as fault:
@@ -172,7 +172,7 @@ def fault_in(payload: bytes, bounds: Bounds) -> str:
 
 
 def offset_of(payload: bytes, path: Sequence[str | int], bounds: Bounds) -> int | None:
-    """Return the byte at which a value of a well-formed payload begins; None if it is absent or far in."""
+    """Return the byte at which a value of a well-formed payload begins; None if it was not found."""
     reader = Reader(payload, bounds)
     with suppress(TooFar):
         reader.read()
@@ -203,11 +203,11 @@ _EXPECTED: Mapping[str, str] = {
     "less_than": "less than {lt}",
     "literal_error": "one of {expected}",
 }
-"""Forms that a field may lack, by the kind of the validator's error."""
+"""Expected forms of a field, by the kind of the validator's error."""
 
 
 def expected_form(kind: str, context: Mapping[str, Any]) -> str:
-    """Return the form that a field should have had, from what the validator found."""
+    """Return the expected form of a field, from the validator's error."""
     if kind == "string_pattern_mismatch":
         return _PATTERNS["0-9a-f]{64}" in str(context.get("pattern"))]
     return _EXPECTED.get(kind, "the form that the specification gives").format(**context)
