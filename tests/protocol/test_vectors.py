@@ -71,8 +71,10 @@ def test_every_message_has_a_minimal_and_a_complete_vector():
     names = {vector["name"] for vector in load("messages")}
     for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
         kind = message.model_fields["type"].default
-        assert {f"{kind}: the least", f"{kind}: the whole"} <= names
-    complete = {v["name"].partition(":")[0]: v["value"] for v in load("messages") if "whole" in v["name"]}
+        assert {f"{kind}: minimal", f"{kind}: complete"} <= names
+    complete = {
+        v["name"].partition(":")[0]: v["value"] for v in load("messages") if v["name"].endswith(": complete")
+    }
     for message in (*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES):
         kind = message.model_fields["type"].default
         assert complete[kind].keys() == set(message.model_fields)

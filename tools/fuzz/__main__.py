@@ -1,8 +1,7 @@
-"""Searches for bytes that break the protocol's reader.
+"""Fuzzer of the protocol's decoder.
 
-``python -m tools.fuzz [RUNS]``: atheris looks at what the code does with its inputs and goes on from those
-that led somewhere new; where it is not installed, hypothesis changes the vectors blindly. Ends with 0, or
-with another status and the input that broke something.
+``python -m tools.fuzz [RUNS]``: atheris searches guided by code coverage; if it is not installed, hypothesis
+mutates the vectors blindly. The exit status is 0, or another one with the input that broke the decoder.
 """
 
 import importlib
@@ -16,7 +15,7 @@ _LONGEST = 1024
 
 
 def main(arguments: list[str]) -> int:
-    """Returns the exit status; atheris ends the process itself."""
+    """Return the exit status; atheris ends the process itself."""
     if len(arguments) > 1 or not all(argument.isdecimal() for argument in arguments):
         print(__doc__, file=sys.stderr)
         return 2
@@ -45,7 +44,7 @@ def _guided(runs: int) -> int:
 def _blind(runs: int) -> int:
     from tools.fuzz.blind import search  # noqa: PLC0415
 
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak counts from here
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # reset the peak of the memory
     before = _memory_kb("VmRSS")
     broken = search(runs)
     if broken is not None:
@@ -57,7 +56,7 @@ def _blind(runs: int) -> int:
 
 
 def _memory_kb(what: str) -> int:
-    """A line of this process's memory: VmRSS is what it holds, VmHWM the most that it has held."""
+    """Return the memory of this process, kB: VmRSS is the current value, VmHWM the peak."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return int(status.split(f"{what}:")[1].split()[0])
 

@@ -1,4 +1,4 @@
-"""The search without guidance: vectors with some bytes changed, cut, repeated, put together."""
+"""Unguided search: vectors with changed, removed and repeated bytes, also joined."""
 
 import traceback
 
@@ -9,11 +9,11 @@ from tools.fuzz.corpus import corpus
 from tools.fuzz.target import ROLES, check
 
 _BATCH = 10_000
-"""Inputs of one search: hypothesis remembers all that it has tried, which must not fill the memory."""
+"""Inputs of one search: hypothesis stores all inputs it has tried, which must not exhaust the memory."""
 
 
 def inputs() -> st.SearchStrategy[bytes]:
-    """Vectors, changed a little or much."""
+    """Return a strategy for mutated vectors."""
     vectors = st.sampled_from(corpus())
     changes = st.lists(st.tuples(st.floats(0.0, 1.0), st.binary(max_size=4), st.integers(0, 4)), max_size=4)
     changed = st.builds(_changed, vectors, changes)
@@ -30,7 +30,7 @@ def _changed(data: bytes, changes: list[tuple[float, bytes, int]]) -> bytes:
 
 
 def search(runs: int) -> str | None:
-    """The input that broke something, and how; None: none did."""
+    """Return the first failure with its input; None if there is none."""
     for first in range(0, runs, _BATCH):
         if (broken := _batch(min(_BATCH, runs - first))) is not None:
             return broken
@@ -43,7 +43,7 @@ def _batch(runs: int) -> str | None:
         deadline=None,
         database=None,
         suppress_health_check=list(HealthCheck),
-        phases=[Phase.generate],  # what was found is told at once, not made smaller first
+        phases=[Phase.generate],  # report a finding at once, without shrinking it
         print_blob=False,
     )
     @given(inputs())

@@ -1,4 +1,4 @@
-"""Inputs to begin with: the vectors, given to whoever may read them."""
+"""Initial inputs: the vectors, each for every decoder that may receive it."""
 
 import json
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ CLIENT, SERVER, FRESH_SERVER, READY_SERVER, WAITING_CLIENT, READY_CLIENT = (byte
 
 
 def corpus() -> list[bytes]:
-    """All inputs, each once, the very long ones left out."""
+    """Return all inputs, each once, without the very long ones."""
     return sorted({data for data in _inputs() if len(data) <= _LONGEST}, key=lambda data: (len(data), data))
 
 

@@ -1,6 +1,6 @@
-"""What must hold for any bytes: a message or a ProtocolError, however they are cut, in bounded memory.
+"""Invariants for any bytes: a message or a ProtocolError, however the stream is divided, in bounded memory.
 
-The first byte of an input says what the rest is fed to, see ``ROLES``.
+The first byte of an input selects the decoder for the rest, see ``ROLES``.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -20,14 +20,14 @@ _DIALECT = DIALECTS[0]
 
 
 class BrokenError(AssertionError):
-    """The bytes did what no bytes may."""
+    """Violated invariant."""
 
 
 def check(data: bytes) -> None:
-    """Feed an input.
+    """Check the invariants for an input.
 
     Raises:
-        BrokenError: Something does not hold; any other exception than a ``ProtocolError`` is a defect too.
+        BrokenError: An invariant is violated. Any other exception except a ``ProtocolError`` is a defect too.
     """
     if data:
         role = ROLES[data[0] % len(ROLES)]
@@ -49,11 +49,11 @@ def _decoded(payload: bytes, catalogue: Mapping[str, type[m.Message]], max_array
     try:
         message = decode(payload, catalogue, max_array)
     except ProtocolError as error:
-        _sayable(error.message())
+        _check_error(error.message())
         return
     written = encode(message)[HEADER:]
     again = encode(decode(written, catalogue, max_array))[HEADER:]
-    _hold(written == again, "what was read and written again reads otherwise")
+    _require(written == again, "a message changes in a round trip")
 
 
 # --- streams ----------------------------------------------------------------------------------------------
@@ -86,41 +86,43 @@ def _stream(make: Callable[[], Connection]) -> Callable[[bytes], None]:
     def fed(stream: bytes) -> None:
         whole = _read(make(), [stream])
         bytewise = _read(make(), (stream[i : i + 1] for i in range(len(stream))))
-        _hold(whole == bytewise, "the cut of the stream shows")
+        _require(whole == bytewise, "the result depends on how the stream is divided")
 
     return fed
 
 
 def _read(connection: Connection, pieces: Iterable[bytes]) -> str:
-    """Everything that came of a stream, as text: NaN is equal to itself there."""
+    """Return all items read from a stream, as a text, in which NaN equals itself."""
     found = []
     for piece in pieces:
         connection.push(piece)
         while (item := connection.pop()) is not None:
             found.append(repr(item))
-            _answered(connection, item)
-        if connection.buffered >= HEADER + connection.limit:  # at every byte: no call, no text
-            raise BrokenError(f"{connection.buffered} bytes are kept")
+            _react(connection, item)
+        if (
+            connection.buffered >= HEADER + connection.limit
+        ):  # checked at every byte, so without a call or text
+            raise BrokenError(f"{connection.buffered} bytes are buffered")
     found += [repr(item) for item in connection.receive_eof()]
-    _hold(connection.closed, "the stream has ended, the connection is open")
+    _require(connection.closed, "the connection is open after the end of the stream")
     return "\n".join(found)
 
 
-def _answered(connection: Connection, item: m.Message | Refusal) -> None:
-    """As a server does at once: answer hello, tell what was refused."""
+def _react(connection: Connection, item: m.Message | Refusal) -> None:
+    """React as a server does: answer hello, and send refusals."""
     if isinstance(item, Refusal):
-        _sayable(item.error)
-        _hold(not item.fatal or connection.pop() is None, "something is read after a fatal fault")
+        _check_error(item.error)
+        _require(not item.fatal or connection.pop() is None, "a message is read after a fatal fault")
     elif isinstance(item, m.Hello):
         connection.send(_WELCOME)
 
 
-def _sayable(error: m.Error) -> None:
+def _check_error(error: m.Error) -> None:
     decode(encode(error)[HEADER:], _DIALECT.server)
-    _hold(len(error.text) <= 512, "the text of an error is too long")
+    _require(len(error.text) <= 512, "the text of an error is too long")
 
 
-def _hold(condition: bool, otherwise: str) -> None:
+def _require(condition: bool, otherwise: str) -> None:
     if not condition:
         raise BrokenError(otherwise)
 
@@ -133,4 +135,4 @@ ROLES: tuple[Callable[[bytes], None], ...] = (
     _stream(_waiting_client),
     _stream(_ready_client),
 )
-"""What reads the bytes: the decoder of either side, and its connection before and after the welcome."""
+"""Decoders of the bytes: that of either side, and its connection before and after the welcome."""

@@ -1,7 +1,7 @@
-"""Writes what is drawn from the code: the tables of SPEC.md, the JSON Schema, the vectors.
+"""Generator of the files derived from the code: the tables of SPEC.md, the JSON Schema, the vectors.
 
-python -m tools.spec            # write
-python -m tools.spec --check    # only compare; 1 if something differs
+python -m tools.spec            # write the files
+python -m tools.spec --check    # compare only; exit status 1 if a file differs
 """
 
 import sys
@@ -16,7 +16,7 @@ HOME = Path(armgate.protocol.__file__).parent
 
 
 def products() -> dict[Path, str]:
-    """Every generated file and what belongs into it."""
+    """Return every generated file with its content."""
     spec = HOME / "SPEC.md"
     vectors = {HOME / "vectors" / name: made() for name, made in FILES.items()}
     return {
@@ -26,7 +26,7 @@ def products() -> dict[Path, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Write or compare; returns the exit status."""
+    """Write or compare the files; return the exit status."""
     if arguments not in ([], ["--check"]):
         print(__doc__, file=sys.stderr)
         return 2

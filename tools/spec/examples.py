@@ -1,4 +1,4 @@
-"""Messages for the vectors: of each type the least, the whole, and what lies at the bounds of a form."""
+"""Messages for the vectors: of each type a minimal and a complete one, and values at the bounds."""
 
 import math
 from collections.abc import Iterator
@@ -71,10 +71,10 @@ EXAMPLES: dict[str, Any] = {
         {"session": "s5", "name": "e", "role": "observer", "token": None, "address": "uid 7", "robots": []},
     ],
 }  # fmt: skip
-"""A value of each field, whatever message it stands in."""
+"""Example value of each field, the same in every message."""
 
 OWN: dict[str, dict[str, Any]] = {"description": {"name": "demo", "robots": [ROBOT]}}
-"""Where a field is something else in one message."""
+"""Example values of fields that have another form in one message."""
 
 LONGEST = "x" * 64
 MOST = 2**63 - 1
@@ -90,26 +90,26 @@ BOUNDS: list[tuple[str, dict[str, Any]]] = [
     ("the largest id", {"type": "ping", "id": 2**31 - 1, "time": 0.0}),
     ("the longest name", {"type": "acquire", "robot": LONGEST}),
     ("every character of names", {"type": "acquire", "robot": "azAZ09_.:/-"}),
-    ("the least speed", {"type": "acquire", "robot": "FR", "speed": 5e-324}),
+    ("the smallest speed", {"type": "acquire", "robot": "FR", "speed": 5e-324}),
     ("the longest text, of more bytes than characters", {"type": "stop", "reason": "é" * 512}),
     ("a text with every kind of character", {"type": "bye", "reason": "\x00\n\"\\ ü 漢 🤖"}),
     ("every version", {"type": "hello", "versions": [1, 65536, *range(2, 16)], "name": "wave"}),
     ("the most numbers of a signal", {"type": "signal", "name": "zoom", "value": [0.25] * 16}),
-    ("all of a subscription", {"type": "subscribe", "every": 10000, "robots": None, "fields": None}),
-    ("nothing of a subscription", {"type": "subscribe", "every": 0, "robots": [], "fields": []}),
-    ("the least piece of an asset", {"type": "asset", "hash": HASH, "offset": MOST, "length": 1}),
+    ("a subscription with all fields", {"type": "subscribe", "every": 10000, "robots": None, "fields": None}),
+    ("a subscription without states", {"type": "subscribe", "every": 0, "robots": [], "fields": []}),
+    ("the smallest piece of an asset", {"type": "asset", "hash": HASH, "offset": MOST, "length": 1}),
 ]  # fmt: skip
 
 
 def messages() -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Side, name and value of every message of the vectors."""
+    """Yield side, name and value of every message of the vectors."""
     for side, models in (("client", m.CLIENT_MESSAGES), ("server", m.SERVER_MESSAGES)):
         for model in models:
             kind = model.model_fields["type"].default
             values = EXAMPLES | OWN.get(kind, {})
             least = {key: values[key] for key, field in model.model_fields.items() if field.is_required()}
             whole = {key: values[key] for key in model.model_fields if key != "type"}
-            yield side, f"{kind}: the least", {"type": kind, **least}
-            yield side, f"{kind}: the whole", {"type": kind, **whole}
+            yield side, f"{kind}: minimal", {"type": kind, **least}
+            yield side, f"{kind}: complete", {"type": kind, **whole}
     for name, value in BOUNDS:
         yield "client", f"{value['type']}: {name}", value

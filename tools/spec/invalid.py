@@ -1,4 +1,4 @@
-"""What a receiver must refuse, by hand: bytes, and the error that is due."""
+"""Payloads that a receiver must refuse, written by hand, with the error that is due."""
 
 import math
 from collections.abc import Iterator
@@ -14,17 +14,17 @@ HELLO = {"type": "hello", "versions": [1], "name": "wave"}
 
 @dataclass(frozen=True)
 class Fault:
-    """A payload and the error that it is due.
+    """Invalid payload and the error that is due.
 
     Attributes:
-        name: What is wrong.
-        statements: Which statements say so.
+        name: Description of the fault.
+        statements: Statements that require the error.
         payload: The bytes.
-        code: The error's code.
-        fatal: Whether it ends the connection.
-        more: What else the error says: ``about``, ``re``, ``seq``.
-        side: Who sends it.
-        state: Where the connection is: ``ready`` or ``await_hello``.
+        code: Code of the error.
+        fatal: True if the error ends the connection.
+        more: Further fields of the error: ``about``, ``re``, ``seq``.
+        side: Side that sends the payload.
+        state: State of the connection: ``ready`` or ``await_hello``.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Fault:
 
 
 def faults() -> Iterator[Fault]:
-    """All of them."""
+    """Yield all faults."""
     yield from _malformed()
     yield from _unknown()
     yield from _wrong_forms()
@@ -59,7 +59,7 @@ _PING = b"\x82\xa4type\xa4ping\xa4time"
 _MALFORMED: list[tuple[str, str, bytes]] = [
     ("PAY-2", "a byte that msgpack reserves", b"\xc1"),
     ("PAY-2", "half a map", b"\x82\xa1a\x01"),
-    ("PAY-2", "a map that ends in its number", _PING + b"\xcb\x00\x00"),
+    ("PAY-2", "a map that ends inside a number", _PING + b"\xcb\x00\x00"),
     ("PAY-2", "bytes after the map", _PING + b"\x01\x01"),
     ("PAY-2", "two maps", _PING + b"\x01" + _PING + b"\x01"),
     ("PAY-2", "an array", _pack(["ping", 1])),
@@ -67,23 +67,23 @@ _MALFORMED: list[tuple[str, str, bytes]] = [
     ("PAY-2", "nil", b"\xc0"),
     ("PAY-2", "a text", _pack("ping")),
     ("PAY-2", "JSON", b'{"type": "ping", "time": 1}'),
-    ("PAY-2", "a text said to hold 4 GiB", b"\x81\xa1a\xdb\xff\xff\xff\xff"),
-    ("PAY-2", "binary data said to hold 4 GiB", b"\x81\xa1a\xc6\xff\xff\xff\xff"),
-    ("PAY-3", "a number as key", b"\x81\x01\x02"),
-    ("PAY-3", "nil as key", b"\x81\xc0\x02"),
-    ("PAY-3", "binary data as key", b"\x81\xc4\x01a\x02"),
-    ("PAY-3", "an array as key", b"\x81\x91\x01\x02"),
-    ("PAY-3", "a number as key of a map inside", b"\x81\xa1m\x81\x01\x02"),
+    ("PAY-2", "a text with a declared length of 4 GiB", b"\x81\xa1a\xdb\xff\xff\xff\xff"),
+    ("PAY-2", "binary data with a declared length of 4 GiB", b"\x81\xa1a\xc6\xff\xff\xff\xff"),
+    ("PAY-3", "a number as a key", b"\x81\x01\x02"),
+    ("PAY-3", "nil as a key", b"\x81\xc0\x02"),
+    ("PAY-3", "binary data as a key", b"\x81\xc4\x01a\x02"),
+    ("PAY-3", "an array as a key", b"\x81\x91\x01\x02"),
+    ("PAY-3", "a number as a key of an inner map", b"\x81\xa1m\x81\x01\x02"),
     ("PAY-4", "a key twice", b"\x82\xa1a\x01\xa1a\x02"),
     ("PAY-4", "the type twice", b"\x83\xa4type\xa4ping\xa4time\x01\xa4type\xa3bye"),
-    ("PAY-4", "a key twice in a map inside", b"\x81\xa1m\x82\xa1a\x01\xa1a\x01"),
-    ("PAY-4", "a key twice, once written longer", b"\x82\xa1a\x01\xd9\x01a\x02"),
+    ("PAY-4", "a key twice in an inner map", b"\x81\xa1m\x82\xa1a\x01\xa1a\x01"),
+    ("PAY-4", "a key twice, in two encodings", b"\x82\xa1a\x01\xd9\x01a\x02"),
     ("PAY-5", "nested 9 deep", _nested(9)),
     ("PAY-5", "nested 5000 deep", _nested(5000)),
     ("PAY-6", "a map of 129 keys", _pack({f"k{i}": 0 for i in range(129)})),
-    ("PAY-6", "a map said to hold 2^32 - 1 keys", b"\xdf\xff\xff\xff\xff"),
+    ("PAY-6", "a map with a declared length of 2^32 - 1 keys", b"\xdf\xff\xff\xff\xff"),
     ("PAY-7", "an array of 257 items", _pack({"type": "ping", "time": 0.0, "a": [0] * 257})),
-    ("PAY-7", "an array said to hold 2^32 - 1 items", b"\x81\xa1a\xdd\xff\xff\xff\xff"),
+    ("PAY-7", "an array with a declared length of 2^32 - 1 items", b"\x81\xa1a\xdd\xff\xff\xff\xff"),
     ("PAY-8", "a text of 4097 bytes", _pack({"type": "ping", "time": 0.0, "a": "x" * 4097})),
     ("PAY-9", "a text that is not UTF-8", b"\x81\xa1a\xa1\xff"),
     ("PAY-9", "a text with a surrogate", b"\x81\xa1a\xa3\xed\xa0\x80"),
@@ -91,7 +91,7 @@ _MALFORMED: list[tuple[str, str, bytes]] = [
     ("PAY-10", "an extension of 1 byte", b"\x81\xa1a\xd4\x05\x00"),
     ("PAY-10", "an extension of 16 bytes", b"\x81\xa1a\xd8\x05" + bytes(16)),
     ("PAY-10", "an extension of no bytes", b"\x81\xa1a\xc7\x00\x05"),
-    ("PAY-10", "an extension said to hold 4 GiB", b"\x81\xa1a\xc9\xff\xff\xff\xff\x05"),
+    ("PAY-10", "an extension with a declared length of 4 GiB", b"\x81\xa1a\xc9\xff\xff\xff\xff\x05"),
     ("PAY-10", "a time stamp of 32 bits", b"\x81\xa1a\xd6\xff\x00\x00\x00\x01"),
     ("PAY-10", "a time stamp of 64 bits", b"\x81\xa1a\xd7\xff" + bytes(8)),
     ("PAY-10", "a time stamp of 96 bits", b"\x81\xa1a\xc7\x0c\xff" + bytes(12)),
@@ -106,16 +106,16 @@ def _malformed() -> Iterator[Fault]:
 def _unknown() -> Iterator[Fault]:
     for kind, about in (("tea", "tea"), ("Ping", "Ping"), ("state", "state"), ("error", "error"), ("", None)):
         payload = _pack({"type": kind, "id": 9})
-        told = {"about": about, "re": 9} if about else {"re": 9}
-        yield Fault(f"a message of type {kind!r}", ("ERR-3",), payload, "unknown_type", False, told)
-    strange: list[object] = [None, 7, True, b"ping", ["ping"], {}]
-    for one in strange:
+        more = {"about": about, "re": 9} if about else {"re": 9}
+        yield Fault(f"a message of type {kind!r}", ("ERR-3",), payload, "unknown_type", False, more)
+    wrong: list[object] = [None, 7, True, b"ping", ["ping"], {}]
+    for one in wrong:
         payload = _pack({"type": one, "time": 0.0})
         yield Fault(f"the type {one!r}", ("ERR-4",), payload, "invalid_message", False, {})
     yield Fault("no type", ("ERR-4",), _pack({"time": 0.0}), "invalid_message", False, {})
     second = _pack(HELLO | {"id": 3})
-    told = {"about": "hello", "re": 3}
-    yield Fault("a second hello", ("HEL-6", "CON-2"), second, "unexpected", True, told)
+    more = {"about": "hello", "re": 3}
+    yield Fault("a second hello", ("HEL-6", "CON-2"), second, "unexpected", True, more)
 
 
 _WRONG: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
@@ -180,7 +180,7 @@ def _wrong_forms() -> Iterator[Fault]:
 
 def _missing() -> Iterator[Fault]:
     for side, name, value in messages():
-        if not name.endswith(": the least") or value["type"] == "hello" or value["type"] == "welcome":
+        if not name.endswith(": minimal") or value["type"] == "hello" or value["type"] == "welcome":
             continue
         for field in value:
             if field != "type":
@@ -189,10 +189,10 @@ def _missing() -> Iterator[Fault]:
 
 
 def _invalid(name: str, statements: tuple[str, ...], value: dict[str, Any], side: str = "client") -> Fault:
-    told: dict[str, Any] = {"about": value["type"]}
+    more: dict[str, Any] = {"about": value["type"]}
     if value["type"] == "command" and type(seq := value.get("seq")) is int and 0 <= seq < 2**63:
-        told["seq"] = seq
-    return Fault(name, tuple(dict.fromkeys(statements)), _pack(value), "invalid_message", False, told, side)
+        more["seq"] = seq
+    return Fault(name, tuple(dict.fromkeys(statements)), _pack(value), "invalid_message", False, more, side)
 
 
 def _before_the_welcome() -> Iterator[Fault]:
@@ -206,14 +206,14 @@ def _before_the_welcome() -> Iterator[Fault]:
         ("HEL-5", "hello with version 65537", HELLO | {"versions": [65537]}, "invalid_message"),
         ("HEL-5", "hello with 17 versions", HELLO | {"versions": list(range(1, 18))}, "invalid_message"),
         ("HEL-5", "hello without a name", {"type": "hello", "versions": [1]}, "invalid_message"),
-        ("HEL-5", "hello of a role that is none", HELLO | {"role": "king"}, "invalid_message"),
+        ("HEL-5", "hello with an unknown role", HELLO | {"role": "king"}, "invalid_message"),
         ("HEL-5", "hello with an empty token", HELLO | {"token": ""}, "invalid_message"),
-        ("HEL-5", "hello with a token too long", HELLO | {"token": "x" * 257}, "invalid_message"),
-        ("VER-4", "hello of versions that nobody speaks", HELLO | {"versions": [65535, 65536]}, "version"),
+        ("HEL-5", "hello with a token that is too long", HELLO | {"token": "x" * 257}, "invalid_message"),
+        ("VER-4", "hello with unsupported versions", HELLO | {"versions": [65535, 65536]}, "version"),
     ]
     for statement, name, value, code in first:
-        told = {"about": value["type"]} | ({"seq": value["seq"]} if "seq" in value else {})
-        yield Fault(name, (statement,), _pack(value), code, True, told, state="await_hello")
+        more = {"about": value["type"]} | ({"seq": value["seq"]} if "seq" in value else {})
+        yield Fault(name, (statement,), _pack(value), code, True, more, state="await_hello")
 
 
 def _short(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Bytes that must be read, though our own side would not write them so."""
+"""Payloads in encodings that armgate does not write, but every receiver must read."""
 
 import struct
 from collections.abc import Iterator
@@ -8,20 +8,20 @@ import msgpack
 
 from tools.spec.examples import AT
 
-Unusual = tuple[str, tuple[str, ...], bytes, dict[str, Any]]
+Payload = tuple[str, tuple[str, ...], bytes, dict[str, Any]]
 
 _PING = {"type": "ping", "time": 1.0}
 _TYPE = b"\xa4type\xa4ping"
 
 
-def unusual() -> Iterator[Unusual]:
-    """Name, statements, payload, and the fields that it means."""
+def readable() -> Iterator[Payload]:
+    """Yield name, statements, payload and decoded fields."""
     yield from _longer_forms()
     yield from _numbers()
-    yield from _to_be_ignored()
+    yield from _ignored()
 
 
-def _longer_forms() -> Iterator[Unusual]:
+def _longer_forms() -> Iterator[Payload]:
     whole = b"\x82" + _TYPE + b"\xa4time\x01"
     forms = {
         "a map of 16 bits": b"\xde\x00\x02" + whole[1:],
@@ -40,7 +40,7 @@ def _longer_forms() -> Iterator[Unusual]:
     yield "an array of 32 bits", ("PAY-12",), head + b"\xdd\x00\x00\x00\x01\x00", command
 
 
-def _numbers() -> Iterator[Unusual]:
+def _numbers() -> Iterator[Payload]:
     head = b"\x82" + _TYPE + b"\xa4time"
     yield "an integer as number", ("PAY-13",), head + b"\x01", _PING
     yield "an integer of 64 bits", ("PAY-12", "PAY-13"), head + b"\xcf" + bytes(7) + b"\x01", _PING
@@ -56,19 +56,19 @@ def _numbers() -> Iterator[Unusual]:
     yield "a signed count", ("PAY-12",), seq, {"type": "command", **AT, "dq": []}
 
 
-def _to_be_ignored() -> Iterator[Unusual]:
-    strange: dict[str, Any] = {
+def _ignored() -> Iterator[Payload]:
+    extra: dict[str, Any] = {
         "a key": 1,
-        "keys that are of other messages": {"a": None},
+        "keys of other messages": {"a": None},
         "a map of 128 keys": {f"k{i}": i for i in range(128)},
         "an array of 256 items": [0] * 256,
         "a text of 4096 bytes": "x" * 4096,
         "binary data": b"\x00" * 300,
         "NaN": float("nan"),
     }
-    for name, value in strange.items():
+    for name, value in extra.items():
         yield f"to be ignored: {name}", ("EVO-1",), msgpack.packb(_PING | {"wind": value}), _PING
     deep = b"\x83" + msgpack.packb(_PING)[1:] + b"\xa4wind" + b"\x91" * 7 + b"\x01"
     yield "to be ignored: nested 8 deep", ("EVO-1", "PAY-5"), deep, _PING
     payload = msgpack.packb(_PING | {f"k{i}": i for i in range(126)})
-    yield "to be ignored: 126 keys beside", ("EVO-1", "PAY-6"), payload, _PING
+    yield "to be ignored: 126 further keys", ("EVO-1", "PAY-6"), payload, _PING

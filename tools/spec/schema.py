@@ -1,4 +1,4 @@
-"""The JSON Schema of all messages, from the models."""
+"""Generator of the JSON Schema of all messages, from the models."""
 
 import json
 from typing import Any
@@ -8,14 +8,14 @@ from pydantic.json_schema import models_json_schema
 from armgate.protocol import messages as m
 
 _ABOUT = (
-    "The messages of the armgate protocol, version 1, as JSON values: what msgpack calls binary data is a "
-    "text here. JSON has no NaN and no infinities, which may stand in the dq of a command, and does not tell "
-    "1 from 1.0; the text of the specification does."
+    "The messages of the armgate protocol, version 1, as JSON values: binary data of msgpack is a text here. "
+    "JSON has neither NaN nor infinities, which the dq of a command may contain, and does not distinguish 1 "
+    "from 1.0. The text of the specification covers both."
 )
 
 
 def schema() -> str:
-    """The schema, as JSON: ``$defs`` holds every message and map, and what either side says."""
+    """Return the schema, as JSON: ``$defs`` holds every message and map, and the messages of each side."""
     models = list(dict.fromkeys((*m.CLIENT_MESSAGES, *m.SERVER_MESSAGES)))
     _, found = models_json_schema([(model, "validation") for model in models])
     definitions = _bare(found["$defs"])
@@ -27,7 +27,7 @@ def schema() -> str:
         "title": "armgate protocol 1",
         "description": _ABOUT,
         "anyOf": [{"$ref": f"#/$defs/{side}"} for side in sides],
-        "$defs": {side: {"oneOf": [_ref(model) for model in said]} for side, said in sides.items()}
+        "$defs": {side: {"oneOf": [_ref(model) for model in members]} for side, members in sides.items()}
         | definitions,
     }
     return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
@@ -38,7 +38,7 @@ def _ref(model: type[m.Message]) -> dict[str, str]:
 
 
 def _bare(part: Any) -> Any:
-    """Without the titles that repeat the names of the fields, and with descriptions on one line."""
+    """Remove the titles, which repeat the field names, and put each description on one line."""
     if isinstance(part, list):
         return [_bare(item) for item in part]
     if not isinstance(part, dict):

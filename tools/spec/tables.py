@@ -1,4 +1,4 @@
-"""The tables and diagrams of SPEC.md, drawn from the models, the transition tables and the table of codes."""
+"""Generator of the tables and diagrams of SPEC.md, from the models, transition tables and error codes."""
 
 import re
 import types
@@ -31,30 +31,30 @@ _TYPES = {bool: "bool", int: "integer", float: "number", str: "text", bytes: "bi
 
 
 def client_messages() -> str:
-    """What clients say."""
+    """Return the table of the client's messages."""
     return _messages(m.CLIENT_MESSAGES)
 
 
 def server_messages() -> str:
-    """What the server says."""
+    """Return the table of the server's messages."""
     return _messages(m.SERVER_MESSAGES)
 
 
 def parts() -> str:
-    """The maps inside messages."""
+    """Return the table of the maps inside messages."""
     found = [x for x in vars(m).values() if isinstance(x, type) and issubclass(x, m.Part) and x is not m.Part]
     rows = [(f"**{part.__name__}**", "", "", _summary(part)) for part in found]
-    return _table(("map", "field", "form", "if left out, or what"), _with_fields(rows, found))
+    return _table(("map", "field", "form", "default, or description"), _with_fields(rows, found))
 
 
 def answers() -> str:
-    """Which request is answered by what."""
+    """Return the table of requests and answers."""
     rows = [(f"`{_type(request)}`", f"`{_type(answer)}`") for request, answer in m.ANSWERS.items()]
     return _table(("request", "answer"), rows)
 
 
 def error_codes() -> str:
-    """The codes of errors."""
+    """Return the table of error codes."""
     rows = [
         (f"`{code}`", "yes" if info.fatal else "no", info.meaning, info.advice)
         for code, info in CODES.items()
@@ -63,7 +63,7 @@ def error_codes() -> str:
 
 
 def connection_machine() -> str:
-    """The connection: what may be said, as a table and as a diagram."""
+    """Return the state machine of a connection, as a diagram and a table."""
     grouped: dict[tuple[State, Side, State], list[str]] = {}
     for (state, side, event), following in connection.TRANSITIONS.items():
         grouped.setdefault((state, side, following), []).append(event)
@@ -72,20 +72,20 @@ def connection_machine() -> str:
     rows, edges = [], []
     for key in keys:
         state, side, following = key
-        said = ", ".join(_said(grouped[key], side))
-        client, server = (said, "") if side is Side.CLIENT else ("", said)
+        sent = ", ".join(_events_in_words(grouped[key], side))
+        client, server = (sent, "") if side is Side.CLIENT else ("", sent)
         rows.append((state.value, client, server, following.value))
-        edges.append((state.value, following.value, f"{side.value}: {said.replace('`', '')}"))
+        edges.append((state.value, following.value, f"{side.value}: {sent.replace('`', '')}"))
     return _diagram(edges, start=order[0].value, end=order[-1].value) + "\n\n" + _table(
-        ("state", "the client says", "the server says", "then"), rows
+        ("state", "the client sends", "the server sends", "next state"), rows
     )  # fmt: skip
 
 
 def lease_machine() -> str:
-    """The lease of one robot, as a table and as a diagram."""
+    """Return the state machine of a lease, as a diagram and a table."""
     rows = [(a.value, event.value, b.value) for (a, event), b in lease.TRANSITIONS.items()]
     edges = [(a, b, event) for a, event, b in rows]
-    return _diagram(edges, start=rows[0][0]) + "\n\n" + _table(("lease is", "event", "then"), rows)
+    return _diagram(edges, start=rows[0][0]) + "\n\n" + _table(("state", "event", "next state"), rows)
 
 
 BLOCKS: dict[str, Callable[[], str]] = {
@@ -119,7 +119,7 @@ def filled(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
 
 def _messages(models: Sequence[type[m.Message]]) -> str:
     rows = [(f"**`{_type(model)}`**", "", "", _summary(model)) for model in models]
-    return _table(("type", "field", "form", "if left out, or what"), _with_fields(rows, models))
+    return _table(("type", "field", "form", "default, or description"), _with_fields(rows, models))
 
 
 def _with_fields(
@@ -155,7 +155,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def form(kind: Any) -> str:
-    """An annotation in words."""
+    """Return an annotation in words."""
     known = [name for alias, name in _FORMS if kind == alias]
     return known[0] if known else _unnamed(kind, get_origin(kind), get_args(kind))
 
@@ -217,7 +217,7 @@ def _range(bounds: dict[type, Any]) -> str:
 # --- machines ---------------------------------------------------------------------------------------------
 
 
-def _said(events: list[str], side: Side) -> Iterable[str]:
+def _events_in_words(events: list[str], side: Side) -> Iterable[str]:
     models = m.CLIENT_MESSAGES if side is Side.CLIENT else m.SERVER_MESSAGES
     others = {_type(model) for model in models} - {"hello", "welcome", "bye"}
     left = list(events)

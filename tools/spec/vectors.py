@@ -1,4 +1,4 @@
-"""The vectors: JSON files with bytes in hex, made from the examples, the faults and the streams."""
+"""Generator of the vectors: JSON files with bytes in hexadecimal digits."""
 
 import json
 import math
@@ -12,27 +12,27 @@ from armgate.protocol.framing import HEADER
 from armgate.protocol.versions import DIALECTS
 from tools.spec.examples import messages
 from tools.spec.invalid import faults
-from tools.spec.readable import unusual
+from tools.spec.readable import readable as readable_payloads
 from tools.spec.streams import STREAMS
 
 _SIDES = {"client": DIALECTS[0].client, "server": DIALECTS[0].server}
 
 
 def valid() -> str:
-    """Messages and their bytes, both ways."""
+    """Return the messages whose bytes are read and written."""
     return _lines(_both_ways(side, name, value) for side, name, value in messages())
 
 
 def readable() -> str:
-    """Bytes that mean a message, though they are not the shortest, or hold what is to be ignored."""
+    """Return the payloads in other encodings, or with keys to be ignored."""
     return _lines(
-        {"name": name, "statements": list(told), "from": "client", "hex": data.hex(), "value": to_json(value)}
-        for name, told, data, value in unusual()
+        {"name": name, "statements": list(ids), "from": "client", "hex": data.hex(), "value": to_json(value)}
+        for name, ids, data, value in readable_payloads()
     )
 
 
 def invalid() -> str:
-    """Bytes that are refused, and how."""
+    """Return the payloads that are refused, with their errors."""
     return _lines(
         {
             "name": fault.name,
@@ -47,15 +47,15 @@ def invalid() -> str:
 
 
 def streams() -> str:
-    """Pieces of a stream, and what is read from them."""
+    """Return the streams in pieces, with their events."""
     return _lines(
         {
             "name": name,
-            "statements": list(told),
+            "statements": list(ids),
             "pieces": [{"hex": data.hex(), "times": times} for data, times in pieces],
             "events": [e if isinstance(e, str) else {"code": e[0], "fatal": e[1]} for e in events],
         }
-        for name, told, pieces, events in STREAMS
+        for name, ids, pieces, events in STREAMS
     )
 
 
@@ -69,10 +69,10 @@ FILES: dict[str, Callable[[], str]] = {
 
 def _both_ways(side: str, name: str, value: dict[str, Any]) -> dict[str, Any]:
     payload = _payload(side, value)
-    told = to_json(msgpack.unpackb(payload))  # its keys in the order of the bytes
-    if told != to_json(value):
-        raise ValueError(f"{name}: written as {told}")
-    return {"name": name, "from": side, "value": told, "hex": payload.hex()}
+    decoded = to_json(msgpack.unpackb(payload))  # with keys in the order of the bytes
+    if decoded != to_json(value):
+        raise ValueError(f"{name}: encoded as {decoded}")
+    return {"name": name, "from": side, "value": decoded, "hex": payload.hex()}
 
 
 def _payload(side: str, value: dict[str, Any]) -> bytes:
@@ -82,18 +82,18 @@ def _payload(side: str, value: dict[str, Any]) -> bytes:
 
 
 def _lines(vectors: Iterable[dict[str, Any]]) -> str:
-    """A JSON array with one vector a line, so that a change shows as the lines that it touches."""
+    """Return a JSON array with one vector per line, so that a diff shows only the changed vectors."""
     lines = [json.dumps(vector, ensure_ascii=False, allow_nan=False) for vector in vectors]
     return "[\n" + ",\n".join(lines) + "\n]\n"
 
 
-# --- values in JSON -----------------------------------------------------------------------------------------
+# --- values in JSON ---------------------------------------------------------------------------------------
 
 _EXACT = 2**53
 
 
 def to_json(value: Any) -> Any:
-    """A decoded payload as JSON holds it."""
+    """Return a decoded payload in JSON's types; a map with one ``$`` key represents any other value."""
     match value:
         case bytes():
             return {"$hex": value.hex()}
@@ -109,7 +109,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(value: Any) -> Any:
-    """The same, back."""
+    """Return the decoded payload of a JSON value."""
     match value:
         case {"$hex": text}:
             return bytes.fromhex(text)

@@ -1,1 +1,1 @@
-"""Search with valid messages only: the daemon must keep the specification whatever clients send."""
+"""Fuzzer that sends valid messages only: the daemon must conform to the specification for all of them."""

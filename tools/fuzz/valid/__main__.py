@@ -1,7 +1,8 @@
-"""Search for valid messages that make the daemon break its specification.
+"""Search for valid messages that make the daemon violate its specification.
 
-``python -m tools.fuzz.valid [RUNS [SEED]]``: RUNS messages to cores in memory, in cells of 1 to 32 robots
-with up to 64 joints, by the wall clock and in lock-step. Ends with 0, or with 1 and the seed of what broke.
+``python -m tools.fuzz.valid [RUNS [SEED]]``: send RUNS messages to cores in memory, in cells of 1 to 32
+robots with up to 64 joints, by the wall clock and in lock-step. The exit status is 0, or 1 with the seed of a
+failure.
 """
 
 import asyncio
@@ -17,7 +18,7 @@ from tools.fuzz.valid.rig import Rig
 _ROBOTS = (1, 2, 2, 2, 3, 3, 4, 8, 32)
 _JOINTS = (1, 3, 6, 6, 7, 12, 40, 64)
 _EPISODE, _LEAST = 8000, 150
-"""Messages to a small cell, and to the largest, whose ticks take longer."""
+"""Number of messages to a small cell, and to the largest, whose ticks take longer."""
 
 
 def main(arguments: list[str]) -> int:
@@ -31,7 +32,7 @@ def main(arguments: list[str]) -> int:
 
 
 async def search(runs: int, seed: int) -> int:
-    """Send so many messages; return the exit status."""
+    """Send ``runs`` messages; return the exit status."""
     sent, began = 0, time.monotonic()
     while sent < runs:
         try:
@@ -46,12 +47,12 @@ async def search(runs: int, seed: int) -> int:
 
 
 def episode(seed: int, most: int) -> tuple[int, str]:
-    """Send at most so many messages to one cell; return how many, and what kind of cell it was.
+    """Send at most ``most`` messages to one cell; return their number and a description of the cell.
 
     Raises:
-        UnkeptError: The specification was not kept.
+        ViolationError: The daemon violated the specification.
     """
-    rng = Random(seed)  # noqa: S311 (a search that can be repeated)
+    rng = Random(seed)  # noqa: S311 (a reproducible search)
     robots, joints, lockstep = rng.choice(_ROBOTS), rng.choice(_JOINTS), rng.random() < 0.3
     count = min(most, max(_LEAST, _EPISODE // max(1, robots * joints // 8)))
     with tempfile.TemporaryDirectory() as folder:

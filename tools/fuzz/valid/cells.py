@@ -6,7 +6,7 @@ from random import Random
 from armgate.cell.config import CellConfig, load_config
 
 _BODIES = 3
-"""Links of a robot with a body."""
+"""Number of links with a body in each robot."""
 
 PARTICIPANTS = ("lead", "follow", "wave")
 

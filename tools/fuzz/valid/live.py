@@ -11,8 +11,8 @@ from armgate.cell.cell import build_cell
 from armgate.protocol import Connection, Refusal, Side
 from armgate.protocol import messages as m
 from tools.fuzz.valid import cells
-from tools.fuzz.valid.oracle import Expectations, Knowledge, UnkeptError, hold
-from tools.fuzz.valid.speaker import Speaker
+from tools.fuzz.valid.generator import MessageGenerator
+from tools.fuzz.valid.oracle import Expectations, Knowledge, ViolationError, require
 
 _ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator", "controller")
 _LEAVE = 0.003
@@ -30,7 +30,7 @@ class LiveClient:
 
     def __init__(self, knowledge: Knowledge, rng: Random) -> None:
         self.expects = Expectations(knowledge, exact=False)
-        self.speaker = Speaker(rng, knowledge)
+        self.generator = MessageGenerator(rng, knowledge)
         self._connection = Connection(Side.CLIENT)
         self._news = asyncio.Event()
         self._writer: asyncio.StreamWriter
@@ -45,14 +45,14 @@ class LiveClient:
 
     def send(self, message: m.Message) -> None:
         """Send a message."""
-        self.expects.said(message)
+        self.expects.note_sent(message)
         self._writer.write(self._connection.send(message))
 
     async def answered(self) -> None:
         """Wait until nothing is due any more.
 
         Raises:
-            UnkeptError: The server broke the specification, or does not answer.
+            ViolationError: The server broke the specification, or does not answer.
         """
         async with asyncio.timeout(_PATIENCE):
             while self.expects.waiting and not self.expects.ended and not self._task.done():
@@ -80,10 +80,10 @@ class LiveClient:
             while data := await reader.read(1 << 16):
                 for item in self._connection.receive(data):
                     if isinstance(item, Refusal):
-                        raise UnkeptError(f"the server sent what a client refuses: {item}")
-                    self.expects.heard(item)
+                        raise ViolationError(f"the server sent what a client refuses: {item}")
+                    self.expects.check(item)
                 self._news.set()
-            hold(self.expects.ended, "the server closed without a word")
+            require(self.expects.ended, "the server closed without a word")
         finally:
             self._news.set()
 
@@ -107,7 +107,7 @@ class Live:
         """Have so many clients send so many messages each, lift all stops, and end the daemon.
 
         Raises:
-            UnkeptError: The specification was not kept, or the daemon failed.
+            ViolationError: The specification was not kept, or the daemon failed.
         """
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "armgate.apps", "serve", str(self._file), "--port", "0",
@@ -117,13 +117,13 @@ class Live:
         errors = asyncio.create_task(_all_of(process.stderr))
         try:
             line = (await process.stdout.readline()).decode()
-            hold("listening" in line, f"the daemon did not start: {line}")
+            require("listening" in line, f"the daemon did not start: {line}")
             port = int(line.rpartition(":")[2])
             await asyncio.gather(*(self._converse(port, number, messages) for number in range(clients)))
             await self._recover(port)
             process.send_signal(signal.SIGTERM)
             status = await asyncio.wait_for(process.wait(), _PATIENCE)
-            hold(status == 0, f"the daemon ended with {status}: {(await errors)[-3000:]}")
+            require(status == 0, f"the daemon ended with {status}: {(await errors)[-3000:]}")
         finally:
             if process.returncode is None:
                 process.kill()
@@ -143,7 +143,7 @@ class Live:
                 client = self._client()
                 await client.open(port, f"c{number}", self._rng.choice(_ROLES))
             for _ in range(self._rng.choice((1, 1, 5, 40))):
-                client.send(client.speaker.next())
+                client.send(client.generator.next())
                 sent += 1
             if self._rng.random() < 0.5:
                 await client.answered()
@@ -165,7 +165,7 @@ class Live:
             operator.send(m.Acquire(id=2**30 + number, robot=robot.name))
         await operator.answered()
         held = set(operator.expects.known.fences)
-        hold(held == {robot.name for robot in self._cell.robots}, f"only {held} can be acquired")
+        require(held == {robot.name for robot in self._cell.robots}, f"only {held} can be acquired")
         await operator.leave()
 
     async def _stops(self, operator: LiveClient) -> set[int]:

@@ -19,8 +19,8 @@ from armgate.links.log import Log
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m
 from tools.fuzz.valid import cells
-from tools.fuzz.valid.oracle import Expectations, Knowledge, UnkeptError, hold
-from tools.fuzz.valid.speaker import Speaker
+from tools.fuzz.valid.generator import MessageGenerator
+from tools.fuzz.valid.oracle import Expectations, Knowledge, ViolationError, require
 
 _ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator")
 _CLIENTS = 6
@@ -47,7 +47,7 @@ class Client:
         self.robots: frozenset[str] | None = None
         self.subscription: Subscription | None = None
         self.expects = Expectations(rig.knowledge(), exact=True)
-        self.speaker = Speaker(rig.rng, self.expects.known).only(rig.types)
+        self.generator = MessageGenerator(rig.rng, self.expects.known).only(rig.types)
         self.gone = False
         self._rig, self._number = rig, number
         self._here, self._there = Connection(Side.CLIENT), Connection(Side.SERVER)
@@ -91,17 +91,17 @@ class Client:
     def _deliver(self, frame: bytes) -> None:
         for item in self._here.receive(frame):
             if isinstance(item, Refusal):
-                raise UnkeptError(f"the server sent what a client refuses: {item}")
-            self.expects.heard(item)
+                raise ViolationError(f"the server sent what a client refuses: {item}")
+            self.expects.check(item)
 
     # --- the client's end ---------------------------------------------------------------------------------
 
     def send(self, message: m.Message) -> None:
         """Send a message; the server acts on it at once."""
-        self.expects.said(message)
+        self.expects.note_sent(message)
         for item in self._there.receive(self._here.send(message)):
             if isinstance(item, Refusal):
-                raise UnkeptError(f"a valid message was refused: {item}")
+                raise ViolationError(f"a valid message was refused: {item}")
             self._rig.heard(self, item)
 
     def speak_early(self, message: m.Message) -> None:
@@ -110,7 +110,7 @@ class Client:
         frame.send(m.Hello(versions=(1,), name="x"))
         frame.state = type(frame.state).READY
         (item,) = self._there.receive(frame.send(message))
-        hold(isinstance(item, Refusal) and item.error.code == "unexpected", f"before hello: {item}")
+        require(isinstance(item, Refusal) and item.error.code == "unexpected", f"before hello: {item}")
         self.gone = True
 
     def join(self) -> None:
@@ -186,7 +186,7 @@ class Rig:
         """Send so many messages, then lift all stops and have every robot acquired.
 
         Raises:
-            UnkeptError: The specification was not kept.
+            ViolationError: The specification was not kept.
         """
         for _ in range(messages):
             self._turn()
@@ -204,7 +204,7 @@ class Rig:
                 self.pace.handle(client, message)
             case _:
                 self.core.handle(client, message)
-                hold(not client.expects.waiting, f"{message.type} was not answered at once")
+                require(not client.expects.waiting, f"{message.type} was not answered at once")
 
     # --- inside -------------------------------------------------------------------------------------------
 
@@ -225,7 +225,7 @@ class Rig:
             client.gone = True
             self._closed(client)
             return
-        client.send(client.speaker.next())
+        client.send(client.generator.next())
         if isinstance(self.pace, Wall) and self.rng.random() < _TICK:
             self.pace.tick()
 
@@ -234,7 +234,7 @@ class Rig:
         name = name or (self.rng.choice(free) if free and self.lockstep else self.rng.choice("abc"))
         client = Client(self, next(self._numbers), name, self.rng.choice(_ROLES) if role is None else role)
         if self.rng.random() < _EARLY:
-            client.speak_early(client.speaker.next())
+            client.speak_early(client.generator.next())
             return client
         client.join()
         if not client.gone:
@@ -276,7 +276,7 @@ class Rig:
 
     def _closed(self, client: Client) -> None:
         if not self.lockstep:
-            hold(client.id not in self.core.peers, "a session that said bye is still there")
+            require(client.id not in self.core.peers, "a session that said bye is still there")
 
     def _recover(self) -> None:
         """An operator lifts every stop, and a controller gets every robot: the server works as before."""
@@ -292,10 +292,10 @@ class Rig:
         for stop in sorted(stops):
             operator.send(m.Reset(id=stop, stop=stop))
         left = {robot: self.core._runner.view(robot).stops for robot in self.core.robots}
-        hold(not any(left.values()), f"stops cannot be lifted: {left}")
+        require(not any(left.values()), f"stops cannot be lifted: {left}")
         for number, robot in enumerate(self.core.robots):
             operator.send(m.Acquire(id=2**30 + number, robot=robot))
-        hold(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
+        require(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
 
     def _part(self) -> None:
         for client in self.clients:

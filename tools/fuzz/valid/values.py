@@ -1,4 +1,4 @@
-"""Random values of the messages' own annotations, the bounds among them."""
+"""Random values of the messages' annotations, including their bounds."""
 
 import string
 import typing
@@ -24,16 +24,16 @@ _TEXTS = ("", "a", "x" * 512, "é" * 512, "漢🤖", "\x00\n\x1b[31m", "token", 
 
 @cache
 def fields_of(model: type[m.Message]) -> dict[str, Make]:
-    """Return what makes a random value of each field of a message."""
+    """Return a generator of random values for each field of a message."""
     hints = typing.get_type_hints(model, include_extras=True)
     return {name: of(hints[name]) for name in model.model_fields if name != "type"}
 
 
 def of(kind: Any) -> Make:
-    """Return what makes random values of an annotation.
+    """Return a generator of random values for an annotation.
 
     Raises:
-        KeyError: Messages from clients hold nothing of this kind yet: it has to be added here.
+        KeyError: No message of a client has a field of this kind yet; add it here.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:

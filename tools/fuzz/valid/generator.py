@@ -1,4 +1,4 @@
-"""Makes valid messages: random ones, and such as a client would send that knows its cell."""
+"""Generator of valid messages: random ones, and plausible ones for the state of the cell."""
 
 from collections.abc import Callable
 from random import Random
@@ -15,7 +15,7 @@ _WEIGHTS: dict[type[m.Message], int] = {
     m.Command: 40, m.Acquire: 8, m.Release: 3, m.Subscribe: 4, m.Signal: 6, m.Stop: 4, m.Reset: 6, m.Ping: 6,
     m.Asset: 2, m.Describe: 1, m.Pass: 3,
 }  # fmt: skip
-"""How often each type is sent; a type that is not named here has weight 1."""
+"""Relative frequency of each type; a type that is not listed has weight 1."""
 
 _HINTED = 0.9
 _LEFT_OUT = 0.4
@@ -52,22 +52,22 @@ _HINTS: dict[str, Hint] = {
     "tick": _tick,
     "dq": _dq,
     "step": lambda rng, known: known.step,
-    "stop": lambda rng, known: rng.choice(known.told) if known.told else 1,
+    "stop": lambda rng, known: rng.choice(known.stops_seen) if known.stops_seen else 1,
     "hash": lambda rng, known: rng.choice(known.assets) if known.assets else "0" * 64,
     "offset": lambda rng, known: rng.choice((0, 100)),
     "every": lambda rng, known: rng.choice((1, 1, 2, 7)),
     "speed": lambda rng, known: 1.0,
     "takeover": lambda rng, known: rng.random() < 0.2,
 }
-"""Values that a client would send; others of the schema are sent now and then."""
+"""Plausible values by field; other valid values are sent occasionally."""
 
 
-class Speaker:
-    """Random messages of one client.
+class MessageGenerator:
+    """Generator of one client's random messages.
 
     Args:
-        rng: The source of all choices.
-        known: What the client was told so far.
+        rng: Source of all choices.
+        known: Knowledge of the client.
     """
 
     def __init__(self, rng: Random, known: Knowledge) -> None:
@@ -77,8 +77,8 @@ class Speaker:
         self._types = {model: _WEIGHTS.get(model, 1) for model in types}
         self._id = 0
 
-    def only(self, types: frozenset[type[m.Message]]) -> "Speaker":
-        """Send these types only."""
+    def only(self, types: frozenset[type[m.Message]]) -> "MessageGenerator":
+        """Generate these types only."""
         self._types = {model: weight for model, weight in self._types.items() if model in types}
         return self
 
