@@ -11,9 +11,9 @@ from armgate.gate.stops import Stops
 from armgate.protocol import messages as m
 from tools.fuzz.valid.__main__ import main
 from tools.fuzz.valid.live import Live
-from tools.fuzz.valid.oracle import UnkeptError
+from tools.fuzz.valid.oracle import ViolationError
 from tools.fuzz.valid.rig import Rig
-from tools.fuzz.valid.speaker import Speaker
+from tools.fuzz.valid.generator import MessageGenerator
 from tools.fuzz.valid.values import fields_of
 
 
@@ -40,16 +40,16 @@ async def test_valid_messages_over_sockets_never_break_a_daemon(robots, joints, 
 async def test_a_daemon_that_fails_is_noticed(tmp_path):
     live = Live(tmp_path, Random(1), 1, 1)
     live._file.write_text("armgate: 1\nname: nothing\nrobots: {}\n")
-    with pytest.raises(UnkeptError, match="did not start"):
+    with pytest.raises(ViolationError, match="did not start"):
         await live.run(clients=1, messages=1)
 
 
 def test_every_type_of_message_is_sent_with_every_field(tmp_path):
     rig = Rig(tmp_path, Random(1), 1, 2, lockstep=False)
-    speaker = Speaker(rig.rng, rig.knowledge())
+    generator = MessageGenerator(rig.rng, rig.knowledge())
     seen = {}
     for _ in range(6000):
-        message = speaker.next()
+        message = generator.next()
         seen.setdefault(type(message), set()).update(message.model_fields_set - {"type"})
     assert set(seen) == set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye}
     assert all(fields == set(fields_of(model)) for model, fields in seen.items())
@@ -114,7 +114,7 @@ def replaced_not_told(patch):
 )
 async def test_planted_defects_are_found(plant, how, tmp_path, monkeypatch):
     plant(monkeypatch)
-    with pytest.raises((UnkeptError, ValueError)):
+    with pytest.raises((ViolationError, ValueError)):
         _search(tmp_path, how)
 
 
