@@ -102,7 +102,7 @@ def test_a_bomb_of_zeros_behind_a_header_is_refused(tmp_path, header):
     data = file.read_bytes()
     end = data.index(b"\x0f\x04" + bytes(7))  # the end of the data
     file.write_bytes(data[:end] + chunk[: 9 + int.from_bytes(chunk[1:9], "little")] + data[end:])
-    assert "no armgate writes that" in refused(command("report", tmp_path, memory=MEMORY))
+    assert "armgate writes no such chunk" in refused(command("report", tmp_path, memory=MEMORY))
 
 
 def test_a_plan_of_a_billion_increments_is_refused_at_once(tmp_path, content):

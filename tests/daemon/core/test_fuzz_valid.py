@@ -10,10 +10,10 @@ from armgate.daemon.pace.barrier import Barrier
 from armgate.gate.stops import Stops
 from armgate.protocol import messages as m
 from tools.fuzz.valid.__main__ import main
+from tools.fuzz.valid.generator import MessageGenerator
 from tools.fuzz.valid.live import Live
 from tools.fuzz.valid.oracle import ViolationError
 from tools.fuzz.valid.rig import Rig
-from tools.fuzz.valid.generator import MessageGenerator
 from tools.fuzz.valid.values import fields_of
 
 
