@@ -20,9 +20,9 @@ from scenes import crowded_cell, demo_cell, six_robots
 from armgate.cell.cell import Cell
 from armgate.events import Command, LeaseChange, LinkChange, LinkState, Plan, PlanAnswer, Tick
 from armgate.gate import Gate
-from armgate.gate.compiled import available
-from armgate.gate.engine import CoalEngine
-from armgate.gate.judge import BUDGET
+from armgate.gate.clearance.compiled import available
+from armgate.gate.clearance.engines import CoalEngine
+from armgate.gate.decision import BUDGET
 
 DECISIONS = int(sys.argv[1]) if len(sys.argv) > 1 else 4000
 TAIL = int(sys.argv[2]) if len(sys.argv) > 2 else 100_000

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from armgate.gate import compiled
+from armgate.gate.clearance import compiled
 
 
 def _ignore(_signum: int, _frame: object) -> None:

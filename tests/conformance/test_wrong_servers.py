@@ -24,7 +24,7 @@ from armgate.daemon.pace.barrier import Barrier
 from armgate.daemon.sessions import session as session_module
 from armgate.daemon.sessions.peer_socket import TcpPeerSocket as ClientSocket
 from armgate.daemon.sessions.session import Session
-from armgate.gate import Gate, admission
+from armgate.gate import Gate, command_checks
 from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
@@ -40,7 +40,7 @@ def around(patch, owner, name, make):
 
 def without(patch, check):
     """Leave out one of the checks before the gate."""
-    patch.setattr(admission, "_CHECKS", tuple(c for c in admission._CHECKS if c is not check))
+    patch.setattr(command_checks, "_CHECKS", tuple(c for c in command_checks._CHECKS if c is not check))
 
 
 def two_verdicts(patch):
@@ -108,11 +108,11 @@ def tells_another_increment(patch):
 
 
 def old_ticks_accepted(patch):
-    without(patch, admission._fresh)
+    without(patch, command_checks._age)
 
 
 def two_commands_a_tick(patch):
-    without(patch, admission._free)
+    without(patch, command_checks._one_per_tick)
 
 
 def cleaned(clean):
@@ -132,7 +132,7 @@ def cleaned(clean):
 
 
 def checks_in_another_order(patch):
-    patch.setattr(admission, "_CHECKS", tuple(reversed(admission._CHECKS)))
+    patch.setattr(command_checks, "_CHECKS", tuple(reversed(command_checks._CHECKS)))
 
 
 def refusals_take_the_slot(patch):
@@ -143,11 +143,8 @@ def refusals_take_the_slot(patch):
             state.slot = state.tick + 1
         return said
 
-    from armgate.gate import gate
-
     right = Gate._command
     patch.setattr(Gate, "_command", command)
-    patch.setitem(gate._HANDLERS, events.Command, command)
 
 
 def fence_ignored(patch):

@@ -174,7 +174,7 @@ class Setting:
     traffic: Traffic = PROMPT
     response: str = "stop"
     share: float = 1.0
-    unlike: float = 0.0
+    lag_tube: float = 0.0
     """Difference between the lags of two joints, declared and true, as a share of the lag."""
     resets: float = 0.0
     """How often an operator begins to reset a robot again and again, as a share of grid steps."""
@@ -204,10 +204,10 @@ SETTINGS = (
     Setting("demo", lag=0.03, share=0.5),
     Setting("mesh", lag=0.03, traffic=ROUGH),
     Setting("mesh", response="slow"),
-    Setting("duel", lag=(0.03, 0.12), unlike=0.3, traffic=ROUGH, share=0.3),
-    Setting("tree", lag=0.03, unlike=1.0, response="slow", share=0.3),
-    Setting("demo", lag=0.03, unlike=0.1, traffic=HARSH, share=0.3),
-    Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), unlike=0.2, traffic=JITTER, share=0.3),
+    Setting("duel", lag=(0.03, 0.12), lag_tube=0.3, traffic=ROUGH, share=0.3),
+    Setting("tree", lag=0.03, lag_tube=1.0, response="slow", share=0.3),
+    Setting("demo", lag=0.03, lag_tube=0.1, traffic=HARSH, share=0.3),
+    Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), lag_tube=0.2, traffic=JITTER, share=0.3),
     Setting("boom", response="slow", traffic=NOISY, resets=0.05, attacks=NEARER, share=0.5),
     Setting("boom_delayed", delay=0.12, traffic=NOISY, resets=0.03, attacks=NEARER, share=0.3),
     Setting("duel_noisy", lag=(0.0, 0.03), traffic=HARSH, response="slow", resets=0.03, share=0.3),
@@ -254,8 +254,8 @@ class Arena:
 
 def arena(setting: Setting) -> Arena:
     cell = _MAKE[setting.scene](response=setting.response)
-    if setting.unlike:
-        cell = scenes.lagging(cell, setting.lag, setting.unlike)
+    if setting.lag_tube:
+        cell = scenes.lagging(cell, setting.lag, setting.lag_tube)
     return Arena(cell, Oracle(cell))
 
 
@@ -281,7 +281,7 @@ def attack(
         start = [start_of(rng, robot, setting.beyond) for robot in place.cell.robots]
     rig = Rig(
         place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle,
-        unlike=setting.unlike,
+        lag_tube=setting.lag_tube,
     )  # fmt: skip
     if setting.resets:
         rig.operator = Operator(rng, setting.resets)

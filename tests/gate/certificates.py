@@ -16,10 +16,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
-from armgate.gate.certificate import GAP, Certifier
-from armgate.gate.groups import Group
-from armgate.gate.support import support_table
-from armgate.gate.swept import Swept
+from armgate.gate.clearance.certificate import GAP, Certifier
+from armgate.gate.clearance.pair_groups import Group
+from armgate.gate.clearance.support import support_table
+from armgate.gate.clearance.swept import Swept
 
 KINDS = ("sphere", "capsule", "cylinder", "box", "cone", "convex", "rounded")
 ROUNDING = 1e-12

@@ -341,9 +341,9 @@ class Oracle:
                 break
             m = n[:, None, :] + step[:, None, None] * turns
             m = m / np.sqrt(np.einsum("kij,kij->ki", m, m))[:, :, None]
-            rooms = room(m.reshape(-1, 3)).reshape(len(n), -1)
-            k = np.argmax(rooms, axis=1)
-            gain = rooms[np.arange(len(n)), k]
+            separations = room(m.reshape(-1, 3)).reshape(len(n), -1)
+            k = np.argmax(separations, axis=1)
+            gain = separations[np.arange(len(n)), k]
             up = gain > best
             n = np.where(up[:, None], m[np.arange(len(n)), k], n)
             best, step = np.where(up, gain, best), np.where(up, step, step / 2)

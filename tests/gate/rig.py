@@ -194,7 +194,7 @@ KEEPS = Traffic(plan_late=1.4, answer_late=3.0, answer_lost=0.2, noise=True, kee
 LIES = Traffic(lies=0.01)
 JITTER = Traffic(plan_late=0.9, answer_late=2.0, jitter=0.95)
 
-Wish = Callable[["Rig", int], Sequence[float] | None]
+LimitedIncrement = Callable[["Rig", int], Sequence[float] | None]
 
 
 @dataclass
@@ -224,7 +224,7 @@ class Tally:
 class Rig:
     """A gate with its robots. ``need`` is what every pair must keep, m; less for starts in violation.
 
-    ``unlike`` is the difference between the lags of two joints of a robot, as a share of its lag.
+    ``lag_tube`` is the difference between the lags of two joints of a robot, as a share of its lag.
     """
 
     def __init__(
@@ -237,7 +237,7 @@ class Rig:
         start: Sequence[Sequence[float]] | None = None,
         oracle: Oracle | None = None,
         stops: float = 0.01,
-        unlike: float = 0.0,
+        lag_tube: float = 0.0,
     ) -> None:
         n = len(cell.robots)
         lags, delays = (x if isinstance(x, Sequence) else [x] * n for x in (lag, delay))
@@ -246,7 +246,7 @@ class Rig:
         self.gate = Gate(cell, "rig")
         q = [r.start for r in cell.robots] if start is None else start
         self.drives = [
-            Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, unlike * lags[i]))
+            Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, lag_tube * lags[i]))
             for i, r in enumerate(cell.robots)
         ]
         self.players = [Player(r.name, q[i], traffic.keeps) for i, r in enumerate(cell.robots)]
@@ -289,7 +289,7 @@ class Rig:
 
     # --- time ---------------------------------------------------------------------------------------------
 
-    def run(self, wish: Wish, commands: int, limit: int = 1_000_000) -> Tally:
+    def run(self, wish: LimitedIncrement, commands: int, limit: int = 1_000_000) -> Tally:
         """Lets time pass until so many commands are judged; ``wish(rig, robot)`` gives the next or None."""
         goal = self.tally.commands + commands
         for _ in range(limit):
@@ -299,7 +299,7 @@ class Rig:
         self.check()
         return self.tally
 
-    def step(self, wish: Wish | None = None) -> None:
+    def step(self, wish: LimitedIncrement | None = None) -> None:
         """One grid step: motion, mail, ticks, commands, and now and then a look at a full stop."""
         self._grid += 1
         self.now = self._grid * GRID

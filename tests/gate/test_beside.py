@@ -20,7 +20,7 @@ from armgate.events import (
 )
 from armgate.gate import Gate, GateBeside
 from gate import scenes
-from gate.hands import STEP, Hands, T
+from gate.scripted_gate import STEP, ScriptedGate, T
 
 
 class Followed:
@@ -39,13 +39,13 @@ class Followed:
 
 
 def followed(gap=0.2, tolerance=(0.0, 0.0), then=(), now=()):
-    """Hands of two carts ``gap`` apart, and both gates."""
+    """ScriptedGate of two carts ``gap`` apart, and both gates."""
     cells = [
         scenes.head_on(0.1 + gap, (T, T), tolerance=t, **dict(rules))
         for t, rules in zip(tolerance, (then, now), strict=True)
     ]
     both = Followed(*cells)
-    return Hands(cells[0], gate=both), both
+    return ScriptedGate(cells[0], gate=both), both
 
 
 def assert_followed(both, way=True):
@@ -254,11 +254,11 @@ def test_a_reset_is_followed_whoever_would_have_taken_it(stricter):
     """One of them has not heard of the robot since its link was lost."""
     hands, both = followed(1.0)
     (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
-    both.gate._robots[0].unheard, both.beside._robots[0].unheard = stricter == 1, stricter == 0
+    both.gate._robots[0].untracked, both.beside._robots[0].untracked = stricter == 1, stricter == 0
     accepted = hands.gate.step(Reset(stop.id, "x"))[0].accepted
     assert (accepted, both.now[0].accepted) == ((False, True) if stricter == 1 else (True, False))
     for gate in (both.gate, both.beside):
-        gate._robots[0].unheard = False
+        gate._robots[0].untracked = False
     assert_followed(both)
     hands.ask((STEP,), answer=None)
     assert_followed(both)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from armgate.cell.shapes import Box, Cone, Convex, Sphere
-from armgate.gate import certificate
-from armgate.gate.certificate import GAP, Budget, Certifier
-from armgate.gate.engine import CoalEngine, FclEngine, Suggestion, _thickened
-from armgate.gate.groups import Group
-from armgate.gate.support import support_table
-from armgate.gate.swept import Swept
+from armgate.gate.clearance import certificate
+from armgate.gate.clearance.certificate import GAP, Budget, Certifier
+from armgate.gate.clearance.engines import CoalEngine, FclEngine, Suggestion, _thickened
+from armgate.gate.clearance.pair_groups import Group
+from armgate.gate.clearance.support import support_table
+from armgate.gate.clearance.swept import Swept
 
 ENGINES = [CoalEngine, FclEngine]
 X = (1.0, 0.0, 0.0)
@@ -152,7 +152,7 @@ def test_directions_are_turned_if_the_claim_is_not_met_or_a_body_has_corners(
     asked = []
     monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), tried))
     monkeypatch.setattr(certificate, "turned_direction", lambda *_: asked.append(1) or (np.array(X), 5.0))
-    n, found = certificate._deep(*map(posed, shapes), np.array((0.0, 1.0, 0.0)), lb, claimed)
+    n, found = certificate._overlap(*map(posed, shapes), np.array((0.0, 1.0, 0.0)), lb, claimed)
     assert len(asked) == turned
     assert found == (5.0 if turned else max(tried, lb))
     assert tuple(n) == (X if found > lb else (0.0, 1.0, 0.0))
@@ -164,7 +164,7 @@ def test_directions_are_turned_if_the_claim_is_not_met_or_a_body_has_corners(
 def test_a_direction_is_replaced_by_one_that_proves_more_than_rounding(more, replaced, monkeypatch):
     found = -0.1 + more
     monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), found))
-    n, lb = certificate._deep(posed("box"), posed("box"), np.array((0.0, 1.0, 0.0)), -0.1, -0.1)
+    n, lb = certificate._overlap(posed("box"), posed("box"), np.array((0.0, 1.0, 0.0)), -0.1, -0.1)
     assert (lb, tuple(n)) == ((found, X) if replaced else (-0.1, (0.0, 1.0, 0.0)))
 
 

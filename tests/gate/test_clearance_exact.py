@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from armgate.gate.certificate import Budget
 from armgate.gate.clearance import Clearance
-from armgate.gate.question import Question, halves, middle, ordered, segments
-from armgate.gate.screen import MARGIN
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.pair_check import PairCheck, halves, in_pair_order, middle, segments
+from armgate.gate.clearance.screen import MARGIN
 from gate import scenes
 
 LIMIT = 0.02
@@ -44,7 +44,7 @@ def judged(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
     needs = np.full(len(clearance.pairs_of[robot]), need)
     step = None if step is None else np.array(step)
     left = Budget(budget)
-    found = clearance.judge(robot, way(clearance, robot, *nodes), step, needs, left)
+    found = clearance.check(robot, way(clearance, robot, *nodes), step, needs, left)
     return found, budget - left.left
 
 
@@ -66,7 +66,7 @@ def test_a_survey_proves_balls_from_centre_to_centre_without_a_question():
         (x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)
     )}  # fmt: skip
     clearance = ball(around)
-    clearance.survey(0)
+    clearance.prove_all(0)
     true = [np.linalg.norm(body["xyz"]) - 0.1 for body in around.values()]
     assert clearance.bound.of(0) == pytest.approx(np.array(true) - MARGIN, abs=1e-12)
     assert clearance.certifier.queries == 0
@@ -78,7 +78,7 @@ def test_a_survey_keeps_the_directions_that_proved_most():
     around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.5, 1.5, 1.0]}, "b": sphere(-0.3, -0.4)}
     clearance = ball(around)
     clearance._n[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.bound.of(0) == pytest.approx([0.35 - MARGIN, 0.4 - MARGIN], abs=1e-12)
     assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0], [-0.6, -0.8, 0.0]]), abs=1e-12)
 
@@ -87,7 +87,7 @@ def test_a_survey_asks_about_near_pairs_only():
     """From the side of a wide wall the line between the centres proves nothing."""
     around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.2, 1.5, 1.0]}, "b": sphere(-0.9)}
     clearance = ball(around)
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.bound.of(0) == pytest.approx([0.05, 0.8], abs=1e-6)
     assert 1 <= clearance.certifier.queries <= 2
     assert clearance.below(0) == []
@@ -97,10 +97,10 @@ def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_it_is_prov
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.below(0) == []
     clearance.bound.put(0, np.array([np.nan]))
-    clearance.watch()
+    clearance.mark_maybe_below()
     assert clearance.below(0) == clearance.below(1) == [0]
     found, _ = judged(clearance, (-0.5, 0.0), step=(0.0, 0.0), budget=0)
     assert found.binding.pair == 0
@@ -115,10 +115,10 @@ def test_a_way_whose_width_is_not_a_number_proves_nothing(tube):
     hold(clearance, 1, (0.5, 0.0))
     wide = clearance.space.sweep_nodes(0, np.array([[-0.5, 0.0]]), np.full(2, tube))
     with np.errstate(invalid="ignore"):
-        found = clearance.judge(0, wide, None, np.array([LIMIT]), Budget(PLENTY))
+        found = clearance.check(0, wide, None, np.array([LIMIT]), Budget(PLENTY))
         assert found.binding.pair == 0
         clearance.hold(0, [wide])
-        clearance.survey(0)
+        clearance.prove_all(0)
         assert clearance.prove_held(0, 0, Budget(PLENTY)).lb == -np.inf
     assert clearance.below(1) == [0]
 
@@ -148,16 +148,16 @@ def test_of_several_ways_that_are_held_the_worst_counts():
     clearance = ball({"b": sphere(1.0)})
     for order in ((0.0, 0.5), (0.5, 0.0)):
         clearance.hold(0, [way(clearance, 0, (x, 0.0, 0.0)) for x in order])
-        clearance.survey(0)
+        clearance.prove_all(0)
         assert clearance.bound[0] == pytest.approx(0.4, abs=1e-8)
 
 
 def test_a_survey_looks_again_at_what_was_far():
     clearance = ball({"b": sphere(1.0)})
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.below(0) == []
     hold(clearance, 0, (0.89, 0.0, 0.0))
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.below(0) == [0]
     clearance.bound[0] = LIMIT
     assert clearance.below(0) == []  # at its limit it is not below it
@@ -165,15 +165,15 @@ def test_a_survey_looks_again_at_what_was_far():
 
 def test_a_pair_is_known_if_both_its_robots_are():
     clearance = two()
-    assert not clearance.known(0)
+    assert not clearance.positions_known(0)
     hold(clearance, 0, (-0.5, 0.0))
-    assert not clearance.known(0)
-    clearance.survey(0)
+    assert not clearance.positions_known(0)
+    clearance.prove_all(0)
     assert np.isneginf(clearance.bound[0])
     assert clearance.certifier.queries == 0
     hold(clearance, 1, (0.5, 0.0))
-    assert clearance.known(0)
-    assert ball({"b": sphere(1.0)}).known(0)
+    assert clearance.positions_known(0)
+    assert ball({"b": sphere(1.0)}).positions_known(0)
 
 
 def test_where_a_robot_would_stand_counts_against_all_that_the_other_may_pass():
@@ -192,7 +192,7 @@ def test_what_another_robot_holds_is_known_to_the_slabs():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
-    clearance.survey(0)
+    clearance.prove_all(0)
     found, asked = judged(clearance, (-0.5, 0.0), (0.25, 0.0))
     assert (found.binding, asked) == (None, 0)
     assert found.lb == pytest.approx([0.15 - MARGIN], abs=1e-12)
@@ -240,7 +240,7 @@ def test_what_the_tube_takes_is_too_near_too():
     for need, free in ((0.3899, True), (0.3901, False), (0.405, False)):
         clearance._n[0] = [0.0, 0.0, 1.0]
         budget = Budget(PLENTY)
-        found = clearance.judge(0, new, None, np.array([need]), budget)
+        found = clearance.check(0, new, None, np.array([need]), budget)
         assert (found.binding is None) == free
         assert budget.left == PLENTY - 1
 
@@ -365,11 +365,11 @@ def test_what_the_tubes_take_is_lost_for_good():
     group, k = clearance.find(0, 0)
     mine = clearance.space.sweep_nodes(0, np.array([(-0.5, 0.0)]), np.array([0.01, 0.02]))
     side = clearance.space.sweep_nodes(1, np.array([(0.5, 0.0)]), np.array([0.04, 0.08]))
-    assert Question(group, k, 0, mine, LIMIT).loss(side) == pytest.approx(0.15 + MARGIN, abs=1e-15)
+    assert PairCheck(group, k, 0, mine, LIMIT).loss(side) == pytest.approx(0.15 + MARGIN, abs=1e-15)
     alone = ball({"b": sphere(1.0)})
     group, k = alone.find(0, 0)
     mine = alone.space.sweep_nodes(0, np.zeros((1, 3)), np.array([0.01, 0.02, 0.04]))
-    ask = Question(group, k, 0, mine, LIMIT)
+    ask = PairCheck(group, k, 0, mine, LIMIT)
     assert ask.moving is None
     assert ask.loss(alone.space.static) == pytest.approx(0.07 + MARGIN, abs=1e-15)
 
@@ -380,7 +380,7 @@ def test_a_tube_counts_in_every_piece(need, free):
     tube = np.array([0.0, 0.01, 0.0])
     new = clearance.space.sweep_nodes(0, np.array(BEND), tube)
     budget = Budget(PLENTY)
-    found = clearance.judge(0, new, None, np.array([need]), budget)
+    found = clearance.check(0, new, None, np.array([need]), budget)
     assert (found.binding is None) == free
     assert PLENTY - budget.left < 50
 
@@ -400,6 +400,6 @@ def test_a_way_in_pieces():
 def test_witness_points_are_told_in_the_order_of_their_pair():
     clearance = two()
     points = ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
-    assert ordered(*clearance.find(0, 0), points) == points
-    assert ordered(*clearance.find(1, 0), points) == points[::-1]
-    assert ordered(*clearance.find(1, 0), None) is None
+    assert in_pair_order(*clearance.find(0, 0), points) == points
+    assert in_pair_order(*clearance.find(1, 0), points) == points[::-1]
+    assert in_pair_order(*clearance.find(1, 0), None) is None

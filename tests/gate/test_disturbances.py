@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armgate.gate.range import Range
+from armgate.gate.clearance.lever_range import LeverRange
 from armgate.gate.reservations import Reservations
 from armgate.gate.retreat import Retreat
 from armgate.gate.robot import RobotState
@@ -27,13 +27,13 @@ def found(scene, tries=6, **given):
 
 
 def test_resets_that_follow_the_noise_are_found(monkeypatch):
-    monkeypatch.setattr(RobotState, "stand", lambda self: self.measured)
-    monkeypatch.setattr(Reservations, "prove_stand", lambda *given: True)
+    monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
+    monkeypatch.setattr(Reservations, "prove_setpoint", lambda *given: True)
     assert any("mm" in text for text in found("boom"))
 
 
 def test_resets_that_lead_out_of_the_limits_are_found(monkeypatch):
-    monkeypatch.setattr(RobotState, "stand", lambda self: self.measured)
+    monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
     rig = Rig(scenes.boom(surroundings={}), start=[np.array([1.2, 0.0])], stops=0.0)
     rig.noise[0] = np.array([1e-4, 0.0])
     for _ in range(3):
@@ -44,7 +44,7 @@ def test_resets_that_lead_out_of_the_limits_are_found(monkeypatch):
 
 
 def test_motion_bounds_for_the_limits_alone_are_found(monkeypatch):
-    monkeypatch.setattr(Range, "fitted", lambda self, *given: self)
+    monkeypatch.setattr(LeverRange, "fitted", lambda self, *given: self)
     assert any("ball" in text for text in found("lever", tries=12))
 
 
@@ -56,13 +56,13 @@ def test_floors_that_a_fault_does_not_clear_are_found(monkeypatch, scene):
 
 def test_floors_that_every_command_clears_are_found(monkeypatch):
     """Then a controller gets in by the slack each time."""
-    demand = Retreat.demand
+    demand = Retreat.requirements
 
     def forgetful(self, state, states):
         self._floor.clear()
         return demand(self, state, states)
 
-    monkeypatch.setattr(Retreat, "demand", forgetful)
+    monkeypatch.setattr(Retreat, "requirements", forgetful)
     monkeypatch.setattr(Retreat, "widens", lambda *given: True)
     assert found("lane") != []
 

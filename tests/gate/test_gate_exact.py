@@ -21,7 +21,7 @@ from armgate.events import (
 )
 from armgate.gate import Gate
 from gate import scenes
-from gate.hands import STEP, Hands, T, pair
+from gate.scripted_gate import STEP, ScriptedGate, T, pair
 
 
 def test_a_command_may_be_as_old_as_the_configuration_says_and_not_older():
@@ -197,7 +197,7 @@ def test_a_plan_of_nobody_is_a_fault():
     ("off", "fault"), [(0.5e-9, False), (1e-9, False), (1.001e-9, True), (2e-9, True), (-2e-9, True)]
 )
 def test_a_setpoint_that_does_not_add_up_is_a_fault(off, fault):
-    hands = Hands(scenes.head_on(1.0, (T, T)), [(0.0,), (0.6,)])
+    hands = ScriptedGate(scenes.head_on(1.0, (T, T)), [(0.0,), (0.6,)])
     out = hands.gate.step(Tick("left", 1, T, hands.q[0], (hands.q[0][0] + off,), (0.0,)))
     assert (out != []) == fault
 
@@ -208,9 +208,9 @@ def test_what_strayed_is_added_up_and_told():
     (stopped,) = hands.rest(0, (x + 0.03,))
     assert "0.03 rad or m off its stop path" in stopped.reason
     state = hands.gate._robots[0]
-    assert state.strayed == pytest.approx(0.03)
+    assert state.off_path == pytest.approx(0.03)
     assert hands.rest(0, (x + 0.1,)) == []  # once stopped it is not stopped again
-    assert state.strayed == pytest.approx(0.03 + 0.07)
+    assert state.off_path == pytest.approx(0.03 + 0.07)
     assert all(e >= 0.03 for e in state.main.occupied.tube)
 
 
@@ -305,7 +305,7 @@ def test_the_least_clearance_is_the_least_of_all_ticks_to_others():
 def test_a_delayed_robot_keeps_its_window_of_setpoints():
     """Each old setpoint counts until the window has passed since it was left."""
     cell = scenes.crossing(window=0.036, periods=(0.012, 0.004))
-    hands = Hands(cell)
+    hands = ScriptedGate(cell)
     hands.ask((5e-4, 0.0))
     hands.play()
     start = (-0.5, 0.0)
@@ -332,13 +332,13 @@ def test_before_its_first_tick_a_robot_has_no_place_and_after_it_its_nearest_pai
 def test_the_state_tells_the_three_nearest_pairs():
     around = {f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [0.5 + 0.1 * k, 0, 0]} for k in range(5)}
     robot = {"urdf": scenes.cart((1, 0, 0)), "start": [-0.5]}
-    hands = Hands(scenes.build({"A": robot}, surroundings=around))
+    hands = ScriptedGate(scenes.build({"A": robot}, surroundings=around))
     assert [n.pair[1] for n in hands.view().nearest] == ["ball_0", "ball_1", "ball_2"]
 
 
 def test_the_least_clearance_is_one_to_others_and_was_asked_of_the_engine():
     """Its own arms are nearer to each other than anything else; bounds that nobody asked for are loose."""
-    hands = Hands(scenes.tree(), [(1.5, -0.3, 0.0, 0.3, 0.0)])
+    hands = ScriptedGate(scenes.tree(), [(1.5, -0.3, 0.0, 0.3, 0.0)])
     view = hands.view()
     own = [n for n in view.nearest if {x.split("/")[0] for x in n.pair} == {"A"}]
     others = [n for n in view.nearest if n not in own]
@@ -377,7 +377,7 @@ def test_a_wish_that_is_over_a_bound_by_rounding_is_admitted(over, outcome):
 
 
 def test_a_robot_does_not_rest_while_any_joint_has_way_left():
-    hands = Hands(scenes.lane())
+    hands = ScriptedGate(scenes.lane())
     hands.ask((1e-4, 0.0))
     (stop,) = hands.gate.step(Stop(("A",), "x", "y"))
     assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]

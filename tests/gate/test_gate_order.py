@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from armgate.cell.cell import build_cell
 from armgate.cell.errors import ModelError
 from armgate.events import (
     Cause,
@@ -21,7 +22,7 @@ from armgate.events import (
     Tick,
     Verdict,
 )
-from armgate.gate import Gate, replay
+from armgate.gate import Gate
 from gate import scenes
 from gate.adversary import Adversary
 from gate.rig import HARSH, Rig, Traffic
@@ -294,6 +295,7 @@ def test_a_replay_gives_the_same_outputs(traffic):
     cell = scenes.planar(response="slow")
     rig = Rig(cell, 3, 0.03, 0.0, traffic, stops=0.0)
     rig.run(Adversary(random.Random(4)), 150)
-    again = list(replay(cell.config, rig.events, "rig"))
+    gate = Gate(build_cell(cell.config), "rig")
+    again = [gate.step(event) for event in rig.events]
     assert again == rig.outputs
     assert repr(again) == repr(rig.outputs)

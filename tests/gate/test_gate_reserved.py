@@ -3,7 +3,7 @@
 import pytest
 
 from armgate.events import PlanAnswer, Rebase, Reset, ResetAnswer, Stop, Tick
-from gate.hands import STEP, T, pair
+from gate.scripted_gate import STEP, T, pair
 
 
 def in_step(hands, count):
@@ -81,7 +81,7 @@ def test_what_waits_for_an_answer_is_no_better_than_what_is_proven_anew():
     reservations = hands.gate._reservations
     staged = reservations._staged[0]
     staged += 0.01
-    reservations.renew(hands.gate._robots[0])
+    reservations.prove_anew(hands.gate._robots[0])
     assert staged.min() <= hands.kept()
 
 
@@ -131,7 +131,7 @@ def test_what_strayed_is_told_from_the_nearest_of_the_ways():
     hands = pair(1.0)
     x = stopped_behind(hands)
     hands.rest(0, (x + STEP + 0.03,))
-    assert hands.gate._robots[0].strayed == pytest.approx(0.03, abs=1e-6)
+    assert hands.gate._robots[0].off_path == pytest.approx(0.03, abs=1e-6)
 
 
 def test_a_reset_after_a_fault_proves_anew_and_the_next_fault_stops_again():

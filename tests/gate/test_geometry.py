@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armgate.cell.shapes import Box, Capsule, Cylinder, Sphere
-from armgate.gate.certificate import Budget
 from armgate.gate.clearance import Clearance
-from armgate.gate.groups import ChainGroup
-from armgate.gate.nearest import NearestPairs, start_clearances
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.nearest_pairs import NearestPairs, start_clearances
+from armgate.gate.clearance.pair_groups import ChainGroup
+from armgate.gate.clearance.support import support, support_table
 from armgate.gate.occupancy import occupancy
-from armgate.gate.support import support, support_table
 from gate import scenes
 from gate.oracle import Oracle
 from gate.solids import Solid
@@ -82,12 +82,12 @@ def test_what_is_judged_clear_is_clear(name):
         for i, s in enumerate(swept):
             clearance.hold(i, [s])
         for i in range(len(swept)):
-            clearance.survey(i)
+            clearance.prove_all(i)
         qs = [rng.dirichlet(np.ones(len(x)) * 0.5, 80) @ x for _, x in covered]
         R, t = oracle.place(qs)
         low = oracle.below(R, t)
         for i in range(len(swept)):
-            judged = clearance.judge(i, swept[i], None, clearance.limits_of[i], Budget(32))
+            judged = clearance.check(i, swept[i], None, clearance.limits_of[i], Budget(32))
             for place, pair in enumerate(clearance.pairs_of[i]):
                 at = int(low[:, pair].argmin())
                 if low[at, pair] < max(judged.lb[place], clearance.bound[pair]):

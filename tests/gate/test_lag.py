@@ -11,15 +11,15 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.link_config import EmulatedLinkConfig
 from armgate.events import Tick
-from armgate.gate.lag import LargestIncrements, memory, stray_of
+from armgate.gate.lag import LargestIncrements, hull_deviation_of, memory
 from gate import scenes
-from gate.hands import Hands
 from gate.rig import Rig, Traffic
+from gate.scripted_gate import ScriptedGate
 
 DEMO = scenes.CONFIGS / "demo.yaml"
 
 
-def unlike(difference, lag=0.03, **keys):
+def lag_tube(difference, lag=0.03, **keys):
     """The demo cell with a declared difference of its robots' lags, s."""
     config = load_config([DEMO])
     keys |= {"lag_difference": difference, "link": EmulatedLinkConfig(lag=lag)}
@@ -87,7 +87,7 @@ def strays(rng, lag, difference, period, share, ticks=120):
      (0.03, 0.003, 0.004), (0.001, 0.0005, 0.012), (0.004, 0.008, 0.012)],
 )  # fmt: skip
 def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period):
-    stray = stray_of(unlike(difference, lag=lag, period=period).robot("FR"))
+    stray = hull_deviation_of(lag_tube(difference, lag=lag, period=period).robot("FR"))
     rng = np.random.default_rng(int(1e6 * (lag + difference)))
     at_ticks, between = np.max([strays(rng, lag, difference, period, stray.ticks) for _ in range(6)], axis=0)
     assert at_ticks <= stray.ticks + 1e-9
@@ -96,11 +96,11 @@ def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, di
 
 
 def test_axes_that_lag_alike_need_no_tube():
-    assert stray_of(unlike(0.0).robot("FR")) is None
+    assert hull_deviation_of(lag_tube(0.0).robot("FR")) is None
 
 
 def test_a_joint_strays_by_its_share_of_the_largest_increment_and_the_noise_of_its_measurement():
-    stray = stray_of(unlike(0.006, q_tolerance=1e-5).robot("FR"))
+    stray = hull_deviation_of(lag_tube(0.006, q_tolerance=1e-5).robot("FR"))
     x = 0.012 / 0.027
     assert stray.ticks == pytest.approx(0.25)
     assert stray.between == pytest.approx(0.25 * (x / (1 - math.exp(-x)) - 1))
@@ -112,13 +112,13 @@ def test_a_joint_strays_by_its_share_of_the_largest_increment_and_the_noise_of_i
 
 @pytest.mark.parametrize("difference", [0.06, 0.2])
 def test_a_joint_without_lag_may_be_an_increment_ahead_between_the_ticks(difference):
-    stray = stray_of(unlike(difference).robot("FR"))
+    stray = hull_deviation_of(lag_tube(difference).robot("FR"))
     assert (stray.ticks, stray.between) == (difference / 0.024, 1.0)
 
 
 def test_an_increment_counts_for_twenty_lags_and_the_window():
-    assert memory(unlike(0.006).robot("FR")) == math.ceil(20 * 0.033 / 0.012) + 1 == 56
-    assert memory(unlike(0.006, lag_window=0.024).robot("FR")) == 58
+    assert memory(lag_tube(0.006).robot("FR")) == math.ceil(20 * 0.033 / 0.012) + 1 == 56
+    assert memory(lag_tube(0.006, lag_window=0.024).robot("FR")) == 58
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 4, 7, 40])
@@ -165,9 +165,9 @@ def test_all_parts_but_the_one_that_goes_last():
 
 
 def test_the_middle_lag_is_between_the_shortest_and_the_longest():
-    robot = replace(unlike(0.006).robot("FR"), lags=(0.02, 0.03, 0.04, 0.02, 0.02, 0.02))
-    assert stray_of(robot) == stray_of(unlike(0.006).robot("FR"))
-    assert memory(robot) == memory(unlike(0.006).robot("FR"))
+    robot = replace(lag_tube(0.006).robot("FR"), lags=(0.02, 0.03, 0.04, 0.02, 0.02, 0.02))
+    assert hull_deviation_of(robot) == hull_deviation_of(lag_tube(0.006).robot("FR"))
+    assert memory(robot) == memory(lag_tube(0.006).robot("FR"))
 
 
 # --- the gate ---------------------------------------------------------------------------------------------
@@ -184,8 +184,8 @@ def full_speed(rig, i):
     return v / max(1e-9, np.max(np.abs(v) / full))
 
 
-def runs(cell, unlike, seconds, seed=1, lag=0.03):
-    rig = Rig(cell, seed, lag=lag, unlike=unlike)
+def runs(cell, lag_tube, seconds, seed=1, lag=0.03):
+    rig = Rig(cell, seed, lag=lag, lag_tube=lag_tube)
     rig.goals = [[rig.rng.uniform(-1, 1) for _ in r.start] for r in cell.robots]
     rig.run(full_speed, int(seconds / 0.012) * len(cell.robots))
     return rig
@@ -193,15 +193,15 @@ def runs(cell, unlike, seconds, seed=1, lag=0.03):
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
 def test_a_robot_whose_lags_differ_is_faulted_unless_the_difference_is_declared(share):
-    assert any("off its stop path" in text for text in runs(unlike(0.0), share, 1.0).tally.violations)
-    tally = runs(unlike(share * 0.03), share, 3.0).tally
+    assert any("off its stop path" in text for text in runs(lag_tube(0.0), share, 1.0).tally.violations)
+    tally = runs(lag_tube(share * 0.03), share, 3.0).tally
     assert tally.violations == []
     assert tally.accepted > 0.9
 
 
 def test_the_tube_does_not_cost_a_robot_at_full_speed_its_way():
     """5 % declared: no more commands are refused than without a difference, but for a few."""
-    without, declared = (runs(unlike(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
+    without, declared = (runs(lag_tube(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
     assert declared.accepted > without.accepted - 0.03
 
 
@@ -213,7 +213,7 @@ R = 1e-4
 def crept(step, way, difference=0.1, ticks=60):
     """How far across its way a robot creeps, by ``step`` a tick, before it is faulted; None if never."""
     cell = scenes.crossing(window=0.0, tolerance=R, periods=(0.012, 0.012))
-    hands = Hands(scenes.lagging(cell, 0.03, difference) if difference else cell)
+    hands = ScriptedGate(scenes.lagging(cell, 0.03, difference) if difference else cell)
     off = 0.0
     for k in range(ticks):
         before, u, key, index = hands.q[0], (0.0, 0.0), None, -1

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
-from armgate.gate.limits import StepBounds, acceleration_box, shape_wish, stays_inside
+from armgate.gate.joint_limits import StepBounds, acceleration_box, limit_increment, stays_inside
 from armgate.gate.occupancy import deviation, occupancy, settle_measured
 
 small = st.floats(-1.0, 1.0, allow_nan=False)
@@ -100,7 +100,7 @@ def situations(draw):
     setpoint = row(st.floats(-1.0, 1.0))
     last = (0.0,) * n
     for _ in range(draw(st.integers(0, 6))):
-        u = shape_wish(row(st.floats(-0.3, 0.3)), last, brake_of(last, decel), setpoint, bounds, 1.0).u
+        u = limit_increment(row(st.floats(-0.3, 0.3)), last, brake_of(last, decel), setpoint, bounds, 1.0).u
         assume(stays_inside(u, setpoint, bounds) is None)
         setpoint, last = tuple(q + x for q, x in zip(setpoint, u, strict=True)), u
     wish = row(st.one_of(st.floats(-0.3, 0.3), st.sampled_from([0.0, 1e-15, -1e-9, 1e300, -5e-324])))
@@ -117,7 +117,7 @@ def brake_of(last, decel):
 def test_a_shaped_wish_is_always_possible(situation, share):
     wish, last, setpoint, bounds = situation
     brake = brake_of(last, bounds.decel)
-    shaped = shape_wish(wish, last, brake, setpoint, bounds, share)
+    shaped = limit_increment(wish, last, brake, setpoint, bounds, share)
     assert 0.0 <= shaped.beta <= 1.0
     for j, x in enumerate(shaped.u):
         assert abs(x) <= bounds.speed[j] + 1e-12
@@ -133,14 +133,14 @@ def test_a_shaped_wish_is_always_possible(situation, share):
 
 def test_one_joint_at_its_limit_does_not_freeze_the_others():
     bounds = StepBounds(("a", "b"), (-1.0, -1.0), (1.0, 1.0), (0.1, 0.1), (0.05, 0.05), (0.05, 0.05))
-    shaped = shape_wish((0.05, 0.05), (0.0, 0.0), (0.0, 0.0), (1.0, 0.0), bounds, 1.0)
+    shaped = limit_increment((0.05, 0.05), (0.0, 0.0), (0.0, 0.0), (1.0, 0.0), bounds, 1.0)
     assert shaped.u == (0.0, 0.05)
     assert [r.cause for r in shaped.reasons] == ["joint_limit"]
 
 
 def test_a_lease_may_be_slower():
     bounds = StepBounds(("a",), (-1.0,), (1.0,), (0.1,), (1.0,), (1.0,))
-    assert shape_wish((0.1,), (0.0,), (0.0,), (0.0,), bounds, 0.25).u == (0.025,)
+    assert limit_increment((0.1,), (0.0,), (0.0,), (0.0,), bounds, 0.25).u == (0.025,)
 
 
 # --- occupancy --------------------------------------------------------------------------------------------

@@ -5,11 +5,12 @@ import tomllib
 from pathlib import Path
 
 from armgate.gate import braking
-from tools.mutants.__main__ import LEFT_OUT
+from tools.mutants.__main__ import FOLDER, modules_of
 from tools.mutants.mutate import mutants_of
 from tools.mutants.run import ABOUT
 
 ROOT = Path(__file__).parents[2]
+MODULES = {path.stem: path for path in modules_of(ROOT / FOLDER)}
 
 SOURCE = '''
 """1 < 2"""
@@ -21,7 +22,9 @@ def f(a: "1 + 1", b) -> "2 * 2":
         if x < b and not x:
             continue
         g(min(x, -b))
-    return zip(a, b, strict=True)
+        x += b
+    text = f"{a} and {b}"
+    return zip(a if b else x, text, strict=True)
 '''
 
 
@@ -39,6 +42,12 @@ def test_each_mutant_is_one_change_with_a_key_of_its_own():
         "g(min(x, -b)) -> pass",
         "min -> max",
         "-b -> b",
+        "x += b -> x -= b",
+        "x += b -> x = b",
+        "f'{a} and {b}' -> None",
+        "zip(a if b else x, text, strict=True) -> zip(a if b else x, text)",
+        "a if b else x -> a",
+        "a if b else x -> x",
     ]
     original = ast.unparse(ast.parse(SOURCE)).splitlines()
     for mutant in found:
@@ -58,16 +67,14 @@ def test_every_mutant_that_is_listed_as_none_is_there():
     assert len(set(listed)) == len(listed)
     there = set()
     for module in {key.split(":")[0] for key in listed}:
-        source = (Path(braking.__file__).parent / f"{module}.py").read_text()
-        there |= {mutant.key for mutant in mutants_of(module, source)}
+        there |= {mutant.key for mutant in mutants_of(module, MODULES[module].read_text())}
     assert set(listed) - there == set()
     assert all(group["reason"] for group in given)
 
 
 def test_every_module_with_mutants_names_existing_tests_about_it():
-    folder = Path(braking.__file__).parent
-    for path in folder.glob("*.py"):
-        if path.stem not in LEFT_OUT and mutants_of(path.stem, path.read_text()):
-            assert ABOUT.get(path.stem), path.stem
+    for name, path in MODULES.items():
+        if mutants_of(name, path.read_text()):
+            assert ABOUT.get(name), name
     for name in {name for names in ABOUT.values() for name in names}:
-        assert (ROOT / "tests" / "integrity" / f"test_{name}.py").exists(), name
+        assert (ROOT / "tests" / "gate" / f"test_{name}.py").exists(), name

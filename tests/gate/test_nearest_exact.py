@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
-from armgate.gate.nearest import NearestPairs, _first, start_clearances
+from armgate.gate.clearance.nearest_pairs import NearestPairs, _first, start_clearances
 from gate import scenes
 from gate.oracle import Oracle
 
@@ -103,7 +103,7 @@ def test_a_leap_among_many_bodies_costs_a_few_questions():
     cell = scenes.build({"A": robot}, surroundings=around)
     clearance, oracle = Clearance(cell, False), Oracle(cell)
     clearance.hold(0, [clearance.space.still(0, (0.0,) * 3)])
-    clearance.survey(0)
+    clearance.prove_all(0)
     nearest, most = NearestPairs(clearance), 0
     for _ in range(20):
         q = tuple(map(float, rng.uniform(-0.25, 0.25, 3)))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
-from armgate.gate.certificate import _deep, _Posed, _slab
-from armgate.gate.engine import CoalEngine
-from armgate.gate.penetration import rooms, tried_direction, turned_direction
-from armgate.gate.support import support, support_table
+from armgate.gate.clearance.certificate import _overlap, _Posed, _slab
+from armgate.gate.clearance.engines import CoalEngine
+from armgate.gate.clearance.penetration import separations, tried_direction, turned_direction
+from armgate.gate.clearance.support import support, support_table
 
 PAIRS = 191
 
@@ -53,17 +53,17 @@ def searched(a, b, rng):
     assert all(np.isfinite(x).all() for x in near)
     n = rng.normal(size=(4000, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    values = rooms((a.row, a.R, a.t), (b.row, b.R, b.t), n)
+    values = separations((a.row, a.R, a.t), (b.row, b.R, b.t), n)
     check, _ = room(n[:5])
     assert check == pytest.approx(values[:5])
     best = -np.inf
     for start in n[np.argsort(-values)[:6]]:
         step, at = 0.1, start
-        value = rooms((a.row, a.R, a.t), (b.row, b.R, b.t), at[None])[0]
+        value = separations((a.row, a.R, a.t), (b.row, b.R, b.t), at[None])[0]
         while step > 1e-6:
             tries = at + step * rng.normal(size=(24, 3))
             tries /= np.linalg.norm(tries, axis=1, keepdims=True)
-            found = rooms((a.row, a.R, a.t), (b.row, b.R, b.t), tries)
+            found = separations((a.row, a.R, a.t), (b.row, b.R, b.t), tries)
             k = int(np.argmax(found))
             at, value, step = (tries[k], found[k], step) if found[k] > value else (at, value, 0.6 * step)
         best = max(best, value)
@@ -79,7 +79,7 @@ def test_overlapping_pairs_are_bounded_to_some_millimetres():
         truth = searched(a, b, rng)
         if truth > -1e-3:
             continue
-        n, found = _deep(a, b, said.normal, lb, said.distance)
+        n, found = _overlap(a, b, said.normal, lb, said.distance)
         assert found == pytest.approx(_slab(a, b, n), abs=1e-12)  # its own proof
         assert found >= lb
         off.append(truth - found)
@@ -113,7 +113,7 @@ SECOND = np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]) / 7
 def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
     rows = support_table((Sphere(0.3), Sphere(0.2)))
     a, b = (rows[0], np.eye(3), shift), (rows[1], np.eye(3), shift + np.array([0.03, 0.0, -0.04]))
-    assert rooms(a, b, np.array([UP, -UP])) == pytest.approx([-0.54, -0.46])
+    assert separations(a, b, np.array([UP, -UP])) == pytest.approx([-0.54, -0.46])
     for direction in (tried_direction, turned_direction):
         n, found = direction(a, b, UP)
         assert found == pytest.approx(-0.45)

@@ -17,8 +17,8 @@ from armgate.events import (
     Tick,
 )
 from gate import scenes
-from gate.hands import STEP, Hands, T, pair
 from gate.rig import Rig
+from gate.scripted_gate import STEP, ScriptedGate, T, pair
 
 
 def measured_off(rig, i, off, count=1):
@@ -81,8 +81,8 @@ def test_where_a_robot_stands_off_its_setpoint_all_is_proven_anew():
     answer, rebase = hands.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint) == (True, (x,))
     proven = []
-    judge = hands.gate._clearance.judge
-    hands.gate._clearance.judge = lambda *given: proven.append(given) or judge(*given)
+    judge = hands.gate._clearance.check
+    hands.gate._clearance.check = lambda *given: proven.append(given) or judge(*given)
     assert hands.kept() == pytest.approx(kept, abs=1e-8)
     hands.q[0] = (x,)
     hands.rest(0, count=2)
@@ -100,7 +100,7 @@ def test_a_setpoint_stays_if_nothing_can_be_proven_of_the_other_one(monkeypatch)
     bounds = hands.kept()
     clearance = hands.gate._clearance
     monkeypatch.setattr(clearance.screen, "run", lambda *given: (np.array([-1.0]), np.array([0])))
-    monkeypatch.setattr(clearance, "_pursue", lambda *given: type("F", (), {"lb": -1.0, "points": None}))
+    monkeypatch.setattr(clearance, "_prove", lambda *given: type("F", (), {"lb": -1.0, "points": None}))
     (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
     answer, rebase = hands.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint, rebase.resets) == (True, hands.q[0], 1)
@@ -260,7 +260,7 @@ def test_motion_bounds_are_widened_for_a_robot_pushed_out_and_narrowed_once_it_i
         pytest.importorskip("numba")
     from armgate.gate import Gate
 
-    hands = Hands(scenes.lever(), gate=Gate(scenes.lever(), "s", compiled))
+    hands = ScriptedGate(scenes.lever(), gate=Gate(scenes.lever(), "s", compiled))
     space, before = hands.gate._clearance.space, hands.gate._clearance.space.motion[0]
     pairs = hands.gate._clearance.screen.pairs[0]
     (stop,) = [o for o in hands.rest(0, (0.0, 1.3, 0.0)) if isinstance(o, Stopped)]

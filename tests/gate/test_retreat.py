@@ -146,7 +146,7 @@ def test_the_first_goes_first_for_three_ticks_after_it_was_asked(silent, waits):
     ask(rig, 0)
     for _ in range(48):
         rig.step()
-    rig.gate._judge._retreat._claim[0] = rig.gate._robots[0].tick - silent
+    rig.gate._decisions._retreat._turn[0] = rig.gate._robots[0].tick - silent
     verdict = rig.command(1, AWAY["slow"])
     assert (verdict.outcome is Outcome.REFUSED) == waits
 
@@ -185,7 +185,7 @@ def test_nothing_new_may_become_violated_on_the_way_out():
 
 def test_a_floor_is_gone_once_its_pair_is_clear():
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
-    floors = rig.gate._judge._retreat._floor
+    floors = rig.gate._decisions._retreat._floor
     assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
     assert list(floors) == [0]
     for _ in range(240):
@@ -200,7 +200,7 @@ def test_a_retreat_begins_at_rest():
     rig.command(0, (-5e-4, -5e-4, -5e-4))
     for _ in range(8):
         rig.step()
-    retreat = rig.gate._judge._retreat
+    retreat = rig.gate._decisions._retreat
     assert len(retreat._floor) == 3
     retreat._floor.clear()
     rig.gate._robots[0].last = (1e-3, 0.0, 0.0)
@@ -236,7 +236,7 @@ def test_who_went_first_gives_way_at_once(why):
     rig.step()
     for _ in range(5):
         rig.step()
-    claim, now = rig.gate._judge._retreat._claim, rig.gate._robots[0].tick
+    claim, now = rig.gate._decisions._retreat._turn, rig.gate._robots[0].tick
     claim[0] = now
     assert rig.command(1, AWAY["slow"]).outcome is Outcome.REFUSED
     for _ in range(6):
@@ -304,9 +304,9 @@ def test_what_is_proven_piece_by_piece_to_be_just_enough_is_no_violation():
     bend = np.array([(-0.5, 0.0), (0.0, 0.0), (0.0, 0.5)])  # around the ball, 25 mm from it
     clearance.hold(0, [clearance.space.sweep_nodes(0, bend, np.zeros(2))])
     clearance.bound[0] = 0.019
-    clearance.watch()
+    clearance.mark_maybe_below()
     assert clearance.below(0) == [0]
-    demand = rig.gate._judge._retreat.demand(state, [state])
+    demand = rig.gate._decisions._retreat.requirements(state, [state])
     assert clearance.bound[0] == clearance.limits[0] == 0.02
     assert (demand.violated, demand.forbidden) == ((), None)
     assert demand.need.tolist() == [0.02]
@@ -325,7 +325,7 @@ def test_the_first_floor_after_a_fault_is_that_of_the_place_where_the_robot_was_
     for met in (one for one in rig.stopped if one is not stop):
         rig.feed(Reset(met.id, "rig"))
     assert rig.feed(Reset(stop.id, "rig"))[0].accepted
-    floors, at_once = rig.gate._judge._retreat._floor, rig.command(0, AWAY["fast"])
+    floors, at_once = rig.gate._decisions._retreat._floor, rig.command(0, AWAY["fast"])
     assert at_once.outcome is Outcome.REFUSED
     for _ in range(4):
         rig.held(0)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from armgate.events import Plan, PlanKey, Tick
-from armgate.gate.robot import JOINT_SLACK, robot_state
+from armgate.gate.robot import JOINT_SLACK, RobotState
 from gate import scenes
 
 NOT = (0.0, 0.0)
@@ -13,7 +13,7 @@ NOT = (0.0, 0.0)
 
 def cart(window=0.0, tolerance=0.0):
     """A cart of two joints within ±2 m, its clock silent yet."""
-    return robot_state(scenes.crossing(window, tolerance).robots[0], 0)
+    return RobotState.of(scenes.crossing(window, tolerance).robots[0], 0)
 
 
 def tick(state, setpoint, q=None, time=None):
@@ -142,9 +142,9 @@ def test_a_rebase_to_the_same_setpoint_leaves_nothing_to_reserve():
 def test_a_joint_keeps_its_setpoint_unless_it_stands_off_by_more_than_the_tolerance(tolerance):
     state = cart(tolerance=tolerance)
     tick(state, (0.5, 0.25), (0.5 + 0.5 * tolerance, 0.5))
-    assert state.stand() == (0.5, 0.5)
+    assert state.setpoint_after_reset() == (0.5, 0.5)
     tick(state, (0.5, 0.25), (0.5 - tolerance, 0.25 + tolerance))
-    assert state.stand() == (0.5, 0.25)
+    assert state.setpoint_after_reset() == (0.5, 0.25)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -164,7 +164,7 @@ def test_a_reset_leads_no_joint_out_of_its_limits(faulted, setpoint, q, stands, 
     state = cart(tolerance=0.01)
     state.faulted = faulted
     tick(state, (0.0, side * setpoint), (0.0, side * q))
-    assert state.stand() == (0.0, side * stands)
+    assert state.setpoint_after_reset() == (0.0, side * stands)
 
 
 def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that():
@@ -172,10 +172,10 @@ def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that
     tick(state, (2.5, 0.0))
     tick(state, (2.25, 0.0))
     assert state.outside == (NOT, (0.25, 0.0))
-    state.faulted, state.strayed = True, 0.5
+    state.faulted, state.off_path = True, 0.5
     tick(state, (2.25, 0.0), (2.75, 0.0))
-    state.rebase(state.stand())
-    assert (state.q, state.strayed, state.outside) == ((2.75, 0.0), 0.0, (NOT, (0.75, 0.0)))
+    state.rebase(state.setpoint_after_reset())
+    assert (state.q, state.off_path, state.outside) == ((2.75, 0.0), 0.0, (NOT, (0.75, 0.0)))
 
 
 def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
@@ -242,22 +242,22 @@ def test_a_setpoint_that_changes_at_the_second_tick_has_changed():
 
 
 @pytest.mark.parametrize(
-    ("faulted", "unlike", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
+    ("faulted", "lag_tube", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
 )
-def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted, unlike, stands):
+def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted, lag_tube, stands):
     """After a fault nothing explains the difference; axes that lag differently begin at a companion."""
     cell = scenes.crossing()
-    robot = (scenes.lagging(cell, 0.03, unlike) if unlike else cell).robots[0]
-    state = robot_state(robot, 0)
+    robot = (scenes.lagging(cell, 0.03, lag_tube) if lag_tube else cell).robots[0]
+    state = RobotState.of(robot, 0)
     tick(state, NOT)
     state.faulted, state.q, state.measured = faulted, (0.5, 0.0), (0.75, 0.0)
-    assert state.stand() == (stands, 0.0)
+    assert state.setpoint_after_reset() == (stands, 0.0)
 
 
 def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for_those():
     """At the first tick, the increment is the way from the measured position to the setpoint."""
-    unlike = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
-    for state, counts in ((unlike, 1.0), (cart(), 0.0)):
+    lag_tube = RobotState.of(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    for state, counts in ((lag_tube, 1.0), (cart(), 0.0)):
         tick(state, (1.0, 1.0), (0.5, 0.75))
         assert state.largest.largest == (counts * 0.5, counts * 0.25)
         tick(state, (1.5, 0.5))
@@ -276,7 +276,7 @@ def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_whatever_t
 
 
 def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
-    state = robot_state(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
+    state = RobotState.of(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
     tick(state, NOT)
     state.rebase((0.5, 0.25))
     assert state.largest.largest == (0.5, 0.25)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
-from armgate.gate.compiled import CompiledScreen
+from armgate.gate.clearance.compiled import CompiledScreen
+from armgate.gate.clearance.screen import MARGIN, Screen, robot_pairs
 from armgate.gate.occupancy import Occupancy, occupancy
-from armgate.gate.screen import MARGIN, Screen, robot_pairs
 from gate import scenes
 
 numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None else None
@@ -151,7 +151,7 @@ def test_nothing_is_compiled_in_a_tick():
 def test_without_numba_the_gate_is_the_readable_one():
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from armgate.gate.compiled import available, screen_of\n"
+        "from armgate.gate.clearance.compiled import available, screen_of\n"
         "from armgate.gate.clearance import Clearance\n"
         "from gate import scenes\n"
         "print(available(), type(Clearance(scenes.lane()).screen).__name__)\n"
@@ -208,7 +208,7 @@ def test_a_slab_that_is_just_enough_leaves_nothing_open(compiled):
     starts = [tuple(map(float, r.start)) for r in cell.robots]
     for i, q in enumerate(starts):
         clearance.hold(i, [clearance.space.still(i, q)])
-    clearance.survey(0)
+    clearance.prove_all(0)
     new, n = clearance.space.still(0, starts[0]), clearance._n
     count = len(clearance.pairs_of[0])
     lb, left = clearance.screen.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))
@@ -224,7 +224,7 @@ def test_a_kept_bound_that_is_just_enough_is_not_looked_at_again(compiled):
     clearance = Clearance(scenes.head_on(2.1), compiled)
     for i, x in enumerate((-1.05, 1.05)):
         clearance.hold(i, [clearance.space.still(i, (x,))])
-    clearance.survey(0)
+    clearance.prove_all(0)
     new, step, kept = clearance.held[0][0], np.array([0.25]), (np.array([1.25]), clearance._n)
     lb, left = clearance.screen.run(0, new, step, np.array([1.0]), kept)
     assert (lb.tolist(), left.tolist()) == ([1.0], [])
@@ -238,7 +238,7 @@ def test_what_was_judged_and_not_held_counts_for_nobody_else(compiled):
     clearance = Clearance(scenes.head_on(1.1), compiled)
     for i, x in enumerate((-0.55, 0.55)):
         clearance.hold(i, [clearance.space.still(i, (x,))])
-    clearance.survey(0)
+    clearance.prove_all(0)
     need, step, kept = np.array([0.9]), None, (np.array([1.0]), clearance._n)
     for _ in range(2):
         new = clearance.space.sweep(0, Occupancy(((-0.55,), (0.0,)), (0.0,)))

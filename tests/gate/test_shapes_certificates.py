@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
-from armgate.gate import certificate
-from armgate.gate.certificate import GAP
-from armgate.gate.engine import CoalEngine, FclEngine, Suggestion
-from armgate.gate.support import Cornered, support, support_of_one, support_table
+from armgate.gate.clearance import certificate
+from armgate.gate.clearance.certificate import GAP
+from armgate.gate.clearance.engines import CoalEngine, FclEngine, Suggestion
+from armgate.gate.clearance.support import Cornered, support, support_of_one, support_table
 from gate.certificates import (
     KINDS,
     ROUNDING,

@@ -59,7 +59,7 @@ def test_witness_points_lie_on_their_bodies_in_the_world(response):
 
 
 def test_points_are_told_though_the_budget_is_used_up(monkeypatch):
-    monkeypatch.setattr("armgate.gate.judge.BUDGET", 0)
+    monkeypatch.setattr("armgate.gate.decision.BUDGET", 0)
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.3999, 0.0])])
     (reason,) = rig.command(0, (0.0005, 0.0)).reasons
     assert reason.points is not None

@@ -26,8 +26,8 @@ NOISE = 1e-4
 @pytest.fixture
 def _measured_becomes_setpoint(monkeypatch):
     """A reset takes the measured position as setpoint, and believes that nothing has changed."""
-    monkeypatch.setattr(RobotState, "stand", lambda self: self.measured)
-    monkeypatch.setattr(Reservations, "prove_stand", lambda *_: True)
+    monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
+    monkeypatch.setattr(Reservations, "prove_setpoint", lambda *_: True)
 
 
 def reset_under_noise(folder: Path, goal, joint: int, ticks: int) -> Watched:
@@ -116,13 +116,13 @@ def test_a_retreat_from_beyond_a_limit_raises_no_alarm(tmp_path, distance):
 
 
 def test_a_link_that_plays_other_increments_under_the_right_key_is_found(tmp_path, monkeypatch):
-    told = Gate._resolve
+    told = Gate._follow_plan
 
     def trusting(self, *args):
         fault = told(self, *args)
         return None if fault is not None and "increment" in fault else fault
 
-    monkeypatch.setattr(Gate, "_resolve", trusting)
+    monkeypatch.setattr(Gate, "_follow_plan", trusting)
 
     def other(plan):
         return replace(plan, increments=tuple(tuple(16.0 * x for x in u) for u in plan.increments))

@@ -1,7 +1,8 @@
-"""Small faults put into a module, one at a time: what a test suite must notice.
+"""Small faults (mutants) of a module, one at a time, that a test suite must catch.
 
-Each mutant has a key that survives moved lines: module, function, what stood there and what stands there now.
-Texts, annotations and docstrings are left alone: they decide about nothing.
+Each mutant has a key that survives moved lines: module, function, original code and changed code. A list of
+equivalent mutants therefore survives edits elsewhere in the module. Annotations, docstrings and constant
+texts are not changed; a text with values in it becomes None.
 """
 
 import ast
@@ -37,7 +38,7 @@ _NAMES = _SWAPPED | {b: a for a, b in _SWAPPED.items()}
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault: its key, the line it is in, and how the whole module with it is made."""
+    """One fault: its key, its line, and a function that returns the whole module with it."""
 
     key: str
     line: int
@@ -45,16 +46,16 @@ class Mutant:
 
     @property
     def tree(self) -> ast.Module:
-        """The whole module with the fault."""
+        """Syntax tree of the whole module with the fault."""
         return self.make()
 
 
 def mutants_of(name: str, source: str) -> list[Mutant]:
-    """All mutants of one module, in the order of its lines.
+    """Return all mutants of one module, in the order of its lines.
 
     Args:
-        name: The module's short name, for the keys.
-        source: Its text.
+        name: Short name of the module, for the keys.
+        source: Source text of the module.
     """
     tree = ast.parse(source)
     seen: Counter[str] = Counter()
@@ -73,7 +74,7 @@ Step = tuple[str, int | None]
 Path = tuple[Step, ...]
 _SKIPPED = {"annotation", "returns", "decorator_list", "type_params"}
 _GUARDS = {"strict", "slots", "frozen"}
-"""Arguments that only guard against mistakes in the code around them."""
+"""Arguments whose value is not changed: they only guard against mistakes in the code around them."""
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[Path, str]]:
@@ -128,26 +129,48 @@ def _text(node: ast.AST) -> str:
 
 
 def _changes(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
+    """Yield the changed forms of one node; a node of another kind has none."""
+    yield from _changed_operators(node)
+    yield from _changed_values(node)
+    yield from _changed_calls_and_loops(node)
+
+
+def _changed_operators(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
     match node:
         case ast.Compare(ops=[op]):
             for other in _COMPARE[type(op)]:
                 yield _copied(node, ops=[other()])
         case ast.BinOp(op=op) if type(op) in _BINARY and not _is_type(node):
             yield _copied(node, op=_BINARY[type(op)]())
-        case ast.AugAssign(op=op) if type(op) in _BINARY:
+        case ast.AugAssign(op=op, target=target, value=value) if type(op) in _BINARY:
             yield _copied(node, op=_BINARY[type(op)]())
+            yield ast.copy_location(ast.Assign([target], value), node)
         case ast.BoolOp(op=op):
             yield _copied(node, op=ast.Or() if isinstance(op, ast.And) else ast.And())
         case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
             yield operand
+        case ast.IfExp(body=body, orelse=orelse):
+            yield from (body, orelse)
+
+
+def _changed_values(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
+    match node:
         case ast.Constant(value=bool() as value):
             yield _copied(node, value=not value)
         case ast.Constant(value=int() | float() as value):
             yield _copied(node, value=_other(value))
+        case ast.JoinedStr():
+            yield ast.copy_location(ast.Constant(None), node)
         case ast.Name(id=name) | ast.Attribute(attr=name) if name in _NAMES:
             yield _copied(node, **{"id" if isinstance(node, ast.Name) else "attr": _NAMES[name]})
+
+
+def _changed_calls_and_loops(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
+    match node:
         case ast.Expr(value=ast.Call()):
             yield ast.copy_location(ast.Pass(), node)
+        case ast.Call(keywords=[*others, ast.keyword(arg="strict")]):
+            yield _copied(node, keywords=others)
         case ast.Continue():
             yield ast.copy_location(ast.Break(), node)
         case ast.Break():
@@ -159,7 +182,7 @@ def _other(value: float) -> float:
 
 
 def _is_type(node: ast.BinOp) -> bool:
-    """A union of types, as in ``X = A | B``: a name, not an arithmetic."""
+    """Return True for a union of types, as in ``X = A | B``."""
     return isinstance(node.op, ast.BitOr)
 
 

@@ -1,8 +1,8 @@
-"""Runs the tests against one mutant at a time, each in a fork of a process that has the libraries loaded.
+"""Run of the tests against one mutant at a time, each in a fork of a process that has the libraries loaded.
 
-A child sees the mutated module in the place of the one on disk, and ends with the first test that fails:
-first those that are about its module, then all, the quickest first. One that takes far longer than all tests
-did without a fault is ended: it hangs.
+The fork imports the mutated module instead of the one on disk, and ends with the first test that fails. The
+tests about the module run first, then all, the quickest first. A mutant that takes far longer than all tests
+without a fault hangs, and is ended.
 """
 
 import ast
@@ -25,70 +25,70 @@ import pytest
 
 TESTS = ("tests/gate",)
 ABOUT = {
-    "admission": ("gate_order", "gate_exact"),
     "beside": ("beside",),
-    "bounds": ("bounds", "gate_exact"),
-    "braking": ("limits_exact", "motion_math"),
+    "braking": ("joint_limits_exact", "motion_math"),
     "certificate": ("certificate_exact", "shapes_certificates", "verdicts"),
     "clearance": (
         "clearance_exact",
-        "groups_exact",
+        "pair_groups_exact",
         "gate_exact",
         "verdicts",
         "retreat",
         "gate_order",
         "resets",
     ),
-    "engine": ("certificate_exact", "shapes_certificates"),
+    "command_checks": ("gate_order", "gate_exact"),
+    "decision": ("decision_exact", "gate_order", "retreat", "verdicts"),
+    "engines": ("certificate_exact", "shapes_certificates"),
     "gate": ("gate_order", "gate_exact", "gate_reserved", "faults", "resets"),
-    "groups": ("groups_exact", "screen", "resets"),
-    "judge": ("judge_exact", "gate_order", "retreat", "verdicts"),
-    "lag": ("lag", "judge_exact"),
-    "limits": ("limits_exact", "motion_math"),
-    "nearest": ("nearest_exact", "gate_exact", "resets"),
+    "joint_limits": ("joint_limits_exact", "motion_math"),
+    "kept_bounds": ("kept_bounds", "gate_exact"),
+    "lag": ("lag", "decision_exact"),
+    "lever_range": ("lever_range", "resets"),
+    "nearest_pairs": ("nearest_exact", "gate_exact", "resets"),
     "occupancy": ("occupancy_exact", "motion_math", "lag"),
+    "pair_check": ("clearance_exact", "pair_groups_exact", "verdicts"),
+    "pair_groups": ("pair_groups_exact", "screen", "resets"),
     "penetration": ("penetration",),
-    "played": ("played", "gate_exact"),
-    "question": ("clearance_exact", "groups_exact", "verdicts"),
-    "range": ("range", "resets"),
-    "replay": ("gate_order",),
     "reservations": ("gate_reserved", "gate_exact", "gate_order", "resets"),
-    "rest": ("rest", "robot_exact"),
     "retreat": ("retreat", "gate_exact", "resets"),
-    "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside", "range"),
+    "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside", "lever_range"),
     "screen": ("screen", "clearance_exact", "gate_exact"),
+    "standstill": ("standstill", "robot_exact"),
+    "step_bounds": ("joint_limits_exact", "robot_exact", "verdicts"),
     "stops": ("stops", "gate_exact", "gate_order"),
-    "support": ("groups_exact", "shapes_certificates"),
-    "swept": ("groups_exact", "screen", "range", "resets"),
-    "view": ("gate_exact", "gate_order"),
+    "support": ("pair_groups_exact", "shapes_certificates"),
+    "swept": ("pair_groups_exact", "screen", "lever_range", "resets"),
+    "tick_checks": ("tick_checks", "gate_exact"),
+    "wording": ("verdicts", "gate_order", "gate_exact", "joint_limits_exact", "decision_exact"),
 }
-"""Test modules that are about a module of the gate: the likeliest to notice a fault in it."""
+"""Test modules about a module of the gate: the likeliest to notice a fault in it."""
 
 _WITHOUT = [f"-pno:{name}" for name in ("cacheprovider", "unraisableexception", "threadexception")]
-"""What costs a third of a second in each process and judges nothing."""
+"""Plugins that take a third of a second in each process and are not needed."""
 
 _POLL = 0.02
 
 
 class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Gives one module from a syntax tree."""
+    """Importer of one module from a syntax tree."""
 
     def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
         self._name, self._path, self._tree = name, path, tree
 
     def find_spec(self, fullname: str, path: object, target: object = None) -> Any:
-        """Knows one name."""
+        """Return the specification of the mutated module, None for all others."""
         if fullname != self._name:
             return None
         return importlib.machinery.ModuleSpec(fullname, self, origin=str(self._path))
 
     def exec_module(self, module: types.ModuleType) -> None:
-        """Runs the tree."""
+        """Execute the syntax tree."""
         exec(compile(self._tree, str(self._path), "exec"), module.__dict__)  # noqa: S102
 
 
 class Order:
-    """A pytest plugin: the quickest tests first, as far as they were timed; keeps what they take.
+    """pytest plugin that runs the quickest tests first and keeps their durations.
 
     Tests that take longer than ``longest`` are left out.
     """
@@ -97,17 +97,17 @@ class Order:
         self.known, self.longest, self.seen = known, longest, dict[str, float]()
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Sorts."""
+        """Sort the tests by their known duration."""
         items[:] = [item for item in items if self.known.get(item.nodeid, 0.0) <= self.longest]
         items.sort(key=lambda item: self.known.get(item.nodeid, 0.0))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keeps times."""
+        """Add the duration of a test."""
         self.seen[report.nodeid] = self.seen.get(report.nodeid, 0.0) + report.duration
 
 
 def preload() -> None:
-    """Imports once what every child needs and no mutant changes."""
+    """Import once the modules that every fork needs and no mutant changes."""
     import coal  # noqa: F401, PLC0415
     import fcl  # noqa: F401, PLC0415
     import hypothesis  # noqa: PLC0415
@@ -118,9 +118,9 @@ def preload() -> None:
 
     sys.path[:0] = [str(Path("tests").absolute()), str(Path.cwd())]
     import_module("gate.oracle")
-    import_module("gate.scenes").mesh()  # its parts are kept
+    import_module("gate.scenes").mesh()  # caches the mesh's parts
     os.environ.update(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", ARMGATE_NUMPY="1")
-    phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # who fails need not fail beautifully
+    phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # no shrinking
     hypothesis.settings.register_profile(
         "mutants", derandomize=True, database=None, deadline=None, phases=phases
     )
@@ -128,10 +128,10 @@ def preload() -> None:
 
 
 def times(tests: Sequence[str]) -> dict[str, float]:
-    """How long each test takes without a fault, s.
+    """Return the duration of each test without a fault, s.
 
     Raises:
-        RuntimeError: Some test fails as it is: no mutant could be judged.
+        RuntimeError: A test fails without a fault, so that no mutant can be assessed.
     """
     read, write = os.pipe()
     pid = os.fork()
@@ -151,14 +151,14 @@ def times(tests: Sequence[str]) -> dict[str, float]:
     return {str(k): float(v) for k, v in seen.items()}
 
 
-def judge(finder: Mutated, stages: Sequence[Sequence[str]], order: Order, most: float) -> str:
-    """Returns ``killed``, ``hangs`` or ``survived``.
+def run_tests(finder: Mutated, stages: Sequence[Sequence[str]], order: Order, most: float) -> str:
+    """Run tests against a mutant and return ``killed``, ``hangs`` or ``survived``.
 
     Args:
         finder: The mutant.
-        stages: What is run, one after the other.
-        order: Times of the tests, for their order, and how long they may be.
-        most: Seconds after which it hangs.
+        stages: Test files and folders, run one stage after the other.
+        order: Durations of the tests, for their order, and the longest duration.
+        most: Seconds after which the mutant counts as hanging.
     """
     pid = os.fork()
     if pid == 0:
@@ -189,7 +189,7 @@ def _pytest(tests: Sequence[str], order: Order) -> int:
         return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else code
 
 
-def about(module: str) -> list[str]:
-    """The test files that are about a module of the gate, as far as there are any."""
+def tests_about(module: str) -> list[str]:
+    """Return the test files about a module of the gate."""
     files = [Path("tests/gate") / f"test_{name}.py" for name in ABOUT.get(module, ())]
     return [str(file) for file in files if file.exists()]

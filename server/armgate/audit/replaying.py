@@ -10,7 +10,7 @@ from armgate.cell.cell import Cell
 from armgate.cell.extras import install
 from armgate.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.gate import GateBeside
-from armgate.gate.compiled import available
+from armgate.gate.clearance.compiled import available
 from armgate.recording import DamagedError, Header, Recording, Step, machine, software
 
 Progress = Callable[[int], None]

@@ -1,22 +1,24 @@
-"""The System Integrity Module's judgement: pure, deterministic, without clock, socket or randomness.
+"""Safety gate: decides about every command; pure and deterministic, without clock, socket or randomness.
 
-``Gate.step(event)`` takes ticks, commands, acknowledgements, stops and lease changes and returns verdicts
-and plans.
+``Gate.step(event)`` takes ticks, commands, plan answers, stops, resets, lease and link changes. It returns
+verdicts, plans and answers to stops and resets. In the literature this part is the System Integrity Module.
+
+The path of a command through the package: ``gate`` → ``command_checks`` (lease, stop, link, age) →
+``decision`` → ``joint_limits`` (speed, acceleration, position) → ``braking`` → ``clearance`` →
+``reservations``. ``wording`` has the texts of all verdicts.
 """
 
 from armgate.gate.beside import GateBeside, Intended
+from armgate.gate.clearance.nearest_pairs import start_clearances
+from armgate.gate.clearance.support import support, support_table
 from armgate.gate.gate import Gate
-from armgate.gate.nearest import start_clearances
-from armgate.gate.replay import replay
-from armgate.gate.support import support, support_table
-from armgate.gate.view import RobotView
+from armgate.gate.robot import RobotView
 
 __all__ = [
     "Gate",
     "GateBeside",
     "Intended",
     "RobotView",
-    "replay",
     "start_clearances",
     "support",
     "support_table",

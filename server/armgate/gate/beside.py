@@ -25,12 +25,13 @@ from armgate.events import (
     Verdict,
 )
 from armgate.gate.braking import stop_increments
-from armgate.gate.certificate import Budget
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.pair_check import in_pair_order
+from armgate.gate.decision import Decision
 from armgate.gate.gate import Gate
-from armgate.gate.judge import Decision
-from armgate.gate.limits import StepBounds, shape_wish
-from armgate.gate.question import ordered
+from armgate.gate.joint_limits import limit_increment
 from armgate.gate.robot import RobotState, end_of
+from armgate.gate.step_bounds import StepBounds
 from armgate.gate.stops import StopCause, Stops
 
 
@@ -68,7 +69,7 @@ class GateBeside(Gate):
         if s.tick < 0 or len(event.dq) != len(s.zeros) or not all(map(math.isfinite, event.dq)):
             return None
         bounds = s.limits_now()
-        wish = shape_wish(event.dq, s.last, s.brake, s.setpoint, bounds, s.share).u
+        wish = limit_increment(event.dq, s.last, s.brake, s.setpoint, bounds, s.share).u
         increments = stop_increments(wish, s.bounds.decel)
         end = end_of(s.setpoint, increments)
         return Intended(event.dq, wish, end, s.measured, s.setpoint, s.last, bounds, s.share)
@@ -80,7 +81,7 @@ class GateBeside(Gate):
         """
         c, s = self._clearance, self._of(robot)
         found = [p for p in c.pairs_of[s.index] if c.names(int(p)) == pair]
-        if not found or not c.known(int(found[0])):
+        if not found or not c.positions_known(int(found[0])):
             return None
         group, k = c.find(s.index, int(found[0]))
         mine = c.space.still(s.index, q)
@@ -88,7 +89,7 @@ class GateBeside(Gate):
         if group.other is not None:
             other = self._robots[group.other]
             side = mine if other is s else c.space.still(other.index, other.measured)
-        return ordered(group, k, c.certifier.prove(group, k, mine, side, (0, 0)).points)
+        return in_pair_order(group, k, c.certifier.prove(group, k, mine, side, (0, 0)).points)
 
     def step_beside(self, event: GateEvent, recorded: Sequence[GateOutput]) -> list[GateOutput]:
         """Takes an event, returns what these rules answer, and goes on as was answered then."""
@@ -114,7 +115,7 @@ class GateBeside(Gate):
         s.slot = slot if verdict is None or verdict.target is None else verdict.target
         if s.pending != plan:
             if s.pending is not None:
-                self._reservations.drop(s)
+                self._reservations.drop_pending(s)
             if plan is not None:
                 self._reservations.stage(s, plan, self._as_played(s, plan))
 
@@ -140,16 +141,16 @@ class GateBeside(Gate):
         if (s.setpoint, s.resets) != (rebase.setpoint, rebase.resets):
             s.rebase(rebase.setpoint)
             s.resets = rebase.resets
-            self._reservations.hold_plan(s)
-            self._reservations.renew(s)
+            self._reservations.reserve_held_plan(s)
+            self._reservations.prove_anew(s)
 
     def _as_played(self, s: RobotState, plan: Plan) -> Decision:
         """The recorded plan with what can be said of it at once; the rest is proven where it matters."""
         occupied = s.occupancy_to(end_of(s.setpoint, plan.increments), plan.increments[0])
         swept = self._clearance.space.sweep(s.index, occupied)
         most = np.full_like(self._clearance.limits_of[s.index], np.inf)
-        judged = self._clearance.judge(s.index, swept, None, most, Budget(0))
-        self._clearance.watch()
+        judged = self._clearance.check(s.index, swept, None, most, Budget(0))
+        self._clearance.mark_maybe_below()
         return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
 
     def _follow_stops(

@@ -1,12 +1,12 @@
-"""Braking along an increment: the straight stop that every admitted increment carries with it.
+"""Braking along an increment: the straight stop that belongs to every admitted increment.
 
-A robot that moves by ``u`` in one tick stops along the direction of ``u``: the increment shrinks by the same
-share each tick, as fast as the most demanding joint may decelerate,
+A robot that moves by ``u`` in one tick stops along the direction of ``u``. The increment shrinks by the same
+share each tick, as fast as the most demanding joint may decelerate:
 
     m = max_j |u_j| / (d_j T²),   n = ⌊m⌋,   increments u, u(1 − 1/m), …, u(1 − n/m),
 
 so that the whole stop is the straight segment q_ref → q_ref + (1 + S)·u with S = n − n(n + 1)/(2m).
-After k of these increments what remains is the stop of the increment that comes next: the way to rest is
+After k of these increments, what remains is the stop of the increment that comes next: the way to rest is
 always a part of what was proven before.
 """
 
@@ -18,23 +18,23 @@ from armgate.events import Joints
 
 
 def ticks_to_rest(u: Sequence[float], decel: Sequence[float]) -> float:
-    """Returns m, the increment ``u`` in units of the strongest deceleration that its direction allows.
+    """Return m, the increment ``u`` in units of the strongest deceleration that its direction allows.
 
     Args:
         u: Increment of one tick, rad or m per joint.
-        decel: Deceleration bound times T² per joint; infinite where a joint may stop at once.
+        decel: Deceleration bound times T² per joint; infinite if a joint may stop at once.
     """
     return max(map(truediv, map(abs, u), decel), default=0.0)
 
 
 def stop_share(m: float) -> float:
-    """Returns S = n − n(n + 1)/(2m): how many times ``u`` a robot goes on after the increment ``u``."""
+    """Return S = n − n(n + 1)/(2m): the length of the braking after the increment ``u``, divided by u."""
     n = math.floor(m)
     return n - n * (n + 1) / (2.0 * m) if n else 0.0
 
 
 def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints, ...]:
-    """Returns ``u`` and the increments that bring the robot to rest after it; nothing for a zero ``u``."""
+    """Return ``u`` and the increments that bring the robot to rest after it; nothing for a zero ``u``."""
     if not any(u):
         return ()
     m = ticks_to_rest(u, decel)
@@ -43,12 +43,12 @@ def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints,
 
 
 def largest_stopping(room: float, decel: float) -> float:
-    """Returns the largest increment of one joint whose whole stop, u(1 + S), fits into ``room``.
+    """Return the largest increment of one joint whose whole stop, u(1 + S), fits into ``room``.
 
-    Within n ≤ u/d < n + 1 the stop is (n + 1)u − n(n + 1)d/2; n is the largest for which n(n + 1)d/2 ≤ room.
+    For n ≤ u/d < n + 1 the stop is (n + 1)u − n(n + 1)d/2; n is the largest for which n(n + 1)d/2 ≤ room.
 
     Args:
-        room: Way to the joint's limit, rad or m, not negative.
+        room: Distance to the joint's limit, rad or m, not negative.
         decel: Deceleration bound times T².
     """
     if math.isinf(decel):

@@ -1,18 +1,16 @@
-"""The gate: events in, verdicts and plans out. Pure and deterministic: the event log is the replay.
+"""The gate: events in, verdicts and plans out. Pure and deterministic, so a log of events is a replay.
 
 The invariant: at every moment the occupancies of all robots are inside the joint limits and clear of each
 other, of themselves and of the surroundings by at least the stop distance, for every timing. A command is
-admitted if and only if its robot's new occupancy keeps the invariant against those that the others hold. So
-robots may run on independent clocks, commands are judged one at a time, and whatever is lost, every robot
-can rest safely.
+admitted if and only if its robot's new occupancy keeps the invariant against the occupancies that the others
+hold. So robots may run on independent clocks, commands are decided one at a time, and every robot can come
+to rest safely, whatever is lost.
 """
 
-from collections.abc import Callable
-from typing import Any
+from typing import assert_never
 
 from armgate.cell.cell import Cell
 from armgate.events import (
-    Cause,
     Command,
     GateEvent,
     GateOutput,
@@ -33,28 +31,32 @@ from armgate.events import (
     Tick,
     Verdict,
 )
-from armgate.gate.admission import inadmissible
+from armgate.gate import wording
 from armgate.gate.clearance import Clearance
-from armgate.gate.judge import Decision, Judge
-from armgate.gate.nearest import NearestPairs
+from armgate.gate.clearance.nearest_pairs import NearestPairs
+from armgate.gate.command_checks import failed_check
+from armgate.gate.decision import Decision, DecisionMaker
 from armgate.gate.occupancy import deviation, settle_measured
-from armgate.gate.played import contradiction, unreadable
 from armgate.gate.reservations import Reservations
-from armgate.gate.robot import RobotState, robot_state
+from armgate.gate.robot import RobotState, RobotView
 from armgate.gate.stops import FAULT, LINK, MET, StopCause, Stops
-from armgate.gate.view import RobotView, view_of
+from armgate.gate.tick_checks import contradiction, unusable
 
 _NEAREST = 3
+"""Number of nearest pairs that a state reports of each robot."""
+
+_GAP_RATE = 1000
+"""One gap in so many engine queries is worth a warning."""
 
 
 class Gate:
-    """Judges what robots are asked to do.
+    """Decides about commands, and keeps the invariant over all events.
 
     Args:
         cell: The cell.
-        start: The daemon's start id; goes into the plans' keys.
-        compiled: Whether its inner loops are compiled by numba; where it is installed, if it is not said.
-            Both forms are the same to rounding; a replay is identical in the form of its run.
+        start: The daemon's start id; it becomes a part of the plans' keys.
+        compiled: True to compile the inner loops by numba, False for numpy; by default compiled if numba is
+            installed. Both forms are equal to rounding; a replay is identical in the form of its run.
     """
 
     def __init__(self, cell: Cell, start: str, compiled: bool | None = None) -> None:
@@ -62,79 +64,96 @@ class Gate:
         self._start = start
         self._clearance = Clearance(cell, compiled)
         self._nearest = NearestPairs(self._clearance)
-        self._judge = Judge(self._clearance, cell.config.response)
-        self._robots = [robot_state(r, i) for i, r in enumerate(cell.robots)]
+        self._decisions = DecisionMaker(self._clearance, cell.config.response)
+        self._robots = [RobotState.of(r, i) for i, r in enumerate(cell.robots)]
         self._reservations = Reservations(self._clearance)
         self._stops = Stops()
 
     def step(self, event: GateEvent) -> list[GateOutput]:
-        """Takes one event and returns what follows from it.
+        """Take one event and return the outputs that follow from it.
 
         Raises:
             ModelError: The event names an unknown robot.
         """
-        return _HANDLERS[type(event)](self, event)
+        match event:
+            case Tick():
+                out = self._tick(event)
+            case Command():
+                out = self._command(event)
+            case PlanAnswer():
+                out = self._plan_answer(event)
+            case LeaseChange():
+                out = self._lease_change(event)
+            case Stop():
+                out = self._stop(event)
+            case Reset():
+                out = self._reset(event)
+            case LinkChange():
+                out = self._link_change(event)
+            case _:
+                assert_never(event)
+        return out
 
     def view(self, robot: str) -> RobotView:
-        """Returns what the state tells of a robot.
+        """Return what a state reports of a robot.
 
         Raises:
             ModelError: There is no such robot.
         """
-        return view_of(self._of(robot))
+        return self._of(robot).view
 
     def warnings(self) -> tuple[str, ...]:
-        """Returns what is worth saying beside the robots' entries."""
-        asked, gaps = self._clearance.certifier.queries, self._clearance.certifier.gaps
-        if gaps * _GAP_RATE <= asked:
+        """Return warnings for the state that concern no single robot."""
+        queries, gaps = self._clearance.certifier.queries, self._clearance.certifier.gaps
+        if gaps * _GAP_RATE <= queries:
             return ()
-        return (f"distance engine: {gaps} of {asked} answers fell short of their proof",)
+        return (f"distance engine: {gaps} of {queries} answers fell short of their proof",)
 
-    # --- the clock -----------------------------------------------------------------------------------------
+    # --- ticks ---------------------------------------------------------------------------------------------
 
     def _tick(self, event: Tick) -> list[GateOutput]:
         s = self._of(event.robot)
-        wrong = unreadable(s, event)
+        wrong = unusable(s, event)
         if wrong is not None:
-            return self._not_heard(s, wrong)
+            return self._stop_untracked(s, wrong)
         if s.tick < 0:
             return self._first_tick(s, event)
-        fault = self._resolve(s, event)
+        fault = self._follow_plan(s, event)
         occupied = [r.occupied for r in s.reserved]
-        settled = settle_measured(event.q, occupied, s.robot.q_tolerance, s.off_companion)
-        strayed = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
+        settled = settle_measured(event.q, occupied, s.robot.q_tolerance, s.companion_margin)
+        off_path = 0.0 if settled is not None else min(deviation(event.q, one) for one in occupied)
         if settled is None and fault is None:
-            fault = f"{s.name} measured {strayed:.4g} rad or m off its stop path"
+            fault = f"{s.name} measured {off_path:.4g} rad or m off its stop path"
         s.take_tick(event, event.q if settled is None else settled)
-        self._reservations.hold_plan(s)
+        self._reservations.reserve_held_plan(s)
         if event.rebased:
-            self._reservations.renew(s)
-        out = self._fault(s, fault, strayed) if fault is not None else []
-        self._report(s)
+            self._reservations.prove_anew(s)
+        out = self._fault(s, fault, off_path) if fault is not None else []
+        self._update_nearest(s)
         return out
 
     def _first_tick(self, s: RobotState, event: Tick) -> list[GateOutput]:
         fault = contradiction(s, event)
         s.take_tick(event, event.q)
-        self._reservations.hold_plan(s)
-        self._reservations.renew(s)
+        self._reservations.reserve_held_plan(s)
+        self._reservations.prove_anew(s)
         out = self._fault(s, fault, 0.0) if fault is not None else []
-        self._report(s)
+        self._update_nearest(s)
         return out
 
-    def _not_heard(self, s: RobotState, why: str) -> list[GateOutput]:
-        """Stops a robot whose tick says nothing of it; what was reserved for it stays."""
-        known, s.unheard = s.unheard, True
+    def _stop_untracked(self, s: RobotState, why: str) -> list[GateOutput]:
+        """Stop a robot whose tick cannot be used; its reservations stay."""
+        known, s.untracked = s.untracked, True
         return [] if known else [self._raise_stop([s], why, "gate", LINK)]
 
-    def _resolve(self, s: RobotState, event: Tick) -> str | None:
-        """Follows what the link played; returns what contradicts it, None if nothing does."""
+    def _follow_plan(self, s: RobotState, event: Tick) -> str | None:
+        """Follow the plan that the link played; return what contradicts it, None if nothing does."""
         if s.pending is not None:
             if event.plan == s.pending.key:
-                self._reservations.take_over(s)
+                self._reservations.accept_pending(s)
             elif event.tick >= s.pending.key.target:
                 s.late += not event.rebased  # its answer will find nothing pending
-                self._reservations.drop(s)
+                self._reservations.drop_pending(s)
         wrong = contradiction(s, event)
         if event.rebased or event.plan is None:
             s.held, s.played = None, -1
@@ -144,7 +163,7 @@ class Gate:
                 s.applied_seq = s.held.seq
         return wrong
 
-    def _report(self, s: RobotState) -> None:
+    def _update_nearest(self, s: RobotState) -> None:
         measured = [r.measured if r.tick >= 0 else None for r in self._robots]
         nearest = self._nearest.find(s.index, measured, _NEAREST)
         s.nearest = tuple(nearest.values())
@@ -156,10 +175,10 @@ class Gate:
 
     def _command(self, event: Command) -> list[GateOutput]:
         s = self._of(event.robot)
-        reason = inadmissible(event, s, self._cell.config.max_age_ticks) or self._unknown(s)
+        reason = failed_check(event, s, self._cell.config.max_age_ticks) or self._positions_unknown()
         if reason is not None:
             return [self._verdict(s, event, Decision(s.remaining, 0.0, (reason,)), None)]
-        decision = self._judge.decide(event.dq, s, self._robots)
+        decision = self._decisions.decide(event.dq, s, self._robots)
         s.slot = s.tick + 1
         verdict = self._verdict(s, event, decision, s.slot)
         if verdict.outcome is Outcome.REFUSED:
@@ -169,19 +188,17 @@ class Gate:
         self._reservations.stage(s, plan, decision)
         return [verdict, plan]
 
-    def _unknown(self, s: RobotState) -> Reason | None:
+    def _positions_unknown(self) -> Reason | None:
         missing = [r.name for r in self._robots if r.tick < 0]
-        if not missing:
-            return None
-        return Reason(Cause.LINK, f"the position of {', '.join(missing)} is not known yet: wait for its link")
+        return wording.positions_unknown(missing) if missing else None
 
     def _verdict(self, s: RobotState, command: Command, decision: Decision, target: int | None) -> Verdict:
         dq = decision.increments[0] if decision.increments else s.zeros
         setpoint = tuple(q + u for q, u in zip(s.setpoint or s.zeros, dq, strict=True))
         outcome = Outcome.REFUSED if target is None else _outcome(command.dq, decision)
-        reasons = () if outcome is Outcome.ADMITTED else decision.reasons
+        given = () if outcome is Outcome.ADMITTED else decision.reasons
         # Counted under the last check that bound it.
-        key = f"{outcome.value}:{reasons[-1].cause.value}" if reasons else outcome.value
+        key = f"{outcome.value}:{given[-1].cause.value}" if given else outcome.value
         s.counts[key] = s.counts.get(key, 0) + 1
         s.verdict = Verdict(
             robot=s.name,
@@ -192,24 +209,24 @@ class Gate:
             beta=decision.beta,
             dq=dq,
             setpoint=setpoint,
-            reasons=reasons,
+            reasons=given,
         )
         return s.verdict
 
-    def _answer(self, event: PlanAnswer) -> list[GateOutput]:
+    def _plan_answer(self, event: PlanAnswer) -> list[GateOutput]:
         s = self._of(event.robot)
         if s.pending is None or event.key != s.pending.key:
             return []
         if event.accepted:
-            self._reservations.take_over(s)
+            self._reservations.accept_pending(s)
         else:
             s.late += event.reason == "late"
-            self._reservations.drop(s)
+            self._reservations.drop_pending(s)
         return []
 
     # --- leases, stops, links ------------------------------------------------------------------------------
 
-    def _lease(self, event: LeaseChange) -> list[GateOutput]:
+    def _lease_change(self, event: LeaseChange) -> list[GateOutput]:
         s = self._of(event.robot)
         s.fence, s.share = event.fence, event.speed
         return []
@@ -241,39 +258,39 @@ class Gate:
         return out + [self._rebase(s) for s in robots if not s.stops]
 
     def _rebase(self, s: RobotState) -> Rebase:
-        """Let the setpoints begin where the robot stands, as far as that keeps what is proven.
+        """Set the setpoint to the position at which the robot stands, if a proof allows it.
 
-        What was proven of a robot that faulted is void: it is proven anew at what was measured.
+        The proof of a robot that faulted is void: its pairs are proven anew at the measured position.
         """
-        setpoint, faulted = s.stand(), s.faulted
+        setpoint, faulted = s.setpoint_after_reset(), s.faulted
         moves = setpoint != s.setpoint and not faulted
-        if moves and not self._reservations.prove_stand(s, setpoint):
+        if moves and not self._reservations.prove_setpoint(s, setpoint):
             setpoint = s.setpoint
         s.rebase(setpoint)
-        self._reservations.hold_plan(s)
+        self._reservations.reserve_held_plan(s)
         if faulted:
             s.faulted = False
-            self._judge.forget(s.index)
-            self._reservations.renew(s)
+            self._decisions.forget(s.index)
+            self._reservations.prove_anew(s)
         return Rebase(s.name, s.setpoint, s.resets)
 
-    def _link(self, event: LinkChange) -> list[GateOutput]:
+    def _link_change(self, event: LinkChange) -> list[GateOutput]:
         s = self._of(event.robot)
         s.link = event.state
         if event.state not in (LinkState.LOST, LinkState.FAULTED):
             return []
-        s.unheard = True
+        s.untracked = True
         reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
         return [self._raise_stop([s], reason, "gate", LINK)]
 
-    def _fault(self, s: RobotState, reason: str, strayed: float) -> list[GateOutput]:
+    def _fault(self, s: RobotState, reason: str, off_path: float) -> list[GateOutput]:
         """Stop a robot that is not where it can be, and the robots whose stop paths may now meet it.
 
-        Its occupancy starts from what was measured, widened by as much as it has strayed in all.
+        Its occupancy starts from the measured position, widened by its total distance off its path.
         """
-        s.strayed += strayed
-        self._reservations.hold_plan(s)
-        self._reservations.renew(s)
+        s.off_path += off_path
+        self._reservations.reserve_held_plan(s)
+        self._reservations.prove_anew(s)
         out: list[GateOutput] = []
         if not s.faulted:
             out.append(self._raise_stop([s], reason, "gate", FAULT))
@@ -283,26 +300,13 @@ class Gate:
         return out
 
     def _met_by(self, s: RobotState) -> list[RobotState]:
+        """Return the other robots that share a pair below its limit with a robot."""
         pairs = [self._cell.pairs[k] for k in self._clearance.below(s.index)]
         met = {self._cell.bodies[k].robot for p in pairs for k in (p.a, p.b)}
         return [r for r in self._robots if r.index in met and r is not s]
 
     def _of(self, robot: str) -> RobotState:
         return self._robots[self._cell.robot_index(robot)]
-
-
-_GAP_RATE = 1000
-"""One gap in so many engine queries is worth a warning."""
-
-_HANDLERS: dict[type, Callable[[Gate, Any], list[GateOutput]]] = {
-    Tick: Gate._tick,
-    Command: Gate._command,
-    PlanAnswer: Gate._answer,
-    LeaseChange: Gate._lease,
-    Stop: Gate._stop,
-    Reset: Gate._reset,
-    LinkChange: Gate._link,
-}
 
 
 def _outcome(dq: Joints, decision: Decision) -> Outcome:

@@ -1,18 +1,18 @@
-"""Axes that lag differently: by how much the true position may leave the hull of the setpoints.
+"""Lag of axes with different time constants: how far the true position may leave the hull of the setpoints.
 
 A robot whose joints all lag alike is at a weighted mean of its setpoints. If the lags τ_j differ, each joint
-has weights of its own. Compare joint j with a companion that lags by the middle τ, |τ_j − τ| ≤ Δ = Δτ/2: both
+has weights of its own. Compare joint j with a companion that lags by the middle τ, |τ_j − τ| ≤ Δ = Δτ/2. Both
 follow the setpoint s, with λ(t) = exp(−t/τ), so that a time t after a tick
 
     q − p = λ(t)·(q − p at the tick) + (λ_j(t) − λ(t))·(q − s at the tick).
 
 If no increment exceeds M, |q − s| ≤ M/(1 − λ_j(T)). So a joint within M·Δ/T of its companion at one tick is
-so at the next, because |1/(1 − λ_j(T)) − 1/(1 − λ(T))| ≤ Δ/T. In between it is at most so much farther off:
+so at the next, because |1/(1 − λ_j(T)) − 1/(1 − λ(T))| ≤ Δ/T. Between ticks it is farther off by at most
 
     M·min(Δ/T·(x/(1 − e⁻ˣ) − 1), 1/(1 − e⁻ˣ)),   x = T/τ_j for the shortest lag.
 
 The companion is only known to the tolerance r of the measurement. Of each tick's 2r the share λ(T) is left at
-the next one, so that they add up to 2r/(1 − λ(T)) in all.
+the next tick, so that they add up to 2r/(1 − λ(T)) in all.
 """
 
 import math
@@ -24,19 +24,19 @@ from armgate.cell.cell import Robot
 from armgate.events import Joints
 
 _LAGS = 20.0
-"""An increment counts for so many lags: later e⁻²⁰ of it is missing, less than rounding."""
+"""Number of lags for which an increment counts: after that e⁻²⁰ of it is missing, less than rounding."""
 
 _PARTS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Stray:
-    """By how much a joint that moves may leave the hull, for its largest increment.
+class HullDeviation:
+    """Distance by which a moving joint may leave the hull, for its largest increment.
 
     Attributes:
         ticks: At the ticks, where it is measured, as a share of the increment.
-        between: How much more that is between two ticks.
-        noise: And more than that, because the measurement is rounded, rad or m.
+        between: Additional share between two ticks.
+        noise: Additional distance for the rounding of the measurement, rad or m.
     """
 
     ticks: float
@@ -44,14 +44,14 @@ class Stray:
     noise: float
 
     def of(self, largest: Joints) -> tuple[Joints, Joints]:
-        """Return by how much each joint may leave the hull, and what of it counts between ticks only."""
+        """Return the distance by which each joint may leave the hull, and the part between ticks only."""
         between = tuple([self.between * u for u in largest])
         at_ticks = [self.ticks * u + self.noise if u else 0.0 for u in largest]
         return tuple(map(add, at_ticks, between)), between
 
 
-def stray_of(robot: Robot) -> Stray | None:
-    """Return by how much a robot's joints may leave the hull; None if they lag alike."""
+def hull_deviation_of(robot: Robot) -> HullDeviation | None:
+    """Return the deviation of a robot's joints from the hull; None if they lag alike."""
     half, T, middle = robot.lag_difference / 2.0, robot.period, _middle(robot)
     if half == 0.0:
         return None
@@ -59,11 +59,11 @@ def stray_of(robot: Robot) -> Stray | None:
     between = 1.0 / _gain(T, shortest)
     if shortest > 0.0:
         between = min(half / T * (T / shortest * between - 1.0), between)
-    return Stray(half / T, between, (2.0 / gain - 1.0) * robot.q_tolerance)
+    return HullDeviation(half / T, between, (2.0 / gain - 1.0) * robot.q_tolerance)
 
 
 def memory(robot: Robot) -> int:
-    """Return for how many ticks an increment counts."""
+    """Return the number of ticks for which an increment counts."""
     time = _LAGS * (_middle(robot) + robot.lag_difference / 2.0) + robot.lag_window
     return math.ceil(time / robot.period) + 1
 
@@ -78,11 +78,11 @@ def _middle(robot: Robot) -> float:
 
 
 class LargestIncrements:
-    """The largest increment of each joint in the last ``ticks`` ticks, and at most a quarter of them more.
+    """Largest increment of each joint in the last ``ticks`` ticks, and in at most a quarter as many before.
 
     Args:
-        ticks: For how many ticks an increment counts.
-        joints: How many joints there are.
+        ticks: Number of ticks for which an increment counts.
+        joints: Number of joints.
     """
 
     def __init__(self, ticks: int, joints: int) -> None:
@@ -90,11 +90,11 @@ class LargestIncrements:
         self._count = 0
         self._parts: deque[Joints] = deque([(0.0,) * joints], maxlen=_PARTS + 1)
         self.largest: Joints = (0.0,) * joints
-        """Per joint, rad or m."""
+        """Largest increment per joint, rad or m."""
 
     @property
     def lasting(self) -> Joints:
-        """Those of them that count at the next tick too, rad or m."""
+        """Largest increments that still count at the next tick, rad or m."""
         parts = list(self._parts)[1:] if len(self._parts) > _PARTS else self._parts
         return tuple(map(max, *parts)) if len(parts) > 1 else parts[0]
 
@@ -109,5 +109,5 @@ class LargestIncrements:
 
 
 def larger(most: Joints, increment: Joints) -> Joints:
-    """Return the larger size of each joint's increment."""
+    """Return the larger magnitude of each joint's increment."""
     return tuple(max(m, abs(u)) for m, u in zip(most, increment, strict=True))

@@ -1,11 +1,11 @@
-"""Occupancy: all positions that a robot may pass from now until it rests.
+"""Occupancy: the set of positions that a robot can still reach before it comes to rest.
 
 It is the convex hull of the measured q, the setpoints inside the declared lag window and the end of the
 stop. A robot that lags its setpoint is *not* on the line from q to the setpoint, but it stays in this hull.
 The hull is covered by the polyline measured – setpoint – end, each joint widened by a tube
 
     e_j = (history's largest deviation from the chord AB)_j + |A + l₁/(l₁+l₂)·(C − A) − B|_j + tolerance_j
-          + (what axes that lag differently leave the hull by)_j.
+          + (distance by which axes that lag differently may leave the hull)_j.
 
 The second term covers the triangle ABC: a point of AC and the polyline's point at the same share of the way
 differ most at the corner. A hull of points that each lie within e of the triangle lies within e of it.
@@ -28,24 +28,24 @@ class Occupancy:
 
     Attributes:
         nodes: The polyline.
-        tube: Its radius, per joint.
-        unlike: The part of the tube for axes that lag differently, see `armgate.gate.lag`; () for none.
-        between: The part of it that counts between the ticks only.
+        tube: Radius of the tube, per joint.
+        lag_tube: The part of the tube for axes that lag differently, see `armgate.gate.lag`; () for none.
+        between: The part of the lag tube that counts between the ticks only.
     """
 
     nodes: tuple[Joints, ...]
     tube: Joints
-    unlike: Joints = ()
+    lag_tube: Joints = ()
     between: Joints = ()
 
     @property
     def segments(self) -> list[tuple[Joints, Joints]]:
-        """The polyline's segments; one of length zero for a robot that stands still."""
+        """Segments of the polyline; one of length zero for a robot that stands still."""
         return list(pairwise(self.nodes)) or [(self.nodes[0], self.nodes[0])]
 
     @property
     def end(self) -> Joints:
-        """Where the robot rests if nothing else is admitted."""
+        """Position at which the robot comes to rest if nothing else is admitted."""
         return self.nodes[-1]
 
 
@@ -55,9 +55,9 @@ def occupancy(
     end: Joints,
     history: Sequence[Joints],
     tolerance: float,
-    unlike: tuple[Joints, Joints] = ((), ()),
+    lag_tube: tuple[Joints, Joints] = ((), ()),
 ) -> Occupancy:
-    """Covers the hull of the measured position, the setpoints in the lag window and the end of the stop.
+    """Cover the hull of the measured position, the setpoints in the lag window and the end of the stop.
 
     Args:
         measured: A, the measured q.
@@ -65,8 +65,8 @@ def occupancy(
         end: C, the end of the stop.
         history: Setpoints inside the declared lag window.
         tolerance: Rounding of the measured q, rad or m.
-        unlike: By how much axes that lag differently may leave the hull, per joint, and the part of it that
-            counts between the ticks only; () if they lag alike.
+        lag_tube: Distance by which axes that lag differently may leave the hull, per joint, and the part of
+            it that counts between the ticks only; () if they lag alike.
     """
     cut = _corner_cut(measured, setpoint, end)
     lag = [0.0] * len(measured)
@@ -74,29 +74,30 @@ def occupancy(
         near = _nearest(past, measured, setpoint)
         lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
     tube = tuple(a + b + tolerance for a, b in zip(cut, lag, strict=True))
-    if unlike[0]:
-        tube = tuple(map(add, tube, unlike[0]))
-    return Occupancy(_without_repeats((measured, setpoint, end)), tube, *unlike)
+    if lag_tube[0]:
+        tube = tuple(map(add, tube, lag_tube[0]))
+    return Occupancy(_without_repeats((measured, setpoint, end)), tube, *lag_tube)
 
 
 def settle_measured(
-    q: Joints, held: Sequence[Occupancy], tolerance: float, unlike: Joints = ()
+    q: Joints, held: Sequence[Occupancy], tolerance: float, lag_tube: Joints = ()
 ) -> Joints | None:
-    """Returns the measured position to go on with, None if no held occupancy explains it.
+    """Return the measured position to go on with; None if no held occupancy explains the measurement.
 
-    The robot is within the proven cover (which begins at a measurement too), and what is measured within the
-    rounding of the robot. Any position is good to go on with that is, joint by joint, as near to every place
-    where the robot can then be as axes that lag differently and the rounding allow. Of these the nearest to
-    the middle of the polyline's stretch that explains ``q`` is taken. So a measurement at the cover's edge
-    is taken inside of it, and a robot that creeps away a little each tick is noticed.
+    The robot is inside the proven cover (which begins at a measurement too), and the measurement is within
+    the rounding of the robot. A position is admissible if each of its joints is within ``lag_tube`` and
+    ``tolerance`` of every position that the robot can then have. Of these, the one nearest to the middle of
+    the polyline's stretch that explains ``q`` is returned. So a measurement at the cover's edge is moved
+    inside the cover, and a robot that creeps away a little each tick is noticed.
 
     Args:
         q: The measured position.
-        held: What is reserved.
+        held: The reserved occupancies.
         tolerance: Rounding of the measured q, rad or m.
-        unlike: By how much the robot may be off its companion from now on, per joint; () if axes lag alike.
+        lag_tube: Largest distance of the robot from its companion from now on, per joint; () if axes lag
+            alike.
     """
-    off = tuple([tolerance + e for e in unlike]) if unlike else (tolerance,) * len(q)
+    off = tuple([tolerance + e for e in lag_tube]) if lag_tube else (tolerance,) * len(q)
     at_ticks = [_at_tick(one) for one in held]
     inner = [replace(one, tube=tuple(map(sub, one.tube, off))) for one in at_ticks]
     if any(_stretches(q, one, 0.0) for one in inner):
@@ -110,17 +111,17 @@ def settle_measured(
     high = [max(p[j] + e[j] for p, e in near) for j in range(len(q))]
     middles = [_between(*stretch, 0.5) for stretches, _ in found for stretch in stretches]
     middle = min(middles, key=lambda p: math.dist(p, q))
-    rows = zip(q, middle, low, high, unlike or (0.0,) * len(q), strict=True)
+    rows = zip(q, middle, low, high, lag_tube or (0.0,) * len(q), strict=True)
     return tuple([min(max(p, min(x - e, hi)), max(x + e, lo)) for x, p, lo, hi, e in rows])
 
 
 def _at_tick(one: Occupancy) -> Occupancy:
-    """Return the cover without what counts between the ticks only."""
+    """Return the cover without the part that counts between the ticks only."""
     return replace(one, tube=tuple(map(sub, one.tube, one.between))) if one.between else one
 
 
 def deviation(q: Joints, one: Occupancy) -> float:
-    """Returns how far, in its worst joint, ``q`` is from the nearest point of the polyline, rad or m."""
+    """Return the distance of ``q``, in its worst joint, from the nearest point of the polyline, rad or m."""
     near = [_nearest(q, a, b) for a, b in one.segments]
     return min(max(abs(x - y) for x, y in zip(q, p, strict=True)) for p in near)
 
@@ -148,7 +149,7 @@ def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
 
 
 def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Joints]]:
-    """Returns the stretches of the polyline, end by end, that ``q`` is within tube and ``extra`` of."""
+    """Return the stretches of the polyline within tube and ``extra`` of ``q``, each by its two ends."""
     width = tuple(e + extra + _ROUNDING for e in one.tube)
     pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
     found = []
@@ -160,7 +161,7 @@ def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Jo
 
 
 def _shares(q: Joints, a: Joints, b: Joints, width: Joints) -> tuple[float, float]:
-    """Returns from where to where on the way from a to b every joint of ``q`` is within its width."""
+    """Return the shares of the way from a to b between which every joint of ``q`` is within its width."""
     low, high = 0.0, 1.0
     for x, p, r, w in zip(q, a, b, width, strict=True):
         d = r - p

@@ -1,4 +1,4 @@
-"""What is reserved for each robot: along the plan that its link holds, and along one not yet answered.
+"""Reserved occupancies of each robot: along the plan that its link holds, and along one not yet answered.
 
 A plan is replaced by compare-and-swap at the link. Until its answer the gate reserves both occupancies, the
 old and the new, and every kept bound is the lower of both.
@@ -7,34 +7,34 @@ old and the new, and every kept bound is the lower of both.
 import numpy as np
 
 from armgate.events import Joints, Plan
-from armgate.gate.certificate import Budget
 from armgate.gate.clearance import Clearance
-from armgate.gate.judge import Decision
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.swept import Array
+from armgate.gate.decision import Decision
 from armgate.gate.robot import Reserved, RobotState
-from armgate.gate.swept import Array
 
 _BUDGET = 64
 """Engine evaluations that a reset may cost for each robot whose setpoint it moves."""
 
 
 class Reservations:
-    """Keeps the robots' reserved occupancies and what is proven of them in step."""
+    """Keeps the robots' reserved occupancies and the bounds that are proven of them in step."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         # Bounds proven of the pairs of robots whose links have not answered their plans yet.
         self._staged: dict[int, Array] = {}
 
-    def hold_plan(self, s: RobotState) -> None:
-        """Reserves what the robot may still pass along the held plan."""
+    def reserve_held_plan(self, s: RobotState) -> None:
+        """Reserve the occupancy along the held plan, and only that."""
         if self._clearance.space.ranges[s.index].levers:
-            self._clearance.fit(s.index, s.places, s.room)
+            self._clearance.fit(s.index, s.reachable_points, s.reachable_margin)
         occupied = s.occupancy_to(s.end, s.brake)
         s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
         self._hold(s)
 
     def stage(self, s: RobotState, plan: Plan, decision: Decision) -> None:
-        """Reserves a new plan's occupancy beside the old one, until the link has answered."""
+        """Reserve a new plan's occupancy beside the old one until the link has answered."""
         s.pending = plan
         if decision.occupied is None or decision.swept is None or decision.lb is None:
             return  # the plan is the rest of the held one: reserved already
@@ -44,8 +44,8 @@ class Reservations:
         s.next = Reserved(decision.occupied, decision.swept)
         self._hold(s)
 
-    def take_over(self, s: RobotState) -> None:
-        """The link has the new plan: the old occupancy is free again."""
+    def accept_pending(self, s: RobotState) -> None:
+        """Replace the held plan by the pending one, which the link has accepted; free the old occupancy."""
         s.held, s.played, s.pending = s.pending, -1, None
         s.main, s.next = s.next or s.main, None
         self._hold(s)
@@ -53,34 +53,37 @@ class Reservations:
         if staged is not None:
             self._clearance.bound.put(s.index, staged)
 
-    def drop(self, s: RobotState) -> None:
-        """The link keeps the old plan; the bounds stay at the lower of both, which holds for it too."""
+    def drop_pending(self, s: RobotState) -> None:
+        """Drop the pending plan, which the link has not taken.
+
+        The bounds stay at the lower of both, which holds for the old plan too.
+        """
         s.pending, s.next = None, None
         self._staged.pop(s.index, None)
         self._hold(s)
 
-    def renew(self, s: RobotState) -> None:
-        """Proves a robot's pairs anew where what was proven is void; also for what waits for an answer."""
-        self._clearance.survey(s.index)
+    def prove_anew(self, s: RobotState) -> None:
+        """Prove a robot's pairs anew after the kept bounds became void; also for plans not yet answered."""
+        self._clearance.prove_all(s.index)
         self._lower_staged(s.index, self._clearance.bound.of(s.index))
 
-    def prove_stand(self, s: RobotState, setpoint: Joints) -> bool:
-        """Prove that a robot at rest may take another setpoint, and keep what is proven; False if it may not.
+    def prove_setpoint(self, s: RobotState, setpoint: Joints) -> bool:
+        """Prove that a robot at rest may take another setpoint, and keep the bounds; False without a proof.
 
-        Every pair must keep its limit, or what is proven of it where that is less.
+        Every pair must keep its limit, or its kept bound if that is less.
         """
         c = self._clearance
         swept = c.space.sweep(s.index, s.occupancy_at(setpoint))
         need = np.minimum(c.limits_of[s.index], c.bound.of(s.index))
-        judged = c.judge(s.index, swept, None, need, Budget(_BUDGET))
-        if judged.binding is not None:
+        result = c.check(s.index, swept, None, need, Budget(_BUDGET))
+        if result.binding is not None:
             return False
-        c.bound.put(s.index, judged.lb)
-        self._lower_staged(s.index, judged.lb)
+        c.bound.put(s.index, result.lb)
+        self._lower_staged(s.index, result.lb)
         return True
 
     def _lower_staged(self, robot: int, lb: Array) -> None:
-        """What waits for an answer holds for what else is reserved too: the lower of both, pair by pair."""
+        """Lower staged bounds to ``lb``, pair by pair: they must hold for everything that is reserved."""
         if not self._staged:
             return
         own = self._staged.get(robot)

@@ -1,12 +1,13 @@
-"""Ways back for a robot that starts too near to something: floors that ratchet up.
+"""Retreat of a robot that starts too near to something: floors that only rise.
 
-A pair whose certified bound is below its limit has a floor, the best value it has reached. An increment
-keeps the way back open if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at
-least one margin is proven to widen, and nothing new is violated. A retreat begins at rest, when no setpoint
-of the past counts any more: the first floor is what was reached where the robot stands.
+A pair whose certified bound is below its limit has a floor, the best value that it has reached. An increment
+is a retreat if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at least one
+margin is proven to widen, and nothing new is violated. A retreat begins at rest, when only the setpoint in
+force counts: the first floor is the value at the place where the robot stands.
 
-Two robots that violate a pair move one at a time, the first in the configuration first: as long as it is
-asked to move, and could, the other is refused and brakes. It gives way by resting, or if it finds no way out.
+Two robots that violate a pair move one at a time, the first in the configuration first. While that one is
+commanded to move and can, the other is refused and brakes. The first gives way by resting, or if no way out
+is found for it.
 """
 
 from dataclasses import dataclass
@@ -14,30 +15,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from armgate.events import Joints
-from armgate.gate.certificate import Budget
 from armgate.gate.clearance import Clearance
-from armgate.gate.question import Binding
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.pair_check import Binding
+from armgate.gate.clearance.swept import Array
 from armgate.gate.robot import RobotState
-from armgate.gate.swept import Array
 
 PAIR_SLACK = 2e-4
 """How far a violated pair may fall below its floor, m."""
 
-_PATIENCE = 3
-"""So many ticks without being asked to move, and a robot no longer goes first."""
+_TURN_TICKS = 3
+"""Number of ticks without a command to move after which a robot loses its turn."""
 
 _WIDER = 1e-7
 _PROOF_BUDGET = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Demand:
-    """What a robot's pairs must keep.
+class Requirements:
+    """Distances that a robot's pairs must keep.
 
     Attributes:
-        need: m, one a pair of the robot, (P,).
-        violated: The violated pairs that it may move out of, and what is proven of them.
-        forbidden: What forbids any motion.
+        need: Distance to keep of each of the robot's P pairs, m, (P,).
+        violated: The violated pairs that it may move out of, with their proven bounds.
+        forbidden: The pair that forbids any motion; None if there is none.
     """
 
     need: Array
@@ -46,16 +47,16 @@ class Demand:
 
 
 class Retreat:
-    """The floors of all violated pairs, and whose turn it is."""
+    """Floors of all violated pairs, and the order in which robots leave a pair that both violate."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         self._floor: dict[int, float] = {}
-        self._claim: dict[int, int] = {}
-        """The tick at which a robot was last asked to move and could, or only had to wait for another."""
+        self._turn: dict[int, int] = {}
+        """Tick at which a robot was last commanded to move and could, or only waited for another robot."""
 
-    def demand(self, state: RobotState, states: list[RobotState]) -> Demand:
-        """Proves a robot's violated pairs anew, ratchets their floors, says what motion must keep."""
+    def requirements(self, state: RobotState, states: list[RobotState]) -> Requirements:
+        """Prove a robot's violated pairs anew, raise their floors, and return what a motion must keep."""
         need, violated = self._clearance.limits_of[state.index], []
         waits, forbidden = False, None
         for pair in self._clearance.below(state.index):
@@ -70,27 +71,27 @@ class Retreat:
                 violated.append(binding)
                 self._floor[pair] = max(self._floor.get(pair, -np.inf), binding.lb)
         if waits:
-            self._claim[state.index] = state.tick
+            self._turn[state.index] = state.tick
         if violated:
             need = need.copy()
             for v in violated:
                 need[self._clearance.pairs_of[state.index] == v.pair] = self._floor[v.pair] - PAIR_SLACK
-        return Demand(need, tuple(violated), forbidden)
+        return Requirements(need, tuple(violated), forbidden)
 
-    def claim(self, state: RobotState, admitted: bool) -> None:
-        """Notes whether a robot that was judged found a way out: then it goes first, else it gives way."""
+    def note_result(self, state: RobotState, admitted: bool) -> None:
+        """Note if a way out was found for a robot: then it keeps its turn, else it gives way."""
         if admitted:
-            self._claim[state.index] = state.tick
+            self._turn[state.index] = state.tick
         else:
-            self._claim.pop(state.index, None)
+            self._turn.pop(state.index, None)
 
     def forget(self, robot: int) -> None:
-        """Forget the floors of a robot's pairs: what it had reached is not where it was found."""
+        """Forget the floors of a robot's pairs: they were reached at another place."""
         for pair in self._clearance.pairs_of[robot].tolist():
             self._floor.pop(pair, None)
 
     def widens(self, state: RobotState, end: Joints, violated: tuple[Binding, ...]) -> bool:
-        """Says whether at least one violated margin, of a joint or of a pair, is proven wider at ``end``."""
+        """Return True if at least one violated margin, of a joint or a pair, is proven wider at ``end``."""
         low, high = state.outside
         for q, x, below, above in zip(state.setpoint, end, low, high, strict=True):
             if (below and x > q) or (above and x < q):
@@ -102,13 +103,13 @@ class Retreat:
         )
 
     def _has_turn(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
-        """All others that the pair violates rest, and none of them goes first."""
+        """Return True if the other robot of the pair rests and does not go first."""
         cell_pair, bodies = self._clearance.cell.pairs[pair], self._clearance.cell.bodies
         both = {bodies[cell_pair.a].robot, bodies[cell_pair.b].robot}
         others = [states[k] for k in both if k is not None and k != state.index]
-        return all(s.resting and not (s.index < state.index and self._claims(s)) for s in others)
+        return all(s.resting and not (s.index < state.index and self._keeps_turn(s)) for s in others)
 
-    def _claims(self, state: RobotState) -> bool:
-        at = self._claim.get(state.index)
-        held = state.fence is not None and not state.stops
-        return held and at is not None and state.tick - at <= _PATIENCE
+    def _keeps_turn(self, state: RobotState) -> bool:
+        at = self._turn.get(state.index)
+        commanded = state.fence is not None and not state.stops
+        return commanded and at is not None and state.tick - at <= _TURN_TICKS

@@ -1,17 +1,17 @@
-"""Stops in force. A repeated stop takes the place of the one that it repeats, so their number is bounded.
+"""Stops in force. A repeated stop replaces the one that it repeats, so their number is bounded.
 
 Each stop has an id of its own, larger than all before. A stop of the same robots for the same cause as one in
 force replaces it: only the newer id is in force then, and a reset of either id lifts it. Clients may stop the
 same robots for ``OF_CLIENTS`` different causes; one more replaces the newest of them, if possible one of the
 same client. The gate itself has three causes per robot. So at most 2 · ``OF_CLIENTS`` + 3 stops, of one robot
-or of the cell, are in force for a robot, whatever clients and links do.
+or of the cell, are in force for a robot, for any behaviour of clients and links.
 """
 
 from collections import OrderedDict
 from dataclasses import dataclass
 
 OF_CLIENTS = 16
-"""Stops of the same robots that clients may have in force at once."""
+"""Largest number of stops of the same robots that clients may have in force."""
 
 REMEMBERED = 4096
 """Replaced ids that a reset may still name; ids replaced earlier are forgotten, the oldest first."""
@@ -22,7 +22,7 @@ class StopCause:
     """Cause of a stop: two stops of the same robots with equal causes are one stop.
 
     Attributes:
-        by: Name of the client that asked, "" for the gate itself.
+        by: Name of the client that sent the stop, "" for the gate itself.
         why: The client's reason, or the kind of the gate's own: ``link``, ``fault``, ``met``.
     """
 
@@ -44,7 +44,7 @@ class StopInForce:
     """A stop in force; its id is that of the newest stop that it stands for.
 
     Attributes:
-        id: What a reset names.
+        id: The id that a reset names.
         robots: Indices of the robots.
         cause: Cause of the newest stop that it stands for.
     """
@@ -105,7 +105,7 @@ class Stops:
         equal = [stop.id for stop in same if stop.cause == cause]
         if equal:
             return equal[0]
-        asked = [stop for stop in same if not stop.cause.own]
-        if cause.own or len(asked) < OF_CLIENTS:
+        of_clients = [stop for stop in same if not stop.cause.own]
+        if cause.own or len(of_clients) < OF_CLIENTS:
             return None
-        return max(asked, key=lambda stop: (stop.cause.by == cause.by, stop.id)).id
+        return max(of_clients, key=lambda stop: (stop.cause.by == cause.by, stop.id)).id

@@ -9,7 +9,7 @@ import pytest
 from armgate import events
 from armgate.daemon.core.core import RIGHTS
 from armgate.daemon.core.leasing import NOBODY
-from armgate.gate.engine import CoalEngine
+from armgate.gate.clearance.engines import CoalEngine
 from armgate.protocol import messages as m
 from support.cells import arms_config
 from support.peers import Bench

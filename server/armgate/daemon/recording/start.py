@@ -13,7 +13,7 @@ from armgate.daemon.core.description import CellDescription
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.signer import SignerError, load_signer
-from armgate.gate.compiled import available
+from armgate.gate.clearance.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.recording.chain import Signer
 from armgate.recording.reader import PATTERN

@@ -1,9 +1,10 @@
-"""Rest of a measured robot: two measurements of a standing robot differ by up to twice the tolerance.
+"""Standstill detection from measured positions with a tolerance.
 
-A robot rests if it has *arrived*: every setpoint that it may still follow is one point, and it is measured
-there. A robot that stands elsewhere (pushed, held by a brake) rests if its measurements have stayed within
-twice the tolerance of one of them for long enough. Over k ticks it then moved by no more than four
-tolerances, so k is chosen for a speed of 1e-6 rad or m per tick, and for half a second at most.
+Two measurements of a standing robot differ by up to twice the tolerance. A robot rests if it has *arrived*:
+every setpoint that it may still follow is one point, and it is measured there. A robot that stands elsewhere
+(pushed, held by a brake) rests if its measurements have stayed within twice the tolerance of one of them for
+long enough. Over k ticks it then moved by no more than four tolerances, so k is chosen for a speed of 1e-6
+rad or m per tick, and for half a second at most.
 """
 
 from armgate.events import Joints
@@ -15,11 +16,11 @@ _LONGEST = 0.5
 """Longest time for which the measurements must stay, s."""
 
 
-class Stillness:
-    """Counts the ticks for which a robot was measured in one place.
+class StandstillDetector:
+    """Counter of the ticks for which a robot was measured in one place.
 
     Args:
-        tolerance: How far a measurement may be off, rad or m.
+        tolerance: Largest error of a measurement, rad or m.
         period: Time between two ticks, s.
     """
 
@@ -34,12 +35,12 @@ class Stillness:
         """True if the robot has stayed in one place for long enough."""
         return self._ticks >= self._needed
 
-    def begin(self) -> None:
-        """Count anew: a robot that stands may only not have begun to follow its setpoint."""
+    def restart(self) -> None:
+        """Count from the beginning: a standing robot may not yet have begun to follow its setpoint."""
         self._place, self._ticks = None, 0
 
-    def note(self, q: Joints) -> None:
-        """Take the measured position of one more tick."""
+    def add(self, q: Joints) -> None:
+        """Count the measured position of one more tick."""
         if self._place is not None and within(q, self._place, self._room):
             self._ticks += 1
         else:

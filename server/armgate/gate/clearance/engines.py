@@ -1,16 +1,18 @@
-"""The distance engines: they suggest a direction, the support functions prove the distance.
+"""Distance engines: they suggest a direction; the support functions prove the distance.
 
 coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to
-0.6 mm. python-fcl, another implementation, is asked when the proof falls short of what coal claims. Measured,
-python-fcl alone over-reports by up to 43 mm for cylinders: neither engine is ever believed.
+0.6 mm. python-fcl, another implementation, is queried if the proof falls short of coal's distance. In
+measurements python-fcl alone over-reported by up to 43 mm for cylinders: neither engine is ever trusted.
 
-Both are asked about a convex body's hull without its radius, which is taken off afterwards: hulls that are
-apart still have a direction where the bodies around them touch.
+Both get a convex body's hull without its radius, which is subtracted afterwards: hulls that are apart still
+have a direction when the bodies around them touch.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any, Protocol
+from types import ModuleType
+from typing import Any, Protocol, assert_never
 
 import coal
 import fcl
@@ -27,7 +29,7 @@ _TOUCHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What an engine says: signed distance, unit direction from a to b, witness points (world)."""
+    """Answer of an engine: signed distance, unit direction from a to b, witness points (world)."""
 
     distance: float
     normal: Array
@@ -38,14 +40,14 @@ class Engine(Protocol):
     """Suggests the direction in which two bodies are farthest apart."""
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
-        """Asks for bodies ``a`` and ``b`` (indices) at poses (R, t) in one common frame."""
+        """Query bodies ``a`` and ``b`` (indices) at poses (R, t) in one common frame."""
 
 
 class CoalEngine:
-    """coal with GJK and EPA tolerance 1e-8; signed distance in penetration."""
+    """coal with GJK and EPA tolerance 1e-8; its distance is signed for overlapping bodies."""
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
-        self._shapes = [_coal_shape(s) for s in shapes]
+        self._shapes = [_engine_shape(coal, s, _coal_hull) for s in shapes]
         self._radii = [_radius(s) for s in shapes]
         self._request = coal.DistanceRequest()
         self._request.gjk_tolerance = _TOLERANCE
@@ -53,7 +55,7 @@ class CoalEngine:
         self._result = coal.DistanceResult()
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
-        """Asks coal; its normal is taken where the bodies touch and points give no direction."""
+        """Query coal; its normal is taken if the bodies touch, because the points then give no direction."""
         self._result.clear()
         place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
         d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, self._result)
@@ -63,14 +65,14 @@ class CoalEngine:
 
 
 class FclEngine:
-    """python-fcl: unsigned distance only, asked for a second opinion on separated bodies."""
+    """python-fcl: unsigned distance only, queried for a second opinion on separated bodies."""
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
-        self._shapes = [_fcl_shape(s) for s in shapes]
+        self._shapes = [_engine_shape(fcl, s, _fcl_hull) for s in shapes]
         self._radii = [_radius(s) for s in shapes]
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
-        """Asks python-fcl with a fresh result: a reused one keeps the old minimum."""
+        """Query python-fcl with a fresh result: a reused one keeps the old minimum."""
         result = fcl.DistanceResult()
         one = fcl.CollisionObject(self._shapes[a], fcl.Transform(*pose_a))
         two = fcl.CollisionObject(self._shapes[b], fcl.Transform(*pose_b))
@@ -89,7 +91,7 @@ def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
 
 
 def _radius(shape: Shape) -> float:
-    """What an engine's shape lacks around it, m."""
+    """Return the radius that is missing around an engine's shape, m."""
     return shape.radius if isinstance(shape, Convex) else 0.0
 
 
@@ -100,38 +102,33 @@ def _thickened(found: Suggestion, radius_a: float, radius_b: float) -> Suggestio
     return Suggestion(found.distance - radius_a - radius_b, n, (p + radius_a * n, q - radius_b * n))
 
 
-def _coal_shape(shape: Shape) -> Any:
+def _engine_shape(engine: ModuleType, shape: Shape, hull: Callable[[Convex], Any]) -> Any:
+    """Return a shape of an engine; both engines give the same names and arguments to primitives."""
     match shape:
         case Sphere(radius=r):
-            return coal.Sphere(r)
+            return engine.Sphere(r)
         case Capsule(radius=r, length=length):
-            return coal.Capsule(r, length)
+            return engine.Capsule(r, length)
         case Cylinder(radius=r, length=length):
-            return coal.Cylinder(r, length)
+            return engine.Cylinder(r, length)
         case Box(x=x, y=y, z=z):
-            return coal.Box(x, y, z)
+            return engine.Box(x, y, z)
         case Cone(radius=r, length=length):
-            return coal.Cone(r, length)
-        case Convex(vertices=vertices):
-            points = coal.StdVec_Vec3s()
-            for vertex in vertices:
-                points.append(np.array(vertex))
-            return coal.Convex.convexHull(points, True, QHULL)
+            return engine.Cone(r, length)
+        case Convex():
+            return hull(shape)
+        case _:
+            assert_never(shape)
 
 
-def _fcl_shape(shape: Shape) -> Any:
-    match shape:
-        case Sphere(radius=r):
-            return fcl.Sphere(r)
-        case Capsule(radius=r, length=length):
-            return fcl.Capsule(r, length)
-        case Cylinder(radius=r, length=length):
-            return fcl.Cylinder(r, length)
-        case Box(x=x, y=y, z=z):
-            return fcl.Box(x, y, z)
-        case Cone(radius=r, length=length):
-            return fcl.Cone(r, length)
-        case Convex(vertices=vertices):
-            hull = hull_of(np.array(vertices))
-            faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces])
-            return fcl.Convex(np.ascontiguousarray(hull.vertices), len(hull.faces), faces.ravel())
+def _coal_hull(shape: Convex) -> Any:
+    points = coal.StdVec_Vec3s()
+    for vertex in shape.vertices:
+        points.append(np.array(vertex))
+    return coal.Convex.convexHull(points, True, QHULL)
+
+
+def _fcl_hull(shape: Convex) -> Any:
+    hull = hull_of(np.array(shape.vertices))
+    faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces])
+    return fcl.Convex(np.ascontiguousarray(hull.vertices), len(hull.faces), faces.ravel())

@@ -1,18 +1,18 @@
-"""What is asked of one pair, and what could be proven: questions, answers, and the pieces of an occupancy."""
+"""Check of one pair: the distance that it must keep, the bound found for it, and cells of an occupancy."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from armgate.events import Point
-from armgate.gate.groups import ChainGroup, Group
-from armgate.gate.screen import MARGIN
-from armgate.gate.swept import Array, Index, Swept
+from armgate.gate.clearance.pair_groups import ChainGroup, Group
+from armgate.gate.clearance.screen import MARGIN
+from armgate.gate.clearance.swept import Array, Index, Swept
 
 
 @dataclass(frozen=True, slots=True)
 class Binding:
-    """The pair that an occupancy comes too near to, and what could be proven of it."""
+    """A pair that an occupancy comes too near to: its proven bound, the distance needed, witness points."""
 
     pair: int
     lb: float
@@ -21,8 +21,8 @@ class Binding:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """Does the group's k-th pair keep ``need`` over the occupancy ``new`` of ``robot``?"""
+class PairCheck:
+    """The k-th pair of a group, which must keep ``need`` over the occupancy ``new`` of ``robot``."""
 
     group: Group
     k: int
@@ -37,11 +37,11 @@ class Question:
 
     @property
     def moving(self) -> int | None:
-        """The robot at the other side that moves at its own time."""
+        """The robot at the other side that moves at its own time; None if there is none."""
         return None if isinstance(self.group, ChainGroup) else self.group.other
 
     def loss(self, side: Swept) -> float:
-        """What the tubes alone take from the distance: no subdivision wins it back."""
+        """Return the distance that the tubes alone cost; no subdivision regains it."""
         loss = self.group.growth[self.k] @ self.new.tube
         if self.moving is not None:
             loss += side.motion[self.group.theirs[self.k]] @ side.tube
@@ -49,32 +49,32 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class PairBound:
     """The best bound that could be proven, and the witness points (mine, theirs) of the last engine query."""
 
     lb: float
     points: tuple[Point, Point] | None
 
 
-def ordered(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
-    """The witness points in the pair's own order."""
+def in_pair_order(group: Group, k: int, points: tuple[Point, Point] | None) -> tuple[Point, Point] | None:
+    """Return witness points (mine, theirs) in the order of the pair's bodies."""
     if points is None or group.sign[k] > 0:
         return points
     return points[1], points[0]
 
 
 def segments(nodes: Array) -> list[Array]:
-    """The polyline's segments, (2, n) each; one node for a robot that stands still."""
+    """Return the segments of a polyline, (2, n) each; one node if the robot stands still."""
     return [nodes[i : i + 2] for i in range(len(nodes) - 1)] or [nodes]
 
 
 def middle(segment: Array) -> Array:
-    """The middle of a segment, (1, n)."""
+    """Return the middle of a segment, (1, n)."""
     return np.asarray(segment.mean(axis=0, keepdims=True))
 
 
 def halves(segment: Array) -> list[Array]:
-    """A segment's halves; itself where it is one node."""
+    """Return the halves of a segment; the segment itself if it is one node."""
     if len(segment) == 1:
         return [segment]
     between = segment.mean(axis=0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
-from armgate.gate.groups import ChainGroup
+from armgate.gate.clearance.pair_groups import ChainGroup
+from armgate.gate.clearance.screen import MARGIN
 from armgate.gate.occupancy import Occupancy
-from armgate.gate.screen import MARGIN
 from gate import scenes
 from gate.oracle import Oracle
 
@@ -166,7 +166,7 @@ def test_bounds_keep_a_margin_for_rounding():
     clearance = Clearance(cell, False)
     for i, q in enumerate(((-0.55,), (0.55,))):
         clearance.hold(i, [clearance.space.still(i, q)])
-    clearance.survey(0)
+    clearance.prove_all(0)
     assert clearance.bound[0] == pytest.approx(1.0 - MARGIN, abs=1e-12)
     assert clearance.bound[0] <= 1.0 - 0.9 * MARGIN
 
@@ -195,14 +195,14 @@ def test_the_nodes_told_are_those_where_a_plane_separates_least(name):
             n = rng.normal(size=(len(every), 3))
             n /= np.linalg.norm(n, axis=1, keepdims=True)
             _, near, far = group.slab(mine, side, every, n)
-            rooms = [group.slab(m, m if chained else side, every, n)[0] for m in one_by_one]
-            assert np.min(rooms, axis=0) == pytest.approx(np.choose(near, rooms), abs=1e-12)
+            separations = [group.slab(m, m if chained else side, every, n)[0] for m in one_by_one]
+            assert np.min(separations, axis=0) == pytest.approx(np.choose(near, separations), abs=1e-12)
             if other is not None and not chained:
                 ways = one_by_one
                 if other != robot:
                     ways = [space.sweep_nodes(other, side.nodes[i : i + 1], none) for i in range(3)]
-                rooms = [group.slab(mine, w, every, n)[0] for w in ways]
-                assert np.min(rooms, axis=0) == pytest.approx(np.choose(far, rooms), abs=1e-12)
+                separations = [group.slab(mine, w, every, n)[0] for w in ways]
+                assert np.min(separations, axis=0) == pytest.approx(np.choose(far, separations), abs=1e-12)
 
 
 def test_only_bodies_of_which_one_carries_the_other_are_of_one_chain():

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from armgate.gate.lag import stray_of
-from armgate.gate.range import Range
-from armgate.gate.robot import JOINT_SLACK, robot_state
-from armgate.gate.swept import Space
+from armgate.gate.clearance.lever_range import LeverRange
+from armgate.gate.clearance.swept import Space
+from armgate.gate.lag import hull_deviation_of
+from armgate.gate.robot import JOINT_SLACK, RobotState
 from gate import scenes
 
 ROOM = 1e-3
@@ -38,7 +38,7 @@ def test_slides_that_a_turning_joint_turns_count_and_no_others(kinds, parents, l
     robot = {"urdf": scenes.urdf(joints), "start": [0.0] * len(kinds)}
     around = {"far": {"shape": {"sphere": 0.1}, "xyz": [50, 0, 0]}}
     (robot,) = scenes.build({"A": robot}, surroundings=around).robots
-    assert Range.of(robot).levers == levers
+    assert LeverRange.of(robot).levers == levers
 
 
 @pytest.mark.parametrize(
@@ -51,15 +51,15 @@ def test_slides_that_a_turning_joint_turns_count_and_no_others(kinds, parents, l
     ],
 )
 def test_a_range_begins_as_the_limits_and_the_configured_start_with_some_room(start, tolerance, low, high):
-    assert ends(Range.of(slide(start, tolerance))) == pytest.approx((low, high), abs=1e-12)
+    assert ends(LeverRange.of(slide(start, tolerance))) == pytest.approx((low, high), abs=1e-12)
 
 
 def test_axes_that_lag_differently_need_more_room():
     robot = scenes.lagging(scenes.lever(), 0.03, 0.5).robots[0]
-    stray = max(stray_of(robot).of(tuple(map(float, robot.velocity * robot.period)))[0])
+    stray = max(hull_deviation_of(robot).of(tuple(map(float, robot.velocity * robot.period)))[0])
     assert stray > 1e-3
     more = 2.0 * robot.q_tolerance + stray
-    assert ends(Range.of(robot)) == pytest.approx((-ROOM - more, 0.8 + ROOM + more), abs=1e-12)
+    assert ends(LeverRange.of(robot)) == pytest.approx((-ROOM - more, 0.8 + ROOM + more), abs=1e-12)
 
 
 def at(x, other=0.0):
@@ -68,13 +68,13 @@ def at(x, other=0.0):
 
 @pytest.mark.parametrize("x", [0.0, 0.4, 0.8, 0.8 + 0.4e-3, -0.4e-3])
 def test_inside_nothing_changes(x):
-    own = Range.of(slide())
+    own = LeverRange.of(slide())
     assert own.fitted([at(x), at(0.3)], 0.5e-3) is own
 
 
 @pytest.mark.parametrize("x", [-ROOM, 0.8 + ROOM])
 def test_the_edge_is_inside(x):
-    own = Range.of(slide())
+    own = LeverRange.of(slide())
     assert own.fitted([at(x)], 0.0) is own
 
 
@@ -84,13 +84,13 @@ def test_every_lever_must_be_inside():
     joints = [scenes.joint(k - 1, kind, bodies=ball) for k, kind in enumerate(kinds)]
     robot = {"urdf": scenes.urdf(joints), "start": [0.0] * 3}
     around = {"far": {"shape": {"sphere": 0.1}, "xyz": [50, 0, 0]}}
-    own = Range.of(scenes.build({"A": robot}, surroundings=around).robots[0])
+    own = LeverRange.of(scenes.build({"A": robot}, surroundings=around).robots[0])
     for out in ((0.0, 3.0, 0.0), (0.0, 0.0, 3.0), (0.0, -3.0, 0.0), (0.0, 0.0, -3.0)):
         assert own.fitted([out], 0.0) is not own
 
 
 def test_only_levers_count():
-    own = Range.of(slide())
+    own = LeverRange.of(slide())
     assert own.fitted([at(0.4, other=50.0)], 0.0) is own
 
 
@@ -105,13 +105,13 @@ def test_only_levers_count():
     ],
 )
 def test_outside_it_is_widened_to_what_is_needed_and_a_step_more(places, room, low, high):
-    fitted = Range.of(slide()).fitted([at(x) for x in places], room)
+    fitted = LeverRange.of(slide()).fitted([at(x) for x in places], room)
     assert ends(fitted) == pytest.approx((low, high), abs=1e-12)
     assert fitted.levers == (1,)
 
 
 def test_a_wider_one_stays_while_it_is_needed_and_suffices():
-    own = Range.of(slide())
+    own = LeverRange.of(slide())
     wide = own.fitted([at(1.0)], 0.0)
     assert wide.fitted([at(1.1)], 0.0) is wide
     assert wide.fitted([at(0.9)], 0.0) is wide
@@ -137,19 +137,19 @@ def test_motion_bounds_are_computed_anew_only_outside_of_the_range():
 
 
 def test_a_robot_may_be_where_it_is_measured_commanded_and_was_commanded():
-    state = robot_state(scenes.crossing(0.5, tolerance=0.25).robots[0], 0)
+    state = RobotState.of(scenes.crossing(0.5, tolerance=0.25).robots[0], 0)
     state.measured, state.q, state.setpoint = (0.1, 0.0), (0.2, 0.0), (0.3, 0.0)
     state.history.append((1.0, (0.4, 0.0)))
-    assert state.places == [(0.1, 0.0), (0.2, 0.0), (0.3, 0.0), (0.3, 0.0), (0.4, 0.0)]
-    assert state.room == 0.25 + JOINT_SLACK
-    state.strayed = 0.5
-    assert state.room == 0.75 + JOINT_SLACK
+    assert state.reachable_points == [(0.1, 0.0), (0.2, 0.0), (0.3, 0.0), (0.3, 0.0), (0.4, 0.0)]
+    assert state.reachable_margin == 0.25 + JOINT_SLACK
+    state.off_path = 0.5
+    assert state.reachable_margin == 0.75 + JOINT_SLACK
 
 
 def test_a_robot_whose_axes_lag_differently_may_be_off_by_its_fastest_increment_or_a_larger_jump():
     cell = scenes.lagging(scenes.lever(), 0.03, 0.5)
-    state = robot_state(cell.robots[0], 0)
+    state = RobotState.of(cell.robots[0], 0)
     usual = state.robot.q_tolerance + JOINT_SLACK
-    assert state.room == usual + max(state.stray.of(state.bounds.speed)[0])
+    assert state.reachable_margin == usual + max(state.hull_deviation.of(state.bounds.speed)[0])
     state.largest.add((0.0, 0.5, 0.0))
-    assert state.room == usual + max(state.stray.of((0.0, 0.5, 0.0))[0])
+    assert state.reachable_margin == usual + max(state.hull_deviation.of((0.0, 0.5, 0.0))[0])

@@ -4,16 +4,16 @@ import random
 
 import pytest
 
-from armgate.gate.rest import Stillness, within
+from armgate.gate.standstill import StandstillDetector, within
 
 T = 0.004
 
 
 def noted(tolerance, places, period=T):
     """The state of rest after each of some measured positions."""
-    stillness, reached = Stillness(tolerance, period), []
+    stillness, reached = StandstillDetector(tolerance, period), []
     for q in places:
-        stillness.note(q)
+        stillness.add(q)
         reached.append(stillness.reached)
     return reached
 
@@ -50,14 +50,14 @@ def test_motion_that_can_be_told_from_noise_in_half_a_second_is_no_rest(toleranc
 
 
 def test_nothing_is_known_before_the_first_tick_and_after_a_new_beginning():
-    stillness = Stillness(0.0, T)
+    stillness = StandstillDetector(0.0, T)
     assert not stillness.reached
-    stillness.note((0.0,))
-    stillness.note((0.0,))
+    stillness.add((0.0,))
+    stillness.add((0.0,))
     assert stillness.reached
-    stillness.begin()
+    stillness.restart()
     assert not stillness.reached
-    stillness.note((0.0,))
+    stillness.add((0.0,))
     assert not stillness.reached
 
 

@@ -6,7 +6,14 @@ import pytest
 
 from armgate.events import Cause
 from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
-from armgate.gate.limits import ROUNDING, StepBounds, acceleration_box, blend, shape_wish, stays_inside
+from armgate.gate.joint_limits import (
+    ROUNDING,
+    StepBounds,
+    acceleration_box,
+    blend,
+    limit_increment,
+    stays_inside,
+)
 
 FREE = (math.inf,)
 
@@ -62,26 +69,26 @@ def test_an_acceleration_box(last, box):
 
 
 def test_a_reason_has_the_joint_the_wish_and_the_bound():
-    shaped = shape_wish((-1.0,), (0.2,), (0.1,), (0.0,), bounds(speed=0.5, accel=0.3, decel=0.1), 1.0)
+    shaped = limit_increment((-1.0,), (0.2,), (0.1,), (0.0,), bounds(speed=0.5, accel=0.3, decel=0.1), 1.0)
     speed, accel = shaped.reasons
     assert (speed.cause, speed.joint, speed.value, speed.bound) == (Cause.INCREMENT, "J0", -1.0, -0.5)
     assert (accel.cause, accel.value) == (Cause.ACCELERATION, -0.5)
     assert accel.bound == pytest.approx(0.1)
     assert shaped.u == pytest.approx((0.1,))
-    (up,) = shape_wish((1.0,), (0.0,), (0.0,), (0.0,), bounds(speed=0.5, accel=1.0), 0.5).reasons
+    (up,) = limit_increment((1.0,), (0.0,), (0.0,), (0.0,), bounds(speed=0.5, accel=1.0), 0.5).reasons
     assert (up.value, up.bound) == (1.0, 0.25)
 
 
 @pytest.mark.parametrize(("dq", "named"), [(ROUNDING, False), (2 * ROUNDING, True)])
 def test_rounding_is_not_told(dq, named):
-    shaped = shape_wish((dq,), (0.0,), (0.0,), (0.0,), bounds(speed=0.0), 1.0)
+    shaped = limit_increment((dq,), (0.0,), (0.0,), (0.0,), bounds(speed=0.0), 1.0)
     assert (shaped.u, bool(shaped.reasons)) == ((0.0,), named)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("q", [0.0, 0.9, 0.99, 1.0, 1.5])
 def test_a_joint_alone_takes_all_the_way_that_its_stop_leaves(q, sign):
-    shaped = shape_wish((sign,), (0.0,), (0.0,), (sign * q,), bounds(decel=0.02), 1.0)
+    shaped = limit_increment((sign,), (0.0,), (0.0,), (sign * q,), bounds(decel=0.02), 1.0)
     assert shaped.u[0] == pytest.approx(sign * largest_stopping(max(1.0 - q, 0.0), 0.02), abs=1e-9)
     assert {r.cause for r in shaped.reasons} == {Cause.JOINT_LIMIT}
     assert (shaped.reasons[0].joint, shaped.reasons[0].value) == ("J0", sign)
@@ -91,7 +98,7 @@ def test_a_joint_alone_takes_all_the_way_that_its_stop_leaves(q, sign):
 def test_joints_share_the_longest_stop_and_the_free_one_keeps_its_way(sign):
     """The second joint brakes for longer than the first would alone, so the first gets less."""
     b = bounds(decel=0.02, joints=2)
-    shaped = shape_wish((sign, 0.3), (0.0, 0.0), (0.0, 0.0), (0.95 * sign, 0.0), b, 1.0)
+    shaped = limit_increment((sign, 0.3), (0.0, 0.0), (0.0, 0.0), (0.95 * sign, 0.0), b, 1.0)
     reach = 1.0 + stop_share(ticks_to_rest(shaped.u, b.decel))
     assert shaped.u[1] == 0.3 or stays_inside((0.0, 0.3), (0.0, 0.0), b) is not None
     assert shaped.u[0] * sign == pytest.approx(0.05 / reach, rel=1e-6)
@@ -101,11 +108,11 @@ def test_what_braking_cannot_undo_is_blended_toward_the_held_path():
     """A joint that may not lose its speed in one tick keeps what the held path gives it."""
     b = bounds(accel=0.05, decel=0.05, joints=2)
     last, brake, q = (0.2, 0.0), (0.15, 0.0), (0.7, 0.0)  # 0.15 + 0.1 + 0.05 ends at the limit
-    shaped = shape_wish((0.2, 0.05), last, brake, q, b, 1.0)
+    shaped = limit_increment((0.2, 0.05), last, brake, q, b, 1.0)
     assert stays_inside(shaped.u, q, b) is None
     assert shaped.u[0] == pytest.approx(0.15)
     assert 0.0 <= shaped.beta <= 1.0
-    steep = shape_wish((0.2, 0.05), (0.2, 0.05), (0.15, 0.0375), (0.7, 0.0), b, 1.0)
+    steep = limit_increment((0.2, 0.05), (0.2, 0.05), (0.15, 0.0375), (0.7, 0.0), b, 1.0)
     assert stays_inside(steep.u, (0.7, 0.0), b) is None
 
 
@@ -113,7 +120,7 @@ def test_a_blend_names_the_joint_its_place_and_its_limit():
     b = StepBounds(("a", "b"), (-1.0,) * 2, (1.0,) * 2, (1.0,) * 2, (1.0, 1.0), (0.01, 0.01))
     last = (0.0, 0.1)
     brake = stop_increments(last, b.decel)[1]
-    shaped = shape_wish((0.15, 0.2), last, brake, (0.0, 0.55), b, 1.0)
+    shaped = limit_increment((0.15, 0.2), last, brake, (0.0, 0.55), b, 1.0)
     assert 0.0 < shaped.beta < 1.0
     reason = shaped.reasons[-1]
     assert (reason.cause, reason.joint, reason.value, reason.bound) == (Cause.JOINT_LIMIT, "b", 0.55, 1.0)
@@ -150,7 +157,7 @@ def test_a_joint_that_shares_a_stop_gets_what_that_stop_leaves_it(sign, q):
     b = StepBounds(("a", "b"), (q - 0.06, -9.0), (q + 0.06, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
     wide = 0.22
     reach = 1.0 + stop_share(wide / 0.02)
-    shaped = shape_wish((0.06 * sign, wide), (0.0, 0.0), (0.0, 0.0), (q, 0.0), b, 1.0)
+    shaped = limit_increment((0.06 * sign, wide), (0.0, 0.0), (0.0, 0.0), (q, 0.0), b, 1.0)
     assert shaped.u == (pytest.approx(0.06 * sign / reach, rel=1e-12), wide)
     assert shaped.beta == 1.0
     assert [r.joint for r in shaped.reasons] == ["a"]
@@ -159,7 +166,7 @@ def test_a_joint_that_shares_a_stop_gets_what_that_stop_leaves_it(sign, q):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
     b = StepBounds(("a", "b"), (-1.0, -9.0), (1.0, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
-    shaped = shape_wish((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
+    shaped = limit_increment((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
     assert shaped.u == (0.0, 0.22)
 
 
@@ -182,7 +189,7 @@ def test_reasons_have_units_are_rounded_and_know_no_minus_zero(kind, value, text
 
 def test_a_finger_at_its_end_is_told_in_millimetres():
     b = StepBounds(("slide",), (0.0,), (0.04,), (0.0016,), (1.0,), (1.0,), ("prismatic",))
-    found = shape_wish((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
+    found = limit_increment((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
     assert [reason.text for reason in found.reasons] == [
         "slide: the joint limit with braking allows 0 mm this tick, asked for -0.0512 mm"
     ]
@@ -192,7 +199,7 @@ def test_a_finger_at_its_end_is_told_in_millimetres():
 @pytest.mark.parametrize("last", [3.0, -3.0, 1.5])
 @pytest.mark.parametrize("upper", [100.0, 1.2])
 def test_no_increment_exceeds_the_speed_bound_whatever_was_played_last(dq, last, upper):
-    wish = shape_wish(
+    wish = limit_increment(
         (dq,), (last,), (0.0,), (0.0,), bounds(accel=0.3, decel=0.2, lower=-upper, upper=upper), 1.0
     )
     assert abs(wish.u[0]) <= 1.0

@@ -1,7 +1,7 @@
-"""The lower bounds kept of all pairs, robot by robot: what is proven of the occupancies that are held.
+"""Kept lower bounds of all pairs, robot by robot: proven for the occupancies that are held.
 
-A pair of two robots stands in the rows of both, and always agrees; so a decision reads and writes the bounds
-of one robot in one piece.
+A pair of two robots has an entry in the rows of both, and the two always agree. So a decision reads and
+writes the bounds of one robot in one piece.
 """
 
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ Index = NDArray[np.intp]
 
 
 class KeptBounds:
-    """One lower bound a pair, m; −∞ at first.
+    """One lower bound per pair, m; −∞ at first.
 
     Args:
-        pairs_of: The pairs of each robot, by index; a bound stands at its pair's place there.
+        pairs_of: The pairs of each robot, by index; a bound has the same place as its pair.
     """
 
     def __init__(self, pairs_of: Sequence[Index]) -> None:
@@ -35,18 +35,18 @@ class KeptBounds:
                 _, here, there = np.intersect1d(mine, theirs, assume_unique=True, return_indices=True)
                 if i != k and len(here):
                     self._shared[i].append((k, here, there))
-        # All copies of a robot's pairs in the rows of others: from where in its own, to where among all.
+        # All copies of a robot's pairs in the rows of others: source in its own row, target among all bounds.
         self._copies = [
             (_joined([here for _, here, _ in shared]), _joined([ends[k] + there for k, _, there in shared]))
             for shared in self._shared
         ]
 
     def of(self, robot: int) -> Array:
-        """The bounds of a robot's pairs, (P,); to read."""
+        """Return the bounds of a robot's pairs, (P,), for reading only."""
         return self._of[robot]
 
     def shared(self, robot: int) -> list[tuple[int, Index, Index]]:
-        """Who shares pairs with a robot: the other, the pairs' places with this one and with the other."""
+        """Return each robot that shares pairs with this one, and the places of these pairs in both rows."""
         return self._shared[robot]
 
     def __getitem__(self, pair: int) -> float:
@@ -58,13 +58,13 @@ class KeptBounds:
             self._of[robot][k] = lb
 
     def put(self, robot: int, lb: Array) -> None:
-        """Replaces the bounds of a robot's pairs, (P,)."""
+        """Replace the bounds of a robot's pairs, (P,)."""
         here, there = self._copies[robot]
         self._of[robot][:] = lb
         self._all[there] = lb[here]
 
     def lower(self, robot: int, lb: Array) -> None:
-        """Keeps the lower of both bounds of a robot's pairs, (P,)."""
+        """Keep the lower of both bounds of a robot's pairs, (P,)."""
         self.put(robot, np.minimum(self._of[robot], lb))
 
 

@@ -8,7 +8,7 @@ T = 0.004
 STEP = 5e-5
 
 
-class Hands:
+class ScriptedGate:
     """A gate, its robots' links played by hand: nothing lags, nothing is lost unless the test says so."""
 
     def __init__(self, cell, start=None, gate=None):
@@ -60,4 +60,4 @@ class Hands:
 
 
 def pair(gap=0.2):
-    return Hands(scenes.head_on(0.1 + gap, (T, T)))
+    return ScriptedGate(scenes.head_on(0.1 + gap, (T, T)))

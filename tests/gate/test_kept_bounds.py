@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armgate.gate.bounds import KeptBounds
+from armgate.gate.clearance.kept_bounds import KeptBounds
 
 
 def three():

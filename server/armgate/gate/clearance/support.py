@@ -1,8 +1,8 @@
-"""Support functions: how far a convex body reaches in a direction.
+"""Support functions: the reach of a convex body in a direction.
 
 h_X(v) = max over x in X of v·x. A separating slab is its own proof: for any unit n,
-lb = −h_B(−n) − h_A(n) never exceeds the signed distance of A and B, whatever suggested n. Most primitives
-share one form,
+lb = −h_B(−n) − h_A(n) never exceeds the signed distance of A and B, no matter how n was found. Most
+primitives share one form,
 
     h(v) = hx|vx| + hy|vy| + hz|vz| + disk·√(vx² + vy²) + radius·|v|,
 
@@ -12,12 +12,15 @@ radius), cylinder (disk + hz), box (hx, hy, hz). A body with corners p_k that ca
     h(v) = max_k (p_k·v + d_k·√(vx² + vy²)) + radius·|v|,
 
 is a convex hull (d = 0), thickened by the radius, or a cone (its tip, and its base as one corner with a
-disk). Cells without such bodies are told by their rows alone.
+disk). For cells without such bodies the rows alone are enough.
+
+The compiled form of `support` is ``kernels._support``.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +36,8 @@ class Cornered:
     """Support parameters of bodies of which some have corners.
 
     Attributes:
-        rows: As for primitives, (…, 5); of a body with corners only the radius counts.
-        body: Which of ``corners`` are a body's, −1 for a primitive, (…).
+        rows: Parameters as for primitives, (…, 5); of a body with corners only the radius counts.
+        body: Index into ``corners`` of each body, −1 for a primitive, (…).
         corners: x, y, z and disk of every body with corners, (b, most corners, 4); the last one repeats.
     """
 
@@ -53,7 +56,7 @@ Rows = Array | Cornered
 
 
 def support_row(shape: Shape) -> tuple[float, float, float, float, float]:
-    """Returns (hx, hy, hz, disk, radius) of one shape, m; what its corners do not say, if it has some."""
+    """Return (hx, hy, hz, disk, radius) of one shape, m; for a shape with corners the part without them."""
     match shape:
         case Sphere(radius=r):
             return 0.0, 0.0, 0.0, 0.0, r
@@ -67,21 +70,25 @@ def support_row(shape: Shape) -> tuple[float, float, float, float, float]:
             return 0.0, 0.0, 0.0, 0.0, 0.0
         case Convex(radius=r):
             return 0.0, 0.0, 0.0, 0.0, r
+        case _:
+            assert_never(shape)
 
 
 def corners_of(shape: Shape) -> list[tuple[float, float, float, float]]:
-    """Returns (x, y, z, disk) of each corner of one shape, m; nothing for a shape that its row tells."""
+    """Return (x, y, z, disk) of each corner of one shape, m; nothing for a shape without corners."""
     match shape:
         case Cone(radius=r, length=length):
             return [(0.0, 0.0, length / 2, 0.0), (0.0, 0.0, -length / 2, r)]
         case Convex(vertices=vertices):
             return [(x, y, z, 0.0) for x, y, z in vertices]
-        case _:
+        case Sphere() | Capsule() | Cylinder() | Box():
             return []
+        case _:
+            assert_never(shape)
 
 
 def support_table(shapes: Sequence[Shape]) -> Rows:
-    """Returns support parameters, one entry a shape."""
+    """Return support parameters, one entry per shape."""
     rows = np.array([support_row(s) for s in shapes], dtype=np.float64).reshape(len(shapes), 5)
     corners = {k: c for k, s in enumerate(shapes) if (c := corners_of(s))}
     if not corners:
@@ -93,7 +100,7 @@ def support_table(shapes: Sequence[Shape]) -> Rows:
 
 
 def support(rows: Rows, v: Array) -> Array:
-    """Returns h(v) of bodies centred at the origin of their own frames.
+    """Return h(v) of bodies centred at the origin of their own frames.
 
     Args:
         rows: Support parameters of P bodies, or of one.
@@ -108,7 +115,7 @@ def support(rows: Rows, v: Array) -> Array:
 
 
 def support_of_one(row: Rows, v: Array) -> float:
-    """Returns h(v) of one body in the direction v, (3,): the same numbers, without arrays of one."""
+    """Return h(v) of one body in the direction v, (3,): the same numbers, without arrays of length one."""
     if isinstance(row, Cornered):
         return float(_with_corners(row, v))
     hx, hy, hz, disk, radius = row.tolist()

@@ -1,54 +1,54 @@
-"""Direction of a pair that overlaps: the one in which the bodies need the shortest way to come apart.
+"""Direction of an overlapping pair: the one in which the bodies need the shortest way to come apart.
 
 In penetration the signed distance is max over n of n·(t_b − t_a) − h_a(n) − h_b(−n), a function with many
-local maxima, and engines stop at poor ones: two crossing capsules came out up to 184 mm too low. The maximum
-of primitives is nearly always at an axis of one body, or across an axis of each; so these are tried, and the
-best are turned until no turn is better. Any direction proves its own bound.
+local maxima, and engines stop at poor ones: for two crossing capsules the result was up to 184 mm too low.
+The maximum of primitives is nearly always at an axis of one body, or across an axis of each. So these are
+tried, and the best are turned until no turn is better. Any direction proves its own bound.
 """
 
 import numpy as np
 
-from armgate.gate.support import Rows, support
-from armgate.gate.swept import Array
+from armgate.gate.clearance.support import Rows, support
+from armgate.gate.clearance.swept import Array
 
 _SHORT = 1e-9
 _SAME = 1e-9
 """Bounds that differ by less are the same, m: of those, the first direction is taken."""
 
 _STARTS, _TURNS, _FIRST = 4, 24, 0.2
-"""So many directions are turned, in so many steps, at first by so much (rad)."""
+"""Number of directions that are turned, number of steps, and size of the first step (rad)."""
 
 Posed = tuple[Rows, Array, Array]
 """Support parameters of a body, R (3, 3) and t (3,)."""
 
 
 def tried_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
-    """Return the best of ``n``, the bodies' axes and what is across two of them, and what it proves, m."""
+    """Return the best of ``n``, the bodies' axes and the directions across two of them, with its bound, m."""
     n = _candidates(a, b, n)
-    room = rooms(a, b, n)
-    best = _first(room)
-    return n[best], float(room[best])
+    separation = separations(a, b, n)
+    best = _first(separation)
+    return n[best], float(separation[best])
 
 
 def turned_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
-    """Return the best direction that turning finds, from the best ones of `tried_direction` on."""
+    """Return the best direction that turning finds, starting from the best ones of `tried_direction`."""
     n = _candidates(a, b, n)
-    n = n[np.argsort(-rooms(a, b, n), kind="stable")[:_STARTS]]
-    best, step = rooms(a, b, n), np.full(len(n), _FIRST)
+    n = n[np.argsort(-separations(a, b, n), kind="stable")[:_STARTS]]
+    best, step = separations(a, b, n), np.full(len(n), _FIRST)
     turns, each = np.concatenate([a[1].T, -a[1].T, b[1].T, -b[1].T]), np.arange(len(n))
     for _ in range(_TURNS):
         m = n[:, None, :] + step[:, None, None] * turns
         m /= np.sqrt(np.einsum("kij,kij->ki", m, m))[:, :, None]
-        room = rooms(a, b, m.reshape(-1, 3)).reshape(len(n), -1)
-        k = room.argmax(axis=1)
-        up = room[each, k] > best + _SAME
-        n, best = np.where(up[:, None], m[each, k], n), np.where(up, room[each, k], best)
+        separation = separations(a, b, m.reshape(-1, 3)).reshape(len(n), -1)
+        k = separation.argmax(axis=1)
+        up = separation[each, k] > best + _SAME
+        n, best = np.where(up[:, None], m[each, k], n), np.where(up, separation[each, k], best)
         step = np.where(up, step, 0.5 * step)
     k = _first(best)
     return n[k], float(best[k])
 
 
-def rooms(a: Posed, b: Posed, n: Array) -> Array:
+def separations(a: Posed, b: Posed, n: Array) -> Array:
     """Return what each unit direction, (k, 3), a to b, proves of the signed distance, m, (k,)."""
     (row_a, R_a, t_a), (row_b, R_b, t_b) = a, b
     near, far = (_reach(row, v) for row, v in ((row_a, n @ R_a), (row_b, -(n @ R_b))))
@@ -69,6 +69,6 @@ def _candidates(a: Posed, b: Posed, n: Array) -> Array:
     return np.concatenate([v, -v])
 
 
-def _first(room: Array) -> int:
+def _first(separation: Array) -> int:
     """Return the first of the largest: compiled and numpy forms differ by rounding only."""
-    return int(np.argmax(room > room.max() - _SAME))
+    return int(np.argmax(separation > separation.max() - _SAME))

@@ -1,7 +1,7 @@
-"""What a tick may report: the increment that the gate's plan has for it, and nothing else.
+"""Checks of a tick: a link may report the increment that the gate's plan has for this tick, and nothing else.
 
-A link is believed where it can be held against the plan. A measured position cannot: `settle_measured` holds
-it against the occupancy.
+A link is believed as far as it agrees with the plan. The measured position has no counterpart in the plan:
+`settle_measured` compares it with the occupancy.
 """
 
 import math
@@ -9,13 +9,13 @@ from itertools import chain
 
 from armgate.cell.urdf import MAX_NUMBER
 from armgate.events import Joints, LinkState, Tick
-from armgate.gate.limits import ROUNDING
+from armgate.gate.joint_limits import ROUNDING
 from armgate.gate.occupancy import settle_measured
 from armgate.gate.robot import RobotState, same
 
 
-def unreadable(s: RobotState, event: Tick) -> str | None:
-    """Return why a tick says nothing of its robot; None if it does."""
+def unusable(s: RobotState, event: Tick) -> str | None:
+    """Return the reason why a tick cannot be used; None if it can."""
     rows = (event.q, event.setpoint, event.increment)
     if any(len(row) != s.robot.model.n for row in rows):
         return f"{s.name}'s link reports positions of another number of joints"
@@ -29,11 +29,11 @@ def unreadable(s: RobotState, event: Tick) -> str | None:
 
 
 def contradiction(s: RobotState, event: Tick) -> str | None:
-    """Return what contradicts the plan that the gate believes the link plays; None if nothing does."""
+    """Return what contradicts the plan that the link should play; None if nothing does."""
     if s.tick < 0:
-        return _begun_in_motion(s, event)
+        return _first_in_motion(s, event)
     if event.rebased:
-        return _held_elsewhere(s, event)
+        return _wrong_rebase(s, event)
     if event.plan is None:
         if any(s.brake):
             return f"{s.name}'s link ends its plan before the robot is at rest"
@@ -41,11 +41,11 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
         return f"{s.name}'s link plays a plan that the gate has not given it"
     if not _close(event.increment, s.brake):
         return f"{s.name}'s link plays an increment that its plan does not have"
-    return _not_added_up(s, event)
+    return _wrong_sum(s, event)
 
 
-def _begun_in_motion(s: RobotState, event: Tick) -> str | None:
-    """A link's first tick comes before any plan of the gate."""
+def _first_in_motion(s: RobotState, event: Tick) -> str | None:
+    """Check the first tick of a link: it comes before any plan of the gate."""
     return f"{s.name}'s link begins with a robot in motion" if _plays(event) else None
 
 
@@ -53,14 +53,18 @@ def _plays(event: Tick) -> bool:
     return event.plan is not None or event.index != -1 or any(event.increment)
 
 
-def _not_added_up(s: RobotState, event: Tick) -> str | None:
+def _wrong_sum(s: RobotState, event: Tick) -> str | None:
     if same(tuple(a + b for a, b in zip(s.setpoint, event.increment, strict=True)), event.setpoint):
         return None
     return f"{s.name}'s link reports a setpoint that its increments do not add up to"
 
 
-def _held_elsewhere(s: RobotState, event: Tick) -> str | None:
-    """A robot that was held rests at a setpoint of its own; a link that is not ready may begin anew."""
+def _wrong_rebase(s: RobotState, event: Tick) -> str | None:
+    """Check a rebased tick.
+
+    A robot that was held rests at a setpoint where the gate can expect it. A link that is not ready may begin
+    anew elsewhere.
+    """
     if _plays(event):
         return f"{s.name}'s link reports a robot that is held and moves"
     if s.link is not LinkState.READY or any(same(one, event.setpoint) for one in (s.setpoint, s.before)):

@@ -1,4 +1,4 @@
-"""The screen in its compiled form, where numba is installed (extra `fast`)."""
+"""Compiled form of the screen, for installations with numba (extra `fast`)."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.cell import Cell
 from armgate.cell.model import RobotModel
-from armgate.gate.screen import RobotPairs, Screen
-from armgate.gate.support import Cornered
-from armgate.gate.swept import Array, Index, Place, Space, Swept
+from armgate.gate.clearance.screen import RobotPairs, Screen
+from armgate.gate.clearance.support import Cornered
+from armgate.gate.clearance.swept import Array, Index, Place, Space, Swept
 
 Records = NDArray[np.void]
 _STALE = -1
 _ROWS = 8
-"""Room for nodes that a robot holds at once, at first."""
+"""Initial number of rows for the nodes that a robot holds."""
 
 
 def available() -> bool:
-    """Whether numba is installed."""
+    """Return True if numba is installed."""
     try:
         import_module("numba")
     except ImportError:
@@ -33,10 +33,15 @@ def available() -> bool:
 
 
 def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Screen:
-    """The screen, compiled if that is wanted, or possible and not said; both are the same to rounding.
+    """Return the screen; both forms are equal to rounding.
+
+    Args:
+        space: The cell's bodies.
+        pairs: The pairs of each robot.
+        compiled: True for the compiled form, False for numpy, None for compiled if numba is installed.
 
     Raises:
-        ImportError: The compiled form is wanted, and numba is not installed.
+        ImportError: The compiled form is requested and numba is not installed.
     """
     if compiled or (compiled is None and available()):
         return CompiledScreen(space, pairs)
@@ -44,7 +49,7 @@ def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) 
 
 
 class CompiledScreen(Screen):
-    """`Screen` with its slabs and kinematics compiled; see there."""
+    """`Screen` with compiled slabs and kinematics."""
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
         prepare()
@@ -55,7 +60,7 @@ class CompiledScreen(Screen):
         self._own = [_pack_pairs(own) for own in pairs]
         self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
         bodies = len(space.cell.bodies)
-        # What never moves has one row, and stands behind the robots; unknown robots have none.
+        # Static bodies have one row and come after the robots; robots of unknown position have none.
         count = np.array([0] * len(self._held) + [1], dtype=np.int64)
         R, t = (np.repeat(x, _ROWS, axis=0) for x in (space.static.R, space.static.t))
         self._nodes = (R, t, np.zeros((_ROWS, bodies)), count)
@@ -68,7 +73,7 @@ class CompiledScreen(Screen):
         self._own[robot] = _pack_pairs(own)
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Notes what a robot holds; written down when somebody looks."""
+        """Note the held occupancies of a robot; they are written at the next query that needs them."""
         self._held[robot] = swept
         self._nodes[3][robot] = _STALE
 
@@ -76,7 +81,7 @@ class CompiledScreen(Screen):
         lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
         own, slabs = self._own[robot], self._kernels.slabs
         while (other := slabs(self._cell, self._nodes, own, moves, asked, lb)) >= 0:
-            self._write(other)  # a robot that has moved, and turns out to matter
+            self._write(other)  # this robot has moved, and an open pair needs it
         return lb
 
     def _write(self, robot: int) -> None:
@@ -88,10 +93,12 @@ class CompiledScreen(Screen):
         self._nodes[3][robot] = row
 
     def _make_room(self, rows: int) -> None:
-        R, t, stray, count = self._nodes
+        R, t, deviation, count = self._nodes
         if rows > len(t):
-            R, t, stray = (np.concatenate([x, np.repeat(x[-1:], rows, axis=0)]) for x in (R, t, stray))
-            self._nodes = (R, t, stray, count)
+            R, t, deviation = (
+                np.concatenate([x, np.repeat(x[-1:], rows, axis=0)]) for x in (R, t, deviation)
+            )
+            self._nodes = (R, t, deviation, count)
 
     def _placer(self, cell: Cell) -> Place:
         numbers = [len(r.model.bodies) for r in cell.robots]
@@ -106,10 +113,10 @@ class CompiledScreen(Screen):
 
 @cache
 def prepare() -> None:
-    """Compiles all kernels, or takes them from numba's cache: some seconds the first time, else under one.
+    """Compile all kernels, or load them from numba's cache: some seconds the first time, else under one.
 
-    After it no call compiles: arguments of another kind are an error. A `CompiledScreen` calls it when it is
-    made, so that no tick waits for a compiler.
+    After this no call compiles: arguments of another type are an error. The constructor of `CompiledScreen`
+    calls it, so that no tick waits for a compiler.
 
     Raises:
         ImportError: numba is not installed.
@@ -120,10 +127,10 @@ def prepare() -> None:
     joints[0]["R"][:] = np.eye(3)
     joints["parent"] = bodies["joint"] = bodies["corners"] = -1
     cell = (robots, joints, bodies, np.zeros((1, 1, 4)), np.zeros((1, 1)), np.zeros((1, 1, 1)))
-    R, t, stray = np.zeros((2, 1, 3, 3)), np.zeros((2, 1, 3)), np.zeros((2, 1))
+    R, t, deviation = np.zeros((2, 1, 3, 3)), np.zeros((2, 1, 3)), np.zeros((2, 1))
     one, two = np.zeros(1), np.zeros((2, 1))
     own = (np.zeros(1, k.PAIR), two[:1], np.zeros((1, 1, 1)))
-    held = (R, t, stray, np.ones(2, dtype=np.int64))
+    held = (R, t, deviation, np.ones(2, dtype=np.int64))
     k.place(cell, 0, one, R[0], t[0])
     k.hold(cell, held, 0, 0, two, one)
     k.slabs(cell, held, own, (0, two, one), (np.zeros(1, np.intp), np.zeros((1, 3))), one)
@@ -132,11 +139,11 @@ def prepare() -> None:
 
 
 def _kernels() -> ModuleType:
-    return import_module("armgate.gate.kernels")  # late: numba takes its time to import
+    return import_module("armgate.gate.clearance.kernels")  # late: importing numba takes about a second
 
 
 def pack_cell(space: Space) -> tuple[Any, ...]:
-    """The cell as the kernels take it: robots, joints, bodies, corners, motion and bend bounds."""
+    """Return the cell in the kernels' form: robots, joints, bodies, corners, motion and bend bounds."""
     k, cell = _kernels(), space.cell
     models = [r.model for r in cell.robots]
     robots = np.zeros(len(models), k.ROBOT)
@@ -148,7 +155,7 @@ def pack_cell(space: Space) -> tuple[Any, ...]:
 
 
 def _bounds(space: Space) -> tuple[Array, Array]:
-    """Motion and bend bounds of all bodies of the cell, as wide as the robot with most joints."""
+    """Return motion and bend bounds of all bodies of the cell, as wide as the robot with most joints."""
     models = [r.model for r in space.cell.robots]
     bodies, widest, first = len(space.cell.bodies), max(m.n for m in models), 0
     motion, bend = np.zeros((bodies, widest)), np.zeros((bodies, widest, widest))

@@ -1,11 +1,13 @@
-"""The first two stages of clearance for all pairs of a robot at once: kept bounds, then one joined slab.
+"""Screen: the first two stages of clearance for all pairs of a robot at once.
 
-Pairs that the kept bounds leave open are few, but they belong to many groups: with each other robot, with
-what never moves, with the robot itself. What every robot holds stands in one table by body, so that one pass
-of array operations takes all open pairs together, whatever stands at the other side. Only pairs of one chain,
-whose bodies move together, are another formula.
+Few pairs are left open by the kept bounds, but they belong to many groups: with each other robot, with
+static bodies, with the robot itself. The held occupancies of all robots are in one table by body, so that one
+pass of array operations takes all open pairs together. Only pairs of one chain, whose bodies move together,
+need another formula.
 
-A bound that is not a number proves nothing: comparisons are written so that it leaves its pair open.
+A bound that is not a number proves nothing: comparisons are written so that its pair stays open.
+
+`armgate.gate.clearance.compiled` has the compiled form.
 """
 
 from collections.abc import Sequence
@@ -15,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from armgate.gate.groups import ChainGroup, Group
-from armgate.gate.support import support
-from armgate.gate.swept import Array, Index, Space, Swept
+from armgate.gate.clearance.pair_groups import ChainGroup, Group
+from armgate.gate.clearance.support import support
+from armgate.gate.clearance.swept import Array, Index, Space, Swept
 
 MARGIN = 1e-9
-"""What every bound is lowered by for floating-point rounding, m."""
+"""Allowance for floating-point rounding, by which every bound is lowered, m."""
 
 _AHEAD = 8.0
-"""Pairs that would be open after so many steps more are tried along with those that are: most of a pass is
-its overhead, and so most decisions need none."""
+"""Number of steps to look ahead: pairs that would be open after as many more steps are tried together with
+the open ones. Most of a pass is overhead, so that most decisions need none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +36,11 @@ class RobotPairs:
     Attributes:
         ids: Indices into the cell's pairs, (P,).
         mine, theirs: The two bodies' indices in the cell, (P,).
-        sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
-        growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
-        side: Their groups, numbered, (P,).
+        sign: +1 if ``mine`` is the pair's first body, else −1, (P,).
+        growth: Largest decrease of the distance per unit of each joint of the robot, (P, n).
+        side: Numbers of their groups, (P,).
         chain: The group of pairs whose bodies move together, None if there is none.
-        chained: How many these are; they come first.
+        chained: Number of these pairs; they come first.
     """
 
     ids: Index
@@ -52,7 +54,7 @@ class RobotPairs:
 
 
 def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
-    """Joins the groups of a robot with ``n`` joints."""
+    """Join the groups of a robot with ``n`` joints."""
     none = np.zeros(0, np.intp)
     chain = groups[0] if groups and isinstance(groups[0], ChainGroup) else None
     return RobotPairs(
@@ -68,7 +70,7 @@ def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
 
 
 class Screen:
-    """Lowers the kept bounds of a robot's pairs, and tries the kept directions of those used up.
+    """Lowers the kept bounds of a robot's pairs, and tries the kept directions of pairs that fall too low.
 
     Args:
         space: The cell's bodies.
@@ -84,24 +86,24 @@ class Screen:
         self.pairs[robot] = own
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Notes what a robot holds."""
+        """Note the held occupancies of a robot."""
         self._table.hold(robot, swept)
 
     def run(
         self, robot: int, new: Swept, step: Array | None, need: Array, kept: tuple[Array, Array]
     ) -> tuple[Array, Index]:
-        """Judges a new occupancy as far as it goes without a distance engine.
+        """Check a new occupancy as far as that is possible without a distance engine.
 
         Args:
-            robot: Its index.
-            new: The occupancy to judge.
-            step: By how much it extends the held one per joint; None if the kept bounds say nothing of it.
+            robot: Index of the robot.
+            new: The occupancy to check.
+            step: How far it extends the held one per joint; None if the kept bounds do not apply to it.
             need: The distance that each of the robot's P pairs must keep, m, (P,).
             kept: The kept bounds of the robot's pairs, m, (P,), and the directions of all pairs of the cell,
                 first body to second, (…, 3).
 
         Returns:
-            Lower bounds of the robot's pairs, (P,), and which of them are still open, ascending.
+            Lower bounds of the robot's pairs, (P,), and the places of those still open, ascending.
         """
         (bound, n), own = kept, self.pairs[robot]
         lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
@@ -114,14 +116,17 @@ class Screen:
         return lb, left[~(lb[left] >= need[left])]
 
     def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
-        """The open pairs and those soon open, ascending, of the sides that have to be looked at anyway."""
+        """Return the open pairs and those that will be open soon, ascending, of the sides needed anyway."""
         soon = (short > -_AHEAD * (own.growth @ step)).nonzero()[0]
-        looked = np.zeros(len(own.side), dtype=np.bool_)
-        looked[own.side[left]] = True
-        return np.asarray(soon[looked[own.side[soon]]])
+        needed = np.zeros(len(own.side), dtype=np.bool_)
+        needed[own.side[left]] = True
+        return np.asarray(soon[needed[own.side[soon]]])
 
     def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
-        """The swept slabs of the pairs ``left``, in ascending order, with directions mine to theirs."""
+        """Return the swept slabs of the pairs ``left``, ascending, with directions mine to theirs.
+
+        The compiled form is ``kernels.slabs``.
+        """
         own, lb = self.pairs[robot], np.empty(len(left))
         first = int(left.searchsorted(own.chained))
         if own.chain is not None and first:
@@ -133,10 +138,10 @@ class Screen:
 
 
 class _Table:
-    """Every body at the nodes of what its robot holds, by its index in the cell.
+    """Poses of every body at the nodes of its robot's held occupancies, by its index in the cell.
 
-    A robot that holds less nodes than there is room for has its last one repeated, one of unknown position
-    strays by ∞: its pairs stay open.
+    The last node of a robot is repeated if the table has more rows. The deviation of a robot of unknown
+    position is ∞: its pairs stay open.
     """
 
     def __init__(self, space: Space) -> None:
@@ -148,17 +153,17 @@ class _Table:
         ends = np.cumsum([len(r.model.bodies) for r in space.cell.robots]).tolist()
         self._own = [slice(*reach) for reach in pairwise([0, *ends])]
         self._R, self._t = space.static.R.copy(), space.static.t.copy()
-        self._stray = np.zeros(self._t.shape[:2])
+        self._deviation = np.zeros(self._t.shape[:2])
         for mine in self._own:
-            self._stray[:, mine] = np.inf
+            self._deviation[:, mine] = np.inf
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Notes what a robot holds; written down when somebody looks."""
+        """Note the held occupancies of a robot; they are written at the next query that needs them."""
         self._held[robot] = swept
         self._stale.add(robot)
 
     def slabs(self, robot: int, new: Swept, mine: Index, theirs: Index, n: Array) -> Array:
-        """Lower bounds for pairs whose sides move at their own time, ``robot`` anywhere in ``new``, (P,)."""
+        """Return lower bounds, (P,), for pairs of independent sides, ``robot`` anywhere in ``new``."""
         owner = self._owner[theirs]
         for other in [k for k in self._stale if k != robot and (owner == k).any()]:
             self._write(other, self._held[other])
@@ -169,9 +174,9 @@ class _Table:
         return np.asarray(-reach[: len(mine)] - reach[len(mine) :])
 
     def _reach(self, bodies: Index, n: Array) -> Array:
-        """The largest n·x over everything that each body may pass, (P,)."""
+        """Return the largest n·x over all positions that each body may pass, (P,)."""
         local = np.einsum("mpji,pj->mpi", self._R.take(bodies, axis=1), n)
-        along = support(self._rows[bodies], local) + self._stray.take(bodies, axis=1)
+        along = support(self._rows[bodies], local) + self._deviation.take(bodies, axis=1)
         along += np.einsum("mpj,pj->mp", self._t.take(bodies, axis=1), n)
         return np.asarray(along.max(axis=0))
 
@@ -180,16 +185,18 @@ class _Table:
         self._make_room(sum(len(s.nodes) for s in swept))
         for s in swept:
             rows = slice(row, row + len(s.nodes))
-            self._R[rows, mine], self._t[rows, mine], self._stray[rows, mine] = s.R, s.t, s.stray
+            self._R[rows, mine], self._t[rows, mine], self._deviation[rows, mine] = s.R, s.t, s.deviation
             row = rows.stop
         if 0 < row < len(self._t):
-            for values in (self._R, self._t, self._stray):
+            for values in (self._R, self._t, self._deviation):
                 values[row:, mine] = values[row - 1, mine]
 
     def _make_room(self, rows: int) -> None:
         missing = rows - len(self._t)
         if missing > 0:
-            self._R, self._t, self._stray = (_extended(x, missing) for x in (self._R, self._t, self._stray))
+            self._R, self._t, self._deviation = (
+                _extended(x, missing) for x in (self._R, self._t, self._deviation)
+            )
 
 
 def _extended(values: Array, rows: int) -> Array:

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from armgate.events import Cause, Outcome, Plan, PlanKey, Reset
-from armgate.gate import judge as judging
-from armgate.gate.clearance import Judgement
-from armgate.gate.limits import Wish
-from armgate.gate.question import Binding
+from armgate.gate import decision as decisions
+from armgate.gate.clearance import ClearanceResult
+from armgate.gate.clearance.pair_check import Binding
+from armgate.gate.joint_limits import LimitedIncrement
 from gate import scenes
-from gate.hands import STEP, Hands
 from gate.rig import Rig
+from gate.scripted_gate import STEP, ScriptedGate
 
 
 def lane_hands(x, response="stop", **cell):
     cell = scenes.lane(response=response, **cell)
-    return Hands(cell, [(x, 0.0)])
+    return ScriptedGate(cell, [(x, 0.0)])
 
 
 def queries(hands):
@@ -32,7 +32,7 @@ def test_all_trials_of_a_command_share_one_budget(response, monkeypatch):
     rng = np.random.default_rng(1)
     rig = Rig(cell, stops=0.0)
     most, bound = 0, 0
-    monkeypatch.setattr(judging, "BUDGET", 5)
+    monkeypatch.setattr(decisions, "BUDGET", 5)
     for k in range(250):
         before = queries(rig)
         robot = rig.cell.robots[0]
@@ -72,7 +72,7 @@ def test_what_both_bounds_and_clearance_take_is_multiplied():
 
 
 def test_asking_for_less_than_the_braking_gives_the_braking():
-    hands = Hands(scenes.head_on(1.1, (0.004, 0.004)))
+    hands = ScriptedGate(scenes.head_on(1.1, (0.004, 0.004)))
     hands.ask((STEP,))
     hands.play()
     verdict = hands.ask((0.0,))
@@ -141,7 +141,7 @@ def bound_by(hands, margin):
 def test_less_is_tried_where_the_margin_would_be_used_up(held, tried, beta, found):
     hands = lane_hands(-1.0, "slow")
     binding = bound_by(hands, held)(tried)
-    assert hands.gate._judge._secant(beta, binding) == math.floor(found * 2**20) / 2**20  # on a grid
+    assert hands.gate._decisions._secant(beta, binding) == math.floor(found * 2**20) / 2**20  # on a grid
 
 
 @pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
@@ -153,9 +153,9 @@ def test_what_is_never_proven_is_tried_three_times(response, trials):
         assert budget.left == 32 - len(asked)  # one for all trials, as the documentation has it
         assert budget.take()
         asked.append(new.nodes[-1][0])
-        return Judgement(need, binding)
+        return ClearanceResult(need, binding)
 
-    hands.gate._clearance.judge = judge
+    hands.gate._clearance.check = judge
     assert hands.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
     ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
     assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-5)
@@ -166,14 +166,14 @@ def test_less_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypat
     """Both ends of a blend stay inside, and what is between them need not: it stops later than the one, and
     is faster than the other."""
     hands = lane_hands(0.0, "slow")
-    judge, s = hands.gate._judge, hands.gate._robots[0]
+    judge, s = hands.gate._decisions, hands.gate._robots[0]
     s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))
     s.held = Plan("A", PlanKey("s", 0, 1, -1), 1, ((1.0, 0.0),))
-    wish, binding = Wish((0.5, 3.5), 1.0, ()), bound_by(hands, 0.5)(-0.5)
-    answers = [Judgement(np.zeros(1), binding), Judgement(np.zeros(1), None)]
-    monkeypatch.setattr(hands.gate._clearance, "judge", lambda *_: answers.pop(0))
+    wish, binding = LimitedIncrement((0.5, 3.5), 1.0, ()), bound_by(hands, 0.5)(-0.5)
+    answers = [ClearanceResult(np.zeros(1), binding), ClearanceResult(np.zeros(1), None)]
+    monkeypatch.setattr(hands.gate._clearance, "check", lambda *_: answers.pop(0))
     monkeypatch.setattr(judge, "_secant", lambda beta, binding: 0.75)
-    decision = judge._clear(wish, s, judge._retreat.demand(s, [s]))
+    decision = judge._largest_clear(wish, s, judge._retreat.requirements(s, [s]))
     assert decision.beta == outcome
     assert len(answers) == (outcome == 0.0)
 
@@ -183,24 +183,24 @@ def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
     hands = lane_hands(-1.0)
     hands.ask((1e-4, 0.0))
     hands.play()
-    s, judge = hands.gate._robots[0], hands.gate._judge
+    s, judge = hands.gate._robots[0], hands.gate._decisions
     new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
-    assert judge._step(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
+    assert judge._extension(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
     s.next = s.main
-    assert judge._step(s, new) is None
+    assert judge._extension(s, new) is None
 
 
 def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew():
     """And a slower one by nothing: the kept bounds hold for the wider tube."""
-    hands = Hands(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
+    hands = ScriptedGate(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
     hands.ask((1e-4, 0.0))
     hands.play()
-    s, judge = hands.gate._robots[0], hands.gate._judge
-    share = s.stray.ticks + s.stray.between
+    s, judge = hands.gate._robots[0], hands.gate._decisions
+    share = s.hull_deviation.ticks + s.hull_deviation.between
     faster = s.occupancy_to(s.end, (3e-4, 5e-4))
-    assert judge._step(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
+    assert judge._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
     slower = s.occupancy_to(s.end, (0.0, 0.0))
-    assert judge._step(s, slower) == pytest.approx([0.0, 0.0])
+    assert judge._extension(s, slower) == pytest.approx([0.0, 0.0])
     assert slower.tube == pytest.approx((1e-4 * share, 0.0))
 
 
@@ -209,7 +209,7 @@ def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew
 
 def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
     hands = lane_hands(-1.0)
-    judge, s = hands.gate._judge, hands.gate._robots[0]
+    judge, s = hands.gate._decisions, hands.gate._robots[0]
     points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
     reason = judge._reason(Binding(0, 0.01234567889, 0.05, points), s)
     assert reason.value == 0.012345678
@@ -223,7 +223,7 @@ def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
 def too_near(between=0.11):
     """Return two balls of 5 cm, 1 cm apart, with a stop distance of 2 cm; ``fast`` has the first turn."""
     cell = scenes.crossing(window=0.0, periods=(0.012, 0.012))
-    return Hands(cell, [(0.0, 0.0), (0.0, between)])
+    return ScriptedGate(cell, [(0.0, 0.0), (0.0, between)])
 
 
 def test_a_robot_that_retreats_keeps_its_turn_for_three_ticks():

@@ -1,8 +1,8 @@
-"""The nearest pairs at the measured positions, for the state: told as lower bounds, the nearest one tight.
+"""Nearest pairs at the measured positions, for the state: lower bounds, of which the lowest is tight.
 
-A lower bound is kept for every pair and lowered by what its robots moved since. The lowest bounds are asked
-again of the engine until the lowest is a fresh one: then no pair can be nearer than it says. So only near
-pairs cost anything.
+A lower bound is kept for every pair and lowered by the motion of its robots. The engine measures the pairs
+with the lowest bounds until the lowest bound is a fresh one: then no pair can be nearer than that. So only
+near pairs cost anything.
 """
 
 from bisect import insort
@@ -13,11 +13,11 @@ import numpy as np
 
 from armgate.cell.cell import Cell
 from armgate.events import Joints, Nearest
-from armgate.gate.certificate import Proof
-from armgate.gate.clearance import Clearance
-from armgate.gate.groups import Group
-from armgate.gate.question import ordered
-from armgate.gate.swept import Array, Index, Swept
+from armgate.gate.clearance.certificate import Proof
+from armgate.gate.clearance.clearance import Clearance
+from armgate.gate.clearance.pair_check import in_pair_order
+from armgate.gate.clearance.pair_groups import Group
+from armgate.gate.clearance.swept import Array, Index, Swept
 
 _FEW = 4
 _MANY = 64
@@ -25,12 +25,12 @@ _REFRESHES = 64
 
 
 class NearestPairs:
-    """Finds the nearest pairs of one robot at a time; keeps the directions that it finds."""
+    """Finds the nearest pairs of one robot at a time, and keeps the directions that it finds."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
         pairs = clearance.cell.pairs
-        # Where, among a robot's pairs, those with others stand.
+        # Places of the pairs with other robots or surroundings among a robot's pairs.
         self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
@@ -38,32 +38,34 @@ class NearestPairs:
         self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
 
     def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
-        """Returns the ``count`` nearest pairs by index, by margin; the nearest (and nearest other) tight.
+        """Return the ``count`` nearest pairs, by index, in the order of their margins.
+
+        The nearest pair, and the nearest with another robot or the surroundings, are tight.
 
         Args:
-            robot: Whose pairs.
-            measured: The measured q of every robot, None where it is not known.
-            count: How many.
+            robot: Index of the robot.
+            measured: The measured q of every robot, None if it is not known.
+            count: Number of pairs.
         """
         for i, q in enumerate(measured):
             self._follow(i, q)
         ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
         margin = self._margin.take(ids)
         proofs: dict[int, Proof] = {}
-        for asked in range(1, _REFRESHES + 1):
+        for query in range(1, _REFRESHES + 1):
             stale = [k for k in self._lowest(robot, margin) if k not in proofs]
             if not stale:
                 break
-            if asked % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
+            if query % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
                 self._measure(robot, _first(margin, _MANY), margin)
                 continue
             k = stale[0]
             proofs[k] = self._refresh(robot, int(ids[k]))
             margin[k] = proofs[k].lb - limits[k]
         self._margin[ids] = margin
-        told = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
+        shown = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
         return {
-            int(ids[k]): self._told(robot, int(ids[k]), proofs.get(k)) for k in told if isfinite(margin[k])
+            int(ids[k]): self._entry(robot, int(ids[k]), proofs.get(k)) for k in shown if isfinite(margin[k])
         }
 
     def exact(self, robot: int, measured: Sequence[Joints], count: int) -> dict[int, Nearest]:
@@ -76,17 +78,17 @@ class NearestPairs:
         while len(proofs) < len(ids):
             k = int(left.argmin())
             if left[k] >= max(0.0, tight[count - 1]):
-                break  # what is left cannot be nearer than its bound says
+                break  # the pairs left cannot be nearer than their bounds
             proofs[k] = self._refresh(robot, int(ids[k]))
             self._margin[ids[k]] = proofs[k].lb - limits[k]
             insort(tight, float(self._margin[ids[k]]))
             left[k] = np.inf
-        return {int(ids[k]): self._told(robot, int(ids[k]), proof) for k, proof in proofs.items()}
+        return {int(ids[k]): self._entry(robot, int(ids[k]), proof) for k, proof in proofs.items()}
 
     def _follow(self, robot: int, q: Joints | None) -> None:
-        """Lower the bounds of a robot's pairs by what it moved.
+        """Lower the bounds of a robot's pairs by its motion since the last call.
 
-        They are found anew when it is seen first, and when its motion bounds have changed.
+        They are found anew when its position is known first, and when its motion bounds have changed.
         """
         last, self._last[robot] = self._last[robot], q
         if q is None or q == last:
@@ -104,7 +106,7 @@ class NearestPairs:
         self._margin[ids] = margin
 
     def _measure(self, robot: int, places: Index, margin: Array) -> None:
-        """Raises to what the kept directions prove, at the measured positions, some of a robot's margins."""
+        """Raise some of a robot's margins to what the kept directions prove at the measured positions."""
         mine, first = self._still[robot], 0
         for group in self._clearance.groups[robot]:
             here, first = (
@@ -129,7 +131,7 @@ class NearestPairs:
         return proof
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
-        """The places of the lowest margin of all, and of those with others; none of unknown robots."""
+        """Return the places of the lowest known margins: of all pairs, and of the pairs with others."""
         lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
         if len(others):
@@ -139,15 +141,15 @@ class NearestPairs:
     def _side(self, group: Group) -> Swept | None:
         return self._clearance.space.static if group.other is None else self._still[group.other]
 
-    def _told(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
+    def _entry(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
         c = self._clearance
         limit = float(c.limits[pair])
-        points = None if proof is None else ordered(*c.find(robot, pair), proof.points)
+        points = None if proof is None else in_pair_order(*c.find(robot, pair), proof.points)
         return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
 
 
 def _first(margin: Array, count: int) -> Index:
-    """The places of the ``count`` lowest margins, the lowest first; of equal ones, the first."""
+    """Return the places of the ``count`` lowest margins, the lowest first; of equal ones, the first."""
     if count < len(margin):
         lowest = np.sort(np.argpartition(margin, count - 1)[:count])
     else:
@@ -156,18 +158,18 @@ def _first(margin: Array, count: int) -> Index:
 
 
 def start_clearances(cell: Cell, count: int = 16) -> list[Nearest]:
-    """Return true distances at the start positions, by margin: all below their limits, and the nearest.
+    """Return true distances at the start positions, by margin: all pairs below their limits, and the nearest.
 
     Args:
         cell: The cell.
-        count: At least so many pairs of each robot.
+        count: Least number of pairs of each robot.
     """
-    clearance = Clearance(cell, compiled=False)  # asked once: not worth loading a compiler
+    clearance = Clearance(cell, compiled=False)  # used once: not worth loading a compiler
     start = [tuple(float(x) for x in r.start) for r in cell.robots]
     for i, q in enumerate(start):
         clearance.hold(i, [clearance.space.still(i, q)])
     for i in range(len(start)):
-        clearance.survey(i)
+        clearance.prove_all(i)
     nearest = NearestPairs(clearance)
     found: dict[int, Nearest] = {}
     for i in range(len(start)):

@@ -9,13 +9,13 @@ import pytest
 from armgate.events import LeaseChange, LinkChange, LinkState, PlanKey, Reset, Stop, Stopped, Tick
 from armgate.gate import Gate
 from gate import scenes
-from gate.hands import STEP, Hands, T, pair
+from gate.scripted_gate import STEP, ScriptedGate, T, pair
 
 OTHER = PlanKey("s", 0, 1, 5)
 
 
-class Link(Hands):
-    """Hands whose ticks can be changed before the gate hears of them."""
+class Link(ScriptedGate):
+    """ScriptedGate whose ticks can be changed before the gate hears of them."""
 
     def honest(self, i=0, index=0):
         """The tick that plays the held plan's increment; not sent yet."""
@@ -306,7 +306,7 @@ def test_a_slide_that_reports_the_farthest_position_in_range_stops_its_neighbour
     arms = {name: {"urdf": scenes.slide(), "base": {"xyz": [x, 0, 0]}, "start": [1.5, 0.2, 0.0]}
             for name, x in (("A", 0.0), ("B", 2.0))}  # fmt: skip
     cell = scenes.build(arms)
-    hands = Hands(cell, gate=Gate(cell, "s", compiled))
+    hands = ScriptedGate(cell, gate=Gate(cell, "s", compiled))
     number, q = hands.tick[0] + 1, hands.q[0]
     tick = Tick("A", number, number * cell.robots[0].period, q, q, (0.0,) * 3)
     wrong = replace(tick, **{field: (q[0], far, q[2])})

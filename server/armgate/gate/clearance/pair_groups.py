@@ -1,7 +1,8 @@
-"""The pairs of one robot, by what stands at the other side: another robot, what never moves, or itself.
+"""Pairs of one robot, grouped by the other side: another robot, static bodies, or the robot itself.
 
 The two sides of a pair move at their own time, so for one direction each is bounded alone. Only two bodies
-of one chain move together: their pair is seen from the nearer body, where only the joints between them move.
+of one chain move together: their pair is described in the frame of the nearer body, where only the joints
+between them move.
 """
 
 from collections.abc import Sequence
@@ -10,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armgate.cell.cell import Body, Cell, Pair
-from armgate.gate.support import Rows, support
-from armgate.gate.swept import Array, Index, Space, Swept
+from armgate.gate.clearance.support import Rows, support
+from armgate.gate.clearance.swept import Array, Index, Space, Swept, chord_deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,16 +20,17 @@ class Group:
     """P pairs of one robot with one other side.
 
     Attributes:
-        other: Index of the other robot (the robot itself for bodies on different branches), None for what
-            never moves.
+        other: Index of the other robot (the robot itself for bodies on different branches), None for static
+            bodies.
         ids: Indices into the cell's pairs, (P,).
         mine: The robot's bodies, indices into its model's bodies, (P,).
-        theirs: The other side's bodies: of its model, or of the cell for what never moves, (P,).
-        sign: +1 where ``mine`` is the pair's first body, else −1, (P,).
+        theirs: The other side's bodies: indices into its model's bodies, or into the cell's for static
+            bodies, (P,).
+        sign: +1 if ``mine`` is the pair's first body, else −1, (P,).
         limit: Distance to keep, m, (P,).
         shape_mine, shape_theirs: The bodies' indices in the cell, (P,).
         rows_mine, rows_theirs: Their support parameters, P.
-        growth: By how much the distance can shrink per unit of each joint of the robot, (P, n).
+        growth: Largest decrease of the distance per unit of each joint of the robot, (P, n).
     """
 
     other: int | None
@@ -44,14 +46,14 @@ class Group:
     growth: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
-        """Returns lower bounds of the distance for all timings of both sides, (P',), and the nodes that bind.
+        """Return lower bounds of the distance for all timings of both sides, (P',), and the nodes that bind.
 
-        lb = −max n·x over mine − max (−n)·x over theirs.
+        lb = −max n·x over mine − max (−n)·x over theirs. The compiled form is ``kernels._apart``.
 
         Args:
-            mine: The robot's occupancy.
-            theirs: The other side's.
-            sel: Which of the group's pairs, (P',).
+            mine: Occupancy of the robot.
+            theirs: Occupancy of the other side.
+            sel: Selection of the group's pairs, (P',).
             n: Directions from mine to theirs, world frame, (P', 3).
         """
         near, node = mine.reach(self.rows_mine[sel], self.mine[sel], n)
@@ -69,7 +71,10 @@ class ChainGroup(Group):
     bend: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
-        """The same, both bodies at one time, directions in the nearer body's frame; ``theirs`` unused."""
+        """Return the same for two bodies at one time; directions are in the nearer body's frame.
+
+        ``theirs`` is not used. The compiled form is ``kernels._chained``.
+        """
         del theirs
         base_R, base_t = mine.R[:, self.mine[sel]], mine.t[:, self.mine[sel]]
         tip_R, tip_t = mine.R[:, self.theirs[sel]], mine.t[:, self.theirs[sel]]
@@ -77,19 +82,15 @@ class ChainGroup(Group):
         local = np.einsum("mpji,mpj->mpi", tip_R, -world)
         along = support(self.rows_theirs[sel], local) - np.einsum("mpj,mpj->mp", tip_t - base_t, world)
         node = np.argmax(along, axis=0)
-        lb = -support(self.rows_mine[sel], n) - along.max(axis=0) - self._stray(mine, sel)
+        lb = -support(self.rows_mine[sel], n) - along.max(axis=0) - self._deviation(mine, sel)
         return lb, node, node
 
-    def _stray(self, mine: Swept, sel: Index) -> Array:
-        stray = self.growth[sel] @ mine.tube
-        if len(mine.deltas):
-            curl = np.einsum("si,pij,sj->sp", mine.deltas, self.bend[sel], mine.deltas)
-            stray = stray + curl.max(axis=0) / 8.0
-        return np.asarray(stray)
+    def _deviation(self, mine: Swept, sel: Index) -> Array:
+        return np.asarray(self.growth[sel] @ mine.tube + chord_deviation(mine.deltas, self.bend[sel]))
 
 
-def groups_of(space: Space, robot: int) -> tuple[Group, ...]:
-    """Returns the groups of all pairs in which a robot takes part; of its chain first, if any."""
+def pair_groups_of(space: Space, robot: int) -> tuple[Group, ...]:
+    """Return the groups of all pairs of a robot; the group of its chain first, if there is one."""
     by_side: dict[tuple[bool, int | None], list[tuple[int, Body, Body, float]]] = {}
     for k, pair in enumerate(space.cell.pairs):
         side = _side_of(space.cell, pair, robot)
@@ -137,12 +138,12 @@ def _build(
     return ChainGroup(*common, *_between(space, robot, mine, theirs))
 
 
-def bounded(space: Space, robot: int, groups: Sequence[Group]) -> tuple[Group, ...]:
+def with_present_bounds(space: Space, robot: int, groups: Sequence[Group]) -> tuple[Group, ...]:
     """Return a robot's groups with its present motion bounds."""
-    return tuple(_bounded(space, robot, group) for group in groups)
+    return tuple(_with_present_bounds(space, robot, group) for group in groups)
 
 
-def _bounded(space: Space, robot: int, group: Group) -> Group:
+def _with_present_bounds(space: Space, robot: int, group: Group) -> Group:
     if isinstance(group, ChainGroup):
         growth, bend = _between(space, robot, group.mine, group.theirs)
         return replace(group, growth=growth, bend=bend)
@@ -150,13 +151,13 @@ def _bounded(space: Space, robot: int, group: Group) -> Group:
 
 
 def _growth(space: Space, robot: int, other: int | None, mine: Index, theirs: Index) -> Array:
-    """R of the robot's bodies, (P, n); of both where the robot is the other side, too."""
+    """Return R of the robot's bodies, (P, n); the sum of both if the robot is the other side too."""
     motion = space.motion[robot][mine]
     return motion + space.motion[robot][theirs] if other == robot else motion
 
 
 def _between(space: Space, robot: int, mine: Index, theirs: Index) -> tuple[Array, Array]:
-    """R (P, n) and G (P, n, n) of the outer bodies, for the joints between both bodies of a pair only."""
+    """Return R (P, n) and G (P, n, n) of the outer bodies, for the joints between a pair's bodies only."""
     chain = space.cell.robots[robot].model.chain
     between = (chain[theirs] & ~chain[mine]).astype(np.float64)
     bend = space.bend[robot][theirs] * between[:, :, None] * between[:, None, :]

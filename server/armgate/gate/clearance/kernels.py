@@ -1,8 +1,8 @@
-"""Kinematics and slabs compiled by numba: the same formulas as the readable modules, in loops.
+"""Kinematics and slabs compiled by numba: the same formulas as in the numpy modules, as loops.
 
-Each kernel names the function that it repeats; what the formulas mean stands there. A test holds the two
-against each other. All kernels stand in one file, because numba's cache knows only the file of the function
-that it compiled: what changes here is compiled anew.
+Each kernel names the numpy function that it repeats; that one explains the formula and names the kernel.
+`tests/gate/test_screen.py` compares the two forms. All kernels are in one file, because numba's cache checks
+only the file of the function that it compiled: a change in this file compiles everything anew.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# One record a joint, body or pair, whatever their number: one compilation serves all cells.
+# Records for joints, bodies and pairs in any number: one compilation serves all cells.
 JOINT = np.dtype(
     [("R", "f8", (3, 3)), ("t", "f8", (3,)), ("axis", "f8", (3,)), ("slides", "i8"), ("parent", "i8")]
 )
@@ -35,10 +35,10 @@ PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 
 
 def kernel(function: F) -> F:
-    """The function compiled at its first call, from numba's cache where one can be written.
+    """Return the function, compiled at its first call, with numba's cache if one can be written.
 
-    numba caches beside this file, else in the user's cache folder. Where neither can be written (a
-    read-only installation without a home) each process compiles for itself.
+    numba caches in this file's folder, else in the user's cache folder. If neither can be written (a
+    read-only installation without a home folder), each process compiles for itself.
     """
     try:
         return cast("F", numba.njit(cache=True, error_model="numpy")(function))
@@ -53,13 +53,13 @@ def _dot(a, b):
 
 @kernel
 def _larger(a, b):
-    """`np.maximum`: NaN if one of both is; the built-in ``max`` would lose it."""
+    """`np.maximum`: NaN if one argument is NaN; the built-in ``max`` would lose it."""
     return a if a >= b or np.isnan(a) else b
 
 
 @kernel
 def _turned(R, v):
-    """R v."""
+    """Return R v."""
     return (
         R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
         R[1, 0] * v[0] + R[1, 1] * v[1] + R[1, 2] * v[2],
@@ -69,7 +69,7 @@ def _turned(R, v):
 
 @kernel
 def _turned_back(R, v):
-    """Rᵀ v."""
+    """Return Rᵀ v."""
     return (
         R[0, 0] * v[0] + R[1, 0] * v[1] + R[2, 0] * v[2],
         R[0, 1] * v[0] + R[1, 1] * v[1] + R[2, 1] * v[2],
@@ -86,7 +86,7 @@ def _product(A, B, out):
 
 @kernel
 def _about(axis, angle, out):
-    """Rodrigues' rotation matrix."""
+    """Write Rodrigues' rotation matrix to ``out``."""
     c, s = cos(angle), sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     d = 1.0 - c
@@ -97,7 +97,7 @@ def _about(axis, angle, out):
 
 @kernel
 def _moved(R, t, v, out):
-    """R v + t."""
+    """Write R v + t to ``out``."""
     x, y, z = _turned(R, v)
     out[0], out[1], out[2] = t[0] + x, t[1] + y, t[2] + z
 
@@ -125,7 +125,7 @@ def _place_joints(joints, q, R, t):
 
 @kernel
 def place(cell, robot, q, R, t):
-    """`RobotModel.body_placements`, into R (nb, 3, 3) and t (nb, 3)."""
+    """`RobotModel.body_placements`: write to R (nb, 3, 3) and t (nb, 3)."""
     own = cell[0][robot]
     joints = cell[1][own.joint : own.joint + own.joints]
     bodies = cell[2][own.body : own.body + own.bodies]
@@ -142,8 +142,8 @@ def place(cell, robot, q, R, t):
 
 
 @kernel
-def _curl(nodes, bend):
-    """The largest over the segments of Σ_ij |δ_i||δ_j| G_ij, over 8."""
+def _chord_deviation(nodes, bend):
+    """`swept.chord_deviation` of one body or pair: the largest Σ_ij |δ_i||δ_j| G_ij / 8 of the segments."""
     most = 0.0
     for s in range(len(nodes) - 1):
         total = 0.0
@@ -158,32 +158,32 @@ def _curl(nodes, bend):
 
 @kernel
 def _sweep(cell, robot, nodes, tube, out):
-    """`Swept`: placements at the nodes (m, nb, …) and how far the bodies stray (m, nb), at every node."""
-    R, t, stray = out
+    """`Swept.placements` (m, nb, …) and `Swept.deviation` (m, nb), the same at every node."""
+    R, t, deviation = out
     own = cell[0][robot]
     motion, bend = cell[4], cell[5]
     for m in range(len(nodes)):
         place(cell, robot, nodes[m], R[m], t[m])
     for b in range(own.bodies):
-        far = _curl(nodes, bend[own.body + b])
+        far = _chord_deviation(nodes, bend[own.body + b])
         for j in range(len(tube)):
             far += motion[own.body + b, j] * tube[j]
         for m in range(len(nodes)):
-            stray[m, b] = far
+            deviation[m, b] = far
 
 
 @kernel
 def hold(cell, held, robot, row, nodes, tube):
-    """Writes what a robot holds into the table's rows from ``row`` on."""
+    """`screen._Table._write`: write a robot's held occupancy to the table's rows from ``row`` on."""
     own = cell[0][robot]
-    R, t, stray, _ = held
+    R, t, deviation, _ = held
     rows, mine = slice(row, row + len(nodes)), slice(own.body, own.body + own.bodies)
-    _sweep(cell, robot, nodes, tube, (R[rows, mine], t[rows, mine], stray[rows, mine]))
+    _sweep(cell, robot, nodes, tube, (R[rows, mine], t[rows, mine], deviation[rows, mine]))
 
 
 @kernel
 def _support(cell, body, v):
-    """`support.support` of one body."""
+    """`support.support` of one body in the direction v (3,)."""
     row = body.row
     x, y = abs(v[0]), abs(v[1])
     level = sqrt(x * x + y * y)
@@ -199,19 +199,22 @@ def _support(cell, body, v):
 
 
 @kernel
-def _reach(cell, body, n, R, t, stray):
-    """The largest n·x over all nodes of one body: R (m, 3, 3), t (m, 3), stray (m,); ∞ without nodes."""
+def _reach(cell, body, n, R, t, deviation):
+    """`Swept.reach` and `screen._Table._reach`: the largest n·x over all nodes of one body; ∞ without nodes.
+
+    R is (m, 3, 3), t (m, 3) and deviation (m,).
+    """
     if len(t) == 0:
         return np.inf
     most = -np.inf
     for m in range(len(t)):
-        most = _larger(most, _support(cell, body, _turned_back(R[m], n)) + _dot(t[m], n) + stray[m])
+        most = _larger(most, _support(cell, body, _turned_back(R[m], n)) + _dot(t[m], n) + deviation[m])
     return most
 
 
 @kernel
 def _chained(cell, pair, n, R, t):
-    """`ChainGroup.slab` without what the bodies stray; R and t of the bodies of the robot."""
+    """`ChainGroup.slab` without the deviation; R and t of the bodies of the robot."""
     first = cell[0][cell[2][pair.mine].owner].body
     base, tip = pair.mine - first, pair.theirs - first
     most = -np.inf
@@ -226,26 +229,27 @@ def _chained(cell, pair, n, R, t):
 
 @kernel
 def _apart(cell, held, pair, n, new):
-    """`Group.slab` of one pair whose sides move at their own time; ``new`` is what its robot may pass."""
+    """`Group.slab` of one pair whose sides move at their own time; ``new`` is the occupancy of its robot."""
     robots, bodies = cell[0], cell[2]
-    R, t, stray = new
+    R, t, deviation = new
     mine, theirs = bodies[pair.mine], bodies[pair.theirs]
     k = pair.mine - robots[mine.owner].body
-    near = _reach(cell, mine, n, R[:, k], t[:, k], stray[:, k])
+    near = _reach(cell, mine, n, R[:, k], t[:, k], deviation[:, k])
     away = (-n[0], -n[1], -n[2])
     if theirs.owner == mine.owner:
         k = pair.theirs - robots[mine.owner].body
-        return -near - _reach(cell, theirs, away, R[:, k], t[:, k], stray[:, k])
-    hR, ht, hstray, count = held
+        return -near - _reach(cell, theirs, away, R[:, k], t[:, k], deviation[:, k])
+    hR, ht, hdeviation, count = held
     rows, k = count[theirs.owner], pair.theirs
-    return -near - _reach(cell, theirs, away, hR[:rows, k], ht[:rows, k], hstray[:rows, k])
+    return -near - _reach(cell, theirs, away, hR[:rows, k], ht[:rows, k], hdeviation[:rows, k])
 
 
 @kernel
 def slabs(cell, held, own, moves, asked, lb):
-    """`Screen._slabs`: fills ``lb``, (P,), and returns −1.
+    """`Screen._slabs`: fill ``lb``, (P,), and return −1.
 
-    Or k, if it needs to know what robot k holds, and the table is not up to date there (its count is −1).
+    If the held occupancies of robot k are needed and the table is out of date there (its count is −1),
+    return k.
     """
     pairs, growth, chain_bend = own
     robot, nodes, tube = moves
@@ -256,14 +260,14 @@ def slabs(cell, held, own, moves, asked, lb):
             return other
     number = cell[0][robot].bodies
     R, t = np.empty((len(nodes), number, 3, 3)), np.empty((len(nodes), number, 3))
-    stray = np.empty((len(nodes), number))
-    _sweep(cell, robot, nodes, tube, (R, t, stray))
+    deviation = np.empty((len(nodes), number))
+    _sweep(cell, robot, nodes, tube, (R, t, deviation))
     for i in range(len(left)):
         p = left[i]
         if p < len(chain_bend):
-            lb[i] = _chained(cell, pairs[p], n[i], R, t) - _curl(nodes, chain_bend[p])
+            lb[i] = _chained(cell, pairs[p], n[i], R, t) - _chord_deviation(nodes, chain_bend[p])
             for j in range(len(tube)):
                 lb[i] -= growth[p, j] * tube[j]
         else:
-            lb[i] = _apart(cell, held, pairs[p], n[i], (R, t, stray))
+            lb[i] = _apart(cell, held, pairs[p], n[i], (R, t, deviation))
     return -1

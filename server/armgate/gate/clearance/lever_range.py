@@ -1,9 +1,10 @@
-"""Range of a robot's joints for which its motion bounds hold.
+"""Range of joint positions for which a robot's motion bounds hold.
 
 Only the travel of a prismatic joint behind a revolute one counts: it is the length of a lever. The range
-begins as the joint limits and the configured start. A robot may be found elsewhere: started outside of its
-limits, pushed by hand, or measured wrong. Then the range is fitted to where it may be, with some room, so
-that a robot which goes on moving does not need new bounds each tick. Back inside, it has its own range again.
+begins as the joint limits and the configured start. A robot may be found elsewhere: started outside its
+limits, pushed by hand, or measured wrong. Then the range is fitted to the positions that the robot may have,
+with some room, so that a robot that goes on moving does not need new bounds each tick. When the robot is back
+inside, its own range applies again.
 """
 
 from collections.abc import Sequence
@@ -15,25 +16,25 @@ from numpy.typing import NDArray
 from armgate.cell.cell import Robot
 from armgate.cell.model import RobotModel
 from armgate.events import Joints
-from armgate.gate.lag import stray_of
+from armgate.gate.lag import hull_deviation_of
 
 Array = NDArray[np.float64]
 
 _SLACK = 1e-3
-"""Room beyond the limits: for the tolerance of a measurement, and what a joint outside may fall back, m."""
+"""Room beyond the limits, m: tolerance of a measurement, and slack of a joint outside its limits."""
 
 _STEP = 0.1
-"""How much farther than needed the range is widened, m."""
+"""Room by which the range is widened beyond what is needed, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Range:
+class LeverRange:
     """Lowest and highest joint positions, (n,) each.
 
     Attributes:
-        own: Of the limits and the configured start.
-        ends: As fitted.
-        levers: The joints that count.
+        own: Ends of the limits and the configured start.
+        ends: Ends as fitted.
+        levers: Joints that count.
     """
 
     own: tuple[Array, Array]
@@ -41,25 +42,25 @@ class Range:
     levers: tuple[int, ...]
 
     @classmethod
-    def of(cls, robot: Robot) -> "Range":
+    def of(cls, robot: Robot) -> "LeverRange":
         """Return the range of a robot's limits and configured start."""
-        stray, room = stray_of(robot), _SLACK + 2.0 * robot.q_tolerance
-        if stray is not None:
-            room += max(stray.of(tuple(map(float, robot.velocity * robot.period)))[0])
+        deviation, room = hull_deviation_of(robot), _SLACK + 2.0 * robot.q_tolerance
+        if deviation is not None:
+            room += max(deviation.of(tuple(map(float, robot.velocity * robot.period)))[0])
         own = np.minimum(robot.lower, robot.start) - room, np.maximum(robot.upper, robot.start) + room
         return cls(own, own, _levers(robot.model))
 
-    def fitted(self, nodes: Sequence[Joints], room: float) -> "Range":
-        """Return the range for positions within ``room`` of ``nodes``; itself if it need not change."""
+    def fitted(self, nodes: Sequence[Joints], margin: float) -> "LeverRange":
+        """Return the range for positions within ``margin`` of ``nodes``; itself if it need not change."""
         if not self.levers:
             return self
-        low, high = np.min(nodes, axis=0) - room, np.max(nodes, axis=0) + room
+        low, high = np.min(nodes, axis=0) - margin, np.max(nodes, axis=0) + margin
         if self._holds(self.own, low, high):
-            return self if self.ends is self.own else Range(self.own, self.own, self.levers)
+            return self if self.ends is self.own else LeverRange(self.own, self.own, self.levers)
         if self._holds(self.ends, low, high):
             return self
         ends = np.minimum(self.own[0], low - _STEP), np.maximum(self.own[1], high + _STEP)
-        return Range(self.own, ends, self.levers)
+        return LeverRange(self.own, ends, self.levers)
 
     def _holds(self, ends: tuple[Array, Array], low: Array, high: Array) -> bool:
         lowest, highest = ends
@@ -67,7 +68,7 @@ class Range:
 
 
 def _levers(model: RobotModel) -> tuple[int, ...]:
-    """The prismatic joints that a revolute one nearer to the base turns."""
+    """Return the prismatic joints that a revolute joint nearer to the base turns."""
     kinds = [joint.kind for joint in model.joints]
     turned = []
     for k, kind in enumerate(kinds):

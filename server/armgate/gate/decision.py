@@ -1,0 +1,167 @@
+"""Decision about one command: joint limits, then retreat, then clearance; one way to reduce in all of them.
+
+u = u_b + β(u_wanted − u_b), where u_b is the next braking increment of the held plan. With the response
+``stop``, clearance gives the β that the joint limits left, or 0. With ``slow`` it gives the largest of a few
+β that is proven. They are found by the secant of the binding pair's margin; all trials share one budget.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armgate.events import Joints, Point, Reason
+from armgate.gate import wording
+from armgate.gate.clearance import Clearance
+from armgate.gate.clearance.certificate import Budget
+from armgate.gate.clearance.pair_check import Binding
+from armgate.gate.clearance.swept import Array, Swept
+from armgate.gate.joint_limits import LimitedIncrement, blend, limit_increment, stays_inside
+from armgate.gate.occupancy import Occupancy
+from armgate.gate.retreat import Requirements, Retreat
+from armgate.gate.robot import RobotState
+
+BUDGET = 32
+"""Engine evaluations that one command may cost."""
+
+_OUTSIDE_LIMITS = Binding(-1, 0.0, 0.0, None)
+"""Stands for a joint outside its limits, which binds instead of a pair."""
+
+_TRIALS = 2
+_SECANT = 0.98
+_GRID = 2.0**-20
+"""Step of a blend that clearance gives: far above rounding, far below the resolution of a robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Increments to play, β, and reasons; occupancy and bounds that were proven, None if u_b is kept."""
+
+    increments: tuple[Joints, ...]
+    beta: float
+    reasons: tuple[Reason, ...]
+    occupied: Occupancy | None = None
+    swept: Swept | None = None
+    lb: Array | None = None
+
+
+class DecisionMaker:
+    """Decides about increments; its only state are the floors and turns of retreats."""
+
+    def __init__(self, clearance: Clearance, response: str) -> None:
+        self._clearance = clearance
+        self._retreat = Retreat(clearance)
+        self._slow = response == "slow"
+
+    def decide(self, dq: Joints, state: RobotState, states: list[RobotState]) -> Decision:
+        """Decide about the increment ``dq`` of a command that passed the checks."""
+        bounds = state.limits_now()
+        wanted = limit_increment(dq, state.last, state.brake, state.setpoint, bounds, state.share)
+        if wanted.u == state.brake:
+            return Decision(self._braking(state), wanted.beta, wanted.reasons)
+        required = self._retreat.requirements(state, states)
+        if required.forbidden is not None:
+            return self._refuse(state, wanted, required.forbidden)
+        decision = self._largest_clear(wanted, state, required)
+        if required.violated:
+            self._retreat.note_result(state, decision.beta > 0.0)
+        return decision
+
+    def forget(self, robot: int) -> None:
+        """Forget the floors of a robot's retreat: they were reached at another place."""
+        self._retreat.forget(robot)
+
+    def _largest_clear(self, wanted: LimitedIncrement, state: RobotState, required: Requirements) -> Decision:
+        """Try the wanted increment; if it is not clear and blends are allowed, try smaller ones."""
+        budget = Budget(BUDGET)
+        beta, binding = 1.0, None
+        for _ in range(self._trials(state, required)):
+            u = blend(state.brake, wanted.u, beta)
+            if beta < 1.0 and stays_inside(u, state.setpoint, state.limits_now()) is not None:
+                break
+            tried = self._try(u, wanted, beta, state, required, budget)
+            if isinstance(tried, Decision):
+                if binding is None:
+                    return tried
+                return replace(tried, reasons=(*tried.reasons, self._reason(binding, state)))
+            binding = tried
+            if binding is _OUTSIDE_LIMITS:
+                break  # if a motion does not lead back inside, a smaller one does not either
+            beta = self._secant(beta, binding)
+        assert binding is not None
+        return self._refuse(state, wanted, binding)
+
+    def _trials(self, state: RobotState, required: Requirements) -> int:
+        """Return how many blends are tried.
+
+        In a retreat less of a motion helps only if axes lag differently: then the deviation from the way out
+        grows with the speed.
+        """
+        blends = state.hull_deviation is not None if required.violated else self._slow
+        return _TRIALS + 1 if blends else 1
+
+    def _try(
+        self,
+        u: Joints,
+        wanted: LimitedIncrement,
+        beta: float,
+        state: RobotState,
+        required: Requirements,
+        budget: Budget,
+    ) -> Decision | Binding:
+        """Return the decision for ``u`` if its stop is clear, else what binds it."""
+        increments, occupied = state.stop_after(u)
+        swept = self._clearance.space.sweep(state.index, occupied)
+        step = self._extension(state, occupied)
+        result = self._clearance.check(state.index, swept, step, required.need, budget)
+        if result.binding is not None:
+            return result.binding
+        if (required.violated or any(map(any, state.outside))) and not self._retreat.widens(
+            state, occupied.end, required.violated
+        ):
+            return required.violated[0] if required.violated else _OUTSIDE_LIMITS
+        return Decision(increments, wanted.beta * beta, wanted.reasons, occupied, swept, result.lb)
+
+    def _secant(self, beta: float, binding: Binding) -> float:
+        """Return the β at which the binding pair's margin, linear in β, would be used up.
+
+        It is rounded down to a grid: the compiled kernels and numpy round differently and must decide alike.
+        """
+        held = self._clearance.bound[binding.pair] - binding.need
+        tried = binding.lb - binding.need
+        if not (np.isfinite(tried) and held > 0.0):
+            return 0.5 * beta
+        return math.floor(_SECANT * beta * held / (held - tried) / _GRID) * _GRID
+
+    def _extension(self, state: RobotState, new: Occupancy) -> Array | None:
+        """Return how far an occupancy extends the held one, per joint; None if that is unknown."""
+        held = state.reserved
+        if len(held) != 1:
+            return None
+        step = np.abs(np.subtract(new.end, held[0].occupied.end))
+        if new.lag_tube:
+            step += np.maximum(np.subtract(new.lag_tube, held[0].occupied.lag_tube), 0.0)
+        return np.asarray(step)
+
+    def _braking(self, state: RobotState) -> tuple[Joints, ...]:
+        return state.remaining or (state.zeros,)
+
+    def _refuse(self, state: RobotState, wanted: LimitedIncrement, binding: Binding) -> Decision:
+        return Decision(self._braking(state), 0.0, (*wanted.reasons, self._reason(binding, state)))
+
+    def _reason(self, binding: Binding, state: RobotState) -> Reason:
+        if binding is _OUTSIDE_LIMITS:
+            return _outside(state)
+        names, limit = self._clearance.names(binding.pair), float(self._clearance.limits[binding.pair])
+        return wording.too_near(names, binding.lb, limit, self._witness_points(binding, state))
+
+    def _witness_points(self, binding: Binding, state: RobotState) -> tuple[Point, Point] | None:
+        """Return the points of the last engine query; if the budget ended before one, of one more query."""
+        return binding.points or self._clearance.prove_held(state.index, binding.pair, Budget(1)).points
+
+
+def _outside(state: RobotState) -> Reason:
+    """Return the reason for the first joint that is outside its limits."""
+    b, (low, high) = state.bounds, state.outside
+    j = next(j for j, both in enumerate(zip(low, high, strict=True)) if any(both))
+    return wording.outside_limit(b, j, state.setpoint[j], b.lower[j] if low[j] else b.upper[j])
