@@ -107,7 +107,7 @@ def armgate(pace: str, *arguments: str) -> list[str]:
 @contextlib.contextmanager
 def browser():
     sys.path.insert(0, str(ROOT / "tests"))
-    from support.browsers import chromium  # noqa: PLC0415
+    from support.browsers import chromium
 
     with tempfile.TemporaryDirectory() as profile, chromium(Path(profile)) as made:
         made.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _COUNTER})

@@ -116,7 +116,7 @@ def main(arguments: Iterable[str] | None = None) -> NoReturn:
         text = explain(error)
         if text is None:
             raise
-        print(f"armgate: {_shown(error, text)}", file=sys.stderr)  # noqa: T201
+        print(f"armgate: {_shown(error, text)}", file=sys.stderr)
         sys.exit(exit_status(error))
     sys.exit(0)
 
@@ -135,15 +135,15 @@ def explain(error: Exception) -> str | None:
 
 def _shown(error: Exception, text: str) -> str:
     """A text of a peer in one line; findings in a configuration stand on a line each."""
-    from armgate.cell.text import printable, printable_lines  # noqa: PLC0415
-    from armgate.client.errors import ClientError  # noqa: PLC0415
+    from armgate.cell.text import printable, printable_lines
+    from armgate.client.errors import ClientError
 
     return printable(text) if isinstance(error, ClientError) else printable_lines(text)
 
 
 def exit_status(error: Exception) -> int:
     """2 where what was given is wrong (a bad configuration, a bad file), else 1."""
-    from armgate.cell.errors import ConfigError  # noqa: PLC0415
-    from armgate.client.errors import BadArgument  # noqa: PLC0415
+    from armgate.cell.errors import ConfigError
+    from armgate.client.errors import BadArgument
 
     return int(getattr(error, "exit_code", 2 if isinstance(error, ConfigError | BadArgument) else 1))

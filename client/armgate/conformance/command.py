@@ -71,11 +71,11 @@ def conformance(
     Two verdicts: safety (did a robot do what it must not?) and session (did the conversation go as written?).
     Exit status: 0 all passed, 1 some failed, 2 called wrongly, no server there, or nothing could be tried.
     """
-    import asyncio  # noqa: PLC0415
+    import asyncio
 
-    from armgate.conformance.case import selected  # noqa: PLC0415
-    from armgate.conformance.faults import Faults  # noqa: PLC0415
-    from armgate.conformance.kit import Options, listing, run  # noqa: PLC0415
+    from armgate.conformance.case import selected
+    from armgate.conformance.faults import Faults
+    from armgate.conformance.kit import Options, listing, run
 
     try:
         chosen = selected(only or [])
@@ -122,7 +122,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _tls(authority: Path | None, certificate: Path | None, key: Path | None) -> "ssl.SSLContext | None":
-    import ssl  # noqa: PLC0415
+    import ssl
 
     if (certificate is None) is not (key is None) or (certificate is not None and authority is None):
         raise UsageError("--tls-cert and --tls-key go together, and with --tls-ca")

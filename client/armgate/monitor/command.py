@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
 if TYPE_CHECKING:
     from armgate.monitor.core import Account
@@ -51,11 +51,11 @@ def monitor(
 
     Exit status: 0 if nothing was violated, 1 if something was or the connection was lost, 2 for wrong use.
     """
-    from armgate.monitor.errors import DescriptionError  # noqa: PLC0415
+    from armgate.monitor.errors import DescriptionError
 
     configs = tuple(config or ())
     if recorded(source):
-        from armgate.monitor.audit import audit  # noqa: PLC0415
+        from armgate.monitor.audit import audit
 
         if not Path(source).exists():
             raise DescriptionError(f"{source}: neither HOST:PORT, unix:PATH nor a recording")
@@ -70,9 +70,9 @@ def monitor(
 def _watch(  # type: ignore[no-untyped-def]
     address: str, configs: tuple[Path, ...], silence: float, json_: Path | None, name: str, own
 ) -> None:
-    from armgate.client import connect  # noqa: PLC0415
-    from armgate.monitor.live import Watch, asked_to_end  # noqa: PLC0415
-    from armgate.monitor.report import printable  # noqa: PLC0415
+    from armgate.client import connect
+    from armgate.monitor.live import Watch, asked_to_end
+    from armgate.monitor.report import printable
 
     def tell(text: str) -> None:
         typer.echo(f"armgate: monitor: {printable(text)}")
@@ -87,7 +87,7 @@ def _watch(  # type: ignore[no-untyped-def]
 
 
 def _end(account: "Account", json_: Path | None) -> None:
-    from armgate.monitor.report import lines, printable  # noqa: PLC0415
+    from armgate.monitor.report import lines, printable
 
     _write(account, json_)
     for line in lines(account):
@@ -96,9 +96,9 @@ def _end(account: "Account", json_: Path | None) -> None:
 
 
 def _write(account: "Account", json_: Path | None) -> None:
-    import json  # noqa: PLC0415
+    import json
 
-    from armgate.monitor.report import as_json  # noqa: PLC0415
+    from armgate.monitor.report import as_json
 
     if json_ is not None:
         json_.write_text(json.dumps(as_json(account), indent=2) + "\n", encoding="utf-8")

@@ -24,10 +24,10 @@ def replay(
     ] = None,
 ) -> None:
     """Judge a recorded run again: the same answers to the last bit, or others under other rules."""
-    from armgate.audit.build import changed_cell, recorded_cell  # noqa: PLC0415
-    from armgate.audit.replaying import replayed  # noqa: PLC0415
-    from armgate.recording import Recording  # noqa: PLC0415
-    from armgate.recording.verify import verify  # noqa: PLC0415
+    from armgate.audit.build import changed_cell, recorded_cell
+    from armgate.audit.replaying import replayed
+    from armgate.recording import Recording
+    from armgate.recording.verify import verify
 
     recording = Recording.open(run)
     chain = verify(recording)
@@ -52,11 +52,11 @@ def explain(
     ] = None,
 ) -> None:
     """Say and draw why commands were limited or refused."""
-    from armgate.audit.build import recorded_cell  # noqa: PLC0415
-    from armgate.audit.errors import AuditError, UseError  # noqa: PLC0415
-    from armgate.audit.explaining import at_tick, cases, first_refusals, words  # noqa: PLC0415
-    from armgate.audit.picture import draw  # noqa: PLC0415
-    from armgate.recording import Recording  # noqa: PLC0415
+    from armgate.audit.build import recorded_cell
+    from armgate.audit.errors import AuditError, UseError
+    from armgate.audit.explaining import at_tick, cases, first_refusals, words
+    from armgate.audit.picture import draw
+    from armgate.recording import Recording
 
     if (tick is None) != refused:
         raise UseError("expected one of --tick N and --refused")
@@ -87,9 +87,9 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page with plots."""
-    from armgate.audit.reporting import page  # noqa: PLC0415
-    from armgate.recording import Recording  # noqa: PLC0415
-    from armgate.recording.files import atomic_write  # noqa: PLC0415
+    from armgate.audit.reporting import page
+    from armgate.recording import Recording
+    from armgate.recording.files import atomic_write
 
     text = page(Recording.open(run))
     file = out or (run if run.is_dir() else run.parent) / "report.html"
@@ -109,10 +109,10 @@ def audit(
     ] = None,
 ) -> None:
     """Verify the hash chain of a recording, and its signature."""
-    from armgate.audit.errors import AuditError  # noqa: PLC0415
-    from armgate.audit.signing import check_signature, public_key  # noqa: PLC0415
-    from armgate.recording import Recording  # noqa: PLC0415
-    from armgate.recording.verify import verify  # noqa: PLC0415
+    from armgate.audit.errors import AuditError
+    from armgate.audit.signing import check_signature, public_key
+    from armgate.recording import Recording
+    from armgate.recording.verify import verify
 
     public = None if key is None else public_key(key)
     chain = verify(Recording.open(run))
@@ -129,7 +129,7 @@ def audit(
 
 def recover(run: Run) -> None:
     """Make a recording whole that breaks off or is damaged: keep all that can be read."""
-    from armgate.audit.recovering import recovered  # noqa: PLC0415
+    from armgate.audit.recovering import recovered
 
     for one in recovered(run):
         match one.what:
@@ -175,7 +175,7 @@ def _recovery(one: "Recovered") -> str:
 
 def _say(text: str) -> None:
     """Print one line, whatever the recording holds."""
-    from armgate.cell.text import printable  # noqa: PLC0415
+    from armgate.cell.text import printable
 
     typer.echo(printable(text))
 
@@ -194,7 +194,7 @@ def _tell_replay(outcome: "Outcome") -> None:
 
 
 def _tell_changes(outcome: "Outcome", settings: list[str]) -> None:
-    from armgate.audit.replaying import spans, tally  # noqa: PLC0415
+    from armgate.audit.replaying import spans, tally
 
     typer.echo(
         f"{len(outcome.changes)} of {outcome.verdicts} verdicts would be others with {' '.join(settings)}"
@@ -226,11 +226,11 @@ def lag(
     robot: Annotated[str | None, typer.Option(metavar="NAME", help="Only this robot.")] = None,
 ) -> None:
     """Measure how each axis lags in a recorded run, and propose values for the configuration."""
-    from armgate.audit.build import recorded_cell  # noqa: PLC0415
-    from armgate.audit.errors import AuditError, UseError  # noqa: PLC0415
-    from armgate.audit.lagging import measured_lags  # noqa: PLC0415
-    from armgate.events import Tick  # noqa: PLC0415
-    from armgate.recording import Recording  # noqa: PLC0415
+    from armgate.audit.build import recorded_cell
+    from armgate.audit.errors import AuditError, UseError
+    from armgate.audit.lagging import measured_lags
+    from armgate.events import Tick
+    from armgate.recording import Recording
 
     recording = Recording.open(run, partial=True)
     cell = recorded_cell(recording.header)

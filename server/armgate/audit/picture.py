@@ -30,7 +30,7 @@ _NODES = 7
 
 def draw(case: Case, cell: Cell, file: Path) -> bool:
     """Draws a case; False if there is nothing to see: no position or no bound was involved."""
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
     reason = case.reason
@@ -45,7 +45,7 @@ def draw(case: Case, cell: Cell, file: Path) -> bool:
 
 
 def _save(figure: Any, file: Path) -> None:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     with atomic_write(file) as stream, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a glyph that the font has not, in a name
@@ -62,7 +62,7 @@ def _title(case: Case) -> str:
 
 
 def _clearance(case: Case, intended: Intended, cell: Cell) -> Any:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     assert case.points is not None
     assert case.reason is not None
@@ -170,7 +170,7 @@ def _line(axes: Any, corners: Array, colour: str, **style: Any) -> None:
 
 def _joints(case: Case, intended: Intended, cell: Cell) -> Any:
     """Each joint's increment against its bounds, and its place between its limits with the stop's end."""
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     robot = cell.robot(case.command.robot)
     bound = {reason.joint for reason in case.verdict.reasons if reason.joint}

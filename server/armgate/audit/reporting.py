@@ -192,7 +192,7 @@ def _table(rows: Any) -> str:
 
 
 def _plots(run: Run, recording: Recording) -> list[str]:
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
     style = {
@@ -216,7 +216,7 @@ def _plots(run: Run, recording: Recording) -> list[str]:
 
 
 def _figure(paint: Any, *given: Any) -> str:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(10.0, 3.4), layout="constrained")
     paint(axes, *given)

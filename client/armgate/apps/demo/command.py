@@ -43,9 +43,9 @@ def demo(
     ] = None,
 ) -> None:
     """Run the whole stack here: daemon, leader, follower, display, plots."""
-    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
-    from armgate.apps.stack.robots import robots_of  # noqa: PLC0415
-    from armgate.cell.config import dump_config, load_config  # noqa: PLC0415
+    from armgate.apps.stack.folder import make_folder
+    from armgate.apps.stack.robots import robots_of
+    from armgate.cell.config import dump_config, load_config
 
     configs = [config or default_file("demo.yaml"), *([links] if links else [])]
     resolved = load_config(configs)
@@ -69,8 +69,8 @@ def _plan(
     configs: list[Path], cell: "CellConfig", path: Path, lockstep: bool, duration: float | None
 ) -> "Plan":
     """Who does what: the path names the leader's robot, the camera tells the follower's."""
-    from armgate.apps.demo.plan import NAMES, plan  # noqa: PLC0415
-    from armgate.apps.lead.path import read_path  # noqa: PLC0415
+    from armgate.apps.demo.plan import NAMES, plan
+    from armgate.apps.lead.path import read_path
 
     recorded = read_path(path)
     _check_leader(recorded, cell)
@@ -95,9 +95,9 @@ def _check_leader(path: "RecordedPath", cell: "CellConfig") -> None:
 
 
 def _run(plan: "Plan", folder: Path) -> None:
-    from armgate.apps.demo.screen import screen  # noqa: PLC0415
-    from armgate.apps.stack.processes import Crew  # noqa: PLC0415
-    from armgate.apps.stack.run import interruptions, run  # noqa: PLC0415
+    from armgate.apps.demo.screen import screen
+    from armgate.apps.stack.processes import Crew
+    from armgate.apps.stack.run import interruptions, run
 
     with Crew(folder / "logs") as crew, interruptions(crew):
         with screen(sys.stdout.isatty()) as show:
@@ -110,10 +110,10 @@ def _run(plan: "Plan", folder: Path) -> None:
 
 def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, Any], list[Path]]:
     """Writes series, metrics and pictures."""
-    from armgate.apps.demo.plots import draw  # noqa: PLC0415
-    from armgate.apps.stack.folder import write_metrics, write_series  # noqa: PLC0415
-    from armgate.apps.stack.judge import account  # noqa: PLC0415
-    from armgate.apps.stack.metrics import columns, compute  # noqa: PLC0415
+    from armgate.apps.demo.plots import draw
+    from armgate.apps.stack.folder import write_metrics, write_series
+    from armgate.apps.stack.judge import account
+    from armgate.apps.stack.metrics import columns, compute
 
     seen = watch.seen
     metrics = compute(seen, watch.cell.stop_distance, watch.wall, complete, account(folder))
@@ -123,8 +123,8 @@ def _evaluate(watch: "Watch", complete: bool, folder: Path) -> tuple[dict[str, A
 
 
 def _tell(metrics: dict[str, Any], folder: Path, pictures: list[Path]) -> None:
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
-    from armgate.apps.demo.summary import summary  # noqa: PLC0415
+    from armgate.apps.demo.summary import summary
 
     Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(summary(metrics, folder, pictures))

@@ -32,7 +32,7 @@ def draw(series: Mapping[str, Array], metrics: Mapping[str, Any], folder: Path) 
     """
     if not len(series["time_s"]):
         return []
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
     figures = {
@@ -44,7 +44,7 @@ def draw(series: Mapping[str, Array], metrics: Mapping[str, Any], folder: Path) 
 
 
 def _figure(file: Path, paint: Any, series: Mapping[str, Array], metrics: Mapping[str, Any]) -> Path:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(layout="constrained")
     paint(axes, series, metrics)

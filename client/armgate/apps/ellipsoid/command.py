@@ -37,11 +37,11 @@ def ellipsoid(
     out: Annotated[Path, typer.Option(help="The picture, .png or .svg.")] = Path("ellipsoids.png"),
 ) -> None:
     """Draw manipulability ellipses along a motion."""
-    from armgate.apps.data import default_file  # noqa: PLC0415
-    from armgate.apps.ellipsoid.motion import motion_of  # noqa: PLC0415
-    from armgate.apps.ellipsoid.picture import draw  # noqa: PLC0415
-    from armgate.cell.cell import build_cell  # noqa: PLC0415
-    from armgate.cell.config import load_config  # noqa: PLC0415
+    from armgate.apps.data import default_file
+    from armgate.apps.ellipsoid.motion import motion_of
+    from armgate.apps.ellipsoid.picture import draw
+    from armgate.cell.cell import build_cell
+    from armgate.cell.config import load_config
 
     cell = build_cell(load_config(configs or [default_file("planar.yaml")]))
     motion = motion_of(cell, robot, frame, path, self_motion=self_motion)

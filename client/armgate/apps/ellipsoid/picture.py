@@ -42,10 +42,10 @@ def draw(motion: Motion, file: Path, *, count: int, force: bool) -> str:
     """
     if file.suffix not in {".png", ".svg"}:
         raise UsageError(f"{file}: expected a picture's name that ends in .png or .svg")
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     with mpl.rc_context(_STYLE):
         figure = _figure(motion, count, force)
@@ -60,7 +60,7 @@ def draw(motion: Motion, file: Path, *, count: int, force: bool) -> str:
 
 
 def _figure(motion: Motion, count: int, force: bool) -> Any:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     views = list(combinations(motion.rows, 2))
     if not views:
@@ -85,9 +85,9 @@ class _Scene:
     """The positions drawn, with their ellipsoids at a common scale."""
 
     def __init__(self, motion: Motion, count: int, force: bool) -> None:
-        from matplotlib import colormaps  # noqa: PLC0415
-        from matplotlib.cm import ScalarMappable  # noqa: PLC0415
-        from matplotlib.colors import Normalize  # noqa: PLC0415
+        from matplotlib import colormaps
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
 
         self._motion = motion
         self.q = motion.pick(count)
@@ -141,7 +141,7 @@ class _Scene:
         return Ellipsoid(ellipsoid.axes, np.minimum(self._force_scale * ellipsoid.lengths, longest))
 
     def _legend(self) -> list[Any]:
-        from matplotlib.lines import Line2D  # noqa: PLC0415
+        from matplotlib.lines import Line2D
 
         speed = f"velocity, 1 m/s drawn as {100 * self._speed_scale:.2g} cm"
         shown = [Line2D([], [], color=_INK, lw=1.4, label=speed)]

@@ -46,11 +46,11 @@ def experiment(
     ] = None,
 ) -> None:
     """Run the paper's experiments through the whole stack."""
-    from armgate.apps.errors import AppError, UsageError  # noqa: PLC0415
-    from armgate.apps.experiment.campaign import Campaign, Options  # noqa: PLC0415
-    from armgate.apps.experiment.scene import build_scene  # noqa: PLC0415
-    from armgate.apps.experiment.setup import load_experiment  # noqa: PLC0415
-    from armgate.apps.stack.folder import make_folder  # noqa: PLC0415
+    from armgate.apps.errors import AppError, UsageError
+    from armgate.apps.experiment.campaign import Campaign, Options
+    from armgate.apps.experiment.scene import build_scene
+    from armgate.apps.experiment.setup import load_experiment
+    from armgate.apps.stack.folder import make_folder
 
     names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
     if file is not None and len(names) > 1:
@@ -67,7 +67,7 @@ def experiment(
 
 
 def _tell(campaign: "Campaign") -> None:
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
     console = Console(highlight=False)
     for table in campaign.tables():

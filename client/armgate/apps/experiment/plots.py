@@ -36,10 +36,10 @@ def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
         title: What the picture shows.
         runs: Columns of the observation by name.
     """
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
     alone = len(runs) == 1
     with mpl.rc_context(_STYLE):

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 from armgate.cell.text import printable
 
 
@@ -47,11 +47,11 @@ def follow(
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
-    from armgate.apps.follow.loop import FollowLoop, Wish, chase  # noqa: PLC0415
-    from armgate.apps.interrupt import interrupt  # noqa: PLC0415
-    from armgate.apps.sharing import Sharing  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
-    from armgate.control.compiled import prepare  # noqa: PLC0415
+    from armgate.apps.follow.loop import FollowLoop, Wish, chase
+    from armgate.apps.interrupt import interrupt
+    from armgate.apps.sharing import Sharing
+    from armgate.client import connect
+    from armgate.control.compiled import prepare
 
     prepare()
     own = login(token_file, ca, cert, key)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 from armgate.cell.text import printable
 
 if TYPE_CHECKING:
@@ -52,9 +52,9 @@ def lead(
     key: Key = None,
 ) -> None:
     """Drive a robot along a recorded path (--path), by hand (--input), or after another one (--pursue)."""
-    from armgate.apps.errors import UsageError  # noqa: PLC0415
-    from armgate.apps.interrupt import interrupt  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
+    from armgate.apps.errors import UsageError
+    from armgate.apps.interrupt import interrupt
+    from armgate.client import connect
 
     if sum(way is not None for way in (path, by, pursue)) != 1:
         raise UsageError("give one of --path FILE, --input NAME and --pursue ROBOT/BODY")
@@ -73,9 +73,9 @@ Run = Callable[["Cell", "Interrupt"], str]
 
 
 def _along(path: Path, robot: str | None, duration: float | None) -> Run:
-    from armgate.apps.lead.drive import bounds_of, check_path, drive  # noqa: PLC0415
-    from armgate.apps.lead.path import read_path  # noqa: PLC0415
-    from armgate.apps.lead.playback import Playback  # noqa: PLC0415
+    from armgate.apps.lead.drive import bounds_of, check_path, drive
+    from armgate.apps.lead.path import read_path
+    from armgate.apps.lead.playback import Playback
 
     recorded = read_path(path)
 
@@ -90,15 +90,15 @@ def _along(path: Path, robot: str | None, duration: float | None) -> Run:
 
 
 def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: float) -> Run:
-    from armgate.apps.lead.hand import Hand, drive_by_hand  # noqa: PLC0415
-    from armgate.apps.lead.inputs import find  # noqa: PLC0415
+    from armgate.apps.lead.hand import Hand, drive_by_hand
+    from armgate.apps.lead.inputs import find
 
     hand = Hand(find(by), robot, mode, speed)
     return lambda cell, wish: drive_by_hand(cell, hand, wish, _echo)
 
 
 def _after(target: str, robot: str | None, speed: float) -> Run:
-    from armgate.apps.lead.pursuit import pursue  # noqa: PLC0415
+    from armgate.apps.lead.pursuit import pursue
 
     return lambda cell, wish: pursue(cell, robot, target, speed, wish, _echo)
 

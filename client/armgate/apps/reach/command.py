@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 from armgate.cell.text import printable
 
 
@@ -84,12 +84,12 @@ def reach(
     key: Key = None,
 ) -> None:
     """Bring a frame of a robot to a target."""
-    from armgate.apps.interrupt import interrupt  # noqa: PLC0415
-    from armgate.apps.reach.goal import Goal, build  # noqa: PLC0415
-    from armgate.apps.reach.loop import drive, write_motion  # noqa: PLC0415
-    from armgate.apps.sharing import Sharing  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
-    from armgate.control.redundancy.reach import Method, Tuning  # noqa: PLC0415
+    from armgate.apps.interrupt import interrupt
+    from armgate.apps.reach.goal import Goal, build
+    from armgate.apps.reach.loop import drive, write_motion
+    from armgate.apps.sharing import Sharing
+    from armgate.client import connect
+    from armgate.control.redundancy.reach import Method, Tuning
 
     goal = Goal(
         frame=frame,

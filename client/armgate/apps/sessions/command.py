@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
 if TYPE_CHECKING:
     from armgate.client import SessionInfo
@@ -24,8 +24,8 @@ def sessions(
     key: Key = None,
 ) -> None:
     """List the sessions of a daemon: id, name, role, token, address, robots held; or end one (operators)."""
-    from armgate.cell.text import printable  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
+    from armgate.cell.text import printable
+    from armgate.client import connect
 
     own = login(token_file, ca, cert, key)
     with connect(address, name=name, role="operator", **own) as cell:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
 
 def view(
@@ -45,10 +45,10 @@ def view(
     key: Key = None,
 ) -> None:
     """Show a cell, or a recording of one, on a web page."""
-    from armgate.apps.errors import UsageError  # noqa: PLC0415
-    from armgate.apps.view.door import Door, parse_names  # noqa: PLC0415
-    from armgate.apps.view.serving import Place, play, serve  # noqa: PLC0415
-    from armgate.apps.view.viewer import Style  # noqa: PLC0415
+    from armgate.apps.errors import UsageError
+    from armgate.apps.view.door import Door, parse_names
+    from armgate.apps.view.serving import Place, play, serve
+    from armgate.apps.view.viewer import Style
 
     try:
         at = Place(host, port, Door(host, parse_names(host_name or [])))

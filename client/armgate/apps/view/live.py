@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Coroutine
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-from armgate.apps.login import Login
+from armgate.apps.connection import Login
 from armgate.client import ClientError, Description, Role, State, TimedOut, aio
 
 RATE = 30.0

@@ -21,7 +21,7 @@ class Plots:
     """One plot for each error; hidden until there is something to show."""
 
     def __init__(self, gui: Any) -> None:
-        from viser import uplot  # noqa: PLC0415  (only where a page is)
+        from viser import uplot
 
         self._times: deque[float] = deque(maxlen=POINTS)
         self._drawn: float | None = None

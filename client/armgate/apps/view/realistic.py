@@ -82,7 +82,7 @@ def _has(robot: Joints, arm: Joints) -> bool:
 
 @cache
 def _read(file: Path) -> tuple[tuple[looks.RGB | None, Mesh], ...]:
-    import trimesh  # noqa: PLC0415
+    import trimesh
 
     return tuple((_colour(part), _mesh(part)) for part in trimesh.load_scene(file).dump())
 

@@ -133,7 +133,7 @@ class Renderer:
 
 
 def _context() -> Any:
-    import moderngl  # noqa: PLC0415  (the page works without)
+    import moderngl
 
     try:
         return moderngl.create_context(standalone=True, backend="egl", require=330)

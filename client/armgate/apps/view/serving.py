@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from armgate.apps.connection import Login
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.login import Login
 from armgate.apps.view.door import Door, url_of
 from armgate.apps.view.live import Live
 from armgate.apps.view.player import Player
@@ -111,7 +111,7 @@ def page_server(at: Place) -> Iterator[Any]:
     Raises:
         AppError: The address cannot be used.
     """
-    import viser  # noqa: PLC0415
+    import viser
 
     from armgate.apps.view.guard import Guard, guarded  # noqa: PLC0415
     from armgate.apps.view.inbound import Inbound  # noqa: PLC0415

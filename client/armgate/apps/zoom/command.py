@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from armgate.apps.login import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
 
 def zoom(
@@ -26,10 +26,10 @@ def zoom(
     key: Key = None,
 ) -> None:
     """Change the wanted view distance as an operator would."""
-    from armgate.apps.errors import UsageError  # noqa: PLC0415
-    from armgate.apps.interrupt import interrupt  # noqa: PLC0415
-    from armgate.apps.zoom.wishes import Wishes, share  # noqa: PLC0415
-    from armgate.client import connect  # noqa: PLC0415
+    from armgate.apps.errors import UsageError
+    from armgate.apps.interrupt import interrupt
+    from armgate.apps.zoom.wishes import Wishes, share
+    from armgate.client import connect
 
     if not low <= start <= high:
         raise UsageError(f"expected --low ≤ --start ≤ --high, got {low:g}, {start:g} and {high:g} m")

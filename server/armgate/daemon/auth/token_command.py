@@ -58,7 +58,7 @@ def token(
     ] = 0.0,
 ) -> None:
     """Create a token; prints the secret once, or writes it to a file, and stores only its hash."""
-    from armgate.daemon.auth import tokens  # noqa: PLC0415
+    from armgate.daemon.auth import tokens
 
     _check_free(out)
     if rotate is not None:

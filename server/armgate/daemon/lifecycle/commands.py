@@ -35,7 +35,7 @@ class ServeError(Exception):
     exit_code = 2
 
 
-def serve(  # noqa: PLR0917
+def serve(
     configs: Configs,
     host: Annotated[
         str | None, typer.Option(help="Address to listen on; beyond loopback with TLS and tokens only.")
@@ -57,7 +57,7 @@ def serve(  # noqa: PLR0917
 
     SIGHUP reads tokens and certificates again.
     """
-    from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
+    from armgate.cell.config import load_config
 
     config = _overridden(load_config(configs), host, port, lockstep)
     keys = _keys(config, require_login)
@@ -67,18 +67,18 @@ def serve(  # noqa: PLR0917
 
 def check(configs: Configs) -> None:
     """Check a configuration: robots, joints, limits, pairs, clearance at the start."""
-    from armgate.cell.config import load_config  # noqa: PLC0415 (checked before anything heavy)
+    from armgate.cell.config import load_config
 
     cell = _built(load_config(configs))
     with _cell_extra():
-        from armgate.daemon.lifecycle.check import report  # noqa: PLC0415
+        from armgate.daemon.lifecycle.check import report
     raise typer.Exit(report(cell))
 
 
 def _overridden(
     config: "CellConfig", host: str | None, port: int | None, lockstep: str | None
 ) -> "CellConfig":
-    from armgate.cell.config import LockstepClockConfig  # noqa: PLC0415
+    from armgate.cell.config import LockstepClockConfig
 
     server = {"host": config.server.host if host is None else host}
     changed: dict[str, object] = {
@@ -96,9 +96,9 @@ def _overridden(
 
 
 def _keys(config: "CellConfig", required: bool) -> "Keys":
-    from armgate.daemon.auth.access import Keys  # noqa: PLC0415
-    from armgate.daemon.auth.address import is_loopback  # noqa: PLC0415
-    from armgate.daemon.auth.tokens import read  # noqa: PLC0415
+    from armgate.daemon.auth.access import Keys
+    from armgate.daemon.auth.address import is_loopback
+    from armgate.daemon.auth.tokens import read
 
     server = config.server
     if not is_loopback(server.host):
@@ -122,7 +122,7 @@ def _keys(config: "CellConfig", required: bool) -> "Keys":
 
 
 def _local(config: "CellConfig") -> "tuple[dict[int, Role], Path | None]":
-    from armgate.daemon.auth.unix_socket import uids  # noqa: PLC0415
+    from armgate.daemon.auth.unix_socket import uids
 
     local = config.server.socket
     if local is None:
@@ -145,7 +145,7 @@ def _tls(config: "CellConfig") -> "SSLContext | None":
 
 
 def _context(config: "CellConfig") -> "SSLContext":
-    from armgate.daemon.auth.tls import server_context  # noqa: PLC0415
+    from armgate.daemon.auth.tls import server_context
 
     tls = config.server.tls
     assert tls is not None
@@ -178,15 +178,15 @@ def _cell_extra() -> Iterator[None]:
 
 def _built(config: "CellConfig") -> "Cell":
     with _cell_extra():
-        from armgate.cell.cell import build_cell  # noqa: PLC0415
+        from armgate.cell.cell import build_cell
 
         return build_cell(config)
 
 
 def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
     """Where the robots are: in the robot server if one is named or a robot is not emulated; None: here."""
-    from armgate.links.robot_server.command import robot_server_path  # noqa: PLC0415
-    from armgate.links.robot_server.make import needs_robot_server  # noqa: PLC0415
+    from armgate.links.robot_server.command import robot_server_path
+    from armgate.links.robot_server.make import needs_robot_server
 
     needed = needs_robot_server(cell)
     if not needed and given is None and cell.config.server.robot_server is None:
@@ -197,15 +197,15 @@ def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
 
 
 def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path | None) -> int:
-    import asyncio  # noqa: PLC0415
+    import asyncio
 
-    from armgate.daemon.auth.reloading import warn_of_unknown_robots  # noqa: PLC0415
-    from armgate.links.log import Log  # noqa: PLC0415
+    from armgate.daemon.auth.reloading import warn_of_unknown_robots
+    from armgate.links.log import Log
 
     with _cell_extra():
-        from armgate.daemon.lifecycle.daemon import Daemon  # noqa: PLC0415
-        from armgate.daemon.recording.start import recorder_of  # noqa: PLC0415
-        from armgate.gate import Gate  # noqa: PLC0415
+        from armgate.daemon.lifecycle.daemon import Daemon
+        from armgate.daemon.recording.start import recorder_of
+        from armgate.gate import Gate
 
     log = Log(sys.stderr)
     _warn(cell, log)
@@ -230,9 +230,9 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
 
 def _warn(cell: "Cell", log: "Log") -> None:
     """Log what ``armgate check`` warns of, and why commands will be refused from the start."""
-    from armgate.cell.remarks import remarks  # noqa: PLC0415
-    from armgate.daemon.lifecycle.check import REMEDY, start_faults  # noqa: PLC0415
-    from armgate.gate import start_clearances  # noqa: PLC0415
+    from armgate.cell.remarks import remarks
+    from armgate.daemon.lifecycle.check import REMEDY, start_faults
+    from armgate.gate import start_clearances
 
     for text in remarks(cell):
         log.warning("remark", text=text)
@@ -243,7 +243,7 @@ def _warn(cell: "Cell", log: "Log") -> None:
 
 def _announce(host: str, port: int) -> None:
     if host.startswith("unix:"):
-        print(f"armgate: listening on {host}", flush=True)  # noqa: T201
+        print(f"armgate: listening on {host}", flush=True)
         return
     shown = f"[{host}]" if ":" in host else host
-    print(f"armgate: listening on {shown}:{port}", flush=True)  # noqa: T201
+    print(f"armgate: listening on {shown}:{port}", flush=True)

@@ -73,7 +73,7 @@ def _place(address: str, port: int | None) -> str:
 
 def _figures(place: str) -> list[Any]:
     """Return the families of figures that are served at HOST:PORT."""
-    from prometheus_client.parser import text_string_to_metric_families  # noqa: PLC0415
+    from prometheus_client.parser import text_string_to_metric_families
 
     try:
         with urlopen(f"http://{place}/metrics", timeout=5.0) as answer:

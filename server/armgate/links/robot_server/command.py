@@ -32,8 +32,8 @@ def robot_server(
     ] = None,
 ) -> None:
     """Hold the robots of a cell for its daemon until SIGTERM or Ctrl-C."""
-    from armgate.cell.cell import build_cell  # noqa: PLC0415
-    from armgate.cell.config import load_config  # noqa: PLC0415
+    from armgate.cell.cell import build_cell
+    from armgate.cell.config import load_config
 
     config = load_config(configs)
     cell = build_cell(config)
@@ -44,7 +44,7 @@ def robot_server(
 
 def robot_server_path(cell: "Cell") -> Path:
     """Where a cell's robot server listens: as configured, or in the folder of the user's sockets."""
-    from armgate.links.robot_server.unix_socket import default_path  # noqa: PLC0415
+    from armgate.links.robot_server.unix_socket import default_path
 
     given = cell.config.server.robot_server
     if given is None:
@@ -53,14 +53,14 @@ def robot_server_path(cell: "Cell") -> Path:
 
 
 def _serve(cell: "Cell", path: Path) -> int:
-    import asyncio  # noqa: PLC0415
-    from time import monotonic  # noqa: PLC0415
+    import asyncio
+    from time import monotonic
 
-    from armgate.links.log import Log  # noqa: PLC0415
-    from armgate.links.robot_server.make import make_berths  # noqa: PLC0415
-    from armgate.links.robot_server.server import RobotServer  # noqa: PLC0415
-    from armgate.links.robot_server.unix_socket import listen  # noqa: PLC0415
-    from armgate.links.systemd import Notifier  # noqa: PLC0415
+    from armgate.links.log import Log
+    from armgate.links.robot_server.make import make_berths
+    from armgate.links.robot_server.server import RobotServer
+    from armgate.links.robot_server.unix_socket import listen
+    from armgate.links.systemd import Notifier
 
     listening, lock = listen(path)
     log = Log(sys.stderr)
@@ -83,7 +83,7 @@ def _serve(cell: "Cell", path: Path) -> int:
 
 
 def _hurry(priority: int) -> None:
-    import os  # noqa: PLC0415
+    import os
 
     try:
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
@@ -95,5 +95,5 @@ def _hurry(priority: int) -> None:
 
 
 def _announce(path: Path, manager: "Notifier") -> None:
-    print(f"armgate: robot server at {path}", flush=True)  # noqa: T201
+    print(f"armgate: robot server at {path}", flush=True)
     manager.ready(f"robots at {path}")

@@ -53,10 +53,10 @@ def krc(
     ] = None,
 ) -> None:
     """Run a virtual KUKA controller that speaks RSI to a PC, until SIGTERM or Ctrl-C."""
-    import asyncio  # noqa: PLC0415
+    import asyncio
 
-    from armgate.emulator.krc import setup  # noqa: PLC0415
-    from armgate.emulator.krc.process import serve  # noqa: PLC0415
+    from armgate.emulator.krc import setup
+    from armgate.emulator.krc.process import serve
 
     ethernet = setup.ethernet_of(config)
     kind = setup.profile_of(profile, cycle, lag)

@@ -48,8 +48,8 @@ def _library() -> tuple[ModuleType, ModuleType]:
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window: the pad is heard all the same
     os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
     os.environ.setdefault("SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS", "1")
-    import pygame  # noqa: PLC0415 (an optional extra)
-    from pygame._sdl2 import controller  # noqa: PLC0415
+    import pygame
+    from pygame._sdl2 import controller
 
     pygame.display.init()
     controller.init()

@@ -50,10 +50,10 @@ def config(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
 ) -> None:
     """Write the RSI Ethernet file and a KRL program that match a robot of a cell."""
-    from armgate.cell.link_config import RsiLinkConfig  # noqa: PLC0415
-    from armgate.links.rsi.commissioning import krl  # noqa: PLC0415
-    from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet  # noqa: PLC0415
-    from armgate.links.rsi.setup import joint_axes  # noqa: PLC0415
+    from armgate.cell.link_config import RsiLinkConfig
+    from armgate.links.rsi.commissioning import krl
+    from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet
+    from armgate.links.rsi.setup import joint_axes
 
     _, found = _robot(configs, robot)
     link = found.config.link
@@ -91,11 +91,11 @@ def check(
 
     It breaks off by itself after Timeout cycles, unless its file says ONLYSEND TRUE.
     """
-    import asyncio  # noqa: PLC0415
+    import asyncio
 
-    from armgate.links.rsi.commissioning.survey import Survey  # noqa: PLC0415
-    from armgate.links.rsi.setup import setup_of  # noqa: PLC0415
-    from armgate.links.rsi.udp import listen  # noqa: PLC0415
+    from armgate.links.rsi.commissioning.survey import Survey
+    from armgate.links.rsi.setup import setup_of
+    from armgate.links.rsi.udp import listen
 
     cell, found = _robot(configs, robot)
     setup = setup_of(cell, found)
@@ -117,9 +117,9 @@ def _tell(setup: "Setup", survey: "Survey") -> None:
 
 
 def _robot(configs: list[Path], name: str) -> "tuple[Cell, Robot]":
-    from armgate.cell.cell import build_cell  # noqa: PLC0415
-    from armgate.cell.config import load_config  # noqa: PLC0415
-    from armgate.cell.errors import ModelError  # noqa: PLC0415
+    from armgate.cell.cell import build_cell
+    from armgate.cell.config import load_config
+    from armgate.cell.errors import ModelError
 
     cell = build_cell(load_config(configs))
     try:
@@ -130,7 +130,7 @@ def _robot(configs: list[Path], name: str) -> "tuple[Cell, Robot]":
 
 def _foot(robot: "Robot") -> "Foot":
     """The flange in the link that holds the first turning joint: what a KRC calls ROBROOT."""
-    from armgate.cell.urdf import read_urdf  # noqa: PLC0415
+    from armgate.cell.urdf import read_urdf
 
     joints = {joint.name: joint for joint in read_urdf(robot.urdf).joints}
     first = next(joint.name for joint in robot.model.joints if joint.kind != "prismatic")
