@@ -16,7 +16,7 @@ from statistics import median
 import numpy as np
 from report import Row, report
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.recording import Recording
 
 HOUR = 3600.0

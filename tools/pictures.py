@@ -22,15 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
+from armgate.apps.experiment.experiment_file import load_experiment
 from armgate.apps.experiment.scene import build_scene
-from armgate.apps.experiment.setup import load_experiment
-from armgate.apps.experiment.stack import play
+from armgate.apps.experiment.trial_run import play
 from armgate.apps.experiment.trials import Trial, trials
-from armgate.apps.stack.nursery import Nursery
-from armgate.apps.view.optics import Optics
+from armgate.apps.stack.fork_server import ForkServer
+from armgate.apps.view.camera_model import CameraModel
 from armgate.apps.view.overlays import q_of
-from armgate.apps.view.painter import Painter
+from armgate.apps.view.render_process import RenderProcess
 from armgate.apps.view.scene import Poses, Scene
 from armgate.cell.placement import Placement
 from armgate.client import State, connect
@@ -90,8 +90,8 @@ def main(folder: Path) -> None:
 def animation(file: Path) -> None:
     """The four experiments, one after the other."""
     frames: list[Image.Image] = []
-    nursery = Nursery()
-    nursery.warm()
+    fork_server = ForkServer()
+    fork_server.warm()
     with TemporaryDirectory() as runs:
         for clip in CLIPS:
             run = Path(runs) / clip.experiment
@@ -99,7 +99,7 @@ def animation(file: Path) -> None:
                 _trial(clip),
                 build_scene((default_file("demo.yaml"),)),
                 run,
-                nursery,
+                fork_server,
                 realtime=False,
                 show=_quiet,
             )
@@ -131,8 +131,8 @@ def _frames(clip: Clip, run: Path) -> Iterator[Image.Image]:
     assert robot is not None
     assert robot.described.camera is not None
     # Two renderers of one process would draw into each other's pictures.
-    outside = Painter(scene, Optics(FINE * WIDTH, FINE * HEIGHT, float(np.radians(52.0))))
-    inside = Painter(scene, Optics(FINE * 192, FINE * 144))
+    outside = RenderProcess(scene, CameraModel(FINE * WIDTH, FINE * HEIGHT, float(np.radians(52.0))))
+    inside = RenderProcess(scene, CameraModel(FINE * 192, FINE * 144))
     try:
         for time in np.arange(clip.begin, min(clip.end, series.end - series.start), clip.faster / RATE):
             state = series.at(series.start + time)

@@ -12,7 +12,7 @@ import typer
 
 from armgate.apps import cli
 from armgate.apps.cli import as_command, commands
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.apps.errors import AppError, UsageError
 from armgate.cell.errors import ConfigError
 from armgate.client import BadArgument, ConnectionLost

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from armgate.apps.demo.display import line, picture, tally
-from armgate.apps.demo.screen import screen
+from armgate.apps.demo.display import line, picture, screen, tally
 from armgate.apps.demo.summary import summary
 from armgate.apps.stack.metrics import compute
 from armgate.apps.stack.observation import Observation

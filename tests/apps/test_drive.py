@@ -89,11 +89,11 @@ class Told:
 
 
 def driven(
-    description: Description, robot: Held, wish: Interrupt | None = None
+    description: Description, robot: Held, interrupt: Interrupt | None = None
 ) -> tuple[str, Told, list[str]]:
     told, lines = Told(), []
     playback = Playback(swing(), bounds_of(description.robots[1]))
-    ended = drive(told, robot, playback, wish or Interrupt(), lines.append)  # type: ignore[arg-type]
+    ended = drive(told, robot, playback, interrupt or Interrupt(), lines.append)  # type: ignore[arg-type]
     return ended, told, lines
 
 
@@ -115,16 +115,16 @@ def test_it_says_when_the_gate_holds_it_up(description: Description) -> None:
 
 
 def test_interrupted_it_slows_to_rest(description: Description) -> None:
-    wish, robot = Interrupt(), Held(3)
+    interrupt, robot = Interrupt(), Held(3)
     speeds: list[float] = []
 
     def admit(dq: np.ndarray, tick: int) -> np.ndarray:
-        wish.asked = tick >= 80
+        interrupt.requested = tick >= 80
         speeds.append(float(np.abs(dq).max()))
         return dq
 
     robot.admit = admit
-    ended, told, _ = driven(description, robot, wish)
+    ended, told, _ = driven(description, robot, interrupt)
     assert ended == "interrupted, at rest"
     assert speeds[79] > 1e-3
     assert speeds[-1] < 1e-6

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.experiment import campaign
 from armgate.apps.experiment.claims import Claim, aggregate, claims
+from armgate.apps.experiment.experiment_file import load_experiment
 from armgate.apps.experiment.figures import evaluate, recently
 from armgate.apps.experiment.paths import dash, joystick, straight
 from armgate.apps.experiment.plots import _enlarge
 from armgate.apps.experiment.report import page
 from armgate.apps.experiment.scene import Scene, build_scene, clear
-from armgate.apps.experiment.setup import load_experiment
-from armgate.apps.experiment.stack import plan
+from armgate.apps.experiment.trial_run import plan
 from armgate.apps.experiment.trials import Trial, trials
-from armgate.apps.stack.folder import write_series
 from armgate.apps.stack.observation import COLUMNS, Observation
+from armgate.apps.stack.run_folder import write_series
 from armgate.cell.errors import ConfigError
 
 T = 0.012
@@ -310,7 +310,7 @@ def test_what_was_run_is_evaluated_however_it_ends(
         return entry("zoom", seed=trial.seed, **zoomed)
 
     monkeypatch.setattr(campaign, "play", play)
-    monkeypatch.setattr(campaign, "Nursery", MagicMock())
+    monkeypatch.setattr(campaign, "ForkServer", MagicMock())
     setups = {
         name: load_experiment(default_file(f"experiments/{name}.yaml")) for name in ("zoom", "tracking")
     }

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.follow.beside import Beside, Side
-from armgate.apps.follow.loop import FollowLoop, Progress, Wish, chase, tell_changes
-from armgate.apps.interrupt import Interrupt, interrupt
-from armgate.apps.robots import floor_of
+from armgate.apps.follow.loop import FollowLoop, FollowOptions, Progress, follow_leader, share_changes
+from armgate.apps.follow.proximity import Proximity, RobotBodies
+from armgate.apps.interrupt import Interrupt, catch_interrupt
+from armgate.apps.robot_models import floor_of
 from armgate.apps.sharing import Sharing
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
 from armgate.client import Description, Entry, Nearest, Refused, Tick
 from armgate.client.tick import State
-from armgate.control.nearness import NearPair
+from armgate.control.near_bodies import NearPair
 from armgate.protocol.messages import Error
 
 T = 0.012
@@ -115,17 +115,17 @@ class Held:
 def chased(
     built: BuiltCell,
     progress: Any,
-    wish: Interrupt | None = None,
+    interrupt: Interrupt | None = None,
     duration: float | None = None,
     zoom: Any = None,
     owner: str = "l",
 ) -> Any:
     cell, robot = Connection(built), Held(built, progress, zoom)
     robot.owner = owner
-    loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
+    loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     try:
         sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
-        ended = chase(sharing, robot, loop, wish or Interrupt(), duration)  # type: ignore[arg-type]
+        ended = follow_leader(sharing, robot, loop, interrupt or Interrupt(), duration)  # type: ignore[arg-type]
     except AppError as error:
         ended = str(error)
     return ended, cell, robot
@@ -147,7 +147,7 @@ POINTS = ((0.2, -0.25, 1.0), (0.2, -0.4, 1.0))
 NEAR = {"pair": ("GR/link_6", "FR/link_3"), "distance": 0.15, "limit": 0.05, "points": POINTS[::-1]}
 
 
-def beside(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[NearPair, ...]:
+def proximity(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[NearPair, ...]:
     """What is found where the leader's stop ends ``end`` farther along y."""
     fr, gr = built.robot("FR"), built.robot("GR")
     stop = np.array(gr.start)
@@ -156,16 +156,16 @@ def beside(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[Ne
         Entry(robot="FR", tick=0, time=0.0, nearest=(Nearest.model_validate(near),)),
         Entry(robot="GR", tick=0, time=0.0, q=tuple(gr.start.tolist()), stop_end=tuple(stop.tolist())),
     )
-    return Beside(Side.of("FR", fr.model), Side.of("GR", gr.model)).pairs(*entries)
+    return Proximity(RobotBodies.of("FR", fr.model), RobotBodies.of("GR", gr.model)).pairs(*entries)
 
 
 def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell) -> None:
-    (pair,) = beside(built, NEAR)
+    (pair,) = proximity(built, NEAR)
     np.testing.assert_array_equal(pair.points, POINTS)
     assert (pair.joint, pair.room) == (2, pytest.approx(0.1))
-    (nearer,) = beside(built, NEAR, end=0.04)
+    (nearer,) = proximity(built, NEAR, end=0.04)
     assert nearer.room == pytest.approx(0.06)
-    (leaving,) = beside(built, NEAR, end=-0.04)
+    (leaving,) = proximity(built, NEAR, end=-0.04)
     assert leaving.room == pytest.approx(0.1)
 
 
@@ -180,7 +180,7 @@ def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell)
     ],
 )
 def test_other_pairs_do_not_matter(built: BuiltCell, other: dict[str, Any]) -> None:
-    assert beside(built, NEAR | other) == ()
+    assert proximity(built, NEAR | other) == ()
 
 
 def test_it_shares_what_it_measures(built: BuiltCell) -> None:
@@ -217,9 +217,9 @@ def test_time_and_interrupt_end_it(built: BuiltCell) -> None:
     ended, _, robot = chased(built, lambda tick: None, duration=0.6)
     assert ended == "time is over, at rest"
     assert 50 <= len(robot.sent) < 150
-    wish = Interrupt()
-    wish.asked = True
-    assert chased(built, lambda tick: 0.0, wish)[0] == "interrupted, at rest"
+    interrupt = Interrupt()
+    interrupt.requested = True
+    assert chased(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
 
 
 def test_a_leader_that_leaves_early_is_told_at_rest(built: BuiltCell) -> None:
@@ -265,9 +265,9 @@ def test_a_progress_that_cannot_be_leaves_the_last_one(strange: float) -> None:
 def test_refused_signals_are_told_once_and_end_nothing(built: BuiltCell, code: str) -> None:
     cell, robot = Connection(built), Held(built, lambda tick: None)
     cell.refusal = Refused(Error(code=code, text="no", fatal=False))
-    loop = FollowLoop.build(cell, "FR", "GR", Wish(1.0, 0.0))  # type: ignore[arg-type]
+    loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
-    ended = chase(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
+    ended = follow_leader(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
     assert ended == "time is over, at rest"
     (line,) = cell.lines
     assert line.startswith("some signals are not shared")
@@ -276,11 +276,11 @@ def test_refused_signals_are_told_once_and_end_nothing(built: BuiltCell, code: s
 def test_robots_that_cannot_do_it_are_named(built: BuiltCell) -> None:
     cell: Any = Connection(built)
     with pytest.raises(UsageError, match="no robot 'XR'; it has FR, GR"):
-        FollowLoop.build(cell, "XR", "GR", Wish(1.0, 0.0))
+        FollowLoop.build(cell, "XR", "GR", FollowOptions(1.0, 0.0))
     with pytest.raises(UsageError, match="robot 'GR' has no camera"):
-        FollowLoop.build(cell, "GR", "FR", Wish(1.0, 0.0))
+        FollowLoop.build(cell, "GR", "FR", FollowOptions(1.0, 0.0))
     with pytest.raises(UsageError, match="cannot follow itself"):
-        FollowLoop.build(cell, "FR", "FR", Wish(1.0, 0.0))
+        FollowLoop.build(cell, "FR", "FR", FollowOptions(1.0, 0.0))
 
 
 def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
@@ -293,14 +293,14 @@ def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
 def test_only_what_is_new_is_shared(built: BuiltCell) -> None:
     cell: Any = Connection(built)
     sharing = Sharing(cell, cell.lines.append)
-    known = tell_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
-    tell_changes(sharing, {"a": (1.0,), "b": (3.0,)}, known)
+    known = share_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
+    share_changes(sharing, {"a": (1.0,), "b": (3.0,)}, known)
     assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]
 
 
 def test_an_interrupt_is_a_wish_first() -> None:
-    with interrupt() as wish:
+    with catch_interrupt() as interrupt:
         os.kill(os.getpid(), signal.SIGTERM)
-        assert wish.asked
+        assert interrupt.requested
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)

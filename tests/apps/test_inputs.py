@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from armgate.apps.errors import UsageError
-from armgate.apps.lead.inputs import Setting, find
+from armgate.apps.lead.inputs import Setting, SpeedShare, find
 from armgate.apps.lead.inputs.gamepad import DEAD_ZONE, beyond
 from armgate.apps.lead.inputs.keyboard import HELD, Keys, keys_in
 from armgate.apps.lead.inputs.mailbox import FRESH, Mailbox
-from armgate.apps.lead.inputs.pace import Pace
-from armgate.apps.lead.wishes import JointRate, Moment, ToolTwist, Wish
+from armgate.apps.lead.motions import JointRate, MotionRequest, RobotState, ToolTwist
 
-MOMENT = Moment(0.0, np.zeros(3), np.zeros(3))
+STATE = RobotState(0.0, np.zeros(3), np.zeros(3))
 
 
 @pytest.fixture
@@ -33,7 +32,7 @@ def test_the_dead_zone_is_dead_and_what_is_behind_it_rises_evenly():
 
 
 def test_a_pace_is_halved_and_doubled_within_bounds(told):
-    pace = Pace(told.append)
+    pace = SpeedShare(told.append)
     for _ in range(9):
         pace.slower()
     assert 0.0 < pace.share < 0.1
@@ -49,55 +48,55 @@ def test_what_a_terminal_sends_is_read_as_keys():
 
 
 def test_a_key_moves_for_a_moment_and_then_the_robot_rests(keys, clock):
-    assert keys.wish() == Wish()
+    assert keys.request() == MotionRequest()
     keys.press("+")
-    motion = keys.wish().motion
+    motion = keys.request().motion
     assert isinstance(motion, JointRate)
     assert motion.share.tolist() == [0.5, *[0.0] * (len(motion.share) - 1)]
     clock.time += HELD
-    assert keys.wish() == Wish()
+    assert keys.request() == MotionRequest()
 
 
 @pytest.mark.parametrize("key", [" ", "unknown", "x", "2", "m", "]"])
 def test_every_other_key_lets_it_rest(keys, key):
     keys.press("+")
     keys.press(key)
-    assert keys.wish().motion is None
+    assert keys.request().motion is None
 
 
 def test_keys_choose_joints_modes_and_speeds(keys, told):
     keys.press("2")
     keys.press("[")
     keys.press("-")
-    assert keys.wish().motion.share[1] == -0.25
+    assert keys.request().motion.share[1] == -0.25
     keys.press("9")  # there is no such joint
     keys.press("w")  # the tool's key
-    assert keys.wish().motion is None
+    assert keys.request().motion is None
     keys.press("m")
     assert told[-1] == "moving the tool"
     keys.press("j")
-    motion = keys.wish().motion
+    motion = keys.request().motion
     assert isinstance(motion, ToolTwist)
     assert motion.share.tolist() == [0, 0, 0, 0, 0, 0.25]
     keys.press("+")
-    assert keys.wish().motion is None
+    assert keys.request().motion is None
     keys.press("q")
-    assert keys.wish().ended == "ended by the keyboard"
+    assert keys.request().ended == "ended by the keyboard"
 
 
 def test_a_mailbox_holds_a_wish_for_a_moment(clock):
     box, motion = Mailbox(now=clock), JointRate(np.zeros(3))
-    assert box.wish(MOMENT) == Wish()
+    assert box.request(STATE) == MotionRequest()
     box.put(motion)
-    assert box.wish(MOMENT).motion is motion
+    assert box.request(STATE).motion is motion
     clock.time += FRESH
-    assert box.wish(MOMENT) == Wish()
+    assert box.request(STATE) == MotionRequest()
     box.put(motion)
     box.put(None)
-    assert box.wish(MOMENT) == Wish()
+    assert box.request(STATE) == MotionRequest()
     box.end("the page was closed", failed=True)
     box.put(motion)
-    assert box.wish(MOMENT) == Wish(ended="the page was closed", failed=True)
+    assert box.request(STATE) == MotionRequest(ended="the page was closed", failed=True)
     box.close()
 
 

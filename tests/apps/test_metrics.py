@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from armgate.apps.errors import UsageError
-from armgate.apps.stack.folder import make_folder, write_metrics, write_series
 from armgate.apps.stack.metrics import columns, compute, transient_end, verdict_table
 from armgate.apps.stack.observation import COLUMNS, Observation, same_robot
+from armgate.apps.stack.run_folder import make_folder, write_metrics, write_series
 from armgate.client import State
 
 Make = Callable[..., State]

@@ -10,7 +10,7 @@ import pytest
 
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.stack import child
-from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
+from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
 
 PYTHON = (sys.executable, "-u", "-c")
 WAIT = 30.0
@@ -23,68 +23,68 @@ signal.pause()
 
 
 @pytest.fixture
-def crew(tmp_path: Path) -> Iterator[Crew]:
-    with Crew(tmp_path) as crew:
-        yield crew
+def children(tmp_path: Path) -> Iterator[Children]:
+    with Children(tmp_path) as children:
+        yield children
 
 
-def expect(crew: Crew, kind: type[Event]) -> Event:
-    while (event := crew.next(WAIT)) is not None:
+def expect(children: Children, kind: type[Event]) -> Event:
+    while (event := children.next(WAIT)) is not None:
         if isinstance(event, kind):
             return event
     raise AssertionError(f"no {kind.__name__} in {WAIT:g} s")
 
 
-def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(crew: Crew) -> None:
-    crew.start("child", [*PYTHON, "import sys; print('hello'); sys.stderr.write('oh\\n'); sys.exit(3)"])
-    assert crew.next(WAIT) == Printed("child", "hello")
-    assert expect(crew, Exited) == Exited("child", 3)
-    assert sorted(crew.tail("child")) == ["hello", "oh"]
-    assert crew.log("child").stat().st_mode & 0o077 == 0  # the viewer prints the token of its page
-    assert crew.running() == []
+def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(children: Children) -> None:
+    children.start("child", [*PYTHON, "import sys; print('hello'); sys.stderr.write('oh\\n'); sys.exit(3)"])
+    assert children.next(WAIT) == Printed("child", "hello")
+    assert expect(children, Exited) == Exited("child", 3)
+    assert sorted(children.tail("child")) == ["hello", "oh"]
+    assert children.log("child").stat().st_mode & 0o077 == 0  # the viewer prints the token of its page
+    assert children.running() == []
 
 
-def test_no_event_in_time(crew: Crew) -> None:
-    assert crew.next(0.0) is None
+def test_no_event_in_time(children: Children) -> None:
+    assert children.next(0.0) is None
 
 
-def test_signals_reach_only_the_named_and_running(crew: Crew) -> None:
+def test_signals_reach_only_the_named_and_running(children: Children) -> None:
     for name in ("one", "two"):
-        crew.start(name, [*PYTHON, "import signal; print('ready'); signal.pause()"])
-        expect(crew, Printed)
-    crew.send(signal.SIGTERM, "one")
-    assert expect(crew, Exited) == Exited("one", -signal.SIGTERM)
-    assert crew.running() == ["two"]
-    crew.send(signal.SIGTERM, "one", "two")
-    assert crew.wait(["one", "two"], WAIT) == []
+        children.start(name, [*PYTHON, "import signal; print('ready'); signal.pause()"])
+        expect(children, Printed)
+    children.send(signal.SIGTERM, "one")
+    assert expect(children, Exited) == Exited("one", -signal.SIGTERM)
+    assert children.running() == ["two"]
+    children.send(signal.SIGTERM, "one", "two")
+    assert children.wait(["one", "two"], WAIT) == []
 
 
-def test_children_do_not_get_the_terminals_interrupt(crew: Crew) -> None:
-    crew.start("child", [*PYTHON, "import os; print(os.getpgrp())"])
-    event = expect(crew, Printed)
+def test_children_do_not_get_the_terminals_interrupt(children: Children) -> None:
+    children.start("child", [*PYTHON, "import os; print(os.getpgrp())"])
+    event = expect(children, Printed)
     assert isinstance(event, Printed)
     assert int(event.text) != os.getpgrp()
 
 
 def test_leaving_kills_what_is_left(tmp_path: Path) -> None:
-    with Crew(tmp_path) as crew:
-        crew.start("stubborn", [*PYTHON, STUBBORN])
-        assert expect(crew, Printed) == Printed("stubborn", "ready")
-        crew.send(signal.SIGTERM)
-        assert crew.wait(["stubborn"], 0.0) == ["stubborn"]
-    assert crew.running() == []
-    assert crew.next(0.0) == Exited("stubborn", -signal.SIGKILL)
+    with Children(tmp_path) as children:
+        children.start("stubborn", [*PYTHON, STUBBORN])
+        assert expect(children, Printed) == Printed("stubborn", "ready")
+        children.send(signal.SIGTERM)
+        assert children.wait(["stubborn"], 0.0) == ["stubborn"]
+    assert children.running() == []
+    assert children.next(0.0) == Exited("stubborn", -signal.SIGKILL)
 
 
-def test_the_tail_is_the_end_of_the_log(crew: Crew) -> None:
-    crew.start("child", [*PYTHON, "for i in range(100): print(i)"])
-    expect(crew, Exited)
-    assert crew.tail("child") == [str(i) for i in range(88, 100)]
+def test_the_tail_is_the_end_of_the_log(children: Children) -> None:
+    children.start("child", [*PYTHON, "for i in range(100): print(i)"])
+    expect(children, Exited)
+    assert children.tail("child") == [str(i) for i in range(88, 100)]
 
 
-def test_an_event_from_a_signal_handler(crew: Crew) -> None:
-    crew.events.put(Asked(signal.SIGINT))
-    assert crew.next(WAIT) == Asked(signal.SIGINT)
+def test_an_event_from_a_signal_handler(children: Children) -> None:
+    children.events.put(Interrupted(signal.SIGINT))
+    assert children.next(WAIT) == Interrupted(signal.SIGINT)
 
 
 def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_a_child_reports_that_a_signal_ended_it(
     monkeypatch: pytest.MonkeyPatch, asked: bool, status: int
 ) -> None:
     monkeypatch.setattr(child, "main", lambda _: sys.exit(0))
-    monkeypatch.setattr(Interrupt, "ever", asked)
+    monkeypatch.setattr(Interrupt, "ever_requested", asked)
     with pytest.raises(SystemExit) as end:
         child.live(["lead"])
     assert end.value.code == status
@@ -116,7 +116,7 @@ def test_a_child_reports_that_a_signal_ended_it(
 
 def test_a_failed_child_keeps_its_status_after_a_signal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(child, "main", lambda _: sys.exit(1))
-    monkeypatch.setattr(Interrupt, "ever", True)
+    monkeypatch.setattr(Interrupt, "ever_requested", True)
     with pytest.raises(SystemExit) as end:
         child.live(["lead"])
     assert end.value.code == 1

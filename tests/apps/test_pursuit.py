@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.apps.errors import UsageError
-from armgate.apps.lead.pursuit import Prey, Pursuit
+from armgate.apps.lead.motions import RobotState
+from armgate.apps.lead.pursuit import Pursuit, TargetBody
 from armgate.apps.lead.shaping import Bounds
 from armgate.apps.lead.steering import Steering
-from armgate.apps.lead.wishes import Moment
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.control.redundancy.tasks import ROWS, FrameTask
@@ -26,33 +26,33 @@ def test_the_tool_comes_to_the_body_at_its_speed_and_keeps_its_posture(cell: Cel
     bounds = Bounds(gr.velocity, gr.acceleration, gr.deceleration, T)
     task = FrameTask(gr.model, gr.tool, ROWS)
     steering = Steering(bounds, gr.lower, gr.upper, 1.0, task, tool_speed=0.5)
-    prey = Prey.of("FR", "link_3", fr.model)
-    pursuit = Pursuit(prey, gr.model, gr.tool)
+    target = TargetBody.of("FR", "link_3", fr.model)
+    pursuit = Pursuit(target, gr.model, gr.tool)
     setpoint, last, q = np.array(gr.start), np.zeros(9), np.array(fr.start)
     posture, speeds = gr.model.frame(setpoint, gr.tool).R, []
     for k in range(500):
         q[0] = 0.3 * np.sin(0.5 * k * T)  # it moves away
-        wish = pursuit.wish(Moment(k * T, setpoint, setpoint, {"FR": q}))
+        wish = pursuit.request(RobotState(k * T, setpoint, setpoint, {"FR": q}))
         assert wish.motion is not None
         last = steering.step(wish.motion, setpoint, last)
         before = gr.model.frame(setpoint, gr.tool).t
         setpoint = setpoint + last
         speeds.append(np.linalg.norm(gr.model.frame(setpoint, gr.tool).t - before) / T)
     at = gr.model.frame(setpoint, gr.tool)
-    assert np.linalg.norm(at.t - prey.place(q)) < 0.06
+    assert np.linalg.norm(at.t - target.place(q)) < 0.06
     assert 0.45 < max(speeds) < 0.55
     np.testing.assert_allclose(at.R, posture, atol=0.02)
 
 
 def test_it_waits_for_a_prey_that_is_not_seen(cell: Cell) -> None:
     gr = cell.robot("GR")
-    pursuit = Pursuit(Prey.of("FR", "shoulder", cell.robot("FR").model), gr.model, gr.tool)
-    wish = pursuit.wish(Moment(0.0, gr.start, gr.start))
+    pursuit = Pursuit(TargetBody.of("FR", "shoulder", cell.robot("FR").model), gr.model, gr.tool)
+    wish = pursuit.request(RobotState(0.0, gr.start, gr.start))
     assert (wish.motion, wish.ended) == (None, "")
 
 
 def test_what_cannot_be_pursued_is_named(cell: Cell) -> None:
     with pytest.raises(UsageError, match="no moving body 'nose'; it has link_1, shoulder, link_2"):
-        Prey.of("FR", "nose", cell.robot("FR").model)
+        TargetBody.of("FR", "nose", cell.robot("FR").model)
     with pytest.raises(UsageError, match="no moving body 'base_link'"):
-        Prey.of("FR", "base_link", cell.robot("FR").model)
+        TargetBody.of("FR", "base_link", cell.robot("FR").model)

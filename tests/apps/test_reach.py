@@ -107,7 +107,7 @@ def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, Told]:
     told = Told()
     options = {"tolerance": 1e-3, "duration": 30.0, **change}
     return drive(
-        Sharing(told, lambda line: None), held, arm, options.pop("wish", Interrupt()), **options
+        Sharing(told, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
     ), told
 
 
@@ -158,14 +158,14 @@ def test_time_is_over(connected: Any) -> None:
 
 
 def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(connected: Any) -> None:
-    wish, held = Interrupt(), Held(START)
+    interrupt, held = Interrupt(), Held(START)
 
     def admit(dq: np.ndarray) -> np.ndarray:
-        wish.asked = len(held.sent) > 50
+        interrupt.requested = len(held.sent) > 50
         return dq
 
     held.admit = admit
-    done, _ = go(build(connected, "P", goal()), held, wish=wish)
+    done, _ = go(build(connected, "P", goal()), held, interrupt=interrupt)
     assert (done.reached, done.text) == (None, "interrupted, at rest")
     assert np.abs(held.sent[49]).max() > 1e-3
     np.testing.assert_array_equal(held.sent[-1], 0.0)

@@ -12,16 +12,16 @@ from typing import Any
 
 import pytest
 
-from armgate.apps.demo.plan import NAMES
-from armgate.apps.demo.plan import plan as demo_plan
+from armgate.apps.demo.run import NAMES
+from armgate.apps.demo.run import plan as demo_plan
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.stack import run as course
-from armgate.apps.stack.causes import died, stops_in
 from armgate.apps.stack.child import INTERRUPTED
-from armgate.apps.stack.folder import socket_in
-from armgate.apps.stack.judge import account
-from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
-from armgate.apps.stack.robots import robots_of
+from armgate.apps.stack.failures import exit_error, stops_in
+from armgate.apps.stack.monitoring import read_report
+from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
+from armgate.apps.stack.robot_processes import robots_of
+from armgate.apps.stack.run_folder import socket_in
 from armgate.cell.config import load_config
 
 PYTHON = (sys.executable, "-u", "-c")
@@ -45,17 +45,17 @@ signal.pause()
 
 
 @pytest.fixture
-def crew(tmp_path: Path) -> Iterator[Crew]:
-    with Crew(tmp_path) as crew:
-        yield crew
+def children(tmp_path: Path) -> Iterator[Children]:
+    with Children(tmp_path) as children:
+        yield children
 
 
 def plan(**changes: Any) -> course.Plan:
     return demo_plan([Path("a.yaml"), Path("b.yaml")], Path("p.csv"), "GR", "FR", **changes)
 
 
-def listening(crew: Crew) -> str:
-    return course._printed(crew, course.DAEMON, course.LISTENING)
+def listening(children: Children) -> str:
+    return course._printed(children, course.DAEMON, course.LISTENING)
 
 
 def test_the_commands() -> None:
@@ -71,56 +71,58 @@ def test_the_commands() -> None:
     )
 
 
-def test_the_address_is_what_the_daemon_prints(crew: Crew) -> None:
-    crew.start("daemon", [*PYTHON, "print('warming up'); print('armgate: listening on 127.0.0.1:4711')"])
-    assert listening(crew) == "127.0.0.1:4711"
+def test_the_address_is_what_the_daemon_prints(children: Children) -> None:
+    children.start("daemon", [*PYTHON, "print('warming up'); print('armgate: listening on 127.0.0.1:4711')"])
+    assert listening(children) == "127.0.0.1:4711"
 
 
 def test_a_run_in_a_used_folder_does_not_show_the_earlier_monitors_account(
-    crew: Crew, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    children: Children, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def connect(*_: object, **__: object) -> None:
         raise AppError("not connected")
 
     (tmp_path / "monitor.json").write_text('{"states": 7}')
     daemon = [*PYTHON, "print('armgate: listening on 127.0.0.1:4711')"]
-    monkeypatch.setattr(crew, "launch", lambda name, *_, **__: crew.start(name, daemon))
+    monkeypatch.setattr(children, "launch", lambda name, *_, **__: children.start(name, daemon))
     monkeypatch.setattr(course, "connect", connect)
     with pytest.raises(AppError, match="not connected"):
-        course.run(crew, replace(plan(), record=tmp_path), lambda _: None)
-    assert account(tmp_path) is None
+        course.run(children, replace(plan(), record=tmp_path), lambda _: None)
+    assert read_report(tmp_path) is None
 
 
-def test_a_daemon_that_cannot_start_is_told_with_its_log(crew: Crew) -> None:
-    crew.start("daemon", [*PYTHON, "import sys; print('armgate: port in use', file=sys.stderr); sys.exit(2)"])
+def test_a_daemon_that_cannot_start_is_told_with_its_log(children: Children) -> None:
+    children.start(
+        "daemon", [*PYTHON, "import sys; print('armgate: port in use', file=sys.stderr); sys.exit(2)"]
+    )
     with pytest.raises(AppError, match=r"(?s)the daemon ended \(2\).*daemon\.log ends with.*port in use"):
-        listening(crew)
+        listening(children)
 
 
-def test_nobody_waits_for_a_daemon_when_asked_to_end(crew: Crew) -> None:
-    crew.events.put(Asked(signal.SIGINT))
+def test_nobody_waits_for_a_daemon_when_asked_to_end(children: Children) -> None:
+    children.events.put(Interrupted(signal.SIGINT))
     with pytest.raises(AppError, match="interrupted before the daemon was ready"):
-        listening(crew)
+        listening(children)
 
 
-def test_a_run_is_done_when_both_controllers_have_ended(crew: Crew) -> None:
+def test_a_run_is_done_when_both_controllers_have_ended(children: Children) -> None:
     pictures: list[int] = []
-    crew.start("leader", GOOD)
-    crew.start("follower", GOOD)
-    assert course._until_done(crew, NAMES, lambda: pictures.append(1))
+    children.start("leader", GOOD)
+    children.start("follower", GOOD)
+    assert course._until_done(children, NAMES, lambda: pictures.append(1))
     assert pictures
 
 
-def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(crew: Crew) -> None:
+def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(children: Children) -> None:
     for name, script in (("daemon", TERMINATED), ("leader", POLITE), ("follower", POLITE)):
-        crew.start(name, script)
-        assert crew.next(30.0) == Printed(name, "ready")
-    crew.events.put(Asked(signal.SIGINT))
-    assert not course._until_done(crew, NAMES, lambda: None)
-    assert course._rest(crew, plan(), None) is None
-    assert crew.running() == []
-    assert crew.tail("leader")[-1] == "rested"
-    assert crew.tail("daemon")[-1] == "terminated"  # by SIGTERM, after the others
+        children.start(name, script)
+        assert children.next(30.0) == Printed(name, "ready")
+    children.events.put(Interrupted(signal.SIGINT))
+    assert not course._until_done(children, NAMES, lambda: None)
+    assert course._rest(children, plan(), None) is None
+    assert children.running() == []
+    assert children.tail("leader")[-1] == "rested"
+    assert children.tail("daemon")[-1] == "terminated"  # by SIGTERM, after the others
 
 
 class SlowEnds(queue.SimpleQueue[Event]):
@@ -132,42 +134,42 @@ class SlowEnds(queue.SimpleQueue[Event]):
         super().put(item)
 
 
-def test_a_failure_counts_although_its_event_comes_after_the_child_is_gone(crew: Crew) -> None:
-    crew.events = SlowEnds()
+def test_a_failure_counts_although_its_event_comes_after_the_child_is_gone(children: Children) -> None:
+    children.events = SlowEnds()
     for name in NAMES:
-        crew.start(name, [*PYTHON, "raise SystemExit(1)"])
+        children.start(name, [*PYTHON, "raise SystemExit(1)"])
     with pytest.raises(AppError, match=r"ended \(1\)"):
-        course._until_done(crew, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None)
 
 
-def test_a_participant_that_somebody_stops_ends_the_run(crew: Crew) -> None:
-    crew.start("leader", POLITE)
-    crew.start("follower", [*PYTHON, f"raise SystemExit({INTERRUPTED})"])
+def test_a_participant_that_somebody_stops_ends_the_run(children: Children) -> None:
+    children.start("leader", POLITE)
+    children.start("follower", [*PYTHON, f"raise SystemExit({INTERRUPTED})"])
     with pytest.raises(AppError, match="the follower was interrupted before its work was done"):
-        course._until_done(crew, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None)
 
 
 @pytest.mark.parametrize("name", ["robots", "krc-FR"])
-def test_a_robot_server_or_krc_that_ends_by_itself_ends_the_run(crew: Crew, name: str) -> None:
-    crew.start("leader", POLITE)
-    crew.start(name, GOOD)
+def test_a_robot_server_or_krc_that_ends_by_itself_ends_the_run(children: Children, name: str) -> None:
+    children.start("leader", POLITE)
+    children.start(name, GOOD)
     with pytest.raises(AppError, match=rf"the {name} ended \(0\)"):
-        course._until_done(crew, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None)
 
 
-def test_a_daemon_that_fails_while_it_ends_fails_the_run(crew: Crew) -> None:
-    crew.start("daemon", [*PYTHON, FAILS_AT_THE_END])
-    assert crew.next(30.0) == Printed("daemon", "ready")
-    failure = course._rest(crew, plan(), None)
+def test_a_daemon_that_fails_while_it_ends_fails_the_run(children: Children) -> None:
+    children.start("daemon", [*PYTHON, FAILS_AT_THE_END])
+    assert children.next(30.0) == Printed("daemon", "ready")
+    failure = course._rest(children, plan(), None)
     assert "the daemon ended (1)" in str(failure)
     assert "disk full" in str(failure)
 
 
-def test_the_first_failure_is_the_one_that_is_reported(crew: Crew) -> None:
-    crew.start("daemon", [*PYTHON, FAILS_AT_THE_END])
-    assert crew.next(30.0) == Printed("daemon", "ready")
+def test_the_first_failure_is_the_one_that_is_reported(children: Children) -> None:
+    children.start("daemon", [*PYTHON, FAILS_AT_THE_END])
+    assert children.next(30.0) == Printed("daemon", "ready")
     first = AppError("the leader ended (1)")
-    assert course._rest(crew, plan(), first) is first
+    assert course._rest(children, plan(), first) is first
 
 
 @pytest.mark.parametrize(
@@ -177,44 +179,46 @@ def test_the_first_failure_is_the_one_that_is_reported(crew: Crew) -> None:
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "was killed by SIGKILL"),
     ],
 )
-def test_a_controller_that_dies_ends_the_run_and_is_named(crew: Crew, code: str, told: str) -> None:
-    crew.start("leader", POLITE)
-    crew.start("follower", [*PYTHON, code])
+def test_a_controller_that_dies_ends_the_run_and_is_named(children: Children, code: str, told: str) -> None:
+    children.start("leader", POLITE)
+    children.start("follower", [*PYTHON, code])
     with pytest.raises(AppError, match=f"(?s)the follower {told}"):
-        course._until_done(crew, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None)
 
 
-def test_a_daemon_that_ends_by_itself_ends_the_run(crew: Crew) -> None:
-    crew.start("leader", POLITE)
-    crew.start("daemon", GOOD)
+def test_a_daemon_that_ends_by_itself_ends_the_run(children: Children) -> None:
+    children.start("leader", POLITE)
+    children.start("daemon", GOOD)
     with pytest.raises(AppError, match=r"the daemon ended \(0\)"):
-        course._until_done(crew, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None)
 
 
-def test_signals_become_an_event_and_the_second_one_ends_at_once(crew: Crew) -> None:
+def test_signals_become_an_event_and_the_second_one_ends_at_once(children: Children) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with course.interruptions(crew):
+    with course.interruptions(children):
         os.kill(os.getpid(), signal.SIGTERM)
-        assert crew.next(30.0) == Asked(signal.SIGTERM)
+        assert children.next(30.0) == Interrupted(signal.SIGTERM)
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGTERM) == before
 
 
 @pytest.mark.parametrize("ignored", [False, True])
-def test_a_hangup_ends_a_run_unless_its_parent_ignored_it(crew: Crew, ignored: bool) -> None:
+def test_a_hangup_ends_a_run_unless_its_parent_ignored_it(children: Children, ignored: bool) -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
     try:
-        with course.interruptions(crew):
+        with course.interruptions(children):
             os.kill(os.getpid(), signal.SIGHUP)
-            assert crew.next(0.0 if ignored else 30.0) == (None if ignored else Asked(signal.SIGHUP))
+            assert children.next(0.0 if ignored else 30.0) == (
+                None if ignored else Interrupted(signal.SIGHUP)
+            )
     finally:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_how_a_death_is_told(crew: Crew) -> None:
-    crew.log("leader").write_text("one\ntwo\n")
-    text = str(died(crew, Exited("leader", 1)))
+def test_how_a_death_is_told(children: Children) -> None:
+    children.log("leader").write_text("one\ntwo\n")
+    text = str(exit_error(children, Exited("leader", 1)))
     assert text.splitlines()[-2:] == ["  | one", "  | two"]
 
 
@@ -229,7 +233,7 @@ def test_what_stands_in_for_real_robots_follows_from_their_links(
     robots = robots_of(load_config(files), files, Path("r"))
     assert robots is not None
     assert robots.server(files) == ["robot-server", *map(str, files), "--socket", "r/logs/robots.sock"]
-    assert plan(robots=robots).daemon()[-2:] == ["--robot-server", "r/logs/robots.sock"]
+    assert replace(plan(), robots=robots).daemon()[-2:] == ["--robot-server", "r/logs/robots.sock"]
     assert list(robots.krcs) == ["krc-FR", "krc-GR"]
     words = list(robots.krcs["krc-GR"])
     options = dict(zip(words[1::2], words[2::2], strict=True))

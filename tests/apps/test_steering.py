@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armgate.apps.errors import AppError
+from armgate.apps.lead.motions import JointRate, JointTarget, ToolTarget, ToolTwist
 from armgate.apps.lead.shaping import Bounds
 from armgate.apps.lead.steering import TOOL_SPEED, Steering
-from armgate.apps.lead.wishes import JointRate, JointTarget, ToolTarget, ToolTwist
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.placement import Placement

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 from armgate.apps.lead.path import RecordedPath, read_path
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config

@@ -1,4 +1,4 @@
-"""The operator's wishes."""
+"""The operator's schedule."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from armgate.apps.interrupt import Interrupt
-from armgate.apps.zoom.wishes import Wishes, share
+from armgate.apps.zoom.schedule import DistanceSchedule, share
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_wishes_stay_between_their_bounds_and_change_at_their_rate(seed: int) -> None:
-    wishes = Wishes(0.5, 1.3, 1.0, 0.1, seed)
-    told = np.array([wishes.at(0.012 * k) for k in range(5000)])
+    schedule = DistanceSchedule(0.5, 1.3, 1.0, 0.1, seed)
+    told = np.array([schedule.at(0.012 * k) for k in range(5000)])
     assert told[0] == 1.0
     assert 0.5 <= told.min() < 0.7
     assert 1.1 < told.max() <= 1.3
@@ -30,7 +30,7 @@ def test_they_are_shared_when_they_change_and_each_step_is_passed() -> None:
         signal=lambda name, value, more: said.append((name, value)),
         skip=lambda: said.append("skip"),
     )
-    share(cell, Wishes(0.5, 1.3, 1.0, 0.1, 3), Interrupt(), duration=3.0)
+    share(cell, DistanceSchedule(0.5, 1.3, 1.0, 0.1, 3), Interrupt(), duration=3.0)
     assert said[:3] == [("operator.distance", 1.0), "skip", "skip"]
     assert said.count("skip") == 30
     assert 5 < len(said) - 30 < 25

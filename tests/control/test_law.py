@@ -10,7 +10,7 @@ from armgate.control.law import CameraLaw
 from armgate.control.repulsion import Obstacles
 from armgate.control.stereographic import camera_error
 from armgate.control.subtasks import roll_angle
-from armgate.control.view import view_errors
+from armgate.control.view_errors import view_errors
 
 P = np.array([1.7, 0.4, 1.1])
 

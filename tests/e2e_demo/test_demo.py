@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgate.apps.stack.observation import Observation
-from armgate.apps.stack.recorded import completed
+from armgate.apps.stack.observation import Observation, completed
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from support.ports import free_ports

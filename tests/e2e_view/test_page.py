@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from armgate.apps.view import looks
+from armgate.apps.view import colours
 from armgate.client import connect
 from support.browsers import keep
 from support.pages import Page
@@ -59,9 +59,9 @@ def _tool_off_centre(page):
 
 def _tool_column(picture):
     """Return the tool's column and the picture's width; None if there is no picture or no tool in it."""
-    if picture is None or np.count_nonzero(where(picture, looks.TOOL)) <= 5:
+    if picture is None or np.count_nonzero(where(picture, colours.TOOL)) <= 5:
         return None
-    return middle_of(picture, looks.TOOL)[0], picture.shape[1]
+    return middle_of(picture, colours.TOOL)[0], picture.shape[1]
 
 
 def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page, address, tracking):

@@ -13,7 +13,7 @@ from armgate.control.law import CameraLaw
 from armgate.control.predict import ramp_lag
 from armgate.control.repulsion import Obstacles
 from armgate.control.spheres import Spheres
-from armgate.control.view import view_errors
+from armgate.control.view_errors import view_errors
 
 Path3 = Callable[[float], np.ndarray]
 

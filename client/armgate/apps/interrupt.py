@@ -9,33 +9,33 @@ class Interrupt:
     """Flag set when this process was asked to end.
 
     Attributes:
-        asked: True once SIGINT or SIGTERM arrived.
+        requested: True once SIGINT or SIGTERM arrived.
     """
 
-    ever = False
+    ever_requested = False
     """True once any interruption of this process was asked for."""
 
     def __init__(self) -> None:
-        self.asked = False
+        self.requested = False
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Set the flag, for this instance and for the process."""
-        self.asked = Interrupt.ever = True
+        self.requested = Interrupt.ever_requested = True
 
 
 @contextmanager
-def interrupt() -> Iterator[Interrupt]:
+def catch_interrupt() -> Iterator[Interrupt]:
     """Set the flag at the first SIGINT or SIGTERM; a second one ends the process at once."""
-    wish = Interrupt()
+    interrupt = Interrupt()
 
     def take(_signum: int, _frame: object) -> None:
-        if wish.asked:
+        if interrupt.requested:
             raise KeyboardInterrupt
-        wish.ask()
+        interrupt.request()
 
     before = {signum: signal.signal(signum, take) for signum in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield wish
+        yield interrupt
     finally:
         for signum, handler in before.items():
             signal.signal(signum, handler)

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
 from armgate.control.integrate import Ended, Scheme
-from armgate.control.keeping import corrected, drawn_in, projection, slowed, view_vector
 from armgate.control.law import CameraLaw, Goal, Scene
-from armgate.control.nearness import NearPair, limits_beside
+from armgate.control.near_bodies import NearPair, limits_near_bodies
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
 from armgate.control.shaping import RESERVE, braking_way, shape_chord
-from armgate.control.view import view_errors
+from armgate.control.view_errors import view_errors
+from armgate.control.view_keeping import corrected, drawn_in, projection, slowed, view_vector
 from armgate.control.weights import Vector
 
 # Increments nearer to each other than this are the same, rad or m.
@@ -187,7 +187,7 @@ class Follower:
         """Beside something tighter bounds, and what they leave of each joint's way; else the usual ones."""
         if now.stop_end is None or not now.near:
             return self._bounds, None
-        lower, upper = limits_beside(self._law.model, now.q, now.setpoint, now.stop_end, now.near)
+        lower, upper = limits_near_bodies(self._law.model, now.q, now.setpoint, now.stop_end, now.near)
         ways = np.clip(np.array((now.setpoint - lower, upper - now.setpoint)) / self._reach, 0.0, 1.0)
         return self._bounds.tightened(lower, upper), ways
 

@@ -11,9 +11,9 @@ from armgate.cell.model import RobotModel
 from armgate.control.gains import Gains
 from armgate.control.gradient import limited_gradient
 from armgate.control.integrate import Integration, Scheme, integrate, rk4
-from armgate.control.itself import OwnPairs
 from armgate.control.kinematics import CameraArm
 from armgate.control.repulsion import Obstacles, Repulsion
+from armgate.control.self_collision import OwnPairs
 from armgate.control.spheres import Spheres
 from armgate.control.stereographic import camera_error
 from armgate.control.subtasks import distance_pull, roll_rate

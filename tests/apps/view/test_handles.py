@@ -20,7 +20,7 @@ from armgate.cell.placement import Placement
     ],
 )
 def test_a_long_name_stands_above_its_slider(monkeypatch, joint, unit, label, above):
-    monkeypatch.setattr("armgate.apps.view.handles.add_pointer", MagicMock())
+    monkeypatch.setattr("armgate.apps.view.handles.add_pointer_buttons", MagicMock())
     page = MagicMock()
     robot = SimpleNamespace(name="R", joints=[SimpleNamespace(name=joint, unit=unit, lower=-1.0, upper=1.0)])
     asyncio.run(_made(page, robot))

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from armgate.apps.view import looks
+from armgate.apps.view import colours
 from armgate.apps.view.overlays import SPEED, ellipsoid, nearest_lines, needs_way
 from armgate.apps.view.scene import Poses
 from armgate.client import Entry
@@ -27,8 +27,8 @@ def test_each_pair_is_drawn_once_the_nearest_first():
     second = entry(robot="GR", nearest=(near("GR/b", "FR/a", 0.25, x=1.0),))
     lines = nearest_lines((first, second))
     assert [points[0][0] for points, _ in lines] == [0.0, 1.0]
-    assert lines[0][1] == looks.margin(0.06, 0.05)
-    assert lines[1][1] == looks.STATES["clear"]
+    assert lines[0][1] == colours.margin(0.06, 0.05)
+    assert lines[1][1] == colours.STATES["clear"]
 
 
 def test_pairs_without_witness_points_are_not_drawn():

@@ -64,8 +64,8 @@ def test_it_moves_on_while_it_is_played_and_stands_at_its_end(player, clock):
 
 def test_it_says_of_what_time_it_is(player):
     player.seek(0.5)
-    assert "0.5 of 1.2 s" in player.told(player.newest())
-    assert "recorded 2023-11-1" in player.told(player.newest())
+    assert "0.5 of 1.2 s" in player.describe(player.newest())
+    assert "recorded 2023-11-1" in player.describe(player.newest())
 
 
 def test_what_is_no_recording_is_refused_with_a_reason(tmp_path):

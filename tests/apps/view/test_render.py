@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armgate.apps.errors import AppError
-from armgate.apps.view import looks, render
-from armgate.apps.view.optics import Optics, drawn_frustum
+from armgate.apps.view import colours, render
+from armgate.apps.view.camera_model import CameraModel, drawn_frustum
 from armgate.apps.view.render import Renderer
 from armgate.apps.view.scene import Poses
 from armgate.cell.placement import Placement
@@ -20,7 +20,7 @@ def start(scene):
 
 @pytest.fixture
 def renderer(scene):
-    made = Renderer(scene, Optics())
+    made = Renderer(scene, CameraModel())
     yield made
     made.close()
 
@@ -42,7 +42,7 @@ def test_a_point_is_drawn_where_the_optics_say(scene, renderer, aside):
     tip = tool.t - 0.02 * UP
     picture = shot(scene, renderer, camera)
     assert picture.shape == (360, 480, 3)
-    column, row = middle_of(picture, looks.TOOL)
+    column, row = middle_of(picture, colours.TOOL)
     wanted = renderer.optics.pixel(camera, tip)
     assert (column, row) == pytest.approx(wanted, abs=3.0)
 
@@ -54,15 +54,15 @@ def test_the_picture_stands_upright_and_shows_the_cell(scene, renderer):
     assert sky.mean() > floor.mean() + 20  # light above, the floor below
     # GR is lifted: its hand moves up in the picture.
     q = start(scene)
-    low = middle_of(shot(scene, renderer, camera, q), looks.HAND)
+    low = middle_of(shot(scene, renderer, camera, q), colours.HAND)
     q["GR"] = q["GR"] + np.eye(9)[2] * 0.15
-    high = middle_of(shot(scene, renderer, camera, q), looks.HAND)
+    high = middle_of(shot(scene, renderer, camera, q), colours.HAND)
     assert high[1] < low[1] - 20
     assert high[0] == pytest.approx(low[0], abs=3)
     # GR moves to its left seen from FR (+y): left in the picture.
     q = start(scene)
     q["GR"] = q["GR"] + np.eye(9)[1] * 0.15
-    assert middle_of(shot(scene, renderer, camera, q), looks.HAND)[0] < low[0] - 20
+    assert middle_of(shot(scene, renderer, camera, q), colours.HAND)[0] < low[0] - 20
 
 
 def test_the_frustum_is_drawn_the_way_graphics_have_it():
@@ -81,4 +81,4 @@ def test_without_egl_the_packages_are_named(scene, monkeypatch):
 
     monkeypatch.setattr(moderngl, "create_context", broken)
     with pytest.raises(AppError, match=r"libEGL.*apt-get install libegl1 libgl1-mesa-dri"):
-        render.Renderer(scene, Optics())
+        render.Renderer(scene, CameraModel())

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from armgate.apps.errors import AppError
-from armgate.apps.view import looks
+from armgate.apps.view import colours
 from armgate.apps.view import scene as scenes
 from armgate.apps.view.scene import Poses
-from armgate.apps.view.vantage import vantage
+from armgate.apps.view.viewpoint import initial_viewpoint
 
 rng = np.random.default_rng(4)
 
@@ -32,21 +32,21 @@ def _of(scene, name):
 
 def test_every_body_is_drawn_in_its_colour(scene):
     colours = {piece.colour for robot in scene.robots for pieces in robot.pieces.values() for piece in pieces}
-    assert {looks.ARM, looks.STRUCTURE, looks.HAND, looks.TOOL} <= colours
+    assert {colours.ARM, colours.STRUCTURE, colours.HAND, colours.TOOL} <= colours
     standing = {piece.colour for piece in scene.surroundings}
-    assert looks.FLOOR in standing
-    assert looks.surrounding("tank") in standing
+    assert colours.FLOOR in standing
+    assert colours.surrounding("tank") in standing
     assert scene.camera_robot.name == "FR"
 
 
 def test_margins_run_from_red_to_green():
-    assert looks.margin(0.05, 0.05) == looks.margin(0.0, 0.05) == looks.STATES["stop"]
-    assert looks.margin(0.2, 0.05) == looks.margin(9.0, 0.05) == looks.STATES["clear"]
-    assert looks.margin(0.125, 0.05) == looks.STATES["near"]
+    assert colours.margin(0.05, 0.05) == colours.margin(0.0, 0.05) == colours.STATES["stop"]
+    assert colours.margin(0.2, 0.05) == colours.margin(9.0, 0.05) == colours.STATES["clear"]
+    assert colours.margin(0.125, 0.05) == colours.STATES["near"]
 
 
 def test_the_first_look_is_from_above_the_floor_and_outside(scene):
-    eye, at = vantage(scene)
+    eye, at = initial_viewpoint(scene)
     assert eye[2] > at[2] > 0.0
     assert np.linalg.norm(np.subtract(eye, at)) > 3.0
 

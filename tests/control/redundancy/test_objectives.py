@@ -7,12 +7,15 @@ import pytest
 
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cylinder, Sphere
-from armgate.control.redundancy.avoidance import AwayFromObstacles, Obstacle
-from armgate.control.redundancy.centring import TowardsCentre
 from armgate.control.redundancy.measures import manipulability
-from armgate.control.redundancy.objective import wanted_velocity
+from armgate.control.redundancy.objectives import (
+    AwayFromObstacles,
+    AwayFromSingularities,
+    Obstacle,
+    TowardsCentre,
+    wanted_velocity,
+)
 from armgate.control.redundancy.resolution import null_space_part
-from armgate.control.redundancy.singularities import AwayFromSingularities
 from armgate.control.redundancy.tasks import FrameTask
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armgate.cell.placement import Placement
-from armgate.control.redundancy.centring import TowardsCentre
+from armgate.control.redundancy.objectives import TowardsCentre
 from armgate.control.redundancy.reach import Method, Reach, Tuning
 from armgate.control.redundancy.tasks import FrameTask
 

@@ -1,9 +1,11 @@
 """The live picture of a run in the terminal, drawn from what was observed, and the same in one line."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -11,11 +13,14 @@ from rich.text import Text
 
 from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 from armgate.apps.stack.observation import Observation, same_robot
+from armgate.apps.stack.run import Watch
 from armgate.cell.text import printable
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31
 """Width of a gauge in characters; odd, so that zero has a place of its own."""
+LINE_EVERY = 1.0
+"""Daemon time between two plain lines, s; in lock-step they come as much faster as the run is."""
 
 
 def picture(seen: Observation, cell: Description, factor: float | None) -> RenderableType:
@@ -170,3 +175,36 @@ def _path(seen: Observation) -> Table:
 
 def _millimetres(metres: float | None) -> str:
     return "–" if metres is None else f"{1000 * metres:.0f} mm"
+
+
+@contextmanager
+def screen(terminal: bool, console: Console | None = None) -> Iterator[Callable[[Watch], None]]:
+    """A function that shows the run as it is now; whoever watches calls it as often as it shall be fresh."""
+    console = console or Console(highlight=False)
+    if not terminal:
+        yield Lines(console).show
+        return
+    with Live(console=console, auto_refresh=False, transient=False) as live:
+        yield lambda watch: live.update(_picture(watch), refresh=True)
+
+
+def _picture(watch: Watch) -> RenderableType:
+    with watch.lock:
+        return picture(watch.seen, watch.cell, watch.factor)
+
+
+class Lines:
+    """Prints a line whenever a second of daemon time has passed."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._due = 0.0
+
+    def show(self, watch: Watch) -> None:
+        """Prints the run's line if one is due."""
+        with watch.lock:
+            if watch.seen.state is None or watch.seen.elapsed < self._due:
+                return
+            self._due = watch.seen.elapsed + LINE_EVERY
+            text = line(watch.seen)
+        self._console.print(text, soft_wrap=True, markup=False)

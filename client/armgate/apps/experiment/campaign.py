@@ -12,15 +12,15 @@ from rich.text import Text
 
 from armgate.apps.errors import AppError
 from armgate.apps.experiment.claims import Claim, aggregate, claims
+from armgate.apps.experiment.experiment_file import Experiment
 from armgate.apps.experiment.plots import Array, draw
 from armgate.apps.experiment.progress import Progress, progress
 from armgate.apps.experiment.report import page
 from armgate.apps.experiment.scene import Scene
-from armgate.apps.experiment.setup import Experiment
-from armgate.apps.experiment.stack import play
+from armgate.apps.experiment.trial_run import play
 from armgate.apps.experiment.trials import Trial, trials
-from armgate.apps.stack.folder import write_metrics
-from armgate.apps.stack.nursery import Nursery
+from armgate.apps.stack.fork_server import ForkServer
+from armgate.apps.stack.run_folder import write_metrics
 
 _WORDS = {True: ("holds", "green"), False: ("does not hold", "bold red"), None: ("–", "dim")}
 _TOGETHER = ("approach", "limit")
@@ -81,12 +81,12 @@ class Campaign:
 
     def run(self, setups: Mapping[str, Experiment]) -> str:
         """Runs them; returns why it ended before all was run, "" where it did not."""
-        nursery = Nursery()
-        nursery.warm()
+        fork_server = ForkServer()
+        fork_server.warm()
         course = Course(0)
         with progress() as bar:
             for name, setup in setups.items():
-                course = self._experiment(name, setup, nursery, bar)
+                course = self._experiment(name, setup, fork_server, bar)
                 if not course.complete:
                     break
         self._sum_up(course.ended)
@@ -98,12 +98,12 @@ class Campaign:
         holds = False if broken else None if ended else True
         write_metrics(self.folder, {"complete": not ended, "ended": ended, "holds": holds, "claims": rows})
 
-    def _experiment(self, name: str, setup: Experiment, nursery: Nursery, bar: Progress) -> Course:
+    def _experiment(self, name: str, setup: Experiment, fork_server: ForkServer, bar: Progress) -> Course:
         todo = trials(setup, self.scene, self.options.seeds)
         course = Course(len(todo))
         bar.begin(name, len(todo))
         try:
-            self._play(name, todo, course, nursery, bar)
+            self._play(name, todo, course, fork_server, bar)
         except AppError as error:
             course.failed = error
         except KeyboardInterrupt:  # between two runs; within a run it is an event
@@ -113,11 +113,13 @@ class Campaign:
         return course
 
     def _play(
-        self, name: str, todo: Sequence[Trial], course: Course, nursery: Nursery, bar: Progress
+        self, name: str, todo: Sequence[Trial], course: Course, fork_server: ForkServer, bar: Progress
     ) -> None:
         for trial in todo:
             folder = self.folder / name / trial.name
-            entry = play(trial, self.scene, folder, nursery, realtime=self.options.realtime, show=bar.show)
+            entry = play(
+                trial, self.scene, folder, fork_server, realtime=self.options.realtime, show=bar.show
+            )
             if entry is None:
                 return
             course.entries.append(entry)

@@ -1,4 +1,4 @@
-"""``armgate experiment``: runs the paper's experiments and judges its claims."""
+"""``armgate experiment``: run the paper's experiments and check its claims."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armgate.apps.data import default_file
+from armgate.apps.default_files import default_file
 
 if TYPE_CHECKING:
     from armgate.apps.experiment.campaign import Campaign
 
 
 class Which(StrEnum):
-    """The experiments."""
+    """Experiments that can be run."""
 
     APPROACH = "approach"
     TRACKING = "tracking"
@@ -23,38 +23,42 @@ class Which(StrEnum):
 
 
 def experiment(
-    which: Annotated[Which, typer.Argument(help="Which experiment.", show_default=False)],
+    which: Annotated[Which, typer.Argument(help="Experiment to run.", show_default=False)],
     *,
     file: Annotated[
         Path | None,
-        typer.Option(help="Its file, instead of configs/experiments/….yaml.", show_default=False),
+        typer.Option(
+            help="File of the experiment (default: configs/experiments/….yaml).", show_default=False
+        ),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(help="The cell; the demo cell if none is named.", show_default=False)
+        Path | None,
+        typer.Option(help="Configuration of the cell (default: the demo cell).", show_default=False),
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option(min=1, help="How many leader paths or starts.", show_default=False)
+        int | None,
+        typer.Option(
+            min=1, help="Number of leader paths or starts (default: as in the file).", show_default=False
+        ),
     ] = None,
     realtime: Annotated[
-        bool, typer.Option("--realtime", help="By the clock instead of in lock-step.")
+        bool, typer.Option("--realtime", help="Run by the wall clock instead of in lock-step.")
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="Folder of the run; runs/<time> if none is named.", show_default=False
-        ),
+        typer.Option(metavar="DIR", help="Folder of the run (default: runs/<time>).", show_default=False),
     ] = None,
 ) -> None:
     """Run the paper's experiments through the whole stack."""
     from armgate.apps.errors import AppError, UsageError
     from armgate.apps.experiment.campaign import Campaign, Options
+    from armgate.apps.experiment.experiment_file import load_experiment
     from armgate.apps.experiment.scene import build_scene
-    from armgate.apps.experiment.setup import load_experiment
-    from armgate.apps.stack.folder import make_folder
+    from armgate.apps.stack.run_folder import make_folder
 
     names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
     if file is not None and len(names) > 1:
-        raise UsageError("--file is for one experiment; name it")
+        raise UsageError("--file belongs to one experiment; expected the name of that experiment")
     setups = {name: load_experiment(file or default_file(f"experiments/{name}.yaml")) for name in names}
     if wrong := [name for name, setup in setups.items() if setup.experiment != name]:
         raise UsageError(f"{file} describes {setups[wrong[0]].experiment}; expected {wrong[0]}")

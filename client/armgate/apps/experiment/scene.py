@@ -11,7 +11,7 @@ from armgate.apps.errors import UsageError
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
 from armgate.control.spheres import Spheres
-from armgate.control.view import view_errors
+from armgate.control.view_errors import view_errors
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from armgate.apps.experiment.experiment_file import Approach, Collision, Experiment, Tracking, Zoom
 from armgate.apps.experiment.paths import dash, joystick, straight
 from armgate.apps.experiment.scene import Scene, limit_starts, off_axis_start
-from armgate.apps.experiment.setup import Approach, Collision, Experiment, Tracking, Zoom
 from armgate.control.spheres import Spheres
 
 Array = NDArray[np.float64]

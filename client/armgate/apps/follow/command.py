@@ -1,66 +1,77 @@
-"""``armgate follow``: takes the robot with the camera and keeps it on another robot's tool."""
+"""``armgate follow``: acquire the robot with the camera and keep the camera on another robot's tool."""
 
 from typing import Annotated
 
 import typer
 
-from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
 from armgate.cell.text import printable
+
+Robot = Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)]
+Leader = Annotated[
+    str,
+    typer.Option(help="Robot whose tool the camera is kept on, and that is avoided.", show_default=False),
+]
+Focus = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        metavar="X Y Z",
+        help="Fixed point to keep the camera on instead of the tool, world, m.",
+        show_default=False,
+    ),
+]
+Distance = Annotated[
+    float,
+    typer.Option(
+        min=0.05, max=100.0, help="Wanted view distance, m; the signal operator.distance overrides it."
+    ),
+]
+Lag = Annotated[
+    float, typer.Option(min=0.0, max=10.0, help="Known lag of the camera's robot behind its setpoint, s.")
+]
+Predict = Annotated[
+    bool, typer.Option(help="Aim at the predicted position of the tool, or at the measured one.")
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        min=0.1, metavar="S", help="Follow for S seconds (default: until the leader has finished, or Ctrl-C)."
+    ),
+]
+Name = Annotated[str, typer.Option(help="Name of this client.")]
 
 
 def follow(
-    address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    address: Address,
     *,
-    robot: Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)],
-    leader: Annotated[
-        str,
-        typer.Option(help="Robot whose tool it looks at, and that it stays clear of.", show_default=False),
-    ],
-    focus: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="A fixed place to look at instead, world, m.", show_default=False),
-    ] = None,
-    distance: Annotated[
-        float,
-        typer.Option(
-            min=0.05,
-            max=100.0,
-            help="Wanted view distance, m, until the signal operator.distance says another.",
-        ),
-    ] = 1.0,
-    lag: Annotated[
-        float, typer.Option(min=0.0, max=10.0, help="Known lag of the camera's robot behind its setpoint, s.")
-    ] = 0.03,
-    predict: Annotated[
-        bool, typer.Option(help="Look at where the tool will be, or at where it was measured.")
-    ] = True,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, metavar="S", help="Follow for S seconds; else until the leader is done, or Ctrl-C."
-        ),
-    ] = None,
-    name: Annotated[str, typer.Option(help="This participant's name.")] = "follower",
+    robot: Robot,
+    leader: Leader,
+    focus: Focus = None,
+    distance: Distance = 1.0,
+    lag: Lag = 0.03,
+    predict: Predict = True,
+    duration: Duration = None,
+    name: Name = "follower",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
-    from armgate.apps.follow.loop import FollowLoop, Wish, chase
-    from armgate.apps.interrupt import interrupt
+    from armgate.apps.follow.loop import FollowLoop, FollowOptions, follow_leader
+    from armgate.apps.interrupt import catch_interrupt
     from armgate.apps.sharing import Sharing
     from armgate.client import connect
     from armgate.control.compiled import prepare
 
     prepare()
     own = login(token_file, ca, cert, key)
-    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
-        wanted = Wish(distance, lag, focus=focus, predict=predict)
-        loop = FollowLoop.build(cell, robot, leader, wanted)
+    with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:
+        options = FollowOptions(distance, lag, focus=focus, predict=predict)
+        loop = FollowLoop.build(cell, robot, leader, options)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest", "holder"])
         with cell.acquire(robot) as arm:
-            ended = chase(Sharing(cell, _echo), arm, loop, wish, duration)
+            ended = follow_leader(Sharing(cell, _echo), arm, loop, interrupt, duration)
     _echo(f"{robot}: {ended}")
 
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.follow.beside import Beside, Side
+from armgate.apps.follow.proximity import Proximity, RobotBodies
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
-from armgate.apps.robots import bounds_of, described, floor_of, model_of
+from armgate.apps.robot_models import bounds_of, described, floor_of, model_of
 from armgate.apps.sharing import Sharing
 from armgate.client import Cell, Robot, RobotDescription, SignalValue, Tick
 from armgate.control.bounds import IncrementBounds
@@ -33,7 +33,7 @@ NEAR_LIMIT = 0.95
 
 
 @dataclass(frozen=True)
-class Wish:
+class FollowOptions:
     """How to follow.
 
     Attributes:
@@ -56,27 +56,27 @@ class FollowLoop:
     Attributes:
         robot: The robot that carries the camera, as described.
         leader: The robot whose tool is looked at, as described.
-        beside: Finds where the leader, whose model it holds, is near.
+        proximity: Finds where the leader, whose model it holds, is near.
         spheres: The leader's bounding spheres, which repel.
         follower: The control law with its bounds.
         bounds: Of the camera robot's increments.
-        wish: How to follow.
+        options: How to follow.
         floor: Height of the floor, which repels too, m; None for none.
     """
 
     robot: RobotDescription
     leader: RobotDescription
-    beside: Beside
+    proximity: Proximity
     spheres: Spheres
     follower: Follower
     bounds: IncrementBounds
-    wish: Wish
+    options: FollowOptions
     floor: float | None
     _last: LastIncrement = field(default_factory=LastIncrement)
     _zoomed: float | None = None
 
     @classmethod
-    def build(cls, cell: Cell, robot: str, leader: str, wish: Wish) -> "FollowLoop":
+    def build(cls, cell: Cell, robot: str, leader: str, options: FollowOptions) -> "FollowLoop":
         """From what the daemon describes.
 
         Raises:
@@ -93,11 +93,13 @@ class FollowLoop:
             camera_law(carrier, own.camera),
             bounds,
             period=own.period,
-            ahead=LOOP_TICKS * own.period + ramp_lag(wish.lag, own.period),
-            predict=wish.predict,
+            ahead=LOOP_TICKS * own.period + ramp_lag(options.lag, own.period),
+            predict=options.predict,
         )
-        beside = Beside(Side.of(robot, carrier), Side.of(leader, target))
-        return cls(own, other, beside, Spheres.of(target), follower, bounds, wish, floor_of(cell.description))
+        proximity = Proximity(RobotBodies.of(robot, carrier), RobotBodies.of(leader, target))
+        return cls(
+            own, other, proximity, Spheres.of(target), follower, bounds, options, floor_of(cell.description)
+        )
 
     def step(self, tick: Tick) -> "Answer":
         """The answer to a tick."""
@@ -117,10 +119,10 @@ class FollowLoop:
             distance=distance,
             obstacles=self._obstacles(leader),
             stop_end=np.array(own.stop_end) if own.stop_end else None,
-            near=self.beside.pairs(own, entry),
+            near=self.proximity.pairs(own, entry),
         )
         near = self.bounds.share(q) > NEAR_LIMIT
-        tool = None if self.wish.focus is None else self._tool(leader)
+        tool = None if self.options.focus is None else self._tool(leader)
         return Answer(self.follower.step(now), played, distance, focus, near, tool)
 
     def told(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
@@ -134,16 +136,16 @@ class FollowLoop:
             self._zoomed = None
         elif DISTANCES[0] <= told.value[0] <= DISTANCES[1]:
             self._zoomed = told.value[0]
-        return self.wish.distance if self._zoomed is None else self._zoomed
+        return self.options.distance if self._zoomed is None else self._zoomed
 
     def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
         """Where to look, and since when that is known."""
-        if self.wish.focus is not None:
-            return np.array(self.wish.focus), now
+        if self.options.focus is not None:
+            return np.array(self.options.focus), now
         return self._tool(leader), measured
 
     def _tool(self, leader: Array | None) -> Array | None:
-        return None if leader is None else self.beside.other.model.frame(leader, self.leader.tool).t
+        return None if leader is None else self.proximity.other.model.frame(leader, self.leader.tool).t
 
     def _obstacles(self, q: Array | None) -> Obstacles:
         if q is None:
@@ -187,7 +189,9 @@ class Answer:
         }
 
 
-def chase(sharing: Sharing, robot: Robot, loop: FollowLoop, wish: Interrupt, duration: float | None) -> str:
+def follow_leader(
+    sharing: Sharing, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
+) -> str:
     """Follows until the leader is done, the time is over, or somebody asks to end; then slows to rest.
 
     Returns:
@@ -207,11 +211,15 @@ def chase(sharing: Sharing, robot: Robot, loop: FollowLoop, wish: Interrupt, dur
         answer = loop.step(tick)
         if ending is not None and np.all(np.abs(answer.played) < AT_REST):
             break
-        told = tell_changes(sharing, answer.signals(), told)
+        told = share_changes(sharing, answer.signals(), told)
         if ending is None:
             over = duration is not None and tick.time - begin >= duration
             ending = (
-                "interrupted" if wish.asked else "time is over" if over else watched.ending(*loop.told(tick))
+                "interrupted"
+                if interrupt.requested
+                else "time is over"
+                if over
+                else watched.ending(*loop.told(tick))
             )
         robot.send((answer.step.dq if ending is None else loop.bounds.braked(answer.played)).tolist())
     if watched.left:
@@ -256,7 +264,7 @@ class Progress:
         return "the leader's path is done" if self.value >= 1.0 else None
 
 
-def tell_changes(
+def share_changes(
     sharing: Sharing, values: dict[str, tuple[float, ...]], told: dict[str, tuple[float, ...]]
 ) -> dict[str, tuple[float, ...]]:
     """Share what is new; return what is shared now."""

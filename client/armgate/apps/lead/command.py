@@ -1,4 +1,4 @@
-"""``armgate lead``: takes a robot and drives it along a recorded path, by hand, or after another robot."""
+"""``armgate lead``: acquire a robot and drive it along a recorded path, by hand, or towards another robot."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
 from armgate.cell.text import printable
 
 if TYPE_CHECKING:
@@ -15,49 +15,57 @@ if TYPE_CHECKING:
 
 
 def lead(
-    address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    address: Address,
     *,
-    path: Annotated[Path | None, typer.Option(help="File of a recorded path.", show_default=False)] = None,
+    path: Annotated[
+        Path | None, typer.Option(help="Drive along the recorded path in this file.", show_default=False)
+    ] = None,
     by: Annotated[
         str | None,
-        typer.Option("--input", metavar="NAME", help="Drive by hand: gamepad, keyboard.", show_default=False),
+        typer.Option(
+            "--input", metavar="NAME", help="Drive by hand: gamepad or keyboard.", show_default=False
+        ),
     ] = None,
     pursue: Annotated[
         str | None,
         typer.Option(
-            metavar="ROBOT/BODY", help="Go for a body of another robot, until Ctrl-C.", show_default=False
+            metavar="ROBOT/BODY",
+            help="Pursue a body of another robot with the tool, until Ctrl-C.",
+            show_default=False,
         ),
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option(help="Robot to drive; the one that the path was recorded with if none is named."),
+        typer.Option(help="Robot to drive (default: the robot that the path was recorded with)."),
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option(min=0.1, metavar="S", help="Play only the first S seconds and come to rest."),
+        typer.Option(
+            min=0.1, metavar="S", help="With --path: play only the first S seconds, then come to rest."
+        ),
     ] = None,
     mode: Annotated[
-        Literal["joint", "tool"], typer.Option(help="By hand: move joints or the tool first.")
+        Literal["joint", "tool"], typer.Option(help="With --input: start by moving joints, or the tool.")
     ] = "joint",
     speed: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="By hand: the largest share of the robot's speeds.")
+        float, typer.Option(min=0.01, max=1.0, help="With --input: largest share of the robot's speeds.")
     ] = 0.25,
     tool_speed: Annotated[
-        float, typer.Option(min=0.001, metavar="M/S", help="In a pursuit: the tool's speed.")
+        float, typer.Option(min=0.001, metavar="M/S", help="With --pursue: speed of the tool.")
     ] = 0.25,
-    name: Annotated[str, typer.Option(help="This participant's name.")] = "leader",
+    name: Annotated[str, typer.Option(help="Name of this client.")] = "leader",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Drive a robot along a recorded path (--path), by hand (--input), or after another one (--pursue)."""
+    """Drive a robot along a recorded path (--path), by hand (--input), or towards another (--pursue)."""
     from armgate.apps.errors import UsageError
-    from armgate.apps.interrupt import interrupt
+    from armgate.apps.interrupt import catch_interrupt
     from armgate.client import connect
 
     if sum(way is not None for way in (path, by, pursue)) != 1:
-        raise UsageError("give one of --path FILE, --input NAME and --pursue ROBOT/BODY")
+        raise UsageError("expected exactly one of --path FILE, --input NAME and --pursue ROBOT/BODY")
     if path is not None:
         run = _along(path, robot, duration)
     elif by is not None:
@@ -65,8 +73,8 @@ def lead(
     else:
         run = _after(str(pursue), robot, tool_speed)
     own = login(token_file, ca, cert, key)
-    with interrupt() as wish, connect(address, name=name, role="controller", **own) as cell:
-        typer.echo(printable(run(cell, wish)))
+    with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:
+        typer.echo(printable(run(cell, interrupt)))
 
 
 Run = Callable[["Cell", "Interrupt"], str]
@@ -79,28 +87,28 @@ def _along(path: Path, robot: str | None, duration: float | None) -> Run:
 
     recorded = read_path(path)
 
-    def run(cell: "Cell", wish: "Interrupt") -> str:
+    def run(cell: "Cell", interrupt: "Interrupt") -> str:
         described = check_path(recorded, cell.description, robot or recorded.robot)
         cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
         playback = Playback(recorded, bounds_of(described), duration)
         with cell.acquire(described.name) as arm:
-            return f"{described.name}: {drive(cell, arm, playback, wish, _echo)}"
+            return f"{described.name}: {drive(cell, arm, playback, interrupt, _echo)}"
 
     return run
 
 
 def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: float) -> Run:
-    from armgate.apps.lead.hand import Hand, drive_by_hand
     from armgate.apps.lead.inputs import find
+    from armgate.apps.lead.manual import ManualDrive, drive_by_hand
 
-    hand = Hand(find(by), robot, mode, speed)
-    return lambda cell, wish: drive_by_hand(cell, hand, wish, _echo)
+    hand = ManualDrive(find(by), robot, mode, speed)
+    return lambda cell, interrupt: drive_by_hand(cell, hand, interrupt, _echo)
 
 
 def _after(target: str, robot: str | None, speed: float) -> Run:
     from armgate.apps.lead.pursuit import pursue
 
-    return lambda cell, wish: pursue(cell, robot, target, speed, wish, _echo)
+    return lambda cell, interrupt: pursue(cell, robot, target, speed, interrupt, _echo)
 
 
 def _echo(text: str) -> None:

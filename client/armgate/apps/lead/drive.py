@@ -66,7 +66,7 @@ def bounds_of(robot: RobotDescription) -> Bounds:
 
 
 def drive(
-    cell: Cell, robot: Robot, playback: Playback, wish: Interrupt, tell: Callable[[str], object]
+    cell: Cell, robot: Robot, playback: Playback, interrupt: Interrupt, tell: Callable[[str], object]
 ) -> str:
     """Plays to the end, or, once interrupted, slows to rest.
 
@@ -74,7 +74,7 @@ def drive(
         cell: The connection, for the progress.
         robot: The robot that is held.
         playback: What it shall do.
-        wish: Whether somebody asked to end.
+        interrupt: Set when the process is asked to end.
         tell: Prints a line for people.
 
     Returns:
@@ -88,7 +88,7 @@ def drive(
     for count, tick in enumerate(robot.ticks()):
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
-        if wish.asked and np.all(np.abs(played) < REACHED):
+        if interrupt.requested and np.all(np.abs(played) < REACHED):
             return "interrupted, at rest"
         if playback.finished(setpoint, played):
             settled += 1
@@ -96,7 +96,7 @@ def drive(
             return f"{playback.end:.1f} s of the path played, at rest"
         if count % TOLD_EVERY == 0 or settled == 1:
             sharing.share("lead.progress", playback.progress)
-        dq = playback.brake(played) if wish.asked else playback.step(setpoint, played)
+        dq = playback.brake(played) if interrupt.requested else playback.step(setpoint, played)
         held = _tell_held(robot.send(dq.tolist()), playback, held, tell)
     raise AssertionError("ticks end only by an exception")
 

@@ -9,9 +9,9 @@ from armgate.apps.errors import AppError
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.inputs import Input
+from armgate.apps.lead.motions import Array, MotionRequest, RobotState
 from armgate.apps.lead.playback import REACHED
 from armgate.apps.lead.steering import Steering
-from armgate.apps.lead.wishes import Array, Moment, Wish
 from armgate.client import Robot, Tick, Verdict
 
 
@@ -35,14 +35,14 @@ def jog(
         Lost: The lease was lost or the robot stopped.
         ConnectionLost: The daemon is gone.
     """
-    last, told, ended = LastIncrement(), _Told(tell), Wish()
+    last, told, ended = LastIncrement(), _Told(tell), MotionRequest()
     for tick in robot.ticks():
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
         resting = bool(np.all(np.abs(played) < REACHED))
-        wish = Wish(ended="interrupted") if interrupt.asked else ended
+        wish = MotionRequest(ended="interrupted") if interrupt.requested else ended
         if not wish.ended:
-            wish = source.wish(Moment(tick.time, setpoint, np.array(tick.q), _others(tick)))
+            wish = source.request(RobotState(tick.time, setpoint, np.array(tick.q), _others(tick)))
         if wish.ended:
             ended = wish
         if ended.ended and resting:
@@ -58,7 +58,7 @@ def _others(tick: Tick) -> dict[str, Array]:
     return {entry.robot: np.array(entry.q) for entry in entries}
 
 
-def _how(robot: Robot, ended: Wish) -> str:
+def _how(robot: Robot, ended: MotionRequest) -> str:
     if ended.failed:
         raise AppError(f"{robot.name}: {ended.ended}; it is at rest")
     return f"{ended.ended}, at rest"

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
-from armgate.apps.lead.hand import described_in, drive_by, steering_of
-from armgate.apps.lead.wishes import Array, Moment, ToolTarget, Wish
-from armgate.apps.robots import described, model_of
+from armgate.apps.lead.manual import described_in, drive_by, steering_of
+from armgate.apps.lead.motions import Array, MotionRequest, RobotState, ToolTarget
+from armgate.apps.robot_models import described, model_of
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
 from armgate.client import Cell
@@ -15,7 +15,7 @@ from armgate.control.spheres import Spheres
 
 
 @dataclass(frozen=True)
-class Prey:
+class TargetBody:
     """A body of another robot.
 
     Attributes:
@@ -29,7 +29,7 @@ class Prey:
     which: tuple[int, ...]
 
     @classmethod
-    def of(cls, robot: str, body: str, model: RobotModel) -> "Prey":
+    def of(cls, robot: str, body: str, model: RobotModel) -> "TargetBody":
         """A body by its name.
 
         Raises:
@@ -50,24 +50,28 @@ class Prey:
 
 
 class Pursuit:
-    """An input whose tool keeps its posture and wants to be where the prey is.
+    """An input whose tool keeps its posture and wants to be where the target is.
 
     Args:
-        prey: What it goes for.
+        target: What it goes for.
         model: The leader's model.
         tool: Name of its tool's frame.
     """
 
-    def __init__(self, prey: Prey, model: RobotModel, tool: str) -> None:
-        self._prey, self._model, self._tool = prey, model, tool
+    def __init__(self, target: TargetBody, model: RobotModel, tool: str) -> None:
+        self._target, self._model, self._tool = target, model, tool
         self._R: Array | None = None
 
-    def wish(self, moment: Moment) -> Wish:
-        """Towards the prey as it was measured; rest while its place is not known."""
-        q = moment.others.get(self._prey.robot)
+    def request(self, state: RobotState) -> MotionRequest:
+        """Towards the target as it was measured; rest while its place is not known."""
+        q = state.others.get(self._target.robot)
         if self._R is None:
-            self._R = self._model.frame(moment.setpoint, self._tool).R
-        return Wish() if q is None else Wish(ToolTarget(Placement(self._R, self._prey.place(q))))
+            self._R = self._model.frame(state.setpoint, self._tool).R
+        return (
+            MotionRequest()
+            if q is None
+            else MotionRequest(ToolTarget(Placement(self._R, self._target.place(q))))
+        )
 
     def close(self) -> None:
         """Nothing to let go of."""
@@ -90,6 +94,6 @@ def pursue(
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)
     name, _, body = target.partition("/")
-    prey = Prey.of(name, body, model_of(cell, described(cell.description, name)))
-    source = Pursuit(prey, model_of(cell, own), own.tool)
+    target = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
+    source = Pursuit(target, model_of(cell, own), own.tool)
     return drive_by(source, cell, own.name, steering, interrupt, tell)

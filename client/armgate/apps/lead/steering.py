@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from armgate.apps.errors import AppError
+from armgate.apps.lead.motions import JointRate, JointTarget, Motion, ToolTarget, ToolTwist
 from armgate.apps.lead.shaping import Array, Bounds
-from armgate.apps.lead.wishes import JointRate, JointTarget, Motion, ToolTarget, ToolTwist
 from armgate.cell.placement import Placement
 from armgate.control.redundancy.inverses import variably_damped_inverse
 

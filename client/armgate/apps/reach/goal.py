@@ -8,18 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import UsageError
-from armgate.apps.robots import bounds_of, described, model_of
+from armgate.apps.robot_models import bounds_of, described, model_of
 from armgate.cell.errors import ModelError
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement, rotation_from_rpy
 from armgate.cell.shapes import shape_from
 from armgate.client import Cell, Description, RobotDescription
 from armgate.control.bounds import IncrementBounds
-from armgate.control.redundancy.avoidance import AwayFromObstacles, Obstacle
-from armgate.control.redundancy.centring import TowardsCentre
-from armgate.control.redundancy.objective import Objective
-from armgate.control.redundancy.reach import Reach, Tuning
-from armgate.control.redundancy.singularities import AwayFromSingularities
+from armgate.control.redundancy.objectives import (
+    AwayFromObstacles,
+    AwayFromSingularities,
+    Objective,
+    Obstacle,
+    TowardsCentre,
+)
+from armgate.control.redundancy.reach import Method, Reach, Tuning
 from armgate.control.redundancy.tasks import FrameTask
 
 Array = NDArray[np.float64]
@@ -64,6 +67,11 @@ class Arm:
     robot: RobotDescription
     bounds: IncrementBounds
     controller: Callable[[Array], Reach[Placement]]
+
+
+def tuning(method: str, gain: float, speed: float, damping: float) -> Tuning:
+    """Return the controller's tuning for a method's name."""
+    return Tuning(Method(method), gain=gain, speed=speed, damping=damping)
 
 
 def build(cell: Cell, name: str, goal: Goal) -> Arm:

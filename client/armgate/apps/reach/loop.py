@@ -1,5 +1,6 @@
 """The loop of ``armgate reach``: setpoint in, one increment out, until the target is reached or cannot be."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,9 +11,9 @@ from armgate.apps.errors import AppError, UsageError
 from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import format_path
-from armgate.apps.reach.goal import Arm
+from armgate.apps.reach.goal import Arm, Goal, build
 from armgate.apps.sharing import Sharing
-from armgate.client import Robot, RobotDescription, Verdict
+from armgate.client import Cell, Robot, RobotDescription, Verdict
 from armgate.control.bounds import IncrementBounds
 
 Array = NDArray[np.float64]
@@ -123,8 +124,39 @@ class Steps:
         return float((np.abs(increment) / self.bounds.step).max())
 
 
+def run(
+    cell: Cell,
+    robot: str,
+    goal: Goal,
+    interrupt: Interrupt,
+    tell: Callable[[str], object],
+    *,
+    tolerance: float,
+    duration: float,
+    out: Path | None,
+) -> str:
+    """Acquire a robot, move its frame to the goal, and write the motion to ``out``.
+
+    Returns:
+        The outcome in words.
+
+    Raises:
+        UsageError: There is no such robot, frame or row, or the motion cannot be written.
+        AppError: The target was not reached; the robot is at rest.
+        ClientError: The lease was refused or lost, the robot stopped, or the daemon is gone.
+    """
+    arm = build(cell, robot, goal)
+    cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
+    with cell.acquire(robot) as held:
+        done = drive(Sharing(cell, tell), held, arm, interrupt, tolerance=tolerance, duration=duration)
+    if out is not None:
+        write_motion(out, arm.robot, done.setpoints)
+    done.check(robot)
+    return done.text
+
+
 def drive(
-    sharing: Sharing, robot: Robot, arm: Arm, wish: Interrupt, *, tolerance: float, duration: float
+    sharing: Sharing, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
 ) -> Done:
     """Drives until the target is reached and the objectives are at rest, or it cannot be; then comes to rest.
 
@@ -149,7 +181,11 @@ def drive(
         answer = controller.velocity(setpoint)
         error = float(np.linalg.norm(answer.error))
         sharing.share("reach.error", error)
-        ended = ("interrupted", None) if wish.asked else watch.update(tick.time, error, steps.pace(played))
+        ended = (
+            ("interrupted", None)
+            if interrupt.requested
+            else watch.update(tick.time, error, steps.pace(played))
+        )
         dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
         watch.take(robot.send(dq.tolist()))
     assert ended is not None  # ticks end only by an exception

@@ -4,20 +4,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
+from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
 
 if TYPE_CHECKING:
     from armgate.client import SessionInfo
 
 
 def sessions(
-    address: Annotated[str, typer.Argument(metavar="HOST:PORT", help="Where the daemon listens.")],
+    address: Address,
     *,
     kick: Annotated[
-        str | None, typer.Option(metavar="SESSION", help="End this session, by its id.", show_default=False)
+        str | None,
+        typer.Option(metavar="SESSION", help="End the session with this id.", show_default=False),
     ] = None,
-    reason: Annotated[str, typer.Option(help="With --kick: the reason that its client is told.")] = "",
-    name: Annotated[str, typer.Option(help="This client's name.")] = "sessions",
+    reason: Annotated[str, typer.Option(help="With --kick: the reason sent to the client.")] = "",
+    name: Annotated[str, typer.Option(help="Name of this client.")] = "sessions",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,

@@ -50,7 +50,7 @@ def live(arguments: list[str]) -> NoReturn:
     try:
         main(arguments)
     except SystemExit as end:
-        if end.code in (0, None) and Interrupt.ever:
+        if end.code in (0, None) and Interrupt.ever_requested:
             sys.exit(INTERRUPTED)
         raise
 

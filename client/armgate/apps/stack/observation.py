@@ -3,8 +3,10 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from armgate.client import Entry, State
+from armgate.recording import Recording, RecordingError, StateSeries
 
 COLUMNS = (
     "time_s", "angle_error_rad", "distance_error_m", "distance_m", "focus_x_m", "focus_y_m", "focus_z_m",
@@ -147,6 +149,29 @@ class Observation:
             if not same_robot(near.pair)
         ]
         return min(found, default=None)
+
+
+def completed(seen: Observation, recording: Path, lockstep: bool) -> Observation:
+    """Return the observation from a recording unless it lacks more states than an observer missed.
+
+    A slow observer gets the newest state and never a backlog; a recording has every state, with clearances
+    rounded down to a micrometre. In lock-step two runs must agree to the last bit, so it is always read.
+
+    Args:
+        seen: The states that the observer received.
+        recording: Folder of the recording, which has ended.
+        lockstep: True if the run was in lock-step; otherwise it is only read if states were missed.
+    """
+    if not (lockstep or seen.missed):
+        return seen
+    found = Observation(seen.follower)
+    try:
+        for state in StateSeries(Recording.open(recording)).all(seen.follower):
+            if lockstep or state.time >= seen.first_time:
+                found.take(state)
+    except RecordingError:
+        return seen
+    return found if found.rows and found.lacks <= seen.lacks else seen
 
 
 def same_robot(pair: tuple[str, str]) -> bool:

@@ -1,4 +1,4 @@
-"""What the nursery's children have in common, loaded before they are forked; importing this does it."""
+"""What the fork_server's children have in common, loaded before they are forked; importing this does it."""
 
 import importlib
 

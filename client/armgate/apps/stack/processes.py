@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from armgate.apps.stack.nursery import Fork, Nursery
+from armgate.apps.stack.fork_server import Fork, ForkServer
 
 TAIL = 12
 """Lines of a dead child's log that are shown."""
@@ -40,20 +40,20 @@ class Exited:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Interrupted:
     """The user (or the system) asked this process to end."""
 
     signum: int
 
 
-Event = Printed | Exited | Asked
+Event = Printed | Exited | Interrupted
 
 
 Child = subprocess.Popen[str] | Fork
 """A child, by whatever way it was started."""
 
 
-class Crew:
+class Children:
     """The children of one run, and one queue of all that happens to them.
 
     Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which
@@ -61,17 +61,17 @@ class Crew:
 
     Args:
         logs: Folder of the children's logs.
-        nursery: Where to fork them from; none starts each as a program of its own.
+        fork_server: Where to fork them from; none starts each as a program of its own.
     """
 
-    def __init__(self, logs: Path, nursery: Nursery | None = None) -> None:
+    def __init__(self, logs: Path, fork_server: ForkServer | None = None) -> None:
         self.events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._logs = logs
-        self._nursery = nursery
+        self._fork_server = fork_server
         self._children: dict[str, Child] = {}
         self._waiters: dict[str, threading.Thread] = {}
 
-    def __enter__(self) -> "Crew":
+    def __enter__(self) -> "Children":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -83,11 +83,11 @@ class Crew:
 
     def launch(self, name: str, arguments: Sequence[str], *, priority: int) -> None:
         """Start ``armgate ARGUMENTS`` as a child; priority 0 is that of an ordinary process."""
-        if self._nursery is None:
+        if self._fork_server is None:
             self.start(name, armgate(*arguments, priority=priority))
         else:
             self._begin_log(name)
-            self._adopt(name, self._nursery.start(arguments, self.log(name), priority=priority))
+            self._adopt(name, self._fork_server.start(arguments, self.log(name), priority=priority))
 
     def start(self, name: str, command: Sequence[str]) -> None:
         """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""

@@ -4,35 +4,34 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import typer
 
 from armgate.apps.errors import AppError
-from armgate.apps.stack.causes import died, failure_of, stops_in
 from armgate.apps.stack.child import INTERRUPTED
-from armgate.apps.stack.judge import MONITOR, WATCHING, audit, finding, forget, watching
-from armgate.apps.stack.observation import Observation
-from armgate.apps.stack.processes import Asked, Crew, Event, Exited, Printed
-from armgate.apps.stack.recorded import completed
-from armgate.apps.stack.robots import KRC, SERVER, Robots
+from armgate.apps.stack.failures import exit_error, failure_of, stops_in
+from armgate.apps.stack.monitoring import (
+    MONITOR,
+    WATCHING,
+    audit,
+    monitor_command,
+    remove_report,
+    violation_error,
+)
+from armgate.apps.stack.observation import Observation, completed
+from armgate.apps.stack.plan import DAEMON, ORDINARY, VIEWER, Plan
+from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
+from armgate.apps.stack.robot_processes import KRC, SERVER, RobotProcesses
 from armgate.cell.text import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
-DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
-PRIORITIES = {"monitor": 9, "controller": 10, "daemon": 11, "robots": 12}
-"""Of real-time processes by the wall clock: the nearer to the robots, the higher.
-
-Participants that load their libraries would take a KRC of the same priority its turn for 0.1 s.
-"""
-ORDINARY = 0
 START_TIME = 60.0
 """How long each of those who are waited for at the start may take, s."""
 _LOOK = 0.02
@@ -45,56 +44,6 @@ BACKLOG = 10_000
 """How many states may wait to be taken in: no extremum shall be lost to a busy moment."""
 REFRESH = 0.1
 """Time between two pictures, s."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What is run.
-
-    Attributes:
-        configs: Configuration files of the daemon, later ones overlay earlier ones.
-        follower: The robot that carries the camera, whose ticks are watched.
-        controllers: Participants by name, each an ``armgate`` command without the daemon's address and the
-            name.
-        lockstep: Whether ticks wait for the controllers instead of the clock.
-        until: Whose end ends the run; all of them if none is named.
-        record: The folder that the daemon records into; None for none.
-        robots: What holds the robots, and stands in for them; None: the daemon does.
-        view: Whether a viewer shows the run.
-        monitor: True if the run is watched by a second judge: by the clock live, in lock-step afterwards, by
-            the recording.
-    """
-
-    configs: Sequence[Path]
-    follower: str
-    controllers: Mapping[str, Sequence[str]]
-    lockstep: bool = False
-    until: tuple[str, ...] = ()
-    record: Path | None = None
-    robots: Robots | None = None
-    view: bool = False
-    monitor: bool = True
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The participants, in order."""
-        return tuple(self.controllers)
-
-    def priority(self, what: str) -> int:
-        """Return the priority of a kind of process; in lock-step nothing hurries."""
-        return ORDINARY if self.lockstep else PRIORITIES[what]
-
-    def daemon(self) -> list[str]:
-        """What starts the daemon, after ``armgate``."""
-        recording = [] if self.record is None else ["--record", str(self.record)]
-        robots = [] if self.robots is None else ["--robot-server", str(self.robots.socket)]
-        command = ["serve", *map(str, self.configs), "--port", "0", *recording, *robots]
-        return [*command, "--lockstep", ",".join(self.names)] if self.lockstep else command
-
-    def controller(self, name: str, address: str) -> list[str]:
-        """What starts a participant, after ``armgate``."""
-        command, *options = self.controllers[name]
-        return [command, address, *options, "--name", name]
 
 
 @dataclass
@@ -145,7 +94,7 @@ class Ended:
     failure: AppError | None = None
 
 
-def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
+def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
     """Run the plan, showing it about ten times a second; print the output of a viewer.
 
     Raises:
@@ -153,13 +102,13 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             holds its last log lines. Later failures are in the result, with what was observed until then.
     """
     if plan.robots is not None:
-        _start_robots(crew, plan, plan.robots)
-    crew.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
+        _start_robots(children, plan, plan.robots)
+    children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
     # The first run after an installation compiles the law: here, and not while the leader is on its way.
     prepare()
-    address = _printed(crew, DAEMON, LISTENING)
+    address = _printed(children, DAEMON, LISTENING)
     if plan.record is not None:
-        forget(plan.record)
+        remove_report(plan.record)
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower), cell.description)
         # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
@@ -168,28 +117,28 @@ def run(crew: Crew, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )
         reader.start()
-        _until_ready(crew, watch)
+        _until_ready(children, watch)
         if plan.monitor and not plan.lockstep:
-            command = watching(address, plan.configs, plan.record)
-            crew.launch(MONITOR, command, priority=plan.priority("monitor"))
-            _printed(crew, MONITOR, WATCHING)
+            command = monitor_command(address, plan.configs, plan.record)
+            children.launch(MONITOR, command, priority=plan.priority("monitor"))
+            _printed(children, MONITOR, WATCHING)
         if plan.view:
             # Never in real time: a viewer must not take turns from the robots' processes.
-            crew.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
+            children.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
         for name in plan.names:
-            crew.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
-        complete, failure = _watched(crew, plan, watch, show)
+            children.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
+        complete, failure = _watched(children, plan, watch, show)
         reader.join(REST_TIME)
     if plan.record is not None:
         with watch.lock:
             watch.seen = completed(watch.seen, plan.record, plan.lockstep)
     if plan.monitor and plan.lockstep and plan.record is not None and complete:
-        complete, failure = audit(crew, plan.record)
+        complete, failure = audit(children, plan.record)
     return Ended(watch, complete and failure is None, failure)
 
 
 def _watched(
-    crew: Crew, plan: Plan, watch: Watch, show: Callable[[Watch], None]
+    children: Children, plan: Plan, watch: Watch, show: Callable[[Watch], None]
 ) -> tuple[bool, AppError | None]:
     """Watch to the end of the run, then end all processes.
 
@@ -198,40 +147,40 @@ def _watched(
     """
     complete, failure = False, None
     try:
-        complete = _until_done(crew, plan.until or plan.names, lambda: show(watch))
+        complete = _until_done(children, plan.until or plan.names, lambda: show(watch))
         if complete and watch.error is not None:
             failure = AppError(f"the run was not observed to its end: {watch.error}")
     except AppError as error:
-        failure = AppError(f"{error}{stops_in(crew.log(DAEMON))}")
+        failure = AppError(f"{error}{stops_in(children.log(DAEMON))}")
     finally:
-        failure = _rest(crew, plan, failure)
+        failure = _rest(children, plan, failure)
     return complete and failure is None, failure
 
 
-def _start_robots(crew: Crew, plan: Plan, robots: Robots) -> None:
+def _start_robots(children: Children, plan: Plan, robots: RobotProcesses) -> None:
     """Start the robot server, which has to listen before the KRCs send, and then those."""
     priority = plan.priority("robots")
-    crew.launch(SERVER, robots.server(plan.configs), priority=priority)
-    _printed(crew, SERVER, HOLDING)
+    children.launch(SERVER, robots.server(plan.configs), priority=priority)
+    _printed(children, SERVER, HOLDING)
     for name, command in robots.krcs.items():
-        crew.launch(name, command, priority=priority)
+        children.launch(name, command, priority=priority)
 
 
-def _printed(crew: Crew, name: str, what: re.Pattern[str]) -> str:
+def _printed(children: Children, name: str, what: re.Pattern[str]) -> str:
     """What a child says once it is ready."""
     deadline = time.monotonic() + START_TIME
     while (left := deadline - time.monotonic()) > 0.0:
-        event = crew.next(left)
+        event = children.next(left)
         if isinstance(event, Printed) and event.name == name and (match := what.match(event.text)):
             return match[1]
-        if isinstance(event, Asked):
+        if isinstance(event, Interrupted):
             raise AppError(f"interrupted before the {name} was ready")
         if isinstance(event, Exited):
-            raise died(crew, event)
-    raise AppError(f"the {name} was not ready within {START_TIME:g} s; see {crew.log(name)}")
+            raise exit_error(children, event)
+    raise AppError(f"the {name} was not ready within {START_TIME:g} s; see {children.log(name)}")
 
 
-def _until_ready(crew: Crew, watch: Watch) -> None:
+def _until_ready(children: Children, watch: Watch) -> None:
     """Waits until all robots can be moved: real ones, and those that stand in for them, take their time."""
     deadline = time.monotonic() + START_TIME
     while time.monotonic() < deadline:
@@ -239,42 +188,42 @@ def _until_ready(crew: Crew, watch: Watch) -> None:
             entries = watch.seen.entries
         if entries and all(entry.link == "ready" and entry.q for entry in entries):
             return
-        if not _goes_on(crew, crew.next(_LOOK)):
+        if not _goes_on(children, children.next(_LOOK)):
             raise AppError("interrupted before the robots were ready")
-    raise AppError(f"not all robots were ready within {START_TIME:g} s; see {crew.log(SERVER)}")
+    raise AppError(f"not all robots were ready within {START_TIME:g} s; see {children.log(SERVER)}")
 
 
-def _until_done(crew: Crew, names: Sequence[str], show: Callable[[], None]) -> bool:
+def _until_done(children: Children, names: Sequence[str], show: Callable[[], None]) -> bool:
     """Watch until the named children have ended by themselves (True) or the user wants to end (False).
 
     Raises:
         AppError: A child failed, was stopped, or ended although the run needs it.
     """
     due = time.monotonic()
-    while crew.running(*names):
+    while children.running(*names):
         now = time.monotonic()
         if now >= due:
             show()
             due = now + REFRESH
-        if not _goes_on(crew, crew.next(max(0.0, due - time.monotonic()))):
+        if not _goes_on(children, children.next(max(0.0, due - time.monotonic()))):
             return False
     # An end is among the events before its child counts as ended: what is left holds every failure so far.
-    while (event := crew.next(0.0)) is not None:
-        if not _goes_on(crew, event):
+    while (event := children.next(0.0)) is not None:
+        if not _goes_on(children, event):
             return False
     show()
     return True
 
 
-def _goes_on(crew: Crew, event: Event | None) -> bool:
+def _goes_on(children: Children, event: Event | None) -> bool:
     if isinstance(event, Printed | Exited) and event.name == VIEWER:
-        _tell_of_viewer(crew, event)
+        _tell_of_viewer(children, event)
         return True
-    if isinstance(event, Printed) and (error := finding(event)) is not None:
+    if isinstance(event, Printed) and (error := violation_error(event)) is not None:
         raise error
     if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
-        raise failure_of(crew, event)
-    return not isinstance(event, Asked)
+        raise failure_of(children, event)
+    return not isinstance(event, Interrupted)
 
 
 def _needed(name: str) -> bool:
@@ -282,36 +231,36 @@ def _needed(name: str) -> bool:
     return name in (DAEMON, SERVER, MONITOR) or name.startswith(KRC)
 
 
-def _tell_of_viewer(crew: Crew, event: Printed | Exited) -> None:
+def _tell_of_viewer(children: Children, event: Printed | Exited) -> None:
     """A run goes on without its viewer."""
     if isinstance(event, Printed):
         typer.echo(printable(event.text))
     elif event.status != 0:
-        typer.echo(f"the run goes on without a viewer: {printable(' '.join(crew.tail(VIEWER)[-1:]))}")
+        typer.echo(f"the run goes on without a viewer: {printable(' '.join(children.tail(VIEWER)[-1:]))}")
 
 
-def _rest(crew: Crew, plan: Plan, failure: AppError | None) -> AppError | None:
+def _rest(children: Children, plan: Plan, failure: AppError | None) -> AppError | None:
     """End everything in order: participants slow to rest, then monitor, viewer, daemon, KRCs, robot server.
 
     Returns:
         The failure of the run: the given one, or that of the first child that did not end well.
     """
-    crew.send(signal.SIGINT, *plan.names)
-    crew.wait(plan.names, REST_TIME)
+    children.send(signal.SIGINT, *plan.names)
+    children.wait(plan.names, REST_TIME)
     for name in (MONITOR, VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
-        crew.send(signal.SIGTERM, name)
-        crew.wait([name], REST_TIME)
-    while (event := crew.next(0.0)) is not None:
+        children.send(signal.SIGTERM, name)
+        children.wait([name], REST_TIME)
+    while (event := children.next(0.0)) is not None:
         if failure is None and isinstance(event, Printed):
-            failure = finding(event)
+            failure = violation_error(event)
         if failure is None and isinstance(event, Exited) and event.name != VIEWER:
-            failure = died(crew, event) if event.status not in _ASKED else None
-    left = [name for name in crew.running() if name != VIEWER]
+            failure = exit_error(children, event) if event.status not in _ASKED else None
+    left = [name for name in children.running() if name != VIEWER]
     return failure or (AppError(f"not ended within {REST_TIME:g} s: {', '.join(left)}") if left else None)
 
 
 @contextmanager
-def interruptions(crew: Crew) -> Iterator[None]:
+def interruptions(children: Children) -> Iterator[None]:
     """Turn the signals that ask this process to end into events; the second one ends it at once.
 
     A hang-up that the parent has ignored (nohup) stays ignored.
@@ -323,7 +272,7 @@ def interruptions(crew: Crew) -> Iterator[None]:
         if asked:
             raise KeyboardInterrupt
         asked = True
-        crew.events.put(Asked(signum))
+        children.events.put(Interrupted(signum))
 
     wanted = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:

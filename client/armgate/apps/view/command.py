@@ -1,4 +1,4 @@
-"""``armgate view``: shows a cell on a web page, and lets its user stop, reset, zoom and drive."""
+"""``armgate view``: show a cell on a web page, with STOP, reset, zoom and manual driving."""
 
 import re
 from pathlib import Path
@@ -14,31 +14,33 @@ def view(
         str,
         typer.Argument(
             metavar="HOST:PORT|unix:PATH|RUN",
-            help="Where the daemon listens; or a recording: the run's folder, or one of its files.",
+            help="Address or Unix socket of the daemon; or a recording: the run's folder, or one of its files.",
         ),
     ] = "127.0.0.1:7411",
     *,
     role: Annotated[
         Literal["observer", "controller", "operator"],
-        typer.Option(help="What the page may do: look on and STOP; drive robots, too; reset and zoom, too."),
+        typer.Option(help="Role of the page: observe and STOP; also drive robots; also reset and zoom."),
     ] = "observer",
     host: Annotated[str, typer.Option(help="Address on which the page is served.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Its port; 0 for any that is free.")] = 7480,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free port.")
+    ] = 7480,
     host_name: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME[:PORT]",
-            help="Further name under which browsers reach the page, such as a reverse proxy's; repeatable.",
+            help="Additional host name of the page, such as that of a reverse proxy; repeatable.",
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="Driving: the largest share of the robots' speeds.")
+        float, typer.Option(min=0.01, max=1.0, help="Driving: largest share of the robots' speeds.")
     ] = 0.25,
     meshes: Annotated[
-        bool, typer.Option(help="Draw known arms as they really look, where armgate[meshes] is installed.")
+        bool, typer.Option(help="Draw known arms with their real meshes, if armgate[meshes] is installed.")
     ] = True,
     open_: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = False,
-    name: Annotated[str, typer.Option(help="This client's name.")] = "view",
+    name: Annotated[str, typer.Option(help="Name of this client.")] = "view",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,
@@ -46,17 +48,19 @@ def view(
 ) -> None:
     """Show a cell, or a recording of one, on a web page."""
     from armgate.apps.errors import UsageError
-    from armgate.apps.view.door import Door, parse_names
+    from armgate.apps.view.access import Access, parse_names
     from armgate.apps.view.serving import Place, play, serve
     from armgate.apps.view.viewer import Style
 
     try:
-        at = Place(host, port, Door(host, parse_names(host_name or [])))
+        at = Place(host, port, Access(host, parse_names(host_name or [])))
     except ValueError as error:
         raise UsageError(f"--host-name {error}: expected NAME or NAME:PORT") from error
     if recorded(source):
         if role != "observer":
-            raise UsageError(f"{source} is a recording, which nobody can steer; leave out --role {role}")
+            raise UsageError(
+                f"{source} is a recording: the page can only observe it; leave out --role {role}"
+            )
         play(Path(source), style=Style(meshes=meshes), at=at, open_browser=open_, tell=typer.echo)
         return
     own = login(token_file, ca, cert, key)

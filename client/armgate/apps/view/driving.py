@@ -7,11 +7,11 @@ from typing import Any
 
 from armgate.apps.errors import AppError
 from armgate.apps.interrupt import Interrupt
-from armgate.apps.lead.hand import steering_of
 from armgate.apps.lead.jog import jog
-from armgate.apps.view.grip import Grip
+from armgate.apps.lead.manual import steering_of
 from armgate.apps.view.handles import Handles
 from armgate.apps.view.live import Live
+from armgate.apps.view.pointer_input import PointerInput
 from armgate.apps.view.scene import Poses
 from armgate.client import ClientError, Entry, RobotDescription, State, connect
 
@@ -36,7 +36,7 @@ class Drive:
     """
 
     def __init__(self, live: Live, robot: RobotDescription, page: Any, speed: float, tell: Tell) -> None:
-        self.robot, self.page, self.grip, self.held = robot, page, Grip(), False
+        self.robot, self.page, self.grip, self.held = robot, page, PointerInput(), False
         self._live, self._speed, self._tell = live, speed, tell
         self._over = threading.Event()
         threading.Thread(target=self._run, name=f"drive {robot.name}", daemon=True).start()

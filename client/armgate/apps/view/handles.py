@@ -5,10 +5,10 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-from armgate.apps.lead.wishes import ToolTarget
-from armgate.apps.view.drawing import moved, wxyz
-from armgate.apps.view.grip import Grip
-from armgate.apps.view.pointer import add_pointer
+from armgate.apps.lead.motions import ToolTarget
+from armgate.apps.view.pointer_input import PointerInput
+from armgate.apps.view.pointer_script import add_pointer_buttons
+from armgate.apps.view.scene_nodes import moved, wxyz
 from armgate.cell.placement import Placement
 from armgate.client import Joint, RobotDescription
 
@@ -37,7 +37,7 @@ class Handles:
         self,
         page: Any,
         robot: RobotDescription,
-        grip: Grip,
+        grip: PointerInput,
         *,
         place: Placement,
         q: Any,
@@ -54,7 +54,7 @@ class Handles:
                     for number, joint in enumerate(robot.joints)
                 ]
                 back = page.gui.add_button(f"Give {robot.name} back", color="gray")
-                add_pointer(page.gui, grip.beat, grip.release)
+                add_pointer_buttons(page.gui, grip.beat, grip.release)
             self._gizmo = page.scene.add_transform_controls(
                 f"/drive/{robot.name}", SIZE, line_width=4.0, depth_test=False, disable_sliders=True,
                 position=place.t, wxyz=wxyz(place),

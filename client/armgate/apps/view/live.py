@@ -73,7 +73,7 @@ class Live:
         """Why no more states come; None while they do."""
         return self._problem
 
-    def told(self, state: State) -> str:
+    def describe(self, state: State) -> str:
         """That it runs, and for how long."""
         return f"running, {state.time:.0f} s"
 

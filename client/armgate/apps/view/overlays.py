@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from armgate.apps.view import looks
-from armgate.apps.view.drawing import LinkNodes, wxyz
-from armgate.apps.view.optics import Optics, drawn_frustum
+from armgate.apps.view import colours
+from armgate.apps.view.camera_model import CameraModel, drawn_frustum
 from armgate.apps.view.scene import Poses, Scene
+from armgate.apps.view.scene_nodes import LinkNodes, wxyz
 from armgate.apps.view.shapes import mesh_of
 from armgate.cell.placement import Placement
 from armgate.client import Entry, State
@@ -16,8 +16,8 @@ from armgate.control.redundancy.ellipsoids import velocity_ellipsoid
 
 LINES = 6
 """How many of the smallest clearances are drawn."""
-GHOST: looks.RGB = (120, 60, 200)
-ELLIPSOID: looks.RGB = (60, 130, 220)
+GHOST: colours.RGB = (120, 60, 200)
+ELLIPSOID: colours.RGB = (60, 130, 220)
 _POINT = 3
 """Numbers of a signal that is a place."""
 SPEED = 0.12
@@ -35,7 +35,7 @@ class Overlays:
         shown: Which ones are shown, by name.
     """
 
-    def __init__(self, page: Any, scene: Scene, optics: Optics) -> None:
+    def __init__(self, page: Any, scene: Scene, camera_model: CameraModel) -> None:
         self.shown = dict.fromkeys(("clearances", "stop paths", "camera", "manipulability"), True)
         self._scene = scene
         self._lines = page.add_line_segments(
@@ -48,11 +48,11 @@ class Overlays:
         }
         ball = mesh_of("sphere", (1.0,))
         self._focus = page.add_mesh_simple(
-            "/overlays/focus", 0.03 * ball.vertices, ball.faces, color=looks.STATES["clear"], opacity=0.55,
+            "/overlays/focus", 0.03 * ball.vertices, ball.faces, color=colours.STATES["clear"], opacity=0.55,
             cast_shadow=False, visible=False,
         )  # fmt: skip
         self._frustum = page.add_camera_frustum(
-            "/overlays/camera", optics.fov_vertical, optics.width / optics.height, scale=0.25,
+            "/overlays/camera", camera_model.fov_vertical, camera_model.aspect, scale=0.25,
             color=(30, 70, 150), thickness=2.0, thickness_units="screen", visible=False,
         )  # fmt: skip
         self._ellipsoids = {
@@ -111,16 +111,16 @@ class Overlays:
             self._frustum.position, self._frustum.wxyz = camera.t, wxyz(camera)
 
 
-def nearest_lines(entries: tuple[Entry, ...]) -> list[tuple[Any, looks.RGB]]:
+def nearest_lines(entries: tuple[Entry, ...]) -> list[tuple[Any, colours.RGB]]:
     """Witness points (2, 3) and colour of the nearest pairs, each once, the least margin first."""
-    found: dict[tuple[str, str], tuple[float, Any, looks.RGB]] = {}
+    found: dict[tuple[str, str], tuple[float, Any, colours.RGB]] = {}
     for entry in entries:
         for near in entry.nearest or ():
             if near.points is not None:
                 margin = near.distance - near.limit
                 pair = (min(near.pair), max(near.pair))
                 if pair not in found or margin < found[pair][0]:
-                    found[pair] = (margin, near.points, looks.margin(near.distance, near.limit))
+                    found[pair] = (margin, near.points, colours.margin(near.distance, near.limit))
     return [(points, colour) for _, points, colour in sorted(found.values(), key=lambda line: line[0])]
 
 

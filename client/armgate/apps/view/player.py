@@ -74,7 +74,7 @@ class Player:
         """Why it cannot be read on."""
         return self._problem
 
-    def told(self, _state: State) -> str:
+    def describe(self, _state: State) -> str:
         """The recording and the place in it, in words."""
         ns = self._recording.header.origin_ns + int(1e9 * (self._series.start + self.time))
         when = datetime.fromtimestamp(ns // 1_000_000_000, UTC).astimezone()

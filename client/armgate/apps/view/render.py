@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import AppError
-from armgate.apps.view import looks
-from armgate.apps.view.optics import Optics
+from armgate.apps.view import colours
+from armgate.apps.view.camera_model import CameraModel
 from armgate.apps.view.scene import Piece, Scene
 from armgate.cell.placement import Placement
 
@@ -73,23 +73,23 @@ class Renderer:
 
     Args:
         scene: What there is.
-        optics: The camera.
+        camera_model: The camera.
 
     Raises:
         AppError: There is no EGL, or no OpenGL behind it; names the packages.
     """
 
-    def __init__(self, scene: Scene, optics: Optics) -> None:
+    def __init__(self, scene: Scene, camera_model: CameraModel) -> None:
         self._context = _context()
-        self.optics = optics
-        size = (optics.width, optics.height)
+        self.camera_model = camera_model
+        size = (camera_model.width, camera_model.height)
         self._program = self._context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
         # Without multisampling, which costs software four times as much: the page shows pictures smaller.
         self._frame = self._context.framebuffer(
             self._context.renderbuffer(size), self._context.depth_renderbuffer(size)
         )
         self._context.enable(self._context.DEPTH_TEST)
-        self._program["background"] = _unit(looks.BACKGROUND)
+        self._program["background"] = _unit(colours.BACKGROUND)
         self._standing = [self._shape(piece) for piece in scene.surroundings]
         self._moving = {
             (robot.name, link): [self._shape(piece) for piece in pieces]
@@ -99,22 +99,22 @@ class Renderer:
 
     def picture(self, camera: Placement, links: Links) -> Picture:
         """The picture (height, width, 3) from a camera with the robots' links at these places."""
-        view = self.optics.view(camera)
-        self._program["clip"].write(_columns(self.optics.projection() @ view))
+        view = self.camera_model.view(camera)
+        self._program["clip"].write(_columns(self.camera_model.projection() @ view))
         self._program["eye"] = tuple(camera.t.tolist())
         self._frame.use()
-        self._frame.clear(*_unit(looks.BACKGROUND), depth=1.0)
+        self._frame.clear(*_unit(colours.BACKGROUND), depth=1.0)
         self._draw(self._standing, Placement.identity())
         for (robot, link), shapes in self._moving.items():
             self._draw(shapes, links[robot][link])
         data = np.frombuffer(self._frame.read(components=3, alignment=1), dtype=np.uint8)
-        return data.reshape(self.optics.height, self.optics.width, 3)[::-1].copy()
+        return data.reshape(self.camera_model.height, self.camera_model.width, 3)[::-1].copy()
 
     def close(self) -> None:
         """Gives back what the context holds."""
         self._context.release()
 
-    def _shape(self, piece: Piece) -> tuple[looks.RGB, Any]:
+    def _shape(self, piece: Piece) -> tuple[colours.RGB, Any]:
         mesh = piece.mesh
         corners = np.concatenate([mesh.vertices, mesh.normals], axis=1).astype("f4")
         buffer = self._context.buffer(corners.tobytes())
@@ -122,13 +122,13 @@ class Renderer:
         array = self._context.vertex_array(self._program, [(buffer, "3f 3f", "position", "normal")], index)
         return piece.colour, array
 
-    def _draw(self, shapes: list[tuple[looks.RGB, Any]], place: Placement) -> None:
+    def _draw(self, shapes: list[tuple[colours.RGB, Any]], place: Placement) -> None:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.R, place.t
         self._program["place"].write(_columns(matrix))
         for colour, array in shapes:
             self._program["colour"] = _unit(colour)
-            self._program["grid"] = colour == looks.FLOOR
+            self._program["grid"] = colour == colours.FLOOR
             array.render()
 
 
@@ -141,7 +141,7 @@ def _context() -> Any:
         raise AppError(MISSING.format(error=str(error).strip() or type(error).__name__)) from error
 
 
-def _unit(colour: looks.RGB) -> tuple[float, float, float]:
+def _unit(colour: colours.RGB) -> tuple[float, float, float]:
     r, g, b = (value / 255.0 for value in colour)
     return r, g, b
 

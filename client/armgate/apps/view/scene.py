@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armgate.apps.errors import AppError
-from armgate.apps.view import looks
-from armgate.apps.view.realistic import bodies_of, real_meshes
+from armgate.apps.view import colours
+from armgate.apps.view.real_meshes import bodies_of, real_meshes
 from armgate.apps.view.shapes import Mesh, convex, cylinder, joined, mesh_of
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
@@ -31,7 +31,7 @@ class Piece:
         mesh: In the link's frame, or in the world.
     """
 
-    colour: looks.RGB
+    colour: colours.RGB
     mesh: Mesh
 
 
@@ -83,7 +83,7 @@ class Scene:
         for body in description.bodies:
             bodies[body.robot].append(body)
         robots = tuple(_robot(robot, bodies[robot.name], asset, meshes) for robot in description.robots)
-        standing = [(looks.surrounding(body.name), _mesh(body, asset)) for body in bodies[None]]
+        standing = [(colours.surrounding(body.name), _mesh(body, asset)) for body in bodies[None]]
         return cls(description, robots, _pieces(standing))
 
     @property
@@ -109,7 +109,7 @@ def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset, real_ones:
     urdf = _text(asset, robot.urdf.hash)
     base = Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
     model = RobotModel.from_urdf(urdf, base)
-    meshes: dict[str, list[tuple[looks.RGB, Mesh]]] = defaultdict(list)
+    meshes: dict[str, list[tuple[colours.RGB, Mesh]]] = defaultdict(list)
     real = real_meshes(urdf) if real_ones else {}
     replaced = {body for body in bodies_of(urdf) if body[0] in real}
     for body in bodies:
@@ -119,15 +119,15 @@ def _robot(robot: RobotDescription, bodies: list[Body], asset: Asset, real_ones:
         meshes[link] += [(colour or _link_colour(model, link), mesh) for colour, mesh in found]
     if not real:
         for link, cap in (*_joint_caps(model, bodies), *_bones(model, bodies)):
-            meshes[link].append((looks.DARK, cap))
+            meshes[link].append((colours.DARK, cap))
     if robot.camera is None:
-        meshes[robot.tool].append((looks.TOOL, mesh_of("sphere", (TOOL_RADIUS,))))
+        meshes[robot.tool].append((colours.TOOL, mesh_of("sphere", (TOOL_RADIUS,))))
     else:
-        meshes[robot.camera].append((looks.DARK, _lens()))
+        meshes[robot.camera].append((colours.DARK, _lens()))
     return SceneRobot(robot.name, robot, urdf, {link: _pieces(found) for link, found in meshes.items()})
 
 
-def _pieces(found: list[tuple[looks.RGB, Mesh]]) -> tuple[Piece, ...]:
+def _pieces(found: list[tuple[colours.RGB, Mesh]]) -> tuple[Piece, ...]:
     by_colour = defaultdict(list)
     for colour, mesh in found:
         by_colour[colour].append(mesh)
@@ -166,7 +166,7 @@ def _hull(obj: str, name: str) -> Mesh:
 # --- an arm of primitives ----------------------------------------------------------------------------------
 
 
-def _link_colour(model: RobotModel, link: str) -> looks.RGB:
+def _link_colour(model: RobotModel, link: str) -> colours.RGB:
     """The arm is orange; what carries it, and its hand, are dark."""
     joint = model.frame_joint(link)
     turning = 0
@@ -175,13 +175,13 @@ def _link_colour(model: RobotModel, link: str) -> looks.RGB:
         joint = model.parents[joint]
     every = sum(joint.kind == "revolute" for joint in model.joints)
     if turning == 0:
-        return looks.STRUCTURE
-    return looks.HAND if turning >= max(every - 1, 2) else looks.ARM
+        return colours.STRUCTURE
+    return colours.HAND if turning >= max(every - 1, 2) else colours.ARM
 
 
-def _robot_colour(model: RobotModel, body: Body) -> looks.RGB:
+def _robot_colour(model: RobotModel, body: Body) -> colours.RGB:
     assert body.link is not None
-    return looks.DARK if "camera" in body.name else _link_colour(model, body.link)
+    return colours.DARK if "camera" in body.name else _link_colour(model, body.link)
 
 
 def _joint_caps(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:

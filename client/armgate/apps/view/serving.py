@@ -14,7 +14,7 @@ from typing import Any
 
 from armgate.apps.connection import Login
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.view.door import Door, url_of
+from armgate.apps.view.access import Access, url_of
 from armgate.apps.view.live import Live
 from armgate.apps.view.player import Player
 from armgate.apps.view.viewer import Style, Viewer
@@ -30,7 +30,7 @@ class Place:
 
     host: str
     port: int
-    door: Door = field(default_factory=Door)
+    access: Access = field(default_factory=Access)
 
 
 def serve(
@@ -88,11 +88,11 @@ def _say_where(
     server: Any, at: Place, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]
 ) -> None:
     port = server.get_port()
-    tell(f"armgate: view at {url_of(at.host, port, at.door.query())}")
+    tell(f"armgate: view at {url_of(at.host, port, at.access.query())}")
     if open_browser:  # all users of this machine can read what a browser is started with
-        open_page(url_of(at.host, port, at.door.query(once=True)))
-    if viewer.inset is not None and viewer.inset.problem is not None:
-        tell(f"armgate: {viewer.inset.problem}")
+        open_page(url_of(at.host, port, at.access.query(once=True)))
+    if viewer.camera_picture is not None and viewer.camera_picture.problem is not None:
+        tell(f"armgate: {viewer.camera_picture.problem}")
 
 
 def _again(address: str, name: str, role: Role, login: Login, ended: threading.Event) -> Live | None:
@@ -106,21 +106,21 @@ def _again(address: str, name: str, role: Role, login: Login, ended: threading.E
 
 @contextmanager
 def page_server(at: Place) -> Iterator[Any]:
-    """A server of viser at this place, behind its door.
+    """A server of viser at this place, behind its access.
 
     Raises:
         AppError: The address cannot be used.
     """
     import viser
 
-    from armgate.apps.view.guard import Guard, guarded  # noqa: PLC0415
-    from armgate.apps.view.inbound import Inbound  # noqa: PLC0415
+    from armgate.apps.view.guarded_server import ServerGuard, guard_server  # noqa: PLC0415
+    from armgate.apps.view.message_filter import MessageFilter  # noqa: PLC0415
 
     port = _free(at.host, at.port)
-    guard = Guard(at.door)
-    with redirect_stdout(io.StringIO()), guarded(guard):  # it would print a box of its own
+    guard = ServerGuard(at.access)
+    with redirect_stdout(io.StringIO()), guard_server(guard):  # it would print a box of its own
         server = viser.ViserServer(host=at.host, port=port, verbose=False)
-    guard.inbound = Inbound(server)
+    guard.filter = MessageFilter(server)
     try:
         yield server
     finally:

@@ -27,6 +27,6 @@ class Source(Protocol):
         """Why no more states come, in words; None while they do."""
         ...
 
-    def told(self, state: State) -> str:
+    def describe(self, state: State) -> str:
         """Where this state comes from and of what time it is, in words."""
         ...

@@ -9,21 +9,22 @@ from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
-from armgate.apps.view import looks
-from armgate.apps.view.beat import Beat
-from armgate.apps.view.drawing import LinkNodes, draw_surroundings
+from armgate.apps.view import colours
+from armgate.apps.view.buttons import Buttons
+from armgate.apps.view.camera_model import CameraModel
+from armgate.apps.view.camera_picture import CameraPicture
 from armgate.apps.view.driving import Driving
-from armgate.apps.view.inset import Inset
+from armgate.apps.view.frame_timer import FrameTimer
 from armgate.apps.view.live import Live
-from armgate.apps.view.optics import Optics
 from armgate.apps.view.overlays import Overlays
-from armgate.apps.view.panel import Panel
+from armgate.apps.view.playback_controls import PlaybackControls
 from armgate.apps.view.player import Player
 from armgate.apps.view.plots import Plots
 from armgate.apps.view.scene import Poses, Scene
+from armgate.apps.view.scene_nodes import LinkNodes, draw_surroundings
 from armgate.apps.view.source import Source
-from armgate.apps.view.transport import Transport
-from armgate.apps.view.vantage import vantage
+from armgate.apps.view.state_panel import StatePanel
+from armgate.apps.view.viewpoint import initial_viewpoint
 from armgate.client import State
 
 RATE = 30.0
@@ -59,7 +60,7 @@ class Viewer:
 
     def __init__(self, server: Any, source: Source, style: Style) -> None:
         self._server, self._source = server, source
-        optics = Optics()
+        camera_model = CameraModel()
         self._scene = Scene.build(source.description, source.asset, meshes=style.meshes)
         self._poses = Poses(self._scene)
         self._configure()
@@ -69,19 +70,21 @@ class Viewer:
                 robot.name: LinkNodes(server.scene, f"/robots/{robot.name}", robot.pieces)
                 for robot in self._scene.robots
             }
-            self._overlays = Overlays(server.scene, self._scene, optics)
-        self._panel = Panel(server.gui, source.description, self._notify)
+            self._overlays = Overlays(server.scene, self._scene, camera_model)
+        self._panel = StatePanel(server.gui, source.description)
         self._plots = Plots(server.gui)
         self._driving: Driving | None = None
         if isinstance(source, Live):
-            self._panel.add_controls(source)
+            buttons = Buttons(server.gui, source, self._notify)
             if source.drives:
                 self._driving = Driving(server, source, style.speed)
-                self._panel.add_driving(self._driving)
-        self._transport = Transport(server.gui, source) if isinstance(source, Player) else None
+                buttons.add_driving(self._driving)
+        self._playback_controls = PlaybackControls(server.gui, source) if isinstance(source, Player) else None
         self._panel.add_overlays(self._overlays)
         robot = self._scene.camera_robot
-        self.inset = None if robot is None else Inset(server.gui, self._scene, source, robot, optics)
+        self.camera_picture = (
+            None if robot is None else CameraPicture(server.gui, self._scene, source, robot, camera_model)
+        )
 
     def __enter__(self) -> "Viewer":
         return self
@@ -89,13 +92,13 @@ class Viewer:
     def __exit__(self, *_: object) -> None:
         if self._driving is not None:
             self._driving.close()
-        if self.inset is not None:
-            self.inset.close()
+        if self.camera_picture is not None:
+            self.camera_picture.close()
 
     def run(self, ended: threading.Event) -> None:
         """Draws until asked to end, or until the source has a problem."""
         shown: State | None = None
-        beat = Beat(RATE)
+        timer = FrameTimer(RATE)
         for turn in count():
             if ended.is_set():
                 return
@@ -108,7 +111,7 @@ class Viewer:
             if (problem := self._source.problem) is not None:
                 self._panel.fail(problem)
                 return
-            ended.wait(beat.left())
+            ended.wait(timer.remaining())
 
     def _draw(self, state: State) -> None:
         with self._server.atomic():
@@ -124,8 +127,8 @@ class Viewer:
         """Less often; also while no state comes: one that was left out would never be told."""
         if turn % PANEL_EVERY == 0:
             self._panel.update(state, self._source)
-            if self._transport is not None:
-                self._transport.show()
+            if self._playback_controls is not None:
+                self._playback_controls.show()
         if turn % PLOT_EVERY == 0:
             self._plots.draw()
 
@@ -133,10 +136,10 @@ class Viewer:
         gui = self._server.gui
         gui.configure_theme(
             control_layout="fixed", control_width="medium", show_logo=False, show_share_button=False,
-            brand_color=looks.ARM,
+            brand_color=colours.ARM,
         )  # fmt: skip
         gui.set_panel_label(f"armgate · {self._source.description.name}")
-        eye, at = vantage(self._scene)
+        eye, at = initial_viewpoint(self._scene)
         self._server.initial_camera.position = eye
         self._server.initial_camera.look_at = at
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.redundancy.inverses import damped_inverse, pseudoinverse, variably_damped_inverse
-from armgate.control.redundancy.objective import Objective, wanted_velocity
+from armgate.control.redundancy.objectives import Objective, wanted_velocity
 from armgate.control.redundancy.resolution import null_space_part
 from armgate.control.redundancy.spaces import Array
 from armgate.control.redundancy.tasks import Task

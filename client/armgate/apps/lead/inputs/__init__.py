@@ -15,17 +15,18 @@ from importlib.metadata import entry_points
 from typing import Literal, Protocol
 
 from armgate.apps.errors import UsageError
-from armgate.apps.lead.wishes import Moment, Wish
+from armgate.apps.lead.motions import MotionRequest, RobotState
 from armgate.client import RobotDescription
 
 GROUP = "armgate.inputs"
 Mode = Literal["joint", "tool"]
+_LEAST = 1.0 / 16.0
 
 
 class Input(Protocol):
     """One source of wishes."""
 
-    def wish(self, moment: Moment) -> Wish:
+    def request(self, state: RobotState) -> MotionRequest:
         """What is wanted at this tick; returns at once."""
         ...
 
@@ -47,6 +48,33 @@ class Setting:
     robot: RobotDescription
     mode: Mode
     tell: Callable[[str], object]
+
+
+class SpeedShare:
+    """A share of the leader's largest speeds, halved and doubled.
+
+    Attributes:
+        share: Above 0, at most 1.
+
+    Args:
+        tell: Prints a line for people.
+    """
+
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self.share = 0.5
+        self._tell = tell
+
+    def faster(self) -> None:
+        """Double it, up to all."""
+        self._set(min(1.0, 2.0 * self.share))
+
+    def slower(self) -> None:
+        """Halve it."""
+        self._set(max(_LEAST, 0.5 * self.share))
+
+    def _set(self, share: float) -> None:
+        self.share = share
+        self._tell(f"{share:.0%} of the speed")
 
 
 Maker = Callable[[Setting], Input]

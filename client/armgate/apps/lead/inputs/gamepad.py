@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from armgate.apps.errors import AppError
-from armgate.apps.lead.inputs import Mode, Setting
-from armgate.apps.lead.inputs.pace import Pace
-from armgate.apps.lead.wishes import JointRate, Moment, Motion, ToolTwist, Wish
+from armgate.apps.lead.inputs import Mode, Setting, SpeedShare
+from armgate.apps.lead.motions import JointRate, Motion, MotionRequest, RobotState, ToolTwist
 
 DEAD_ZONE = 0.15
 """Sticks that are let go do not stand in their middle: less than this share of their way is none."""
@@ -69,24 +68,24 @@ class Gamepad:
         self._mode: Mode = setting.mode
         self._names = [joint.name for joint in setting.robot.joints]
         self._chosen = 0
-        self._pace = Pace(setting.tell)
+        self._speed = SpeedShare(setting.tell)
         self._armed = self._asked = False
 
-    def wish(self, moment: Moment) -> Wish:
+    def request(self, state: RobotState) -> MotionRequest:
         """What the pad says now."""
         pg = self._pygame
         for event in pg.event.get():
             if event.type == pg.CONTROLLERBUTTONDOWN:
                 self._pressed(event.button)
         if not self._pad.attached():
-            return Wish(ended="the gamepad was pulled out", failed=True)
+            return MotionRequest(ended="the gamepad was pulled out", failed=True)
         if self._pad.get_button(pg.CONTROLLER_BUTTON_START):
-            return Wish(ended="ended by the gamepad")
+            return MotionRequest(ended="ended by the gamepad")
         held = bool(self._pad.get_button(pg.CONTROLLER_BUTTON_LEFTSHOULDER))
         if not self._armed:
             self._arm(held)
-            return Wish()
-        return Wish(self._motion() if held else None)
+            return MotionRequest()
+        return MotionRequest(self._motion() if held else None)
 
     def _arm(self, held: bool) -> None:
         if not held:
@@ -107,7 +106,7 @@ class Gamepad:
 
     def _joints(self) -> np.ndarray:
         share = np.zeros(len(self._names))
-        share[self._chosen] = -self._axis("LEFTY") * self._pace.share
+        share[self._chosen] = -self._axis("LEFTY") * self._speed.share
         return share
 
     def _twist(self) -> np.ndarray:
@@ -118,7 +117,7 @@ class Gamepad:
         )
         roll = self._button("A") - self._button("B")
         angular = (roll, -self._axis("RIGHTY"), -self._axis("RIGHTX"))
-        return np.array([*linear, *angular]) * self._pace.share
+        return np.array([*linear, *angular]) * self._speed.share
 
     def _axis(self, name: str) -> float:
         """A stick or trigger, −1 to 1, what is less than the dead zone taken off."""
@@ -141,9 +140,9 @@ class Gamepad:
                 self._chosen = (self._chosen + by) % len(self._names)
                 self._tell(self._what())
             case pg.CONTROLLER_BUTTON_DPAD_UP:
-                self._pace.faster()
+                self._speed.faster()
             case pg.CONTROLLER_BUTTON_DPAD_DOWN:
-                self._pace.slower()
+                self._speed.slower()
 
     def _what(self) -> str:
         return "moving the tool" if self._mode == "tool" else f"moving joint {self._names[self._chosen]}"

@@ -5,7 +5,7 @@
     m           joints or tool                        ] [          faster, slower
     space       rest at once                          q            end
 
-A terminal tells presses, never releases; while a key is held it repeats. So one press moves for a moment
+A terminal tells presses, never releases; while a key is held it repeats. So one press moves for a state
 only, and a key let go, a terminal that hangs, a line that is cut all come to the same: the robot rests.
 """
 
@@ -21,9 +21,8 @@ from time import monotonic
 import numpy as np
 
 from armgate.apps.errors import UsageError
-from armgate.apps.lead.inputs import Mode, Setting
-from armgate.apps.lead.inputs.pace import Pace
-from armgate.apps.lead.wishes import JointRate, Moment, Motion, ToolTwist, Wish
+from armgate.apps.lead.inputs import Mode, Setting, SpeedShare
+from armgate.apps.lead.motions import JointRate, Motion, MotionRequest, RobotState, ToolTwist
 
 HELD = 0.15
 """For how long one press moves, s: keyboards repeat about 30 times a second."""
@@ -59,7 +58,7 @@ class Keys:
         self._mode: Mode = setting.mode
         self._names = [joint.name for joint in setting.robot.joints]
         self._chosen = 0
-        self._pace = Pace(setting.tell)
+        self._speed = SpeedShare(setting.tell)
         self._pressed = ("", now())
         self._ended = ""
         self._tell(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: rest, q: end")
@@ -74,30 +73,30 @@ class Keys:
             self._mode = "tool" if self._mode == "joint" else "joint"
             self._tell(self._what())
         elif key in ("]", "["):
-            self._pace.faster() if key == "]" else self._pace.slower()
+            self._speed.faster() if key == "]" else self._speed.slower()
         elif key == "q":
             self._ended = "ended by the keyboard"
         if key not in ("+", "-", *_TOOL):
             self._pressed = ("", self._now())  # whatever else is pressed, the robot rests
 
-    def wish(self) -> Wish:
+    def request(self) -> MotionRequest:
         """What the keys say now."""
         key, at = self._pressed
         if self._ended:
-            return Wish(ended=self._ended)
-        return Wish(self._motion(key) if key and self._now() - at < HELD else None)
+            return MotionRequest(ended=self._ended)
+        return MotionRequest(self._motion(key) if key and self._now() - at < HELD else None)
 
     def _motion(self, key: str) -> Motion | None:
         if self._mode == "joint":
             if key not in ("+", "-"):
                 return None
             share = np.zeros(len(self._names))
-            share[self._chosen] = self._pace.share * (1.0 if key == "+" else -1.0)
+            share[self._chosen] = self._speed.share * (1.0 if key == "+" else -1.0)
             return JointRate(share)
         if key not in _TOOL:
             return None
         row, sign = _TOOL[key]
-        return ToolTwist(np.eye(6)[row] * sign * self._pace.share)
+        return ToolTwist(np.eye(6)[row] * sign * self._speed.share)
 
     def _choose(self, joint: int) -> None:
         if joint < len(self._names):
@@ -118,17 +117,17 @@ class Terminal:
         self._before = termios.tcgetattr(fd)
         tty.setcbreak(fd)  # Ctrl-C stays what it is
 
-    def wish(self, moment: Moment) -> Wish:
+    def request(self, state: RobotState) -> MotionRequest:
         """What the keyboard says now."""
         try:
             while select.select([self._fd], [], [], 0.0)[0]:
                 if not (data := os.read(self._fd, 64)):
-                    return Wish(ended="the terminal is gone", failed=True)
+                    return MotionRequest(ended="the terminal is gone", failed=True)
                 for key in keys_in(data):
                     self._keys.press(key)
         except OSError:
-            return Wish(ended="the terminal is gone", failed=True)
-        return self._keys.wish()
+            return MotionRequest(ended="the terminal is gone", failed=True)
+        return self._keys.request()
 
     def close(self) -> None:
         """Put the terminal back, if it is still there."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from threading import Lock
 from time import monotonic
 
-from armgate.apps.lead.wishes import Moment, Motion, Wish
+from armgate.apps.lead.motions import Motion, MotionRequest, RobotState
 
 FRESH = 0.3
 """For how long a motion is wanted after it was put, s: who holds a switch says so again and again."""
@@ -22,24 +22,24 @@ class Mailbox:
         self._fresh = fresh
         self._now = now
         self._lock = Lock()
-        self._wish = Wish()
+        self._wish = MotionRequest()
         self._until = now()
 
     def put(self, motion: Motion | None) -> None:
         """Want this from now on, for a short time; None: rest. Any thread may call it."""
         with self._lock:
             if not self._wish.ended:
-                self._wish, self._until = Wish(motion), self._now() + self._fresh
+                self._wish, self._until = MotionRequest(motion), self._now() + self._fresh
 
     def end(self, why: str, failed: bool = False) -> None:
         """Want nothing any more; the robot comes to rest and the loop ends."""
         with self._lock:
-            self._wish = Wish(ended=why, failed=failed)
+            self._wish = MotionRequest(ended=why, failed=failed)
 
-    def wish(self, moment: Moment) -> Wish:
+    def request(self, state: RobotState) -> MotionRequest:
         """The newest wish, while it counts."""
         with self._lock:
-            return self._wish if self._wish.ended or self._now() < self._until else Wish()
+            return self._wish if self._wish.ended or self._now() < self._until else MotionRequest()
 
     def close(self) -> None:
         """Nothing to let go of."""

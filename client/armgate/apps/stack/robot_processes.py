@@ -1,0 +1,76 @@
+"""Processes of robots outside of the daemon: a robot server, and virtual KRCs in place of real ones."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from armgate.apps.errors import UsageError
+from armgate.apps.stack.run_folder import socket_in
+from armgate.cell.config import CellConfig, RobotConfig
+from armgate.cell.link_config import AxisGroup, RsiLinkConfig
+
+SERVER = "robots"
+"""Name of the robot server among the children of a run."""
+KRC = "krc-"
+"""Start of the names of virtual KRCs among the children of a run."""
+
+
+@dataclass(frozen=True)
+class RobotProcesses:
+    """What is started beside the daemon.
+
+    Attributes:
+        socket: Of the robot server.
+        krcs: What starts each virtual KRC, after ``armgate``, by the child's name.
+    """
+
+    socket: Path
+    krcs: Mapping[str, Sequence[str]]
+
+    def server(self, configs: Sequence[Path]) -> list[str]:
+        """What starts the robot server, after ``armgate``."""
+        return ["robot-server", *map(str, configs), "--socket", str(self.socket)]
+
+
+def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> RobotProcesses | None:
+    """What a cell needs beside the daemon, None if all its robots are emulated by it.
+
+    Args:
+        cell: The configuration.
+        configs: The files that it was read from.
+        run: The run's folder. Its ``logs`` hold the robot server's socket and, as ``krc-ROBOT.csv``, what the
+            drives of each virtual KRC were given.
+
+    Raises:
+        UsageError: A robot is a real one: nobody starts moving it by a demonstration.
+    """
+    krcs = {}
+    for name, robot in cell.robots.items():
+        if isinstance(robot.link, RsiLinkConfig):
+            child = f"{KRC}{name}"
+            trace = ["--trace", str(run / "logs" / f"{child}.csv")]
+            krcs[child] = _krc(cell, name, robot, robot.link, configs) + trace
+    return RobotProcesses(socket_in(run), krcs) if krcs else None
+
+
+def _krc(
+    cell: CellConfig, name: str, robot: RobotConfig, link: RsiLinkConfig, configs: Sequence[Path]
+) -> list[str]:
+    if link.virtual is None or link.listen is None:
+        raise UsageError(
+            f"robot {name} has a real KRC; only robots whose link says which KRC stands in for it "
+            "(virtual) and where it is answered (listen) are moved by this command"
+        )
+    ethernet = cell.file(("robots", name, "link", "ethernet"), link.ethernet)
+    command = ["krc", "--profile", link.virtual, "--config", str(ethernet), "--robot", name]
+    command += [word for config in configs for word in ("--cell", str(config))]
+    command += ["--to", link.listen, "--cycle", f"{1000 * robot.period:g}", "--mode", link.mode]
+    command += ["--precision", str(link.precision), "--timeout", str(link.timeout)]
+    if link.axiscorr is not None:
+        # Beyond what AXISCORR lets through, nothing can trip AXISCORRMON.
+        command += ["--axiscorr", _listed(link.axiscorr, 0.0), "--axiscorrmon", _listed(link.axiscorr, 1.0)]
+    return command
+
+
+def _listed(limits: Mapping[AxisGroup, float], more: float) -> str:
+    return ",".join(f"{axis}={limit + more:g}" for axis, limit in limits.items())

@@ -1,0 +1,61 @@
+"""What an operator wants to see from how near: distances that change at a steady rate and then stay."""
+
+import numpy as np
+
+from armgate.apps.interrupt import Interrupt
+from armgate.client import Cell
+
+SIGNAL = "operator.distance"
+HOLD = (1.0, 3.0)
+"""How long a distance is kept, s."""
+
+
+class DistanceSchedule:
+    """The wanted distance over time.
+
+    Args:
+        low: Smallest, m.
+        high: Largest, m.
+        start: At time 0, m.
+        rate: Of change, m/s.
+        seed: Of chance.
+    """
+
+    def __init__(self, low: float, high: float, start: float, rate: float, seed: int) -> None:
+        self._low, self._high, self._rate = low, high, rate
+        self._chance = np.random.default_rng(seed)
+        self._from, self._to = start, start
+        self._begin, self._end = 0.0, 1.0
+
+    def at(self, time: float) -> float:
+        """The wish at a time, s, no earlier than that of the call before; m."""
+        while time >= self._end:
+            self._next()
+        way = self._rate * (time - self._begin)
+        return self._from + float(np.clip(self._to - self._from, -way, way))
+
+    def _next(self) -> None:
+        self._from, self._begin = self._to, self._end
+        self._to = float(self._chance.uniform(self._low, self._high))
+        hold = float(self._chance.uniform(*HOLD))
+        self._end = self._begin + abs(self._to - self._from) / self._rate + hold
+
+
+def share(cell: Cell, schedule: DistanceSchedule, interrupt: Interrupt, duration: float | None) -> None:
+    """Shares the wishes at each tick of the cell until the time is over or somebody asks to end.
+
+    Raises:
+        ConnectionLost: The daemon is gone.
+    """
+    begin: float | None = None
+    told: float | None = None
+    cell.subscribe(every=1, fields=[])
+    for state in cell.states():
+        begin = state.time if begin is None else begin
+        if interrupt.requested or (duration is not None and state.time - begin >= duration):
+            return
+        wanted = schedule.at(state.time - begin)
+        if wanted != told:
+            cell.signal(SIGNAL, wanted, more=True)
+            told = wanted
+        cell.skip()

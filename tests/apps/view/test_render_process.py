@@ -1,0 +1,39 @@
+"""Pictures from a process of their own."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from armgate.apps.errors import AppError
+from armgate.apps.view.camera_model import CameraModel
+from armgate.apps.view.render import Renderer
+from armgate.apps.view.render_process import RenderProcess
+from armgate.apps.view.scene import Poses
+
+CAMERA = CameraModel(160, 120)
+
+
+def test_it_draws_what_the_renderer_draws_and_its_end_is_told(scene):
+    poses = Poses(scene)
+    start = {robot.name: np.array(robot.described.start) for robot in scene.robots}
+    links = {name: poses.links(name, q) for name, q in start.items()}
+    camera = poses.models["FR"].frame(start["FR"], "camera")
+    renderer, process = Renderer(scene, CAMERA), RenderProcess(scene, CAMERA)
+    try:
+        assert np.array_equal(process.picture(camera, links), renderer.picture(camera, links))
+        os.kill(process._process.pid, signal.SIGKILL)
+        with pytest.raises(AppError, match="the process that draws it has ended"):
+            process.picture(camera, links)
+    finally:
+        process.close()
+        renderer.close()
+
+
+def test_why_there_are_none_is_told(scene, monkeypatch):
+    # What the child inherits: no driver for EGL that could be loaded.
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")
+    with pytest.raises(AppError, match="apt-get install libegl1 libgl1-mesa-dri"):
+        RenderProcess(scene, CAMERA)
