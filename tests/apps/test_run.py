@@ -19,6 +19,7 @@ from armgate.apps.stack import run as course
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.failures import exit_error, stops_in
 from armgate.apps.stack.monitoring import read_report
+from armgate.apps.stack.plan import DAEMON, PRIORITIES, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
 from armgate.apps.stack.robot_processes import robots_of
 from armgate.apps.stack.run_folder import socket_in
@@ -50,12 +51,12 @@ def children(tmp_path: Path) -> Iterator[Children]:
         yield children
 
 
-def plan(**changes: Any) -> course.Plan:
+def plan(**changes: Any) -> Plan:
     return demo_plan([Path("a.yaml"), Path("b.yaml")], Path("p.csv"), "GR", "FR", **changes)
 
 
 def listening(children: Children) -> str:
-    return course._printed(children, course.DAEMON, course.LISTENING)
+    return course._printed(children, DAEMON, course.LISTENING)
 
 
 def test_the_commands() -> None:
@@ -278,4 +279,4 @@ def test_the_stops_of_a_failed_run_are_reported_with_their_reasons(tmp_path: Pat
 
 def test_the_nearer_to_the_robots_the_sooner() -> None:
     assert plan().priority("robots") > plan().priority("daemon") > plan().priority("controller") > 0
-    assert {plan(lockstep=True).priority(what) for what in course.PRIORITIES} == {0}
+    assert {plan(lockstep=True).priority(what) for what in PRIORITIES} == {0}

@@ -10,12 +10,12 @@ class Sharing:
 
     Args:
         cell: The connection.
-        tell: Prints a line for people; called once for each cause.
+        report: Prints a line for people; called once for each cause.
     """
 
-    def __init__(self, cell: Cell, tell: Callable[[str], object]) -> None:
+    def __init__(self, cell: Cell, report: Callable[[str], object]) -> None:
         self._cell = cell
-        self._tell = tell
+        self._report = report
         self._told: set[str] = set()
 
     def share(self, name: str, value: tuple[float, ...] | float) -> None:
@@ -28,4 +28,4 @@ class Sharing:
         except Refused as error:
             if error.code not in self._told:
                 self._told.add(error.code)
-                self._tell(f"some signals are not shared: {error}")
+                self._report(f"some signals are not shared: {error}")

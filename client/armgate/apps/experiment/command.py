@@ -65,12 +65,12 @@ def experiment(
     scene = build_scene((config or default_file("demo.yaml"),))
     campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
     ended = campaign.run(setups)
-    _tell(campaign)
+    _report(campaign)
     if ended:
         raise AppError(f"{campaign.folder} holds what was run: {ended}")
 
 
-def _tell(campaign: "Campaign") -> None:
+def _report(campaign: "Campaign") -> None:
     from rich.console import Console
 
     console = Console(highlight=False)

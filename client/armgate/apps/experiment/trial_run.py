@@ -14,8 +14,9 @@ from armgate.apps.lead.path import format_path
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.apps.stack.metrics import compute
 from armgate.apps.stack.monitoring import read_report
+from armgate.apps.stack.plan import FOLLOWER, LEADER, Plan
 from armgate.apps.stack.processes import Children
-from armgate.apps.stack.run import FOLLOWER, LEADER, Plan, Watch, interruptions, run
+from armgate.apps.stack.run import Watch, interruptions, run
 from armgate.apps.stack.run_folder import write_metrics, write_series
 
 OPERATOR = "operator"

@@ -66,7 +66,7 @@ def bounds_of(robot: RobotDescription) -> Bounds:
 
 
 def drive(
-    cell: Cell, robot: Robot, playback: Playback, interrupt: Interrupt, tell: Callable[[str], object]
+    cell: Cell, robot: Robot, playback: Playback, interrupt: Interrupt, report: Callable[[str], object]
 ) -> str:
     """Plays to the end, or, once interrupted, slows to rest.
 
@@ -75,7 +75,7 @@ def drive(
         robot: The robot that is held.
         playback: What it shall do.
         interrupt: Set when the process is asked to end.
-        tell: Prints a line for people.
+        report: Prints a line for people.
 
     Returns:
         How it ended, in words.
@@ -84,7 +84,7 @@ def drive(
         Lost: The lease was lost or the robot stopped.
         ConnectionLost: The daemon is gone.
     """
-    last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, tell)
+    last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, report)
     for count, tick in enumerate(robot.ticks()):
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
@@ -97,15 +97,15 @@ def drive(
         if count % TOLD_EVERY == 0 or settled == 1:
             sharing.share("lead.progress", playback.progress)
         dq = playback.brake(played) if interrupt.requested else playback.step(setpoint, played)
-        held = _tell_held(robot.send(dq.tolist()), playback, held, tell)
+        held = _tell_held(robot.send(dq.tolist()), playback, held, report)
     raise AssertionError("ticks end only by an exception")
 
 
-def _tell_held(verdict: Verdict, playback: Playback, held: bool, tell: Callable[[str], object]) -> bool:
+def _tell_held(verdict: Verdict, playback: Playback, held: bool, report: Callable[[str], object]) -> bool:
     """Says once when the gate holds the path up, and once when it goes on."""
     if playback.waiting and not held:
         why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
-        tell(f"path held at {playback.time:.1f} s: {why}")
+        report(f"path held at {playback.time:.1f} s: {why}")
     elif held and not playback.waiting:
-        tell(f"path goes on from {playback.time:.1f} s")
+        report(f"path goes on from {playback.time:.1f} s")
     return playback.waiting

@@ -16,7 +16,7 @@ from armgate.client import Robot, Tick, Verdict
 
 
 def jog(
-    robot: Robot, source: Input, steering: Steering, interrupt: Interrupt, tell: Callable[[str], object]
+    robot: Robot, source: Input, steering: Steering, interrupt: Interrupt, report: Callable[[str], object]
 ) -> str:
     """Drives until the input has ended or somebody interrupts; the robot is at rest then.
 
@@ -25,7 +25,7 @@ def jog(
         source: Where wishes come from.
         steering: Makes increments of them.
         interrupt: Whether somebody asked to end.
-        tell: Prints a line for people.
+        report: Prints a line for people.
 
     Returns:
         How it ended, in words.
@@ -35,7 +35,7 @@ def jog(
         Lost: The lease was lost or the robot stopped.
         ConnectionLost: The daemon is gone.
     """
-    last, told, ended = LastIncrement(), _Told(tell), MotionRequest()
+    last, told, ended = LastIncrement(), _Told(report), MotionRequest()
     for tick in robot.ticks():
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
@@ -68,7 +68,7 @@ def _how(robot: Robot, ended: MotionRequest) -> str:
 class _Told:
     """Says once what bounds the robot, and once that nothing does any more."""
 
-    tell: Callable[[str], object]
+    report: Callable[[str], object]
     _cause: str = field(default="", init=False)
 
     def verdict(self, verdict: Verdict) -> None:
@@ -76,5 +76,5 @@ class _Told:
         reason = next((r for r in verdict.reasons if r.cause in ("clearance", "joint_limit")), None)
         cause = "" if reason is None else reason.cause
         if cause != self._cause:
-            self.tell("the way is free again" if reason is None else f"held back: {reason.text}")
+            self.report("the way is free again" if reason is None else f"held back: {reason.text}")
         self._cause = cause

@@ -31,7 +31,9 @@ class ManualDrive:
     speed: float
 
 
-def drive_by_hand(cell: Cell, hand: ManualDrive, interrupt: Interrupt, tell: Callable[[str], object]) -> str:
+def drive_by_hand(
+    cell: Cell, hand: ManualDrive, interrupt: Interrupt, report: Callable[[str], object]
+) -> str:
     """Drives until the input ends; returns how, in words.
 
     Raises:
@@ -41,9 +43,9 @@ def drive_by_hand(cell: Cell, hand: ManualDrive, interrupt: Interrupt, tell: Cal
     """
     described = described_in(cell.description, hand.robot)
     steering = steering_of(cell, described, hand.speed)
-    source = hand.make(Setting(described, hand.mode, tell))
+    source = hand.make(Setting(described, hand.mode, report))
     try:
-        return drive_by(source, cell, described.name, steering, interrupt, tell)
+        return drive_by(source, cell, described.name, steering, interrupt, report)
     finally:
         source.close()
 
@@ -54,12 +56,12 @@ def drive_by(
     robot: str,
     steering: Steering,
     interrupt: Interrupt,
-    tell: Callable[[str], object],
+    report: Callable[[str], object],
 ) -> str:
     """Takes a robot and drives it by what an input wants; raises as `drive_by_hand`."""
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
     with cell.acquire(robot) as arm:
-        return f"{robot}: {jog(arm, source, steering, interrupt, tell)}"
+        return f"{robot}: {jog(arm, source, steering, interrupt, report)}"
 
 
 def steering_of(cell: Cell, robot: RobotDescription, speed: float) -> Steering:

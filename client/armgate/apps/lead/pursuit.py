@@ -83,7 +83,7 @@ def pursue(
     target: str,
     speed: float,
     interrupt: Interrupt,
-    tell: Callable[[str], object],
+    report: Callable[[str], object],
 ) -> str:
     """Pursues a body (``FR/link_3``) at ``speed`` m/s until somebody interrupts; returns how it ended.
 
@@ -96,4 +96,4 @@ def pursue(
     name, _, body = target.partition("/")
     target = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
     source = Pursuit(target, model_of(cell, own), own.tool)
-    return drive_by(source, cell, own.name, steering, interrupt, tell)
+    return drive_by(source, cell, own.name, steering, interrupt, report)

@@ -129,7 +129,7 @@ def run(
     robot: str,
     goal: Goal,
     interrupt: Interrupt,
-    tell: Callable[[str], object],
+    report: Callable[[str], object],
     *,
     tolerance: float,
     duration: float,
@@ -148,7 +148,7 @@ def run(
     arm = build(cell, robot, goal)
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
     with cell.acquire(robot) as held:
-        done = drive(Sharing(cell, tell), held, arm, interrupt, tolerance=tolerance, duration=duration)
+        done = drive(Sharing(cell, report), held, arm, interrupt, tolerance=tolerance, duration=duration)
     if out is not None:
         write_motion(out, arm.robot, done.setpoints)
     done.check(robot)

@@ -1,8 +1,8 @@
-"""Admission to the viewer's page: allowed host names, allowed origins, and the secret of this start.
+"""Access to the viewer's page: allowed host names, allowed origins, and the secret of this start.
 
-A browser lets the page of any site send requests to this machine. DNS rebinding goes further: the name of a
-site is made to point here, so that its page counts as ours. Hence a request must name an allowed host, come
-from an allowed origin, and carry the secret that only the printed address contains.
+A browser lets the page of any site send requests to this machine. DNS rebinding goes further: an attacker
+makes the name of a site resolve to this machine, so that the site's page has the same origin as ours. Hence a
+request must name an allowed host, come from an allowed origin, and carry the secret of the printed address.
 """
 
 import ipaddress
@@ -20,7 +20,7 @@ _PORTS = {"http": 80, "https": 443}
 _TOKEN = "token"  # noqa: S105  (the name of the query parameter)
 _COOKIE = "armgate-view-"
 _OTHERS = 16
-"""Cookies of other viewers that a browser keeps: all of them must fit into the header of a request."""
+"""Cookies of other viewers that are kept: all of them must fit into the header of a request."""
 _PROXY = "--host-name NAME, with the name in the address bar (NAME:PORT if the port is not 80 or 443)"
 
 HEADERS = {
@@ -35,7 +35,7 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-"""Headers of every answer: no other site may frame the page, and the page connects to this server only."""
+"""Headers of every response: no other site may frame the page, and the page connects to this server only."""
 
 
 class Headers(Protocol):
@@ -46,12 +46,12 @@ class Headers(Protocol):
 
 
 class RefusedError(Exception):
-    """The request is refused with status 403; the text says why, and what to do."""
+    """The request is refused with status 403; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A host name in lower case, and its port if the text has one."""
+    """Host name in lower case, and its port if the text has one."""
 
     host: str
     port: int | None
@@ -71,12 +71,12 @@ class Address:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one viewer.
+    """Rules for the requests to one viewer.
 
     Attributes:
-        host: The name or address on which the page is served.
-        names: Further names under which browsers reach the page.
-        secret: The secret of this start.
+        host: Name or address on which the page is served.
+        names: Additional names under which browsers reach the page.
+        secret: Secret of this start.
     """
 
     host: str = "localhost"
@@ -88,8 +88,8 @@ class Access:
     def cookie(self) -> str:
         """Name of the cookie that holds the secret.
 
-        Cookies ignore ports: viewers that a browser reaches at the same address, as through two SSH tunnels,
-        need different names.
+        Cookies ignore ports: viewers that a browser reaches at the same address, for example through two SSH
+        tunnels, need different names.
         """
         return f"{_COOKIE}{sha256(self.secret.encode()).hexdigest()[:16]}"
 
@@ -97,13 +97,13 @@ class Access:
         """Check a request for the page or for its websocket.
 
         Args:
-            headers: Its headers.
-            path: Its path and query.
-            local: IP address of this machine at which it arrived.
-            page: False for a websocket. A ticket opens a page only: a websocket does not use it up.
+            headers: Headers of the request.
+            path: Path and query of the request.
+            local: IP address of this machine at which the request arrived.
+            page: False for a websocket. A ticket opens a page only; a websocket does not use it up.
 
         Raises:
-            RefusedError: It must not be answered.
+            RefusedError: The request must be refused.
         """
         host = self._host(headers, local)
         self._check_origin(headers, host)
@@ -124,11 +124,11 @@ class Access:
         return [f"{self.cookie}={self.secret}; Path=/; HttpOnly; SameSite=Lax", *ended]
 
     def use_up(self, path: str) -> None:
-        """Make the tickets in a path worthless."""
+        """Invalidate the tickets in a path."""
         self._tickets.difference_update(_tokens(path))
 
     def query(self, *, once: bool = False) -> str:
-        """Return the query that the address of the page needs; with a ticket, it opens the page once."""
+        """Return the query for the page's address; with ``once``, a ticket that opens the page one time."""
         if not once:
             return urlencode({_TOKEN: self.secret})
         ticket = token_urlsafe()
@@ -153,7 +153,7 @@ class Access:
         return host
 
     def _check_origin(self, headers: Headers, host: Address) -> None:
-        """A program sends no origin; a browser sends one with each websocket."""
+        """Check the origin: a browser sends one with each websocket, other programs send none."""
         given = headers.get_all("Origin")
         if not given:
             return
@@ -174,7 +174,7 @@ def parse_names(names: Iterable[str]) -> tuple[Address, ...]:
     """Return the addresses of configured names.
 
     Raises:
-        ValueError: One of them is no host name; the text is that name.
+        ValueError: One of them is not a host name; the text is that name.
     """
     found = {name: Address.parse(name) for name in names}
     for name, address in found.items():
@@ -184,7 +184,7 @@ def parse_names(names: Iterable[str]) -> tuple[Address, ...]:
 
 
 def is_local(host: str, local: str) -> bool:
-    """Return True if a host is this machine: a name of loopback, or the address that was called."""
+    """Return True if a host is this machine: a loopback name, or the address at which the request arrived."""
     if host == "localhost":
         return True
     try:
@@ -197,7 +197,7 @@ def is_local(host: str, local: str) -> bool:
 def _plain(
     address: ipaddress.IPv4Address | ipaddress.IPv6Address,
 ) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """An IPv4 address that is written as an IPv6 one, as such: sockets of both kinds name it so."""
+    """Return an IPv4-mapped IPv6 address as IPv4: the two kinds of sockets report it differently."""
     return getattr(address, "ipv4_mapped", None) or address
 
 
@@ -217,7 +217,7 @@ def _cookies(headers: Headers) -> Mapping[str, str]:
 def url_of(host: str, port: int, query: str) -> str:
     """Return the address of the page.
 
-    A wildcard address is replaced by loopback's, which can be opened on this machine.
+    A wildcard address is replaced by the loopback address, which can be opened on this machine.
     """
     try:
         address = ipaddress.ip_address(host)

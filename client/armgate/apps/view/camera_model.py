@@ -1,4 +1,4 @@
-"""How the camera of a robot sees: its frame looks along z, its x points up in the picture."""
+"""Pinhole model of a robot's camera: its frame looks along z, its x axis points up in the picture."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,17 @@ from armgate.cell.placement import Placement
 Array = NDArray[np.float64]
 
 NEAR, FAR = 0.13, 60.0
-"""Nothing nearer (the camera's own housing) or farther is seen, m."""
+"""Distances of the clipping planes, m; the near one hides the camera's own housing."""
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera.
+    """Pinhole camera.
 
     Attributes:
-        width: Of the picture, pixels.
-        height: Of the picture, pixels.
-        fov: Angle of view from left to right, rad.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
+        fov: Horizontal angle of view, rad.
     """
 
     width: int = 480
@@ -29,7 +29,7 @@ class CameraModel:
 
     @property
     def fov_vertical(self) -> float:
-        """Angle of view from top to bottom, rad."""
+        """Vertical angle of view, rad."""
         return 2.0 * float(np.arctan(np.tan(self.fov / 2) * self.height / self.width))
 
     @property
@@ -38,7 +38,7 @@ class CameraModel:
         return self.width / self.height
 
     def view(self, camera: Placement) -> Array:
-        """World to eye coordinates (x right, y up, −z ahead), (4, 4)."""
+        """Return the transformation from world to eye coordinates (x right, y up, −z ahead), (4, 4)."""
         x, y, z = camera.R.T
         eye = np.eye(4)
         eye[:3, :3] = np.stack([y, x, -z])
@@ -46,7 +46,7 @@ class CameraModel:
         return eye
 
     def projection(self) -> Array:
-        """Eye to clip coordinates, OpenGL's, (4, 4)."""
+        """Return the transformation from eye to clip coordinates of OpenGL, (4, 4)."""
         fx = 1.0 / np.tan(self.fov / 2)
         fy = fx * self.width / self.height
         depth = FAR - NEAR
@@ -60,13 +60,13 @@ class CameraModel:
         )
 
     def pixel(self, camera: Placement, point: Array) -> tuple[float, float]:
-        """Where a point of the world is in the picture: columns from the left, rows from the top."""
+        """Return the pixel of a world point: column from the left, row from the top."""
         clip = self.projection() @ self.view(camera) @ np.append(point, 1.0)
         x, y = clip[:2] / clip[3]
         return self.width * (1 + x) / 2, self.height * (1 - y) / 2
 
 
 def drawn_frustum(camera: Placement) -> Placement:
-    """The camera's frame as graphics has it: z ahead, x right, y down."""
+    """Return the camera's frame in the convention of computer graphics: z ahead, x right, y down."""
     x, y, z = camera.R.T
     return Placement(np.stack([y, -x, z], axis=1), camera.t)

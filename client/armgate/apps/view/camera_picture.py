@@ -1,4 +1,4 @@
-"""What the follower's camera sees, drawn in a thread of its own and shown in a corner of the page."""
+"""Picture of a robot's camera: drawn in a thread of its own, shown in a corner of the page."""
 
 import threading
 from typing import Any
@@ -16,18 +16,18 @@ from armgate.apps.view.source import Source
 from armgate.client import State
 
 RATE = 15.0
-"""Pictures that are tried for, per s."""
+"""Largest rate of pictures, 1/s."""
 WIDTH = 330
-"""Of the picture on the page, CSS pixels."""
+"""Width of the picture on the page, CSS pixels."""
 
 
 class CameraPicture:
-    """The camera's picture.
+    """Picture of a camera.
 
     Attributes:
-        problem: Why there is none, in words; None while there is.
-        picture: The newest one (height, width, 3).
-        drawn: How many were drawn.
+        problem: Reason why there is no picture, in words; None while there is one.
+        picture: Newest picture (height, width, 3).
+        drawn: Number of pictures drawn.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class CameraPicture:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread."""
+        """End the thread."""
         self._ended.set()
         self._thread.join()
 
@@ -56,12 +56,12 @@ class CameraPicture:
         try:
             renderer = RenderProcess(self._scene, self._camera_model)
         except AppError as error:
-            self._say(str(error))
+            self._show_problem(str(error))
             return
         try:
             self._draw_all(renderer)
         except AppError as error:
-            self._say(str(error))
+            self._show_problem(str(error))
         finally:
             renderer.close()
 
@@ -85,7 +85,7 @@ class CameraPicture:
         self.drawn += 1
         self._image.image = self.picture
 
-    def _say(self, problem: str) -> None:
+    def _show_problem(self, problem: str) -> None:
         self.problem = problem
         self._image.visible = False
         self._text.content = problem

@@ -1,4 +1,4 @@
-"""Colours of things, by what they are and how they are called."""
+"""Colours of robots, surroundings and states."""
 
 RGB = tuple[int, int, int]
 
@@ -31,12 +31,12 @@ STATES: dict[str, RGB] = {
 
 
 def surrounding(name: str) -> RGB:
-    """The colour of a body that stands in the cell."""
+    """Return the colour of a body of the surroundings."""
     return next((colour for word, colour in _SURROUNDINGS if word in name), _OTHER)
 
 
 def margin(distance: float, limit: float) -> RGB:
-    """The colour of a clearance: red at the distance kept, over amber, to green from four times that on."""
+    """Return the colour of a clearance: red at the limit, over amber, to green from four times the limit."""
     share = min(max((distance - limit) / max(3.0 * limit, 1e-6), 0.0), 1.0)
     low, high = (STATES["stop"], STATES["near"]) if share < 0.5 else (STATES["near"], STATES["clear"])
     t = 2.0 * share if share < 0.5 else 2.0 * share - 1.0

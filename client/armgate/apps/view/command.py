@@ -14,7 +14,7 @@ def view(
         str,
         typer.Argument(
             metavar="HOST:PORT|unix:PATH|RUN",
-            help="Address or Unix socket of the daemon; or a recording: the run's folder, or one of its files.",
+            help="Address or Unix socket of the daemon; or a recording: a run's folder or one of its files.",
         ),
     ] = "127.0.0.1:7411",
     *,
@@ -61,7 +61,7 @@ def view(
             raise UsageError(
                 f"{source} is a recording: the page can only observe it; leave out --role {role}"
             )
-        play(Path(source), style=Style(meshes=meshes), at=at, open_browser=open_, tell=typer.echo)
+        play(Path(source), style=Style(meshes=meshes), at=at, open_browser=open_, report=typer.echo)
         return
     own = login(token_file, ca, cert, key)
     serve(
@@ -72,7 +72,7 @@ def view(
         style=Style(speed, meshes),
         at=at,
         open_browser=open_,
-        tell=typer.echo,
+        report=typer.echo,
     )
 
 

@@ -1,4 +1,4 @@
-"""Who drives what from a page: takes and gives back leases, and brings robots to rest whose page is gone."""
+"""Robots that pages drive: acquire and release leases, and bring a robot to rest if its page is gone."""
 
 import threading
 import weakref
@@ -16,45 +16,45 @@ from armgate.apps.view.scene import Poses
 from armgate.client import ClientError, Entry, RobotDescription, State, connect
 
 ENDING = 5.0
-"""How long a robot may take to rest when the viewer ends, s."""
+"""Longest time for a robot to come to rest when the viewer ends, s."""
 HANDLES_EVERY = 2
-"""Pictures of the scene between two updates of the handles."""
+"""Frames of the scene between two updates of the handles."""
 
-Tell = Callable[[str, str], None]
+Report = Callable[[str, str], None]
 
 
 class Drive:
-    """One robot that one page drives: a connection of its own in a thread of its own.
+    """One robot that one page drives, with a connection and a thread of its own.
 
-    So the lease ends with this process, and neither pictures nor other pages hold up the robot.
+    So the lease ends with this process, and neither drawing nor other pages delay the robot.
 
     Attributes:
-        robot: What is driven.
+        robot: The robot.
         page: The page, as viser's client.
-        grip: What the page wants.
-        held: Whether the robot is this page's by now.
+        pointer: Input of the page.
+        held: True once the page holds the robot's lease.
     """
 
-    def __init__(self, live: Live, robot: RobotDescription, page: Any, speed: float, tell: Tell) -> None:
-        self.robot, self.page, self.grip, self.held = robot, page, PointerInput(), False
-        self._live, self._speed, self._tell = live, speed, tell
+    def __init__(self, live: Live, robot: RobotDescription, page: Any, speed: float, report: Report) -> None:
+        self.robot, self.page, self.pointer, self.held = robot, page, PointerInput(), False
+        self._live, self._speed, self._report = live, speed, report
         self._over = threading.Event()
         threading.Thread(target=self._run, name=f"drive {robot.name}", daemon=True).start()
 
     @property
     def over(self) -> bool:
-        """Whether the robot was given back, or never taken."""
+        """Return True if the lease was released or never acquired."""
         return self._over.is_set()
 
     def wait(self, timeout: float) -> None:
-        """Waits for that."""
+        """Wait until driving is over."""
         self._over.wait(timeout)
 
     def _run(self) -> None:
         try:
-            self._tell("green", self._drive())
+            self._report("green", self._drive())
         except (ClientError, AppError) as error:
-            self._tell("red", str(error))
+            self._report("red", str(error))
         finally:
             self._over.set()
 
@@ -65,19 +65,19 @@ class Drive:
             cell.subscribe(every=1, robots=[name], fields=["q", "setpoint"])
             with cell.acquire(name) as arm:
                 self.held = True
-                return f"{name}: {jog(arm, self.grip, steering, Interrupt(), self._say)}"
+                return f"{name}: {jog(arm, self.pointer, steering, Interrupt(), self._report_gray)}"
 
-    def _say(self, text: str) -> None:
-        self._tell("gray", text)
+    def _report_gray(self, text: str) -> None:
+        self._report("gray", text)
 
 
 class Driving:
-    """All that is driven from the pages of one viewer; a robot by one page at a time.
+    """Robots that the pages of one viewer drive; each robot by at most one page.
 
     Args:
-        server: viser's.
-        live: The daemon.
-        speed: The largest share of the robots' speeds.
+        server: The server of viser.
+        live: The connection to the daemon.
+        speed: Largest share of the robots' speeds.
     """
 
     def __init__(self, server: Any, live: Live, speed: float) -> None:
@@ -86,33 +86,33 @@ class Driving:
         self._handles: dict[str, Handles] = {}
         self._frames = 0
         self._closed = False
-        own = weakref.ref(self)  # viser keeps what it calls for ever
+        own = weakref.ref(self)  # viser never removes a callback
 
         async def gone(page: Any) -> None:
             if (driving := own()) is not None:
-                driving.leave(page, "the page was closed")
+                driving.release(page, "the page was closed")
 
         server.on_client_disconnect(gone)
 
     def take(self, robot: RobotDescription, page: Any) -> None:
-        """Takes the robot for this page; what comes of it is told there."""
+        """Acquire the robot for this page; the outcome is shown there."""
         if self._closed:
             return
         now = self._drives.get(robot.name)
-        tell = _teller(self._server, page, f"Driving {robot.name}")
+        report = _reporter(self._server, page, f"Driving {robot.name}")
         if now is None or now.over:
-            self._drives[robot.name] = Drive(self._live, robot, page, self._speed, tell)
+            self._drives[robot.name] = Drive(self._live, robot, page, self._speed, report)
         elif now.page.client_id != page.client_id:
-            tell("red", f"{robot.name} is driven from another page of this viewer")
+            report("red", f"{robot.name} is driven from another page of this viewer")
 
-    def leave(self, page: Any, why: str) -> None:
-        """All that this page drives comes to rest and is given back."""
+    def release(self, page: Any, why: str) -> None:
+        """Bring the robots that this page drives to rest and release them."""
         for drive in self._drives.values():
             if drive.page.client_id == page.client_id:
-                drive.grip.end(why)
+                drive.pointer.end(why)
 
     def update(self, state: State, poses: Poses) -> None:
-        """Shows the handles of what is driven, where the robots are, and takes away those of what is not."""
+        """Show the handles of driven robots at their positions, and remove the others."""
         self._frames += 1
         entries = {entry.robot: entry for entry in state.entries}
         for name, drive in list(self._drives.items()):
@@ -122,10 +122,10 @@ class Driving:
                 self._show(drive, entries[name], poses)
 
     def close(self) -> None:
-        """Brings all to rest; nothing is taken any more."""
+        """Bring all robots to rest; no robot can be acquired afterwards."""
         self._closed = True
         for drive in self._drives.values():
-            drive.grip.end("the viewer ended")
+            drive.pointer.end("the viewer ended")
         for name, drive in list(self._drives.items()):
             drive.wait(ENDING)
             self._drop(name)
@@ -141,8 +141,8 @@ class Driving:
             return
         order = 20.5 + [known.name for known in self._live.description.robots].index(robot.name)
         self._handles[robot.name] = Handles(
-            drive.page, robot, drive.grip, place=place, q=entry.q, order=order,
-            give_back=lambda: drive.grip.end("given back"),
+            drive.page, robot, drive.pointer, place=place, q=entry.q, order=order,
+            release=lambda: drive.pointer.end("released"),
         )  # fmt: skip
 
     def _drop(self, name: str) -> None:
@@ -151,9 +151,9 @@ class Driving:
             handles.close()
 
 
-def _teller(server: Any, page: Any, title: str) -> Tell:
-    def tell(colour: str, text: str) -> None:
-        if page.client_id in server.get_clients():  # else there is nobody to tell
+def _reporter(server: Any, page: Any, title: str) -> Report:
+    def report(colour: str, text: str) -> None:
+        if page.client_id in server.get_clients():  # the page may be closed by now
             page.add_notification(title, text, color=colour, auto_close_seconds=8.0)
 
-    return tell
+    return report

@@ -1,15 +1,15 @@
-"""Turns at a steady rate, of which those that are missed altogether are left out."""
+"""Timing of a drawing loop: a steady rate, with frames left out if the loop is late."""
 
 from collections.abc import Callable
 from time import monotonic
 
 
 class FrameTimer:
-    """Says how long to wait for the next turn, so that in the mean the rate is kept.
+    """Time to the next frame, so that the mean rate is kept.
 
     Args:
-        rate: Turns per s.
-        now: A clock that does not go back, s.
+        rate: Frames per s.
+        now: Monotonic clock, s.
     """
 
     def __init__(self, rate: float, now: Callable[[], float] = monotonic) -> None:
@@ -17,7 +17,7 @@ class FrameTimer:
         self._due = now()
 
     def remaining(self) -> float:
-        """Time to the next turn, s; none where it is late."""
+        """Return the time to the next frame, s; 0 if it is late."""
         now = self._now()
         self._due = max(self._due + self._period, now - self._period)
         return max(0.0, self._due - now)

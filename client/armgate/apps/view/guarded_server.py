@@ -1,4 +1,4 @@
-"""Puts the access and the filter in front of viser's server, which has no settings for either."""
+"""Access rules and message filter in front of viser's server, which has no settings for either."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -17,22 +17,22 @@ from armgate.apps.view.access import HEADERS, Access, RefusedError, without_toke
 from armgate.apps.view.message_filter import LARGEST, MessageFilter, ViolationError
 
 MOST_PAGES = 32
-"""Pages that may be connected at the same time."""
+"""Largest number of pages that are connected at the same time."""
 MOST_WAITING = 64
-"""Connections whose request is not answered yet; if one more comes, the oldest is closed."""
+"""Largest number of connections whose request is unanswered; a further one closes the oldest."""
 RATE, BURST = 200.0, 400.0
-"""Messages of one page per s, and how many at once; the rest waits in the page's own connection."""
+"""Rate limit of a page's messages, 1/s, and burst; further messages wait in the page's own connection."""
 STALLED = 60.0
-"""A page that takes nothing for so long is closed, s: what waits for it must not grow."""
+"""Timeout of sending, s: a page that receives nothing for so long is closed, to bound its queue."""
 _POLICY = 1008
 
 
 class ServerGuard:
-    """The rules of one server; ``inbound`` is set once the server is there.
+    """Rules of one server; ``filter`` is set when the server exists.
 
     Args:
-        access: Who may open the page.
-        now: A clock that does not go back, s.
+        access: Rules of access to the page.
+        now: Monotonic clock, s.
     """
 
     def __init__(self, access: Access, now: Callable[[], float] = monotonic) -> None:
@@ -48,11 +48,11 @@ class ServerGuard:
         self._waiting = [*waiting, connection]
 
     def connection(self, *how: Any, **more: Any) -> ServerConnection:
-        """Return a connection that only passes what the filter admits."""
+        """Return a connection that passes only the messages that the filter admits."""
         return _Filtered(self, *how, **more)
 
     def answer(self, connection: ServerConnection, request: Request, page: Any) -> Any:
-        """Answer a request: with a refusal, the page, or a websocket (None)."""
+        """Answer a request with a refusal, with the page, or, for a websocket, with None."""
         host, *_ = connection.local_address
         page_asked = "websocket" not in map(str.lower, request.headers.get_all("Upgrade"))
         try:
@@ -78,7 +78,7 @@ class ServerGuard:
 
 
 class _Filtered(ServerConnection):
-    """A page's connection: bounded in rate, and closed if the page sends what none of ours does."""
+    """Connection of a page: bounded in rate, and closed if it sends a message that our page never sends."""
 
     def __init__(self, guard: ServerGuard, *how: Any, **more: Any) -> None:
         super().__init__(*how, **more)
@@ -86,7 +86,7 @@ class _Filtered(ServerConnection):
         self._left, self._filled = BURST, guard.now()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin with the request, unless too many others wait."""
+        """Close the oldest waiting connection if too many wait for their request."""
         super().connection_made(transport)
         self._guard.enter(self)
 
@@ -132,7 +132,7 @@ def _with_headers(response: Response) -> Response:
 
 @contextmanager
 def guard_server(guard: ServerGuard) -> Iterator[None]:
-    """ServerGuard the server of viser that is made meanwhile."""
+    """Guard the viser server that is created in this context."""
     serve: Any = websockets_server.serve
 
     def serve_guarded(*how: Any, process_request: Any, **more: Any) -> Any:

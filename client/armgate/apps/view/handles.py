@@ -1,4 +1,4 @@
-"""What a page gets for a robot that it drives: a gizmo at the tool, and a slider for each joint."""
+"""Handles of a robot that a page drives: a gizmo at the tool, and a slider for each joint."""
 
 import math
 from collections.abc import Callable
@@ -13,38 +13,38 @@ from armgate.cell.placement import Placement
 from armgate.client import Joint, RobotDescription
 
 SIZE = 0.45
-"""Of the gizmo, m."""
+"""Size of the gizmo, m."""
 _LABEL = 8
-"""Longest label beside a slider, in characters."""
+"""Longest label beside a slider, characters."""
 
-HINT = "Hold a slider, or the arrows and arcs at the tool. Let go, and the robot comes to rest."
+HINT = "Hold a slider, or an arrow or arc at the tool. The robot comes to rest when you release it."
 
 
 class Handles:
-    """The handles of one robot on one page; others do not see them.
+    """Handles of one robot on one page; other pages do not show them.
 
     Args:
-        page: The page, as viser's client.
-        robot: What is driven.
-        grip: What is told of the handles.
-        place: Of the tool.
-        q: Of the joints (n,), rad or m.
-        give_back: Called when the robot is given back.
-        order: Where in the panel.
+        page: The page, as viser's client object.
+        robot: The robot.
+        pointer: Input that receives the handles' motions.
+        place: Pose of the tool.
+        q: Joint positions (n,), rad or m.
+        release: Called when the user releases the robot.
+        order: Position in the panel.
     """
 
     def __init__(
         self,
         page: Any,
         robot: RobotDescription,
-        grip: PointerInput,
+        pointer: PointerInput,
         *,
         place: Placement,
         q: Any,
-        give_back: Callable[[], None],
+        release: Callable[[], None],
         order: float,
     ) -> None:
-        self._grip, self._robot = grip, robot
+        self._input, self._robot = pointer, robot
         with page.atomic():
             self._folder = page.gui.add_folder(f"Driving {robot.name}", order=order)
             with self._folder:
@@ -53,29 +53,29 @@ class Handles:
                     self._slider(page.gui, number, joint, q[number])
                     for number, joint in enumerate(robot.joints)
                 ]
-                back = page.gui.add_button(f"Give {robot.name} back", color="gray")
-                add_pointer_buttons(page.gui, grip.beat, grip.release)
+                button = page.gui.add_button(f"Release {robot.name}", color="gray")
+                add_pointer_buttons(page.gui, pointer.hold, pointer.release)
             self._gizmo = page.scene.add_transform_controls(
                 f"/drive/{robot.name}", SIZE, line_width=4.0, depth_test=False, disable_sliders=True,
                 position=place.t, wxyz=wxyz(place),
             )  # fmt: skip
 
         # Coroutines: plain functions would run in threads that may overtake each other.
-        async def back_pressed(_event: Any) -> None:
-            give_back()
+        async def release_pressed(_event: Any) -> None:
+            release()
 
         async def gizmo_moved(event: Any) -> None:
             if event.phase == "end":
-                grip.release()
+                pointer.release()
             else:
-                grip.pull(ToolTarget(self._pulled()))
+                pointer.move_to(ToolTarget(self._pulled()))
 
-        back.on_click(back_pressed)
+        button.on_click(release_pressed)
         self._gizmo.on_update(gizmo_moved)
 
     def follow(self, place: Placement, q: Any) -> None:
-        """Shows where the robot is; a handle that is held shows what is wanted instead."""
-        if self._grip.pulling:
+        """Show the robot's position; a handle that is held shows its target instead."""
+        if self._input.moving:
             return
         if moved(self._pulled(), place):
             self._gizmo.position, self._gizmo.wxyz = place.t, wxyz(place)
@@ -83,7 +83,7 @@ class Handles:
             slider.value = _on_slider(joint, value)
 
     def close(self) -> None:
-        """Takes them away."""
+        """Remove the handles."""
         self._folder.remove()
         self._gizmo.remove()
 
@@ -91,14 +91,14 @@ class Handles:
         low, high = (_shown(joint, limit) for limit in (joint.lower, joint.upper))
         unit = f"[{'°' if joint.unit == 'rad' else 'm'}]"
         name = f"{joint.name} {unit}"
-        if len(name) > _LABEL:  # beside the slider there is no room for it
+        if len(name) > _LABEL:  # it does not fit beside the slider
             gui.add_html(f'<div style="margin:4px 10px 0;font-size:12px">{escape(joint.name)}</div>')
             name = unit
         slider = gui.add_slider(name, low, high, _step(joint), _on_slider(joint, value))
 
         async def moved_by_hand(event: Any) -> None:
-            if event.client is not None:  # else it was set here
-                self._grip.pull_joint(number, _meant(joint, slider.value))
+            if event.client is not None:  # otherwise this process set it
+                self._input.move_joint(number, _from_slider(joint, slider.value))
 
         slider.on_update(moved_by_hand)
         return slider
@@ -112,7 +112,7 @@ def _shown(joint: Joint, value: float) -> float:
     return math.degrees(value) if joint.unit == "rad" else float(value)
 
 
-def _meant(joint: Joint, value: float) -> float:
+def _from_slider(joint: Joint, value: float) -> float:
     return math.radians(value) if joint.unit == "rad" else float(value)
 
 
@@ -121,6 +121,6 @@ def _step(joint: Joint) -> float:
 
 
 def _on_slider(joint: Joint, value: float) -> float:
-    """A position as the slider can show it: within its ends, and rounded, so that little is sent."""
+    """Return a position as the slider shows it: within its ends, and rounded to reduce traffic."""
     low, high = (_shown(joint, limit) for limit in (joint.lower, joint.upper))
     return min(max(round(_shown(joint, value), 1 if joint.unit == "rad" else 3), low), high)

@@ -1,6 +1,6 @@
-"""A running daemon as a source: one connection in a thread with an event loop of its own.
+"""Running daemon as a source of states: one connection in a thread with an event loop of its own.
 
-Whoever asks from another thread waits for the answer here, and never holds up the states.
+Callers in other threads wait here for a response and never delay the states.
 """
 
 import asyncio
@@ -13,24 +13,24 @@ from armgate.apps.connection import Login
 from armgate.client import ClientError, Description, Role, State, TimedOut, aio
 
 RATE = 30.0
-"""States that are asked for, per s."""
+"""Rate of the requested states, 1/s."""
 ANSWER = 10.0
-"""How long an answer may take altogether, s."""
+"""Timeout of a response, s."""
 
 T = TypeVar("T")
 
 
 class Live:
-    """A daemon that is looked at, and spoken to.
+    """Connection to a daemon.
 
     Args:
         address: ``HOST:PORT``.
-        name: This client's name.
-        role: What it may do.
+        name: Name of this client.
+        role: Requested role.
         login: Token and TLS.
 
     Raises:
-        ClientError: There is no connection; the text says why.
+        ClientError: The daemon cannot be reached; the text gives the reason.
     """
 
     description: Description
@@ -58,35 +58,35 @@ class Live:
         self._run(self._leave())
         self._end_loop()
 
-    # --- what is seen --------------------------------------------------------------------------------------
+    # --- the source of states -------------------------------------------------------------------------------
 
     def asset(self, name: str) -> bytes:
-        """The asset of this SHA-256; fetched once."""
+        """Return the asset with this SHA-256; it is fetched once."""
         return self._run(self._cell.asset(name))
 
     def newest(self) -> State | None:
-        """The newest state; None before the first."""
+        """Return the newest state; None before the first."""
         return self._state
 
     @property
     def problem(self) -> str | None:
-        """Why no more states come; None while they do."""
+        """Reason why no more states arrive; None while they do."""
         return self._problem
 
     def describe(self, state: State) -> str:
-        """That it runs, and for how long."""
+        """Return the cell's running time in words."""
         return f"running, {state.time:.0f} s"
 
-    # --- what is said --------------------------------------------------------------------------------------
+    # --- requests -------------------------------------------------------------------------------------------
 
     @property
     def operator(self) -> bool:
-        """Whether the daemon lets this client reset."""
+        """Return True if the granted role may reset stops."""
         return self._cell.welcome.role == "operator"
 
     @property
     def drives(self) -> bool:
-        """Whether the daemon lets this client take robots."""
+        """Return True if the granted role may acquire robots."""
         return self._cell.welcome.role != "observer"
 
     async def stop(self, reason: str) -> str:
@@ -95,10 +95,10 @@ class Live:
         return f"stop {stopped.stop} is in force: {', '.join(stopped.robots)} come to rest"
 
     async def reset(self) -> str:
-        """Lift every stop in force; return the outcome in words.
+        """Reset every active stop; return the outcome in words.
 
         Raises:
-            Refused: Another operator was faster, or a robot still moves.
+            Refused: Another operator was faster, or a robot is still moving.
         """
         state = self._state
         stops = {stop for entry in (state.entries if state else ()) for stop in entry.stops or ()}
@@ -112,19 +112,19 @@ class Live:
         """Share a number with the other clients.
 
         Raises:
-            Refused: An earlier signal was refused, such as one that is another client's.
+            Refused: An earlier signal was refused, for example because another client owns its name.
         """
         await self._ask(self._cell.signal(name, value))
 
     async def _ask(self, work: Coroutine[Any, Any, T]) -> T:
-        """Wait in another event loop for an answer from this one's."""
+        """Wait in the caller's event loop for a response from this object's loop."""
         answer = asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
         return await asyncio.wait_for(answer, ANSWER)
 
     # --- the loop's thread ---------------------------------------------------------------------------------
 
     async def _subscribe(self) -> None:
-        # A state holds an entry of every robot: the ticks of one are enough.
+        # A state holds an entry of every robot: the ticks of the fastest robot are enough.
         fastest = min(self.description.robots, key=lambda robot: robot.period)
         every = max(1, int(1.0 / (RATE * fastest.period)))
         await self._cell.subscribe(every=every, robots=[fastest.name])
@@ -136,7 +136,7 @@ class Live:
                     async for state in self._cell.states():
                         self._state = state
                 except TimedOut as error:
-                    # The robots' clock stands still; a daemon that is gone is told by the next wait.
+                    # The robots' clock stands still; if the daemon is gone, this request reports it.
                     await self._cell.ping()
                     self._problem = str(error)
         except ClientError as error:
@@ -156,7 +156,7 @@ class Live:
 
 
 async def in_words(act: Awaitable[str]) -> tuple[bool, str]:
-    """Return True if an act of the user was done, and its outcome in words."""
+    """Await a user's request; return True if it succeeded, and its outcome in words."""
     try:
         return True, await act
     except ClientError as error:

@@ -1,6 +1,6 @@
-"""Filter for what pages send: viser lets a page replace the callbacks of shared buttons, and upload files.
+"""Filter for the messages of pages: viser lets a page replace callbacks of shared buttons and upload files.
 
-Only messages of controls that our page has pass, with the fields and values that these controls can send.
+Only messages of controls that our page has are admitted, with the fields and values that these controls send.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ import viser
 from viser import _messages
 
 LARGEST = 16 * 1024
-"""Longest message that a page may send, bytes."""
+"""Largest message that a page may send, bytes."""
 FARTHEST = 1000.0
 """Largest coordinate of a gizmo, m."""
 _TEXT = 200
@@ -22,14 +22,14 @@ _LENGTHS = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
 
 
 class ViolationError(Exception):
-    """No page of ours sends this; the text says what is wrong."""
+    """Our page never sends this message; the text gives the reason."""
 
 
 class MessageFilter:
     """Filter for the messages of all pages of one server.
 
     Args:
-        server: viser's.
+        server: The server of viser.
     """
 
     def __init__(self, server: Any) -> None:
@@ -43,7 +43,7 @@ class MessageFilter:
         }
 
     def admits(self, data: bytes | str) -> bool:
-        """Return True if a message may pass; False if it is to be ignored, such as that of a removed control.
+        """Return True if a message is admitted; False if it is ignored, such as that of a removed control.
 
         Raises:
             ViolationError: The page must be closed.
@@ -89,7 +89,7 @@ def _decoded(data: bytes | str) -> dict[str, Any]:
 
 
 def _check_fields(kind: str, message: Mapping[str, Any]) -> None:
-    """Check that viser can read a message: else it ends the connection with a traceback in the log."""
+    """Check that viser can read a message; otherwise viser closes the connection with a traceback."""
     required, known = _fields(kind)
     given = message.keys() - {"type"}
     if missing := required - given:

@@ -1,4 +1,4 @@
-"""What the gate knows, drawn into the scene: clearances, stop paths, what is seen, what arms can do."""
+"""Overlays of the scene: clearances, stop paths, the camera's view and manipulability."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,24 +15,24 @@ from armgate.client import Entry, State
 from armgate.control.redundancy.ellipsoids import velocity_ellipsoid
 
 LINES = 6
-"""How many of the smallest clearances are drawn."""
+"""Number of the smallest clearances that are drawn."""
 GHOST: colours.RGB = (120, 60, 200)
 ELLIPSOID: colours.RGB = (60, 130, 220)
 _POINT = 3
-"""Numbers of a signal that is a place."""
+"""Length of a signal that is a point."""
 SPEED = 0.12
-"""Length that the ellipsoid gives to 1 m/s at joint speeds of length 1, m."""
+"""Length of a semi-axis per m/s of tool speed at joint speeds of norm 1, m."""
 THIN = 0.004
-"""Least semi-axis drawn, m: the ellipsoid is flat at a singularity."""
+"""Smallest semi-axis that is drawn, m: the ellipsoid is flat at a singularity."""
 GHOST_FROM = 0.03
-"""A stop path is drawn where the robot needs more than this to rest, rad or m; else it only tints it."""
+"""Smallest stop distance at which a stop path is drawn, rad or m; shorter ones would only tint the robot."""
 
 
 class Overlays:
-    """All overlays, each to be shown or not.
+    """All overlays; each can be shown or hidden.
 
     Attributes:
-        shown: Which ones are shown, by name.
+        shown: True for each overlay that is shown, by name.
     """
 
     def __init__(self, page: Any, scene: Scene, camera_model: CameraModel) -> None:
@@ -64,7 +64,7 @@ class Overlays:
         }  # fmt: skip
 
     def update(self, state: State, poses: Poses) -> None:
-        """Draws them for a state."""
+        """Draw the overlays for a state."""
         self._draw_clearances(state.entries)
         for entry in state.entries:
             if entry.q is not None:
@@ -83,7 +83,7 @@ class Overlays:
 
     def _draw_stop(self, entry: Entry, poses: Poses) -> None:
         ghost = self._ghosts[entry.robot]
-        moves = needs_way(entry)
+        moves = moves_visibly(entry)
         ghost.show(moves and self.shown["stop paths"])
         if moves and self.shown["stop paths"] and entry.stop_end is not None:
             ghost.move(poses.links(entry.robot, entry.stop_end))
@@ -112,7 +112,7 @@ class Overlays:
 
 
 def nearest_lines(entries: tuple[Entry, ...]) -> list[tuple[Any, colours.RGB]]:
-    """Witness points (2, 3) and colour of the nearest pairs, each once, the least margin first."""
+    """Return witness points (2, 3) and colour of the nearest pairs, each once, the smallest margin first."""
     found: dict[tuple[str, str], tuple[float, Any, colours.RGB]] = {}
     for entry in entries:
         for near in entry.nearest or ():
@@ -124,15 +124,15 @@ def nearest_lines(entries: tuple[Entry, ...]) -> list[tuple[Any, colours.RGB]]:
     return [(points, colour) for _, points, colour in sorted(found.values(), key=lambda line: line[0])]
 
 
-def needs_way(entry: Entry) -> bool:
-    """Whether the robot would still move a visible way if it were stopped now."""
+def moves_visibly(entry: Entry) -> bool:
+    """Return True if the robot would still move visibly if it were stopped now."""
     if entry.q is None or entry.stop_end is None:
         return False
     return bool(np.abs(np.subtract(entry.stop_end, entry.q)).max() > GHOST_FROM)
 
 
 def ellipsoid(poses: Poses, entry: Entry, tool: str) -> tuple[Placement, tuple[float, float, float]]:
-    """Where the velocity ellipsoid of the tool's point is drawn, and its semi-axes, m."""
+    """Return the pose and the semi-axes, m, of the velocity ellipsoid of the tool's origin."""
     model = poses.models[entry.robot]
     at = model.frame(np.array(entry.q), tool).t
     found = velocity_ellipsoid(model.frame_jacobian(np.array(entry.q), tool)[:3])
@@ -142,7 +142,7 @@ def ellipsoid(poses: Poses, entry: Entry, tool: str) -> tuple[Placement, tuple[f
 
 
 def q_of(state: State, robot: str) -> Any:
-    """The measured position of a robot, None if the state does not tell it."""
+    """Return the measured position of a robot; None if the state does not contain it."""
     q: Mapping[str, Any] = {entry.robot: entry.q for entry in state.entries}
     found = q.get(robot)
     return None if found is None else np.array(found)

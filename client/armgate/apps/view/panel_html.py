@@ -1,4 +1,4 @@
-"""What the panel says of a robot, as HTML; everything that came over the network is escaped."""
+"""HTML of the panel's state blocks; all text that came over the network is escaped."""
 
 import math
 from collections.abc import Sequence
@@ -7,11 +7,11 @@ from html import escape
 from armgate.apps.view import colours
 from armgate.client import Entry, Joint, RobotDescription
 
-FRESH = "—"
+NONE_YET = "—"
 
 
 def badge(text: str, colour: colours.RGB) -> str:
-    """A word on a coloured ground."""
+    """Return a word on a coloured background."""
     return (
         f'<span style="background:rgb{colour};color:#fff;border-radius:4px;padding:1px 7px;'
         f'font-weight:600;white-space:nowrap">{escape(text)}</span>'
@@ -19,7 +19,7 @@ def badge(text: str, colour: colours.RGB) -> str:
 
 
 def condition(entry: Entry) -> tuple[str, colours.RGB]:
-    """What state a robot is in, in a word or two, and its colour."""
+    """Return a robot's state in one or two words, and its colour."""
     if entry.stops:
         return f"stopped ({', '.join(map(str, entry.stops))})", colours.STATES["stop"]
     if entry.link in ("lost", "faulted"):
@@ -30,7 +30,7 @@ def condition(entry: Entry) -> tuple[str, colours.RGB]:
 
 
 def verdict(entry: Entry) -> str:
-    """The last verdict in words."""
+    """Return the last verdict in words."""
     last = entry.verdict
     if last is None:
         return "no command yet"
@@ -39,9 +39,9 @@ def verdict(entry: Entry) -> str:
 
 
 def robot_html(robot: RobotDescription, entry: Entry) -> str:
-    """The block of one robot: condition, holder, verdict, clearance, joints."""
+    """Return the block of one robot: state, holder, verdict, clearance, joints."""
     word, colour = condition(entry)
-    least = FRESH if entry.least_clearance is None else f"{1000 * entry.least_clearance:.0f} mm"
+    least = NONE_YET if entry.least_clearance is None else f"{1000 * entry.least_clearance:.0f} mm"
     judged = verdict(entry)
     rows = "".join(bar(joint, value) for joint, value in zip(robot.joints, entry.q or (), strict=False))
     return (
@@ -60,7 +60,7 @@ _QUIET = "color:#68707a"
 
 
 def bar(joint: Joint, value: float) -> str:
-    """One joint between its limits; amber within a tenth of its range of a limit."""
+    """Return the bar of one joint between its limits; amber within a tenth of its range of a limit."""
     span = joint.upper - joint.lower
     share = min(max((value - joint.lower) / span, 0.0), 1.0) if span > 0.0 else 0.5
     colour = colours.STATES["near"] if min(share, 1.0 - share) < 0.1 else (70, 120, 190)
@@ -79,12 +79,12 @@ _NUMBER = "width:62px;text-align:right;font-variant-numeric:tabular-nums"
 
 
 def shown(joint: Joint, value: float) -> str:
-    """A joint's value as people read it."""
+    """Return a joint's value in degrees or metres."""
     return f"{math.degrees(value):.1f}°" if joint.unit == "rad" else f"{value:.3f} m"
 
 
 def banner(text: str, colour: colours.RGB) -> str:
-    """One line that nobody can overlook."""
+    """Return a conspicuous line."""
     return (
         f'<div style="margin:4px 10px;padding:5px 10px;border-radius:5px;background:rgb{colour};color:#fff;'
         f'font-size:12px">{escape(text)}</div>'
@@ -92,7 +92,7 @@ def banner(text: str, colour: colours.RGB) -> str:
 
 
 def note(warnings: Sequence[str]) -> str:
-    """What the daemon warns of, small."""
+    """Return the daemon's warnings in small print."""
     lines = "".join(f"<div>{escape(text)}</div>" for text in warnings)
     return (
         f'<div style="margin:0 12px;font-size:11px;color:rgb{colours.STATES["near"]}">{lines}</div>'

@@ -8,17 +8,17 @@ from armgate.apps.view.player import Player
 
 SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "4 ×", "8 ×")
 LEFT_ALONE = 0.7
-"""How long the slider is not moved after somebody moved it, s: it shall not slip from under the hand."""
+"""Time for which the slider is not moved after a user moved it, s."""
 PLAY, PAUSE = "Play", "Pause"
 
 
 class PlaybackControls:
-    """The controls of one player, the same on every page.
+    """Controls of one player, shared by all pages.
 
     Args:
-        gui: The page's.
-        player: What they steer.
-        now: A clock that does not go back, s.
+        gui: The GUI of viser's server.
+        player: The player that they control.
+        now: Monotonic clock, s.
     """
 
     def __init__(self, gui: Any, player: Player, now: Callable[[], float] = monotonic) -> None:
@@ -31,8 +31,8 @@ class PlaybackControls:
             player.play(not player.playing)
             self.show()
 
-        async def sought(event: Any) -> None:
-            if event.client is not None:  # else it was set here
+        async def moved(event: Any) -> None:
+            if event.client is not None:  # otherwise this process set it
                 self._touched = self._now()
                 player.seek(float(self._slider.value))
 
@@ -40,11 +40,11 @@ class PlaybackControls:
             player.set_speed(float(speed.value.split()[0]))
 
         self._button.on_click(pressed)
-        self._slider.on_update(sought)
+        self._slider.on_update(moved)
         speed.on_update(chosen)
 
     def show(self) -> None:
-        """Shows where the player is."""
+        """Show the position of the player."""
         label = PAUSE if self._player.playing else PLAY
         if self._button.label != label:
             self._button.label = label

@@ -1,4 +1,4 @@
-"""A recording as a source: what was so at a moment of it, which moves on while it is played."""
+"""Recording as a source of states, with a position in time that advances during playback."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -10,22 +10,23 @@ from armgate.client import Description, State
 from armgate.recording import DamagedError, Recording, RecordingError, StateSeries
 
 STEP = 1.0 / 60.0
-"""The least time for which a new state is looked up while it plays, s."""
+"""Shortest time between two look-ups of a state during playback, s."""
 
 
 class Player:
-    """Plays a recording; any thread may look and steer.
+    """Player of a recording; its methods may be called from any thread.
 
     Args:
-        path: Its folder, or one file of it.
-        now: A clock that does not go back, s.
+        path: Folder of the recording, or one of its files.
+        now: Monotonic clock, s.
 
     Attributes:
-        description: The cell's.
-        length: Of the recording, s.
+        description: Description of the cell.
+        length: Length of the recording, s.
 
     Raises:
-        RecordingError: It is none, breaks off, is damaged, of a later format, or holds no states.
+        RecordingError: It is not a recording, is truncated or damaged, has a later format, or holds no
+            states.
     """
 
     description: Description
@@ -42,24 +43,24 @@ class Player:
         self._shown: tuple[float, State | None] | None = None
         self._problem: str | None = None
 
-    # --- what is seen --------------------------------------------------------------------------------------
+    # --- the source of states -------------------------------------------------------------------------------
 
     def asset(self, name: str) -> bytes:
-        """The asset of this SHA-256.
+        """Return the asset with this SHA-256.
 
         Raises:
-            DamagedError: The recording does not hold it, or holds something else in its place.
+            DamagedError: The recording does not hold the asset, or holds other content under its name.
         """
         try:
             return self._recording.header.asset(name)
         except KeyError:
             text = f"does not hold {name[:12]}…, which its description names"
         except ValueError:
-            text = f"holds something else as {name[:12]}…, which its description names"
+            text = f"holds other content as {name[:12]}…, which its description names"
         raise DamagedError(self._recording.path, text)
 
     def newest(self) -> State | None:
-        """The state to show now."""
+        """Return the state to show now."""
         with self._lock:
             time = self._time()
             if self._shown is None or not self._same(time, self._shown[0]):
@@ -71,43 +72,43 @@ class Player:
 
     @property
     def problem(self) -> str | None:
-        """Why it cannot be read on."""
+        """Reason why the recording cannot be read any further."""
         return self._problem
 
     def describe(self, _state: State) -> str:
-        """The recording and the place in it, in words."""
+        """Return the time of the recording, and the position in it, in words."""
         ns = self._recording.header.origin_ns + int(1e9 * (self._series.start + self.time))
         when = datetime.fromtimestamp(ns // 1_000_000_000, UTC).astimezone()
         return f"recorded {when:%Y-%m-%d %H:%M:%S}, {self.time:.1f} of {self.length:.1f} s"
 
-    # --- what is steered -----------------------------------------------------------------------------------
+    # --- playback -------------------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
-        """The moment that is shown, s from the beginning."""
+        """Position that is shown, s from the beginning."""
         with self._lock:
             return self._time()
 
     @property
     def playing(self) -> bool:
-        """Whether it moves on; not at its end."""
+        """Return True during playback; False at the end of the recording."""
         with self._lock:
             return self._playing and self._time() < self.length
 
     def play(self, playing: bool) -> None:
-        """Lets it move on, or stand; from its end it begins anew."""
+        """Start or pause playback; at the end it starts from the beginning."""
         with self._lock:
             time = self._time()
             self._go(0.0 if playing and time >= self.length else time)
             self._playing = playing
 
     def seek(self, time: float) -> None:
-        """Goes to a moment, s from the beginning."""
+        """Move to a position, s from the beginning."""
         with self._lock:
             self._go(min(max(time, 0.0), self.length))
 
     def set_speed(self, speed: float) -> None:
-        """How many seconds of the recording pass in one."""
+        """Set the playback speed, in seconds of the recording per second."""
         with self._lock:
             self._go(self._time())
             self._speed = speed

@@ -1,4 +1,4 @@
-"""Live plots of the camera's angle and distance error, from what the follower shares."""
+"""Live plots of the camera's angle and distance error, from the signals of the follower."""
 
 import math
 from collections import deque
@@ -9,7 +9,7 @@ import numpy as np
 from armgate.client import State
 
 SPAN = 30.0
-"""What is shown, s."""
+"""Time span that is shown, s."""
 POINTS = 600
 _PLOTS = (
     ("follow.angle_error", "Angle error [deg]", math.degrees(1.0), "#e8590c"),
@@ -18,7 +18,7 @@ _PLOTS = (
 
 
 class Plots:
-    """One plot for each error; hidden until there is something to show."""
+    """One plot per error; hidden until there are values."""
 
     def __init__(self, gui: Any) -> None:
         from viser import uplot
@@ -42,10 +42,10 @@ class Plots:
         ]
 
     def take(self, state: State) -> None:
-        """Adds a state's values."""
+        """Add the values of a state."""
         found = [state.signals.get(name) for name, *_ in _PLOTS]
         if self._times and not 0.0 <= state.time - self._times[-1] < SPAN:
-            self._forget()  # somebody went to another place of a recording
+            self._forget()  # the position in a recording was changed
         if any(signal is None for signal in found) or (self._times and state.time == self._times[-1]):
             return
         self._times.append(state.time)
@@ -58,7 +58,7 @@ class Plots:
             values.clear()
 
     def draw(self) -> None:
-        """Shows what was added."""
+        """Show the added values."""
         if len(self._times) < 2 or self._times[-1] == self._drawn:
             return
         self._drawn = self._times[-1]

@@ -1,4 +1,4 @@
-"""What a page wants of the robot that it drives: something only while its pointer is held down."""
+"""Input of a leader that a page's pointer drives: it requests motion only while the pointer is held down."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -6,73 +6,73 @@ from time import monotonic
 from armgate.apps.lead.inputs.mailbox import Mailbox
 from armgate.apps.lead.motions import Array, JointTarget, Motion, MotionRequest, RobotState
 
-FRESH = 0.5
-"""How long a beat counts, s: a browser without a GPU is busy for some tenths with one picture."""
+HOLD_TIMEOUT = 0.5
+"""Timeout of a hold, s: a browser without a GPU is busy for some tenths of a second with one picture."""
 
 
 class PointerInput:
-    """An input of a leader, fed by a page.
+    """Input of a leader, driven by one page.
 
-    The page says again and again that its pointer is held (``beat``), where to (``pull``), and that it was
-    let go (``release``). Let go is rest, at once. A page that hangs or cannot be reached any more beats no
-    more: rest, within ``FRESH``.
+    The page reports repeatedly that its pointer is held down (``hold``), the target (``move_to``), and the
+    release of the pointer (``release``). After a release the robot comes to rest at once. If the page hangs
+    or cannot be reached, its holds stop, and the robot comes to rest within ``HOLD_TIMEOUT``.
 
     Args:
-        now: A clock that does not go back, s.
+        now: Monotonic clock, s.
     """
 
     def __init__(self, now: Callable[[], float] = monotonic) -> None:
         self._now = now
-        self._box = Mailbox(FRESH, now)
-        self._beat: float | None = None
+        self._box = Mailbox(HOLD_TIMEOUT, now)
+        self._held_at: float | None = None
         self._motion: Motion | None = None
         self._setpoint: Array | None = None
         self._base: Array | None = None
 
-    # --- what the page says ---------------------------------------------------------------------------------
+    # --- called by the page ---------------------------------------------------------------------------------
 
-    def beat(self) -> None:
-        """The pointer is held down."""
-        self._beat = self._now()
+    def hold(self) -> None:
+        """Report that the pointer is held down."""
+        self._held_at = self._now()
         if self._motion is not None:
             self._box.put(self._motion)
 
-    def pull(self, motion: Motion) -> None:
-        """Go there, while the pointer is held; when it is not, this counts for nothing."""
-        if self._beat is not None:
+    def move_to(self, motion: Motion) -> None:
+        """Request a motion while the pointer is held down; without effect otherwise."""
+        if self._held_at is not None:
             self._motion = motion
-            self.beat()
+            self.hold()
 
-    def pull_joint(self, joint: int, value: float) -> None:
-        """Bring one joint there, rad or m; the others stay where they were when it was taken."""
+    def move_joint(self, joint: int, value: float) -> None:
+        """Move one joint to a position, rad or m; the others stay where they were when the motion began."""
         if self._base is None:
             self._base = self._setpoint
         if self._base is not None:
             q = self._base.copy()
             q[joint] = value
-            self.pull(JointTarget(q))
+            self.move_to(JointTarget(q))
 
     def release(self) -> None:
-        """The pointer was let go."""
-        self._beat = self._motion = self._base = None
+        """Report that the pointer was released."""
+        self._held_at = self._motion = self._base = None
         self._box.put(None)
 
     def end(self, why: str) -> None:
-        """Drive no more: the robot comes to rest, and the lease goes back."""
+        """End driving: the robot comes to rest, and the lease is released."""
         self._box.end(why)
 
     @property
-    def pulling(self) -> bool:
-        """Whether a handle is held now; then it shows what is wanted, else where the robot is."""
-        beat = self._beat
-        return self._motion is not None and beat is not None and self._now() - beat < FRESH
+    def moving(self) -> bool:
+        """Return True if a handle is held; then it shows the target, otherwise the robot's position."""
+        held_at = self._held_at
+        return self._motion is not None and held_at is not None and self._now() - held_at < HOLD_TIMEOUT
 
-    # --- what the leader asks -------------------------------------------------------------------------------
+    # --- called by the leader's loop ------------------------------------------------------------------------
 
     def request(self, state: RobotState) -> MotionRequest:
-        """What is wanted at this tick."""
+        """Return the motion that is requested at this tick."""
         self._setpoint = state.setpoint
         return self._box.request(state)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is no device to close."""

@@ -1,21 +1,22 @@
-"""How a page tells that its pointer is held down: by two buttons that nobody sees, which a script presses.
+"""Reports of a page's pointer: a script presses two hidden buttons while the pointer is held down.
 
-viser tells of a slider what value it has, not that it was let go. While the pointer is down on the page, the
-script presses ``hold`` ten times a second, and ``release`` once when it goes up, is cancelled, or the window
-loses it. So a page that hangs or is closed says nothing any more; one that hung first hears what happened.
+viser sends the value of a slider, but not its release. While the pointer is down on the page, the script
+presses ``hold`` ten times a second. It presses ``release`` once when the pointer goes up, is cancelled, or
+leaves the window. So a page that hangs or is closed stops reporting; a page that hung sends what happened
+when it recovers.
 
-Of all that happens in its panel within 50 ms viser sends what came last, and a slow browser comes to the next
-press of ``hold`` before it sends. So another button that is pressed, STOP first of all, ends the hold, and
-for a moment nothing that moves under the pointer is heard: nothing may come after it.
+Of several events in its panel within 50 ms viser sends only the last one, and a slow browser may reach the
+next press of ``hold`` before it sends. Therefore any other button, STOP first of all, ends the hold, and for
+a moment movements of the pointer are ignored: nothing may follow such a button.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 EVERY = 100
-"""Time between two presses of ``hold``, ms."""
+"""Period of the presses of ``hold``, ms."""
 DEAF = 500
-"""How long no movement of the pointer is heard after another button was pressed, ms."""
+"""Time for which movements of the pointer are ignored after another button was pressed, ms."""
 
 _SCRIPT = """
 (() => {
@@ -33,7 +34,7 @@ _SCRIPT = """
   };
   const held = () => timer && press('HOLD');
   let due = 0;
-  const beat = () => {
+  const tick = => {
     const now = performance.now();
     now > due + EVERY ? setTimeout(held, 0) : held();
     due = now + EVERY;
@@ -42,7 +43,7 @@ _SCRIPT = """
     if (!event.isTrusted) return;
     up();
     due = performance.now() + EVERY;
-    timer = setInterval(beat, EVERY);
+    timer = setInterval(tick, EVERY);
     held();
   };
   let deaf = 0;
@@ -67,17 +68,17 @@ _SCRIPT = """
 })()
 """
 _HIDDEN = '<style>div:has(> [id="HOLD"]), div:has(> [id="RELEASE"]) {display: none}</style>'
-# An image that cannot be loaded runs its script: text that is put into a page runs none of its own.
+# An image that cannot be loaded runs its script; a script element that is inserted as text does not run.
 _RUN = '<img alt="" src="data:," style="display:none" onerror="SCRIPT">'
 
 
 def add_pointer_buttons(gui: Any, held: Callable[[], None], released: Callable[[], None]) -> None:
-    """Has one page say when its pointer is held down, and when it is let go.
+    """Report when the pointer of one page is held down, and when it is released.
 
     Args:
-        gui: That page's own, or a folder's in it.
-        held: Called again and again while it is held.
-        released: Called once when it was let go.
+        gui: The GUI of that page, or of a folder in it.
+        held: Called repeatedly while the pointer is held down.
+        released: Called once when the pointer is released.
     """
     hold, release = gui.add_button("hold"), gui.add_button("release")
 
@@ -85,11 +86,11 @@ def add_pointer_buttons(gui: Any, held: Callable[[], None], released: Callable[[
     async def pressed(_event: Any) -> None:
         held()
 
-    async def let_go(_event: Any) -> None:
+    async def let_up(_event: Any) -> None:
         released()
 
     hold.on_click(pressed)
-    release.on_click(let_go)
+    release.on_click(let_up)
     names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY), "DEAF": str(DEAF)}
     gui.add_html(_filled(_HIDDEN + _RUN.replace("SCRIPT", " ".join(_SCRIPT.split())), names))
 
@@ -101,6 +102,6 @@ def _filled(text: str, names: dict[str, str]) -> str:
 
 
 def _id(handle: Any) -> str:
-    """The id of the element that shows this control."""
+    """Return the id of the element that shows this control."""
     found: str = handle._impl.uuid
     return found

@@ -1,7 +1,7 @@
-"""Real meshes of the KUKA KR 16-2, from the optional extra ``meshes``; without it none, and no error.
+"""Real meshes of the KUKA KR 16-2, from the optional extra ``meshes``; none if it is not installed.
 
-The package ``rtb-data`` brings the visual meshes of ROS-Industrial's ``kuka_kr16_support``. They are drawn
-where a robot has that arm's joints: the same axes at the same places between links of the same names.
+The package ``rtb-data`` contains the visual meshes of ROS-Industrial's ``kuka_kr16_support``. They are drawn
+if a robot has the joints of that arm: the same axes at the same places between links of the same names.
 """
 
 import math
@@ -21,14 +21,14 @@ Found = dict[str, list[tuple[colours.RGB | None, Mesh]]]
 Joints = dict[str, tuple[float, ...]]
 
 SAME = 1e-3
-"""Joints are the same if origins and axes differ by no more, m and unit of direction."""
+"""Largest difference of the origins and axes of equal joints, m and unit of direction."""
 BLACK = 40
-"""What is no lighter than this in any colour is black in the meshes; the rest is the arm's paint."""
+"""Parts whose colour components are all at most this are drawn black; the others are the arm's paint."""
 _ARM = Path("xacro", "kuka_description", "kuka_kr16")
 
 
 def real_meshes(urdf: str) -> Found:
-    """By link: colour (None for that of an arm of primitives) and mesh."""
+    """Return colour (None for the colour of an arm of primitives) and mesh, by link."""
     folder = _folder()
     if folder is None:
         return {}
@@ -40,7 +40,7 @@ def real_meshes(urdf: str) -> Found:
 
 
 def bodies_of(urdf: str) -> set[tuple[str, str]]:
-    """Link and name of the bodies that the URDF itself has; real meshes stand for these and no others."""
+    """Return link and name of the URDF's own bodies; real meshes replace these bodies only."""
     return {
         (link.get("name", ""), body.get("name", link.get("name", "")))
         for link in parse_xml(urdf).iter("link")
@@ -49,7 +49,7 @@ def bodies_of(urdf: str) -> set[tuple[str, str]]:
 
 
 def _folder() -> Path | None:
-    """Where the arm is; None unless the extra is installed."""
+    """Return the folder of the arm; None unless the extra is installed."""
     spec = find_spec("rtbdata")
     if spec is None or spec.origin is None or find_spec("collada") is None:
         return None
@@ -58,7 +58,7 @@ def _folder() -> Path | None:
 
 
 def _joints(urdf: str) -> Joints:
-    """Origin (xyz, rpy) and axis of each joint that turns, by the link that it moves."""
+    """Return origin (xyz, rpy) and axis of each revolute joint, by the link that it moves."""
     found = {}
     for joint in parse_xml(urdf).iter("joint"):
         child = joint.find("child")

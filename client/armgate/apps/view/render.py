@@ -1,4 +1,4 @@
-"""Pictures without a screen and without a GPU: OpenGL through EGL, with one small shader.
+"""Rendering without a screen or a GPU: OpenGL through EGL, with one small shader.
 
 A renderer belongs to the thread that made it.
 """
@@ -38,7 +38,7 @@ void main() {
     gl_Position = clip * world;
 }
 """
-# Hemisphere light, a lamp at the camera and a sun; the floor gets a grid of half metres, lines a pixel wide.
+# Hemisphere light, a lamp at the camera and a sun; the floor gets a grid of 0.5 m, its lines a pixel wide.
 _FRAGMENT = """
 #version 330
 uniform vec3 colour;
@@ -69,14 +69,14 @@ void main() {
 
 
 class Renderer:
-    """Draws a scene as a camera sees it.
+    """Renderer of a scene for one camera.
 
     Args:
-        scene: What there is.
-        camera_model: The camera.
+        scene: The scene.
+        camera_model: Model of the camera.
 
     Raises:
-        AppError: There is no EGL, or no OpenGL behind it; names the packages.
+        AppError: EGL or OpenGL is not available; the text names the packages to install.
     """
 
     def __init__(self, scene: Scene, camera_model: CameraModel) -> None:
@@ -84,7 +84,7 @@ class Renderer:
         self.camera_model = camera_model
         size = (camera_model.width, camera_model.height)
         self._program = self._context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
-        # Without multisampling, which costs software four times as much: the page shows pictures smaller.
+        # No multisampling: in software it costs four times as much, and the page shows the pictures smaller.
         self._frame = self._context.framebuffer(
             self._context.renderbuffer(size), self._context.depth_renderbuffer(size)
         )
@@ -98,7 +98,7 @@ class Renderer:
         }
 
     def picture(self, camera: Placement, links: Links) -> Picture:
-        """The picture (height, width, 3) from a camera with the robots' links at these places."""
+        """Return the picture (height, width, 3) of a camera, with the robots' links at these poses."""
         view = self.camera_model.view(camera)
         self._program["clip"].write(_columns(self.camera_model.projection() @ view))
         self._program["eye"] = tuple(camera.t.tolist())
@@ -111,7 +111,7 @@ class Renderer:
         return data.reshape(self.camera_model.height, self.camera_model.width, 3)[::-1].copy()
 
     def close(self) -> None:
-        """Gives back what the context holds."""
+        """Release the resources of the context."""
         self._context.release()
 
     def _shape(self, piece: Piece) -> tuple[colours.RGB, Any]:
@@ -137,7 +137,7 @@ def _context() -> Any:
 
     try:
         return moderngl.create_context(standalone=True, backend="egl", require=330)
-    except Exception as error:  # whatever the driver makes of it
+    except Exception as error:  # drivers raise exceptions of many kinds
         raise AppError(MISSING.format(error=str(error).strip() or type(error).__name__)) from error
 
 

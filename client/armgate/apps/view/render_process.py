@@ -1,7 +1,7 @@
-"""The camera's pictures, drawn in a process of their own.
+"""Process that draws the camera's pictures.
 
-OpenGL without a GPU computes for some hundredths of a second and lets no other thread of its process run
-meanwhile: what steers robots and moves the page must not wait for it.
+OpenGL without a GPU computes for some hundredths of a second and blocks all other threads of its process
+meanwhile. The threads that drive robots and update the page must not wait for it.
 """
 
 import multiprocessing
@@ -16,14 +16,14 @@ from armgate.cell.placement import Placement
 
 
 class RenderProcess:
-    """Draws a scene as a camera sees it; for one thread.
+    """Renderer in a process of its own; to be used by one thread.
 
     Args:
-        scene: What there is.
-        camera_model: The camera.
+        scene: The scene.
+        camera_model: Model of the camera.
 
     Raises:
-        AppError: There is no OpenGL; names the packages.
+        AppError: OpenGL is not available; the text names the packages to install.
     """
 
     def __init__(self, scene: Scene, camera_model: CameraModel) -> None:
@@ -37,7 +37,7 @@ class RenderProcess:
         self._answer()
 
     def picture(self, camera: Placement, links: Links) -> Picture:
-        """The picture (height, width, 3) from a camera with the robots' links at these places.
+        """Return the picture (height, width, 3) of a camera, with the robots' links at these poses.
 
         Raises:
             AppError: The process has ended.
@@ -51,7 +51,7 @@ class RenderProcess:
         return picture
 
     def close(self) -> None:
-        """Ends the process."""
+        """End the process."""
         self._pipe.close()
         self._process.join(1.0)
         self._process.kill()
@@ -68,7 +68,7 @@ class RenderProcess:
 
 
 def _paint(pipe: Connection, scene: Scene, camera_model: CameraModel) -> None:
-    """What the process does until its pipe is closed."""
+    """Draw pictures until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the viewer ends it
     try:
         renderer = Renderer(scene, camera_model)

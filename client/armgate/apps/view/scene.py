@@ -1,4 +1,4 @@
-"""What there is to see: meshes on the links of robots and in the world, and where links are at q."""
+"""Scene model: meshes on the links of robots and in the world, and the poses of links at q."""
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Asset = Callable[[str], bytes]
 
 TOOL_RADIUS = 0.03
-"""Radius of the mark at the working point of a robot that carries no camera, m."""
+"""Radius of the marker at the tool of a robot without a camera, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Piece:
 
     Attributes:
         colour: Red, green, blue, 0 to 255.
-        mesh: In the link's frame, or in the world.
+        mesh: Mesh in the frame of the link, or in the world.
     """
 
     colour: colours.RGB
@@ -37,13 +37,13 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class SceneRobot:
-    """A robot to be drawn.
+    """Robot of a scene.
 
     Attributes:
-        name: Its name.
-        described: As the daemon describes it.
-        urdf: Its URDF.
-        pieces: By link.
+        name: Name of the robot.
+        described: Description from the daemon.
+        urdf: URDF of the robot.
+        pieces: Meshes by link.
     """
 
     name: str
@@ -52,19 +52,19 @@ class SceneRobot:
     pieces: Mapping[str, tuple[Piece, ...]]
 
     def model(self) -> RobotModel:
-        """A model of its kinematics; one for each thread."""
+        """Return a model of its kinematics; each thread needs its own."""
         base = Placement.from_quaternion(self.described.base_xyz, self.described.base_xyzw)
         return RobotModel.from_urdf(self.urdf, base)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A cell to be drawn.
+    """Scene of a cell.
 
     Attributes:
-        description: As the daemon tells it.
-        robots: In its order.
-        surroundings: What stands in the world.
+        description: Description from the daemon.
+        robots: Robots in the order of the description.
+        surroundings: Meshes of the surroundings, in the world.
     """
 
     description: Description
@@ -73,10 +73,10 @@ class Scene:
 
     @classmethod
     def build(cls, description: Description, asset: Asset, *, meshes: bool = True) -> "Scene":
-        """Build it from a description and its assets, with the real meshes of known arms if installed.
+        """Build the scene from a description and its assets, with real meshes of known arms if installed.
 
         Raises:
-            AppError: An asset is not text, or not a convex mesh as daemons write them.
+            AppError: An asset is not text, or is not a convex mesh as written by daemons.
             ModelError: A URDF cannot be read.
         """
         bodies = defaultdict(list)
@@ -93,14 +93,14 @@ class Scene:
 
 
 class Poses:
-    """Where the links of all robots are; belongs to one thread."""
+    """Poses of the links of all robots; to be used by one thread."""
 
     def __init__(self, scene: Scene) -> None:
         self._links = {robot.name: tuple(robot.pieces) for robot in scene.robots}
         self.models = {robot.name: robot.model() for robot in scene.robots}
 
     def links(self, robot: str, q: ArrayLike) -> dict[str, Placement]:
-        """The frames of the links that carry something, in the world."""
+        """Return the poses of the links that carry meshes, in the world."""
         model = self.models[robot]
         return {link: model.frame(q, link) for link in self._links[robot]}
 
@@ -152,7 +152,7 @@ def _text(asset: Asset, name: str) -> str:
 
 
 def _hull(obj: str, name: str) -> Mesh:
-    """Return a convex body from its OBJ, as the daemon writes it."""
+    """Return the convex body of an OBJ file as written by the daemon."""
     rows = [line.split() for line in obj.splitlines()]
     try:
         vertices = [(float(x), float(y), float(z)) for key, x, y, z in rows if key == "v"]
@@ -160,14 +160,14 @@ def _hull(obj: str, name: str) -> Mesh:
         return convex(np.array(vertices), np.array(faces))
     except (ValueError, IndexError, OverflowError) as error:
         text = f"the description's asset {name[:12]}… is not a convex mesh"
-        raise AppError(f"{text}; expected triangles in OBJ, as daemons write them") from error
+        raise AppError(f"{text}; expected triangles in OBJ, as written by daemons") from error
 
 
 # --- an arm of primitives ----------------------------------------------------------------------------------
 
 
 def _link_colour(model: RobotModel, link: str) -> colours.RGB:
-    """The arm is orange; what carries it, and its hand, are dark."""
+    """Return the colour of a link: orange for the arm, dark for what carries it and for its hand."""
     joint = model.frame_joint(link)
     turning = 0
     while joint >= 0:
@@ -185,7 +185,7 @@ def _robot_colour(model: RobotModel, body: Body) -> colours.RGB:
 
 
 def _joint_caps(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:
-    """A dark disc on both sides of an arm where it bends: what a joint's cover looks like."""
+    """Return dark discs on both sides of the arm at its joints, which look like joint covers."""
     caps = []
     for body in bodies:
         joint = -1 if body.link is None else model.frame_joint(body.link)
@@ -201,7 +201,7 @@ def _joint_caps(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]
 
 
 def _bones(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:
-    """A thin rod between the axes of an arm: what shows where its bodies leave gaps."""
+    """Return thin rods between the joint axes, visible where the bodies leave gaps."""
     round_ = [body.shape.size[0] for body in bodies if body.shape.kind in ("capsule", "cylinder")]
     q, rods = np.zeros(model.n), []
     for joint, parent in enumerate(model.parents):
@@ -218,7 +218,7 @@ def _bones(model: RobotModel, bodies: list[Body]) -> list[tuple[str, Mesh]]:
 
 
 def _axis(model: RobotModel, joint: int) -> Array | None:
-    """The axis of a joint in the frame of the link that it carries; None if it does not turn."""
+    """Return the axis of a joint in the frame of its link; None if the joint is not revolute."""
     if model.joints[joint].kind != "revolute":
         return None
     link, q = _first_link(model, joint), np.zeros(model.n)
@@ -231,7 +231,7 @@ def _first_link(model: RobotModel, joint: int) -> str:
 
 
 def _towards(axis: Array) -> Placement:
-    """A frame at the origin whose z is this axis."""
+    """Return a frame at the origin whose z axis is this axis."""
     side = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(side, axis)
     x /= np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""The scene on the page: a frame for each link with its meshes, moved by our own kinematics."""
+"""Nodes of the page's scene: a frame for each link with its meshes, moved by our own kinematics."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,17 +11,17 @@ from armgate.cell.placement import Placement
 from armgate.client import Description
 
 MOVED = 1e-5
-"""What moves less is not sent, m and unit of rotation."""
+"""Smallest change of a pose that is sent, m and unit of rotation."""
 
 
 class LinkNodes:
-    """The links of one robot, drawn under ``root``; sent only where they moved.
+    """Nodes of one robot's links under ``root``; only changes are sent.
 
     Args:
-        page: The page's scene.
-        root: Where in the page's tree.
-        pieces: Of the robot, by link.
-        ghost: Whether it is only a translucent shape, in this colour.
+        page: Scene of the page.
+        root: Path of the node in the scene.
+        pieces: Meshes of the robot, by link.
+        ghost: Colour if the robot is drawn as a translucent shape; otherwise None.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class LinkNodes:
                 add_piece(page, f"{root}/{link}/{number}", piece, ghost)
 
     def move(self, places: Mapping[str, Placement]) -> None:
-        """Moves the links."""
+        """Move the links."""
         for link, place in places.items():
             before = self._shown.get(link)
             if before is None or moved(before, place):
@@ -45,7 +45,7 @@ class LinkNodes:
                 frame.wxyz = wxyz(place)
 
     def show(self, visible: bool) -> None:
-        """Shows or hides all of it."""
+        """Show or hide the robot."""
         if visible != self._visible:
             self._visible = visible
             for frame in self._frames.values():
@@ -53,7 +53,7 @@ class LinkNodes:
 
 
 def add_piece(page: Any, name: str, piece: Piece, ghost: colours.RGB | None = None) -> None:
-    """Adds a mesh, and its edges unless it is a ghost."""
+    """Add a mesh, and its edges unless it is a ghost."""
     mesh = piece.mesh
     page.add_mesh_simple(
         name,
@@ -73,7 +73,7 @@ def add_piece(page: Any, name: str, piece: Piece, ghost: colours.RGB | None = No
 
 
 def draw_surroundings(page: Any, scene: Scene) -> None:
-    """What stands in the cell, the grid on its floor and the light; drawn once."""
+    """Draw the surroundings, the grid on the floor and the light, once."""
     page.set_up_direction("+z")
     _light(page)
     page.set_background_image(_plain())
@@ -89,7 +89,7 @@ def draw_surroundings(page: Any, scene: Scene) -> None:
 
 
 def _light(page: Any) -> None:
-    """Daylight from above and a sun that makes forms clear; without shadows, which software draws slowly."""
+    """Add light from above and a sun; without shadows, which are slow in software rendering."""
     page.configure_default_lights(enabled=False)
     page.configure_environment_map(None)
     page.add_light_hemisphere(
@@ -100,7 +100,7 @@ def _light(page: Any) -> None:
 
 
 def floor_of(description: Description) -> tuple[float, float, float, float, float] | None:
-    """Middle and height of the floor's top, its width and depth, m; None where there is no level floor."""
+    """Return centre and height of the floor's top, its width and depth, m; None without a level floor."""
     for body in description.bodies:
         if (
             body.robot is None
@@ -115,7 +115,7 @@ def floor_of(description: Description) -> tuple[float, float, float, float, floa
 
 
 def wxyz(place: Placement) -> tuple[float, float, float, float]:
-    """The rotation as the page takes it."""
+    """Return the rotation as a quaternion (w, x, y, z)."""
     x, y, z, w = place.xyzw()
     return w, x, y, z
 
@@ -125,5 +125,5 @@ def _plain() -> Any:
 
 
 def moved(before: Placement, now: Placement) -> bool:
-    """Whether somebody could see a difference."""
+    """Return True if the difference of two poses is visible."""
     return bool(np.abs(before.t - now.t).max() > MOVED or np.abs(before.R - now.R).max() > MOVED)

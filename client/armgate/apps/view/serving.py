@@ -1,4 +1,4 @@
-"""Serves the page: of a daemon, to which it connects again when that comes back, or of a recording."""
+"""Serve the page: of a daemon, with reconnection, or of a recording."""
 
 import errno
 import io
@@ -21,12 +21,12 @@ from armgate.apps.view.viewer import Style, Viewer
 from armgate.client import ClientError, Role
 
 AGAIN = 1.0
-"""Time between two tries to reach a daemon that went away, s."""
+"""Time between two attempts to reconnect, s."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Address on which the page is served, and who may open it."""
+    """Address of the page, and the rules of access to it."""
 
     host: str
     port: int
@@ -42,12 +42,12 @@ def serve(
     style: Style,
     at: Place,
     open_browser: bool,
-    tell: Callable[[str], object],
+    report: Callable[[str], object],
 ) -> None:
-    """Show a daemon's cell until this process is ended.
+    """Show a daemon's cell until this process is asked to end.
 
     Raises:
-        ClientError: The daemon cannot be reached at the beginning, or does not want this client.
+        ClientError: The daemon cannot be reached at the beginning, or rejects this client.
         AppError: The page cannot be served.
     """
     with interruption() as ended:
@@ -57,45 +57,47 @@ def serve(
             while live is not None:
                 with live, Viewer(server, live, style) as viewer:
                     if first:
-                        _say_where(server, at, viewer, open_browser, tell)
+                        _announce(server, at, viewer, open_browser, report)
                     first = False
                     viewer.run(ended)
                 if not ended.is_set():
-                    tell(f"armgate: {live.problem}")
-                live = _again(address, name, role, login, ended)
+                    report(f"armgate: {live.problem}")
+                live = _reconnect(address, name, role, login, ended)
                 if live is not None:
                     server.scene.reset()
                     server.gui.reset()
-                    tell("armgate: connected again")
+                    report("armgate: connected again")
 
 
-def play(path: Path, *, style: Style, at: Place, open_browser: bool, tell: Callable[[str], object]) -> None:
-    """Show a recording until this process is ended.
+def play(path: Path, *, style: Style, at: Place, open_browser: bool, report: Callable[[str], object]) -> None:
+    """Show a recording until this process is asked to end.
 
     Raises:
-        RecordingError: It cannot be read.
+        RecordingError: The recording cannot be read.
         AppError: The page cannot be served.
     """
     player = Player(path)
     with interruption() as ended, page_server(at) as server, Viewer(server, player, style) as viewer:
-        _say_where(server, at, viewer, open_browser, tell)
+        _announce(server, at, viewer, open_browser, report)
         viewer.run(ended)
         if player.problem is not None:
             raise AppError(player.problem)
 
 
-def _say_where(
-    server: Any, at: Place, viewer: Viewer, open_browser: bool, tell: Callable[[str], object]
+def _announce(
+    server: Any, at: Place, viewer: Viewer, open_browser: bool, report: Callable[[str], object]
 ) -> None:
     port = server.get_port()
-    tell(f"armgate: view at {url_of(at.host, port, at.access.query())}")
-    if open_browser:  # all users of this machine can read what a browser is started with
+    report(f"armgate: view at {url_of(at.host, port, at.access.query())}")
+    if (
+        open_browser
+    ):  # other users can read the arguments of a browser's process, so this address works only once
         open_page(url_of(at.host, port, at.access.query(once=True)))
     if viewer.camera_picture is not None and viewer.camera_picture.problem is not None:
-        tell(f"armgate: {viewer.camera_picture.problem}")
+        report(f"armgate: {viewer.camera_picture.problem}")
 
 
-def _again(address: str, name: str, role: Role, login: Login, ended: threading.Event) -> Live | None:
+def _reconnect(address: str, name: str, role: Role, login: Login, ended: threading.Event) -> Live | None:
     while not ended.wait(AGAIN):
         try:
             return Live(address, name, role, login)
@@ -106,7 +108,7 @@ def _again(address: str, name: str, role: Role, login: Login, ended: threading.E
 
 @contextmanager
 def page_server(at: Place) -> Iterator[Any]:
-    """A server of viser at this place, behind its access.
+    """Run a guarded viser server at this address.
 
     Raises:
         AppError: The address cannot be used.
@@ -118,7 +120,7 @@ def page_server(at: Place) -> Iterator[Any]:
 
     port = _free(at.host, at.port)
     guard = ServerGuard(at.access)
-    with redirect_stdout(io.StringIO()), guard_server(guard):  # it would print a box of its own
+    with redirect_stdout(io.StringIO()), guard_server(guard):  # viser prints a banner
         server = viser.ViserServer(host=at.host, port=port, verbose=False)
     guard.filter = MessageFilter(server)
     try:
@@ -129,7 +131,7 @@ def page_server(at: Place) -> Iterator[Any]:
 
 
 def _free(host: str, port: int) -> int:
-    """Return the port, or a free one for 0; viser would take the next free one instead of a taken one.
+    """Return the port, or a free one for 0; viser would silently replace a taken port by the next free one.
 
     Raises:
         AppError: The address cannot be used.
@@ -145,18 +147,18 @@ def _free(host: str, port: int) -> int:
 
 def _no_port(host: str, port: int, error: OSError) -> AppError:
     if error.errno == errno.EADDRINUSE:
-        return AppError(f"port {port} on {host} is taken; name another one: --port N, or 0 for any")
+        return AppError(f"port {port} on {host} is taken; choose another one: --port N, or 0 for any")
     return UsageError(f"the page cannot be served on {host}:{port}: {error.strerror or error}")
 
 
 def open_page(url: str) -> None:
-    """Opens a browser, where there is one."""
+    """Open a browser if there is one."""
     threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
 
 @contextmanager
 def interruption() -> Iterator[threading.Event]:
-    """An event that SIGINT or SIGTERM sets; a second one ends the process at once."""
+    """Yield an event that SIGINT or SIGTERM sets; a second signal ends the process at once."""
     ended = threading.Event()
 
     def take(_signum: int, _frame: object) -> None:

@@ -1,4 +1,4 @@
-"""Triangles and edges of the primitives that bodies are made of; all in m, outward normals."""
+"""Meshes of primitive shapes: triangles and edges, in m, with outward normals."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,20 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 ROUND = 40
-"""Corners around."""
+"""Number of corners of a circle."""
 CAP = 10
-"""Rings from a cap's rim to its pole."""
+"""Number of rings from the rim of a cap to its pole."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles.
+    """Surface of triangles.
 
     Attributes:
-        vertices: (k, 3), m.
-        normals: Of the surface at each vertex, (k, 3).
-        faces: Indices, counter-clockwise seen from outside, (t, 3).
-        edges: Ends of the lines that make its form clear, (e, 2, 3), m; none where it is smooth.
+        vertices: Vertices (k, 3), m.
+        normals: Surface normals at the vertices, (k, 3).
+        faces: Vertex indices, counter-clockwise seen from outside, (t, 3).
+        edges: Ends of the lines that mark its edges, (e, 2, 3), m; empty for a smooth surface.
     """
 
     vertices: Array
@@ -33,12 +33,12 @@ class Mesh:
     edges: Array
 
     def at(self, place: Placement) -> "Mesh":
-        """The mesh moved."""
+        """Return the mesh at another pose."""
         return Mesh(place.apply(self.vertices), self.normals @ place.R.T, self.faces, place.apply(self.edges))
 
 
 def joined(meshes: list[Mesh]) -> Mesh:
-    """Several meshes as one."""
+    """Return several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
@@ -49,7 +49,7 @@ def joined(meshes: list[Mesh]) -> Mesh:
 
 
 def mesh_of(kind: str, size: tuple[float, ...]) -> Mesh:
-    """The surface of a primitive of this kind and size, as the wire tells them (and ``cone``)."""
+    """Return the surface of a primitive of this kind and size, as in the protocol (and ``cone``)."""
     match kind:
         case "box":
             return box(*size)
@@ -66,7 +66,7 @@ def mesh_of(kind: str, size: tuple[float, ...]) -> Mesh:
 
 
 def box(x: float, y: float, z: float) -> Mesh:
-    """A box with these full edge lengths."""
+    """Return a box with these full edge lengths."""
     axes = np.eye(3)
     half = np.array([x, y, z]) / 2
     corners: list[Array] = []
@@ -91,12 +91,12 @@ _SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """A flat-ended cylinder around z."""
+    """Return a flat-ended cylinder around z."""
     return _sharp([(radius, -length / 2), (radius, length / 2)])
 
 
 def convex(vertices: Array, faces: Faces) -> Mesh:
-    """A hull with flat faces: every triangle has its own corners; edges where faces meet at an angle."""
+    """Return a convex hull with flat faces: own corners per triangle, edges where faces meet at an angle."""
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
@@ -120,7 +120,7 @@ def _creases(vertices: Array, faces: Faces, normals: Array) -> Array:
 
 
 def _arc(radius: float, length: float) -> tuple[Array, Array, Array]:
-    """A capsule's outline from pole to pole: distance from the axis, height, angle of the normal."""
+    """Return a capsule's outline from pole to pole: distance from the axis, height, angle of the normal."""
     low = np.linspace(-np.pi / 2, 0.0, CAP + 1)
     angle = np.concatenate([low, -low[::-1]])
     height = radius * np.sin(angle) + np.repeat([-length / 2, length / 2], CAP + 1)
@@ -128,7 +128,7 @@ def _arc(radius: float, length: float) -> tuple[Array, Array, Array]:
 
 
 def _turned(outline: tuple[Array, Array, Array]) -> Mesh:
-    """A smooth surface of revolution around z."""
+    """Return a smooth surface of revolution around z."""
     radius, height, angle = outline
     u = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
     around = np.stack([np.cos(u), np.sin(u)])
@@ -144,7 +144,7 @@ def _turned(outline: tuple[Array, Array, Array]) -> Mesh:
 
 
 def _sharp(outline: list[tuple[float, float]]) -> Mesh:
-    """A surface of revolution with flat ends and sharp rims, from a lower and an upper (radius, height)."""
+    """Return a surface of revolution with flat ends and sharp rims, from two points (radius, height)."""
     (low, bottom), (high, top) = outline
     slope = np.arctan2(low - high, top - bottom)
     side = (np.array([low, high]), np.array([bottom, top]), np.array([slope, slope]))

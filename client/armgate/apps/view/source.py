@@ -1,4 +1,4 @@
-"""Where what is shown comes from: a running daemon, or a recording of one."""
+"""Interface of the sources of states: a running daemon, or a recording."""
 
 from typing import Protocol
 
@@ -6,27 +6,27 @@ from armgate.client import Description, State
 
 
 class Source(Protocol):
-    """States of one cell, and what it consists of.
+    """Source of the states of one cell.
 
     Attributes:
-        description: The cell.
+        description: Description of the cell.
     """
 
     description: Description
 
     def asset(self, name: str) -> bytes:
-        """The asset of this SHA-256, as the description names it."""
+        """Return the asset with this SHA-256, as named in the description."""
         ...
 
     def newest(self) -> State | None:
-        """The state to show now; None before the first."""
+        """Return the state to show now; None before the first."""
         ...
 
     @property
     def problem(self) -> str | None:
-        """Why no more states come, in words; None while they do."""
+        """Reason why no more states arrive, in words; None while they do."""
         ...
 
     def describe(self, state: State) -> str:
-        """Where this state comes from and of what time it is, in words."""
+        """Return the origin and time of this state in words."""
         ...

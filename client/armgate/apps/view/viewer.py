@@ -1,7 +1,7 @@
-"""The page: built once for a cell, then drawn at 30 Hz from the newest state.
+"""Page of the viewer: built once for a cell, then drawn at 30 Hz from the newest state.
 
-The browser gets positions: whether somebody looks on, or reloads, changes nothing. Only a page that has taken
-a robot moves it.
+The page receives positions: opening or reloading it changes nothing in the cell. Only a page that holds a
+robot's lease moves the robot.
 """
 
 import threading
@@ -28,18 +28,18 @@ from armgate.apps.view.viewpoint import initial_viewpoint
 from armgate.client import State
 
 RATE = 30.0
-"""Pictures of the scene, per s."""
+"""Frames of the scene per s."""
 PANEL_EVERY, PLOT_EVERY = 3, 10
-"""Turns between two updates of the panel, of the plots."""
+"""Frames between two updates of the panel, and of the plots."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """What can be chosen.
+    """Options of the viewer.
 
     Attributes:
-        speed: The largest share of the robots' speeds with which pages drive.
-        meshes: Whether known arms are drawn with their real meshes, where those are installed.
+        speed: Largest share of the robots' speeds with which pages drive.
+        meshes: True if known arms are drawn with their real meshes, provided that these are installed.
     """
 
     speed: float = 0.25
@@ -47,15 +47,15 @@ class Style:
 
 
 class Viewer:
-    """One page for one source.
+    """Page of one source.
 
     Args:
-        server: viser's.
-        source: What is shown.
-        style: How it is shown and driven.
+        server: The server of viser.
+        source: Source of the states.
+        style: Options.
 
     Attributes:
-        inset: The camera's picture; None where no robot has a camera.
+        camera_picture: Picture of the camera; None if no robot has a camera.
     """
 
     def __init__(self, server: Any, source: Source, style: Style) -> None:
@@ -96,7 +96,7 @@ class Viewer:
             self.camera_picture.close()
 
     def run(self, ended: threading.Event) -> None:
-        """Draws until asked to end, or until the source has a problem."""
+        """Draw until ``ended`` is set or the source reports a problem."""
         shown: State | None = None
         timer = FrameTimer(RATE)
         for turn in count():
@@ -107,7 +107,7 @@ class Viewer:
                 shown = state
                 self._draw(state)
             if shown is not None:
-                self._tell(shown, turn)
+                self._update_panel(shown, turn)
             if (problem := self._source.problem) is not None:
                 self._panel.fail(problem)
                 return
@@ -123,8 +123,8 @@ class Viewer:
                 self._driving.update(state, self._poses)
         self._plots.take(state)
 
-    def _tell(self, state: State, turn: int) -> None:
-        """Less often; also while no state comes: one that was left out would never be told."""
+    def _update_panel(self, state: State, turn: int) -> None:
+        """Update the panel and the plots at their lower rates, also while no state arrives."""
         if turn % PANEL_EVERY == 0:
             self._panel.update(state, self._source)
             if self._playback_controls is not None:

@@ -1,4 +1,4 @@
-"""From where a page first looks: the side from which least of the robots is hidden."""
+"""Initial viewpoint of a page: the side from which the surroundings hide the fewest robot bodies."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
 SIDES = 36
-"""Directions around that are tried."""
+"""Number of directions that are tried."""
 RISE = 0.38
-"""Height over the middle, as a share of the distance."""
+"""Height of the eye above the centre, as a share of the distance."""
 
 
 def initial_viewpoint(scene: Scene) -> tuple[Point, Point]:
-    """Where the eye is, and what it looks at, m."""
+    """Return the position of the eye and the point it looks at, m."""
     poses = Poses(scene)
     places = _places(scene.description, poses, scene)
     points = np.array([place.t for body, place in places if body.robot is not None])
@@ -28,7 +28,7 @@ def initial_viewpoint(scene: Scene) -> tuple[Point, Point]:
     middle = np.concatenate([bases, tools]).mean(axis=0)
     distance = 1.6 * float(np.ptp(np.concatenate([bases, tools]), axis=0).max()) + 1.2
     walls = [(_half(body), place) for body, place in places if body.shape.kind == "box"]
-    # Where sides are equal, the one from the front left is taken: people are used to it.
+    # If several sides are equal, the one from the front left is taken: it is the usual one.
     turns = np.radians(-65.0) + np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
     eyes = [middle + distance * np.array([np.cos(u), np.sin(u), RISE]) for u in turns]
     hidden = [
@@ -54,12 +54,12 @@ def _half(body: Body) -> Array:
 
 
 def _hidden(eye: Array, points: Array, walls: list[tuple[Array, Placement]]) -> int:
-    """How many points are behind a box that does not hold them."""
+    """Return the number of points that are hidden behind a box which does not contain them."""
     return sum(any(_between(eye, point, half, place) for half, place in walls) for point in points)
 
 
 def _between(eye: Array, point: Array, half: Array, place: Placement) -> bool:
-    """Whether the line from eye to point goes through a box and leaves it again."""
+    """Return True if the line from eye to point enters a box and leaves it again."""
     start = place.R.T @ (eye - place.t)
     way = place.R.T @ (point - place.t) - start
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)

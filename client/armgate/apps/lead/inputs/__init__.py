@@ -42,12 +42,12 @@ class Setting:
     Attributes:
         robot: The robot that is driven, as the daemon describes it.
         mode: Whether its joints or its tool are moved first.
-        tell: Prints a line for people.
+        report: Prints a line for people.
     """
 
     robot: RobotDescription
     mode: Mode
-    tell: Callable[[str], object]
+    report: Callable[[str], object]
 
 
 class SpeedShare:
@@ -57,12 +57,12 @@ class SpeedShare:
         share: Above 0, at most 1.
 
     Args:
-        tell: Prints a line for people.
+        report: Prints a line for people.
     """
 
-    def __init__(self, tell: Callable[[str], object]) -> None:
+    def __init__(self, report: Callable[[str], object]) -> None:
         self.share = 0.5
-        self._tell = tell
+        self._report = report
 
     def faster(self) -> None:
         """Double it, up to all."""
@@ -74,7 +74,7 @@ class SpeedShare:
 
     def _set(self, share: float) -> None:
         self.share = share
-        self._tell(f"{share:.0%} of the speed")
+        self._report(f"{share:.0%} of the speed")
 
 
 Maker = Callable[[Setting], Input]

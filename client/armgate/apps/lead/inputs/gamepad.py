@@ -64,11 +64,11 @@ class Gamepad:
     def __init__(self, setting: Setting, pygame: Any, pad: Any) -> None:
         self._pygame = pygame
         self._pad = pad
-        self._tell = setting.tell
+        self._report = setting.report
         self._mode: Mode = setting.mode
         self._names = [joint.name for joint in setting.robot.joints]
         self._chosen = 0
-        self._speed = SpeedShare(setting.tell)
+        self._speed = SpeedShare(setting.report)
         self._armed = self._asked = False
 
     def request(self, state: RobotState) -> MotionRequest:
@@ -90,10 +90,10 @@ class Gamepad:
     def _arm(self, held: bool) -> None:
         if not held:
             self._armed = True
-            self._tell(f"gamepad {self._pad.name}: hold the left shoulder to move, {self._what()}")
+            self._report(f"gamepad {self._pad.name}: hold the left shoulder to move, {self._what()}")
         elif not self._asked:
             self._asked = True
-            self._tell("let go of the left shoulder first")
+            self._report("let go of the left shoulder first")
 
     def close(self) -> None:
         """Let go of the pad."""
@@ -134,11 +134,11 @@ class Gamepad:
         match button:
             case pg.CONTROLLER_BUTTON_RIGHTSTICK:
                 self._mode = "tool" if self._mode == "joint" else "joint"
-                self._tell(self._what())
+                self._report(self._what())
             case pg.CONTROLLER_BUTTON_DPAD_LEFT | pg.CONTROLLER_BUTTON_DPAD_RIGHT:
                 by = 1 if button == pg.CONTROLLER_BUTTON_DPAD_RIGHT else -1
                 self._chosen = (self._chosen + by) % len(self._names)
-                self._tell(self._what())
+                self._report(self._what())
             case pg.CONTROLLER_BUTTON_DPAD_UP:
                 self._speed.faster()
             case pg.CONTROLLER_BUTTON_DPAD_DOWN:

@@ -54,14 +54,14 @@ class Keys:
 
     def __init__(self, setting: Setting, now: Callable[[], float] = monotonic) -> None:
         self._now = now
-        self._tell = setting.tell
+        self._report = setting.report
         self._mode: Mode = setting.mode
         self._names = [joint.name for joint in setting.robot.joints]
         self._chosen = 0
-        self._speed = SpeedShare(setting.tell)
+        self._speed = SpeedShare(setting.report)
         self._pressed = ("", now())
         self._ended = ""
-        self._tell(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: rest, q: end")
+        self._report(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: rest, q: end")
 
     def press(self, key: str) -> None:
         """One key came in."""
@@ -71,7 +71,7 @@ class Keys:
             self._choose((int(key) or 10) - 1)
         elif key == "m":
             self._mode = "tool" if self._mode == "joint" else "joint"
-            self._tell(self._what())
+            self._report(self._what())
         elif key in ("]", "["):
             self._speed.faster() if key == "]" else self._speed.slower()
         elif key == "q":
@@ -102,7 +102,7 @@ class Keys:
         if joint < len(self._names):
             self._chosen = joint
             self._mode = "joint"
-            self._tell(self._what())
+            self._report(self._what())
 
     def _what(self) -> str:
         return "moving the tool" if self._mode == "tool" else f"moving joint {self._names[self._chosen]}"
