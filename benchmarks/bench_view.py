@@ -21,7 +21,8 @@ from time import monotonic, monotonic_ns, sleep
 import numpy as np
 from report import Row, report
 
-from armgate.apps.stack.child import end_with, hurry
+from armgate.apps.stack.child import end_with, set_priority
+from armgate.apps.stack.plan import PRIORITIES
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.client import connect
@@ -69,7 +70,7 @@ _JOIN = "window.cut = false; wire.postMessage({type: 'set_server', server: windo
 async def serve(parent: str, out: str) -> None:
     """The daemon of the demo, with a clock at its ticks; a real-time process where that is allowed."""
     end_with(int(parent))
-    hurry()
+    set_priority(PRIORITIES["daemon"])
     ticks = []
 
     class Noted(Lateness):

@@ -5,7 +5,8 @@ import os
 import sys
 from time import perf_counter
 
-from armgate.apps.stack.child import end_with, hurry
+from armgate.apps.stack.child import end_with, set_priority
+from armgate.apps.stack.plan import PRIORITIES
 from armgate.daemon.recording import recorder, start
 
 spent: dict[str, list[float]] = {"tick": [], "command": [], "answer": [], "state": [], "append": []}
@@ -42,5 +43,5 @@ if __name__ == "__main__":
 
     start.Recorder = Timed
     end_with(int(sys.argv[1]))
-    hurry()
+    set_priority(PRIORITIES["daemon"])
     main(sys.argv[2:])

@@ -90,8 +90,8 @@ def test_an_event_from_a_signal_handler(children: Children) -> None:
 def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *how: asked.append(how))
-    child.hurry(0)
-    child.hurry(7)
+    child.set_priority(0)
+    child.set_priority(7)
     ((_, policy, param),) = asked
     assert policy == os.SCHED_RR | os.SCHED_RESET_ON_FORK
     assert param.sched_priority == 7
@@ -100,7 +100,7 @@ def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    child.hurry(7)
+    child.set_priority(7)
 
 
 @pytest.mark.parametrize(("asked", "status"), [(False, 0), (True, child.INTERRUPTED)])

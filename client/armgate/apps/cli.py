@@ -1,10 +1,10 @@
 """The root of the command line: ``armgate COMMAND …``.
 
-A command is a function with typer annotations, or a group of such, that its owner registers in the group
-``armgate.commands`` of entry points. It is imported only when it is called, or named in ``armgate --help``.
+A command is a function with typer annotations, or a group of them, that its owner registers in the entry
+point group ``armgate.commands``. It is imported only when it is called, or listed by ``armgate --help``.
 
-Exit status: 0 done, 1 failed, 2 called wrongly (options, configuration, files). An error of ours, or of the
-operating system, is one line on stderr; anything else is a defect and shows its traceback.
+Exit status: 0 success, 1 failure, 2 wrong usage (options, configuration, files). An error of ours, or of the
+operating system, is printed as one line on stderr; any other exception is a defect and shows its traceback.
 """
 
 import sys
@@ -20,7 +20,7 @@ from armgate.cell.extras import install
 
 GROUP = "armgate.commands"
 MAX_NUMBER = 1e6
-"""Largest number that an option may have, in m, s, deg or what it counts in."""
+"""Largest absolute value of a numeric option, in m, s, deg or counts."""
 
 _EXTRAS = {
     "pinocchio": "cell",
@@ -35,46 +35,46 @@ _EXTRAS = {
 
 
 def commands() -> dict[str, EntryPoint]:
-    """The registered commands by name, not yet imported."""
+    """Return the registered commands by name, not yet imported."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
 
 
 class CommandGroup(TyperGroup):
-    """A group that imports a command when it is asked for it."""
+    """Command group that imports a command when it is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names of all commands, in alphabetical order."""
+        """Return the names of all commands, in alphabetical order."""
         return list(commands())
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of this name, imported now; None if there is none."""
+        """Return the command with this name, imported now; None if there is none."""
         entry = commands().get(cmd_name)
         return None if entry is None else as_command(cmd_name, entry.load())
 
 
 def as_command(name: str, function: Callable[..., Any] | typer.Typer) -> Any:
-    """A typer command of a plain annotated function, whose docstring is its help; or a group of such."""
+    """Return a typer command for a function, whose docstring is its help, or for a group of functions."""
     app = function
     if not isinstance(app, typer.Typer):
         app = typer.Typer(add_completion=False)
         app.command(name)(function)
     command = typer.main.get_command(app)
     command.name = name
-    _refuse_strange_numbers(command)
+    _check_numbers(command)
     return command
 
 
-def _refuse_strange_numbers(command: Any) -> None:
-    """Check the numbers of all options of a command and of its commands, whatever it does with them."""
+def _check_numbers(command: Any) -> None:
+    """Reject non-finite and huge numbers in all options of a command and its subcommands."""
     for parameter in command.params:
-        parameter.callback = partial(_with_usual_numbers, parameter.callback)
+        parameter.callback = partial(_checked, parameter.callback)
     for inner in getattr(command, "commands", {}).values():
-        _refuse_strange_numbers(inner)
+        _check_numbers(inner)
 
 
-def _with_usual_numbers(callback: Callable[..., Any] | None, ctx: Any, parameter: Any, value: Any) -> Any:
+def _checked(callback: Callable[..., Any] | None, ctx: Any, parameter: Any, value: Any) -> Any:
     for number in value if isinstance(value, list | tuple) else (value,):
-        # A range alone does not refuse nan: it compares with nothing.
+        # A range does not refuse nan: every comparison with it is false.
         if isinstance(number, float) and not abs(number) <= MAX_NUMBER:
             text = f"{number:g} is out of range; expected a finite number within ±{MAX_NUMBER:,.0f}"
             raise typer.BadParameter(text, ctx=ctx, param=parameter)
@@ -102,11 +102,11 @@ def root(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
-    """Holds the options that stand before the command."""
+    """Hold the options that stand before the command."""
 
 
 def main(arguments: Iterable[str] | None = None) -> NoReturn:
-    """Runs one command and exits with its status."""
+    """Run one command and exit with its status."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         typer.main.get_command(app)(args=given, prog_name="armgate")
@@ -116,13 +116,13 @@ def main(arguments: Iterable[str] | None = None) -> NoReturn:
         text = explain(error)
         if text is None:
             raise
-        print(f"armgate: {_shown(error, text)}", file=sys.stderr)
+        print(f"armgate: {_printable(error, text)}", file=sys.stderr)
         sys.exit(exit_status(error))
     sys.exit(0)
 
 
 def explain(error: Exception) -> str | None:
-    """What to tell a user who can do something about it, usually one line; None for a defect of ours."""
+    """Return an error text for the user, usually one line; None if the error is a defect of ours."""
     if isinstance(error, ModuleNotFoundError):
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
         return extra and f"{error.name} is not installed; run {install(extra)}"
@@ -133,8 +133,8 @@ def explain(error: Exception) -> str | None:
     return None
 
 
-def _shown(error: Exception, text: str) -> str:
-    """A text of a peer in one line; findings in a configuration stand on a line each."""
+def _printable(error: Exception, text: str) -> str:
+    """Return a peer's text as one line; findings in a configuration stand on a line each."""
     from armgate.cell.text import printable, printable_lines
     from armgate.client.errors import ClientError
 
@@ -142,7 +142,7 @@ def _shown(error: Exception, text: str) -> str:
 
 
 def exit_status(error: Exception) -> int:
-    """2 where what was given is wrong (a bad configuration, a bad file), else 1."""
+    """Return 2 if the input was wrong (a configuration, a file), else 1."""
     from armgate.cell.errors import ConfigError
     from armgate.client.errors import BadArgument
 

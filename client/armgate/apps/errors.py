@@ -1,23 +1,23 @@
-"""What the programs raise; the command line prints it as one line.
+"""Exceptions of the commands; the command line prints them as one line.
 
 Tree::
 
     AppError            the command failed (exit status 1)
-    └── UsageError      the command was called wrongly: a bad file, an unknown robot (exit status 2)
-        └── PathError   a path file is not what it should be; names file and line
+    └── UsageError      the command was called incorrectly: a bad file, an unknown robot (exit status 2)
+        └── PathError   a path file is malformed; the text names file and line
 """
 
 from pathlib import Path
 
 
 class AppError(Exception):
-    """The command could not do what it was asked to; the text says why and what to do."""
+    """The command failed; the text gives the reason and the remedy."""
 
     exit_code = 1
 
 
 class UsageError(AppError):
-    """What the command was given is wrong: nothing was moved."""
+    """The command was called incorrectly; no robot was moved."""
 
     exit_code = 2
 
@@ -26,8 +26,8 @@ class PathError(UsageError):
     """A path file is malformed.
 
     Attributes:
-        file: The file.
-        line: The line, counted from 1; None where the whole file is meant.
+        file: The path file.
+        line: Line, counted from 1; None if the error concerns the whole file.
     """
 
     def __init__(self, file: Path, line: int | None, text: str) -> None:

@@ -1,4 +1,4 @@
-"""What increment a robot really played last, from the setpoints that its ticks show."""
+"""Increment that a robot played last, from the setpoints of its ticks."""
 
 from collections.abc import Sequence
 
@@ -9,14 +9,14 @@ Array = NDArray[np.float64]
 
 
 class LastIncrement:
-    """The increment per tick that led to the newest setpoint, refused and missed commands included."""
+    """Increment per tick that led to the newest setpoint; it includes refused and missed commands."""
 
     def __init__(self) -> None:
         self._tick: int | None = None
         self._setpoint: Array = np.zeros(0)
 
     def update(self, tick: int, setpoint: Sequence[float]) -> Array:
-        """Takes in the setpoint of a tick (n,); zeros at first, a mean where ticks were missed."""
+        """Return the last increment (n,) for a tick's setpoint: zeros at first, a mean after missed ticks."""
         now = np.array(setpoint, dtype=float)
         last = np.zeros_like(now)
         if self._tick is not None and tick > self._tick:

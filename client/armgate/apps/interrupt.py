@@ -1,4 +1,4 @@
-"""Interruption by Ctrl-C or SIGTERM: a program that moves a robot slows it to rest before it ends."""
+"""Interruption by Ctrl-C or SIGTERM: a controller brings its robot to rest before it ends."""
 
 import signal
 from collections.abc import Iterator
@@ -6,14 +6,14 @@ from contextlib import contextmanager
 
 
 class Interrupt:
-    """Flag set when this process was asked to end.
+    """Flag that is set when this process is requested to end.
 
     Attributes:
-        requested: True once SIGINT or SIGTERM arrived.
+        requested: True after SIGINT or SIGTERM.
     """
 
     ever_requested = False
-    """True once any interruption of this process was asked for."""
+    """True after any interruption of this process."""
 
     def __init__(self) -> None:
         self.requested = False

@@ -1,4 +1,4 @@
-"""Models of robots and their surroundings, from what the daemon describes."""
+"""Models of robots, built from the daemon's description."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from armgate.control.bounds import IncrementBounds
 
 
 def floor_of(cell: Description) -> float | None:
-    """Height of the floor: the top of the body of this name, if it is a level box; m."""
+    """Return the height of the top of the body ``floor``, m; None unless it is a level box."""
     for body in cell.bodies:
         if (
             body.robot is None
@@ -23,10 +23,10 @@ def floor_of(cell: Description) -> float | None:
 
 
 def described(cell: Description, robot: str) -> RobotDescription:
-    """The description of a robot.
+    """Return the description of a robot.
 
     Raises:
-        UsageError: There is none of this name.
+        UsageError: The cell has no robot with this name.
     """
     for found in cell.robots:
         if found.name == robot:
@@ -36,14 +36,14 @@ def described(cell: Description, robot: str) -> RobotDescription:
 
 
 def model_of(cell: Cell, robot: RobotDescription) -> RobotModel:
-    """The robot's model, from its URDF and the place of its base."""
+    """Return the robot's model, from its URDF and the pose of its base."""
     return RobotModel.from_urdf(
         cell.urdf(robot.name), Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
     )
 
 
 def bounds_of(robot: RobotDescription) -> IncrementBounds:
-    """Bounds of its increments, as the gate applies them."""
+    """Return the bounds of the robot's increments, as the gate applies them."""
     joints = robot.joints
     return IncrementBounds.from_rates(
         lower=[joint.lower for joint in joints],

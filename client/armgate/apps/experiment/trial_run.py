@@ -48,7 +48,7 @@ def play(
         return None
     watch = ended.watch
     figures = compute(
-        watch.seen, watch.cell.stop_distance, watch.wall, complete=True, judged=read_report(folder)
+        watch.seen, watch.cell.stop_distance, watch.wall, complete=True, report=read_report(folder)
     )
     entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, watch.seen)}
     write_series(folder, watch.seen.rows)

@@ -1,1 +1,1 @@
-"""A whole stack on one machine: processes, what is observed of them, the folder and the figures of a run."""
+"""Runs of the whole stack on one machine: its processes, observation, folder and figures."""

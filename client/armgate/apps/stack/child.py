@@ -1,9 +1,9 @@
-"""``python -m armgate.apps.stack.child PID PRIORITY …`` is ``armgate …`` that ends with its parent PID.
+"""``python -m armgate.apps.stack.child PID PRIORITY …`` runs ``armgate …`` and ends with its parent PID.
 
-PRIORITY is that of a real-time process (SCHED_RR), if the system allows it; 0 is an ordinary process.
+PRIORITY is the real-time priority (SCHED_RR), if the system allows it; 0 means an ordinary process.
 
-The demo ends its children in order, but it cannot when it is killed itself: then the kernel sends them
-SIGTERM, at which daemon, leader and follower bring their robots to rest and end.
+The demo ends its children in order. If the demo itself is killed, it cannot: then the kernel sends SIGTERM to
+its children, and daemon, leader and follower bring their robots to rest and end.
 """
 
 import contextlib
@@ -17,22 +17,22 @@ from armgate.apps.cli import main
 from armgate.apps.interrupt import Interrupt
 
 INTERRUPTED = 128 + signal.SIGINT
-"""Exit status of a child that ended well, but because a signal asked it to."""
+"""Exit status of a child that ended without an error because of a signal."""
 PR_SET_PDEATHSIG = 1
 
 
 def end_with(parent: int) -> None:
-    """Asks the kernel for SIGTERM at the parent's death; exits if that has come already."""
+    """Request SIGTERM from the kernel at the parent's death; exit if the parent has already died."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
-        sys.exit("armgate: the process that started this one is gone")
+        sys.exit("armgate: the parent process has ended")
 
 
-def hurry(priority: int) -> None:
-    """Become a real-time process if the system allows it, unless the priority is 0.
+def set_priority(priority: int) -> None:
+    """Become a real-time process if the system allows it; priority 0 changes nothing.
 
-    A robot's tick cannot wait for ordinary programs.
+    The tick of a robot must not wait for ordinary programs.
     """
     if priority == 0:
         return
@@ -41,11 +41,11 @@ def hurry(priority: int) -> None:
         os.sched_setscheduler(0, policy, os.sched_param(priority))
 
 
-def live(arguments: list[str]) -> NoReturn:
+def run_command(arguments: list[str]) -> NoReturn:
     """Run ``armgate ARGUMENTS``; exit with its status, or with INTERRUPTED instead of 0 after a signal.
 
-    A person who presses Ctrl-C gets 0 from a robot that came to rest. A run has to know that its participant
-    was stopped before its work was done.
+    A user who presses Ctrl-C gets 0 once the robot has come to rest. A run must know that its participant was
+    stopped before it had finished.
     """
     try:
         main(arguments)
@@ -58,5 +58,5 @@ def live(arguments: list[str]) -> NoReturn:
 if __name__ == "__main__":
     parent, priority, *arguments = sys.argv[1:]
     end_with(int(parent))
-    hurry(int(priority))
-    live(arguments)
+    set_priority(int(priority))
+    run_command(arguments)

@@ -1,4 +1,4 @@
-"""Causes of a failed run: a broken rule, or which child ended first, with its log; stops of the daemon."""
+"""Causes of a failed run: a violated rule, the child that ended first, or stops of the daemon."""
 
 import json
 import signal
@@ -13,15 +13,15 @@ from armgate.apps.stack.processes import Children, Exited, Interrupted, Printed
 from armgate.cell.text import printable
 
 _TOGETHER = 1.0
-"""Longest time between a cause and the ends of the children that it leads to, s."""
+"""Longest time between a cause and the ends of the children that follow from it, s."""
 _MOST = 3
-"""Stops that are reported."""
+"""Largest number of stops that are reported."""
 
 
 def failure_of(children: Children, event: Exited) -> AppError:
-    """Return the cause among events that come together with the end of a child.
+    """Return the error that explains the end of a child, from the events around it.
 
-    If the monitor found a broken rule, it stopped the robots; if a signal ended a child, the others lost it.
+    If the monitor reported a violation, it stopped the robots; if a signal ended a child, the others lost it.
     """
     deadline = time.monotonic() + _TOGETHER
     while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
@@ -40,7 +40,7 @@ def _by_signal(event: Exited) -> bool:
 
 
 def exit_error(children: Children, event: Exited) -> AppError:
-    """What to say of a process that ended by itself: which, how, and the last lines of its log."""
+    """Return the error for a child that ended unexpectedly: which one, how, and the last lines of its log."""
     how = (
         f"was killed by {signal.Signals(-event.status).name}"
         if event.status < 0
@@ -53,9 +53,9 @@ def exit_error(children: Children, event: Exited) -> AppError:
 
 
 def stops_in(log: Path) -> str:
-    """Return the first stops that a daemon's log holds, a line each; "" without any.
+    """Return the first stops in a daemon's log, one per line; "" if there are none.
 
-    A participant that lost its robot knows that it was stopped; the daemon's log holds the reason.
+    A participant that lost its robot only knows that it was stopped; the daemon's log contains the reason.
     """
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
     stops = [event for line in lines if (event := _event(line)).get("event") == "stopped"]

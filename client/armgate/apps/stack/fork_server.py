@@ -1,7 +1,7 @@
-"""Children that are forked from one process which has the libraries loaded: for many short runs in a row.
+"""Children that are forked from one process with all libraries loaded: for many short runs in a row.
 
-A child is a process of its own with everything that ``armgate COMMAND`` has, started in some milliseconds
-instead of seconds. Linux and macOS.
+A child has all of ``armgate COMMAND`` in a process of its own, and starts in milliseconds instead of seconds.
+Works on Linux and macOS.
 """
 
 import multiprocessing
@@ -16,26 +16,26 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import IO
 
-from armgate.apps.stack.child import end_with, hurry, live
+from armgate.apps.stack.child import end_with, run_command, set_priority
 
 PRELOADED = "armgate.apps.stack.preload"
 
 
 class ForkServer:
-    """Starts children; the first one waits until the libraries are loaded."""
+    """Fork server; its first child waits until the libraries are loaded."""
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([PRELOADED])
 
     def warm(self) -> None:
-        """Waits until the libraries are loaded; after an installation parts are compiled first."""
+        """Wait until the libraries are loaded; after an installation this includes compiling."""
         child = self._context.Process(target=_nothing)
         child.start()
         child.join()
 
     def start(self, arguments: Sequence[str], log: Path, *, priority: int) -> "Fork":
-        """Starts ``armgate ARGUMENTS``, its stdout piped to here and its stderr appended to a file."""
+        """Start ``armgate ARGUMENTS`` with its stdout piped here and its stderr appended to a file."""
         ours, theirs = self._context.Pipe(duplex=False)
         child = self._context.Process(
             target=_live, args=(list(arguments), log, theirs, priority), name=arguments[0], daemon=True
@@ -46,7 +46,7 @@ class ForkServer:
 
 
 class Fork:
-    """Forked child, used like a ``subprocess.Popen``."""
+    """Forked child with the interface of ``subprocess.Popen``."""
 
     def __init__(self, process: BaseProcess, stdout: Connection) -> None:
         self._process = process
@@ -57,35 +57,35 @@ class Fork:
         stdout.close()
 
     def poll(self) -> int | None:
-        """Its exit status, None while it runs."""
+        """Return the exit status; None while the child runs."""
         return self._status if self._ended.is_set() else None
 
     def wait(self) -> int:
-        """Wait for its end and return its exit status; for the one thread that watches it."""
+        """Wait for the child's end and return its exit status; to be called by its waiter thread only."""
         self._process.join()
         self._status = self._process.exitcode or 0
         self._ended.set()
         return self._status
 
     def send_signal(self, signum: int) -> None:
-        """Sends it a signal, unless it has ended."""
+        """Send a signal to the child unless it has ended."""
         if self.poll() is None and self._process.pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(self._process.pid, signum)
 
     def kill(self) -> None:
-        """Ends it at once."""
+        """Kill the child."""
         self.send_signal(signal.SIGKILL)
 
 
 def _nothing() -> None:
-    """What a child does that only shows that all is loaded."""
+    """Do nothing: the child only shows that everything is loaded."""
 
 
 def _live(arguments: list[str], log: Path, stdout: Connection, priority: int) -> None:
-    """What the child does."""
+    """Run a command in the child."""
     os.setpgid(0, 0)
-    end_with(os.getppid())  # that ends when the process does that asked for this one
+    end_with(os.getppid())  # the fork server ends with the process that started it
     os.dup2(stdout.fileno(), 1)
     stdout.close()
     errors = os.open(log, os.O_WRONLY | os.O_APPEND)
@@ -93,5 +93,5 @@ def _live(arguments: list[str], log: Path, stdout: Connection, priority: int) ->
     os.close(errors)
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    hurry(priority)
-    live(arguments)
+    set_priority(priority)
+    run_command(arguments)

@@ -1,4 +1,4 @@
-"""The figures of a run, and whether it kept what the demo promises."""
+"""Figures of a run, and checks of the demo's claims."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,24 +15,24 @@ ANGLE_BAND = 1.0
 DISTANCE_BAND = 0.02
 """Largest error of the view distance after the transient, m."""
 SETTLED = 1.0
-"""How long the angle error has to stay in its band for the transient to be over, s."""
+"""Time for which the angle error must stay in its band before the transient is over, s."""
 LONGEST_TRANSIENT = 5.0
-"""After this time the transient counts as over in any case, s."""
-_JUDGED = ("states", "positions", "missed", "violations", "findings", "smallest", "summary")
-"""What of the monitor's account goes into the metrics."""
+"""Time after which the transient counts as over in any case, s."""
+_REPORTED = ("states", "positions", "missed", "violations", "findings", "smallest", "summary")
+"""Keys of the monitor's report that go into the metrics."""
 
 
 def columns(rows: list[tuple[float, ...]]) -> dict[str, Array]:
-    """The series as arrays by column name."""
+    """Return the series as arrays by column name."""
     table = np.array(rows, dtype=float).reshape(len(rows), len(COLUMNS))
     return dict(zip(COLUMNS, table.T, strict=True))
 
 
 def transient_end(time: Array, angle: Array) -> float:
-    """The time at which the approach is over, s.
+    """Return the time at which the transient is over, s.
 
-    That is once the angle error (rad, NaN before the follower's first) has been within the band for 1 s, and
-    5 s after its first value at the latest. Infinite without any value.
+    The transient ends when the angle error (rad, NaN before the follower's first value) has been within the
+    band for 1 s, and at the latest 5 s after its first value. The result is infinite without any value.
     """
     known = np.isfinite(angle)
     if not known.any():
@@ -50,7 +50,7 @@ def transient_end(time: Array, angle: Array) -> float:
 
 
 def extremes(values: Array) -> dict[str, float | None]:
-    """Largest magnitude and root mean square of the finite values; None where there are none."""
+    """Return the largest magnitude and the root mean square of the finite values; None without values."""
     values = values[np.isfinite(values)]
     if not len(values):
         return {"max": None, "rms": None}
@@ -58,7 +58,7 @@ def extremes(values: Array) -> dict[str, float | None]:
 
 
 def verdict_table(counts: Mapping[str, int]) -> dict[str, Any]:
-    """Verdicts by outcome and, by reason unless admitted, from counts like ``refused:clearance``."""
+    """Return verdicts by outcome and, unless admitted, reason, from counts such as ``refused:clearance``."""
     table: dict[str, Any] = {"admitted": 0, "limited": {}, "refused": {}}
     for key, number in sorted(counts.items()):
         outcome, _, reason = key.partition(":")
@@ -74,16 +74,16 @@ def compute(
     stop_distance: float,
     wall: float,
     complete: bool,
-    judged: Mapping[str, Any] | None = None,
+    report: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The content of ``metrics.json``.
+    """Return the content of ``metrics.json``.
 
     Args:
-        seen: What was observed.
-        stop_distance: The distance that the gate keeps to others and surroundings, m.
-        wall: Time that passed by the wall clock while the states were observed, s.
-        complete: Whether the path was run to its end.
-        judged: What the monitor wrote.
+        seen: The observation.
+        stop_distance: Distance that the gate keeps to other robots and surroundings, m.
+        wall: Wall-clock time during which states were observed, s.
+        complete: True if the path was played to its end.
+        report: Report of the monitor.
     """
     series = columns(seen.rows)
     over = transient_end(series["time_s"], series["angle_error_rad"])
@@ -103,14 +103,14 @@ def compute(
         "realtime_factor": seen.elapsed / wall if wall > 0.0 else None,
         "states_missed": seen.missed,
         "warnings": seen.warnings,
-        "monitor": None if judged is None else {key: judged[key] for key in _JUDGED},
+        "monitor": None if report is None else {key: report[key] for key in _REPORTED},
     }
-    metrics["holds"] = promises(metrics)
+    metrics["holds"] = check_claims(metrics)
     return metrics
 
 
-def promises(metrics: Mapping[str, Any]) -> dict[str, bool | None]:
-    """Which of the demo's promises were kept; None where the run was too short to tell."""
+def check_claims(metrics: Mapping[str, Any]) -> dict[str, bool | None]:
+    """Return the demo's claims that hold; None if the run was too short to decide."""
     angle, distance = metrics["angle_error_deg"]["max"], metrics["distance_error_m"]["max"]
     clearance = metrics["min_clearance_m"]
     return {

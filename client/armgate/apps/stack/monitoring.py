@@ -1,7 +1,7 @@
-"""The second judge of a run: ``armgate monitor``, live by the clock, on the recording in lock-step.
+"""Monitor of a run: ``armgate monitor``, live by the wall clock, or an audit of the recording in lock-step.
 
-In lock-step time waits for the participants only: an observer could miss states, and its stop would come at
-another step each time. The recording holds every state.
+In lock-step, time waits for the participants only: an observer could miss states, and its stop would arrive
+at a different step each time. The recording holds every state.
 """
 
 import json
@@ -19,13 +19,13 @@ MONITOR = "monitor"
 WATCHING = re.compile(r"^armgate: monitor: (watching .+)$")
 VIOLATED = re.compile(r"^armgate: monitor: (violated: .+)$")
 AUDIT_TIME = 600.0
-"""How long the audit of a recording may take, s."""
+"""Timeout of the audit of a recording, s."""
 _KILLED = 5.0
-"""How long the end of a killed child may take, s."""
+"""Timeout for the end of a killed child, s."""
 
 
 def monitor_command(address: str, configs: Sequence[Path], folder: Path | None) -> list[str]:
-    """Return what starts the live monitor, after ``armgate``."""
+    """Return the arguments of ``armgate`` that start the live monitor."""
     return ["monitor", address, *map(str, configs), *_written(folder)]
 
 
@@ -38,21 +38,21 @@ def _file(folder: Path) -> Path:
 
 
 def remove_report(folder: Path) -> None:
-    """Remove what the monitor of an earlier run wrote into this folder."""
+    """Remove the monitor's report of an earlier run from this folder."""
     _file(folder).unlink(missing_ok=True)
 
 
 def violation_error(event: Printed) -> AppError | None:
-    """Return the error that a line of the monitor means, None for any other line."""
+    """Return the error for a line in which the monitor reports a violation; None for any other line."""
     match = VIOLATED.match(event.text) if event.name == MONITOR else None
-    return None if match is None else AppError(f"the monitor found a rule broken: {match[1]}")
+    return None if match is None else AppError(f"the monitor reports a violated rule: {match[1]}")
 
 
 def audit(children: Children, folder: Path) -> tuple[bool, AppError | None]:
     """Audit the recording of a run that has ended.
 
     Returns:
-        True if the audit was not interrupted, and the error that it means.
+        True if the audit was not interrupted, and its error, if any.
     """
     children.launch(MONITOR, ["monitor", str(folder), *_written(folder)], priority=0)
     found: AppError | None = None
@@ -61,7 +61,7 @@ def audit(children: Children, folder: Path) -> tuple[bool, AppError | None]:
         if isinstance(event, Interrupted):
             children.send(signal.SIGKILL, MONITOR)
             children.wait([MONITOR], _KILLED)
-            remove_report(folder)  # it may be half written
+            remove_report(folder)  # it may be incomplete
             return False, found
         if isinstance(event, Printed):
             found = found or violation_error(event)
@@ -72,7 +72,7 @@ def audit(children: Children, folder: Path) -> tuple[bool, AppError | None]:
 
 
 def read_report(folder: Path | None) -> Mapping[str, Any] | None:
-    """Return what the monitor of a run wrote, None if it wrote nothing."""
+    """Return the monitor's report of a run; None if there is none."""
     if folder is None or not _file(folder).is_file():
         return None
     found: Mapping[str, Any] = json.loads(_file(folder).read_text(encoding="utf-8"))

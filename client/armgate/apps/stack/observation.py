@@ -1,4 +1,4 @@
-"""What the demo keeps of the states that it sees: the newest one, and the series for metrics and plots."""
+"""Observation of a run: the newest state, and the series for metrics and plots."""
 
 import re
 from collections.abc import Mapping
@@ -21,20 +21,20 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 @dataclass
 class Observation:
-    """The run so far, from the state messages alone.
+    """Observation of a run, from the state messages alone.
 
-    The gate's columns tell the worst that was decided since the last row: 0 admitted, 1 limited, 2 refused.
-    A row of the series is one tick of the follower's robot. Smallest clearances and counts are running totals
-    of the daemon, so they are complete even where this observer was too slow for a state.
+    The gate's columns hold the worst outcome since the last row: 0 admitted, 1 limited, 2 refused. A row of
+    the series is one tick of the follower's robot. Smallest clearances and counts are running totals of the
+    daemon: they are complete even if this observer was too slow to receive every state.
 
     Attributes:
-        follower: The robot with the camera.
-        state: The newest state.
-        rows: The series, one tuple of ``COLUMNS`` a tick of the follower's robot.
-        positions: Measured positions of the follower's robot, one for each row, rad or m.
+        follower: Robot with the camera.
+        state: Newest state.
+        rows: Series, one tuple of ``COLUMNS`` per tick of the follower's robot.
+        positions: Measured positions of the follower's robot, one per row, rad or m.
         first_time: Daemon time of the first state, s.
-        nearest: The smallest distance seen between bodies that are not of one robot, and the two bodies.
-        missed: Ticks by robot that never reached this observer.
+        nearest: Smallest observed distance between bodies of different owners, and the two bodies.
+        missed: Number of ticks that this observer did not receive, by robot.
     """
 
     follower: str
@@ -50,7 +50,7 @@ class Observation:
     _counts: dict[str, Mapping[str, int]] = field(default_factory=dict)
 
     def take(self, state: State) -> None:
-        """Adds one state."""
+        """Add a state."""
         if self.state is None:
             self.first_time = state.time
         self._count(state)
@@ -66,12 +66,12 @@ class Observation:
 
     @property
     def warnings(self) -> list[str]:
-        """Every kind of warning once, its newest text; texts that differ only in numbers are one kind."""
+        """The newest text of each kind of warning; texts that differ only in numbers are one kind."""
         return list(self._warnings.values())
 
     @property
     def lacks(self) -> int:
-        """The number of states that are missing, of all robots."""
+        """Number of missing states of all robots."""
         return sum(self.missed.values())
 
     @property
@@ -81,31 +81,31 @@ class Observation:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The newest entry of every robot."""
+        """Newest entry of every robot."""
         return () if self.state is None else self.state.entries
 
     @property
     def ticks(self) -> dict[str, int]:
-        """The newest tick of every robot."""
+        """Newest tick of every robot."""
         return {entry.robot: entry.tick for entry in self.entries}
 
     @property
     def least_clearance(self) -> float | None:
-        """The smallest clearance to others and surroundings since the daemon's start, m."""
+        """Smallest clearance to other robots and surroundings since the daemon's start, m."""
         found = [entry.least_clearance for entry in self.entries if entry.least_clearance is not None]
         return min(found, default=None)
 
     @property
     def late_commands(self) -> int:
-        """Commands that were let through but came too late to be played."""
+        """Number of commands that were admitted but arrived too late to be played."""
         return sum(entry.late_commands or 0 for entry in self.entries)
 
     def signal(self, name: str) -> tuple[float, ...] | None:
-        """The newest value of a signal, None before its first; it outlives its owner here."""
+        """Return the newest value of a signal; None before the first. Values outlive their owner here."""
         return self._signals.get(name)
 
     def scalar(self, name: str) -> float | None:
-        """The newest value of a signal of one number."""
+        """Return the newest value of a scalar signal."""
         value = self.signal(name)
         return None if value is None else value[0]
 
@@ -129,7 +129,7 @@ class Observation:
         )  # fmt: skip
 
     def _gate(self, state: State) -> tuple[float, float]:
-        """The worst outcome since the last row, of the follower's commands and of the others'."""
+        """Return the worst outcome since the last row, of the follower's commands and of the others'."""
         worst = [0.0, 0.0]
         for entry in state.entries:
             who = int(entry.robot != self.follower)
@@ -152,15 +152,17 @@ class Observation:
 
 
 def completed(seen: Observation, recording: Path, lockstep: bool) -> Observation:
-    """Return the observation from a recording unless it lacks more states than an observer missed.
+    """Return the observation from a recording, unless it lacks more states than the observer missed.
 
-    A slow observer gets the newest state and never a backlog; a recording has every state, with clearances
-    rounded down to a micrometre. In lock-step two runs must agree to the last bit, so it is always read.
+    A slow observer receives the newest state, never a backlog. A recording has every state, with clearances
+    rounded down to a micrometre. In lock-step two runs must agree bit by bit, so the recording is always
+    used.
 
     Args:
-        seen: The states that the observer received.
-        recording: Folder of the recording, which has ended.
-        lockstep: True if the run was in lock-step; otherwise it is only read if states were missed.
+        seen: Observation of the running cell.
+        recording: Folder of the finished recording.
+        lockstep: True if the run was in lock-step; otherwise the recording is read only if states were
+            missed.
     """
     if not (lockstep or seen.missed):
         return seen
@@ -175,12 +177,12 @@ def completed(seen: Observation, recording: Path, lockstep: bool) -> Observation
 
 
 def same_robot(pair: tuple[str, str]) -> bool:
-    """Whether both bodies belong to one robot (``FR/link_2``, ``FR/link_5``)."""
+    """Return True if both bodies belong to one robot (``FR/link_2``, ``FR/link_5``)."""
     a, b = (name.partition("/") for name in pair)
     return bool(a[1]) and a[0] == b[0] and bool(b[1])
 
 
 def _point(state: State, name: str) -> tuple[float, ...] | None:
-    """Return a signal that is a place; None if there is none, or it is something else."""
+    """Return the value of a signal that is a point; None if it is missing or has another length."""
     found = state.signals.get(name)
     return None if found is None or len(found.value) != len(_NOWHERE) else found.value

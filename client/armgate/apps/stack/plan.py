@@ -8,28 +8,28 @@ from armgate.apps.stack.robot_processes import RobotProcesses
 
 DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 PRIORITIES = {"monitor": 9, "controller": 10, "daemon": 11, "robots": 12}
-"""Of real-time processes by the wall clock: the nearer to the robots, the higher.
+"""Priorities of real-time processes by the wall clock: the nearer to the robots, the higher.
 
-Participants that load their libraries would take a KRC of the same priority its turn for 0.1 s.
+Participants that load their libraries would block a KRC of the same priority for 0.1 s.
 """
 ORDINARY = 0
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is run.
+    """Processes of one run.
 
     Attributes:
-        configs: Configuration files of the daemon, later ones overlay earlier ones.
-        follower: The robot that carries the camera, whose ticks are watched.
+        configs: Configuration files of the daemon; later ones overlay earlier ones.
+        follower: Robot that carries the camera; its ticks are observed.
         controllers: Participants by name, each an ``armgate`` command without the daemon's address and the
-            name.
-        lockstep: Whether ticks wait for the controllers instead of the clock.
-        until: Whose end ends the run; all of them if none is named.
-        record: The folder that the daemon records into; None for none.
-        robots: What holds the robots, and stands in for them; None: the daemon does.
-        view: Whether a viewer shows the run.
-        monitor: True if the run is watched by a second judge: by the clock live, in lock-step afterwards, by
+            client's name.
+        lockstep: True if ticks wait for the controllers instead of the clock.
+        until: Participants whose end ends the run; all of them if empty.
+        record: Folder of the recording; None for no recording.
+        robots: Robot server and virtual KRCs; None if the daemon emulates the robots.
+        view: True if a viewer shows the run.
+        monitor: True if the monitor checks the run: live by the wall clock, or in lock-step afterwards, from
             the recording.
     """
 
@@ -45,21 +45,21 @@ class Plan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The participants, in order."""
+        """Names of the participants, in order."""
         return tuple(self.controllers)
 
     def priority(self, what: str) -> int:
-        """Return the priority of a kind of process; in lock-step nothing hurries."""
+        """Return the priority of a kind of process; in lock-step all processes are ordinary."""
         return ORDINARY if self.lockstep else PRIORITIES[what]
 
     def daemon(self) -> list[str]:
-        """What starts the daemon, after ``armgate``."""
+        """Return the arguments of ``armgate`` that start the daemon."""
         recording = [] if self.record is None else ["--record", str(self.record)]
         robots = [] if self.robots is None else ["--robot-server", str(self.robots.socket)]
         command = ["serve", *map(str, self.configs), "--port", "0", *recording, *robots]
         return [*command, "--lockstep", ",".join(self.names)] if self.lockstep else command
 
     def controller(self, name: str, address: str) -> list[str]:
-        """What starts a participant, after ``armgate``."""
+        """Return the arguments of ``armgate`` that start a participant."""
         command, *options = self.controllers[name]
         return [command, address, *options, "--name", name]

@@ -1,4 +1,4 @@
-"""What the fork_server's children have in common, loaded before they are forked; importing this does it."""
+"""Libraries that the fork server's children share; importing this module loads them."""
 
 import importlib
 

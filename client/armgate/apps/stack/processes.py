@@ -1,4 +1,4 @@
-"""Child processes that are watched: started, waited for by events, ended in order, never left behind."""
+"""Child processes: started, watched by events, ended in order, never left running."""
 
 import os
 import queue
@@ -14,18 +14,18 @@ from typing import IO
 from armgate.apps.stack.fork_server import Fork, ForkServer
 
 TAIL = 12
-"""Lines of a dead child's log that are shown."""
+"""Number of log lines that are shown of a child that failed."""
 _SINGLE_THREADED = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def armgate(*arguments: str, priority: int) -> list[str]:
-    """Return the command line of a child that ends when this process is gone."""
+    """Return the command line of a child that ends with this process."""
     return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), str(priority), *arguments]
 
 
 @dataclass(frozen=True)
 class Printed:
-    """A child wrote a line on its stdout."""
+    """Line that a child wrote on its stdout."""
 
     name: str
     text: str
@@ -33,7 +33,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Exited:
-    """A child ended; a negative status is the signal that killed it."""
+    """End of a child; a negative status is the signal that killed it."""
 
     name: str
     status: int
@@ -41,7 +41,7 @@ class Exited:
 
 @dataclass(frozen=True)
 class Interrupted:
-    """The user (or the system) asked this process to end."""
+    """Request of the user or the system to end this process."""
 
     signum: int
 
@@ -50,18 +50,18 @@ Event = Printed | Exited | Interrupted
 
 
 Child = subprocess.Popen[str] | Fork
-"""A child, by whatever way it was started."""
+"""Child of either kind."""
 
 
 class Children:
-    """The children of one run, and one queue of all that happens to them.
+    """Children of one run, with one queue of their events.
 
-    Children stand in process groups of their own: a Ctrl-C in the terminal reaches only this process, which
-    then ends them in the right order. Leaving the context kills whatever is left.
+    Each child has a process group of its own: a Ctrl-C in the terminal reaches only this process, which then
+    ends the children in the right order. Leaving the context kills the children that still run.
 
     Args:
         logs: Folder of the children's logs.
-        fork_server: Where to fork them from; none starts each as a program of its own.
+        fork_server: Server to fork them from; None starts each child as a program of its own.
     """
 
     def __init__(self, logs: Path, fork_server: ForkServer | None = None) -> None:
@@ -82,7 +82,7 @@ class Children:
             waiter.join()
 
     def launch(self, name: str, arguments: Sequence[str], *, priority: int) -> None:
-        """Start ``armgate ARGUMENTS`` as a child; priority 0 is that of an ordinary process."""
+        """Start ``armgate ARGUMENTS`` as a child; priority 0 means an ordinary process."""
         if self._fork_server is None:
             self.start(name, armgate(*arguments, priority=priority))
         else:
@@ -90,7 +90,7 @@ class Children:
             self._adopt(name, self._fork_server.start(arguments, self.log(name), priority=priority))
 
     def start(self, name: str, command: Sequence[str]) -> None:
-        """Starts a child; its stdout comes as events and, like its stderr, goes into its log."""
+        """Start a child; its stdout becomes events and, like its stderr, goes into its log."""
         self._begin_log(name)
         with self.log(name).open("a", encoding="utf-8") as log:
             child = subprocess.Popen(  # noqa: S603
@@ -100,7 +100,7 @@ class Children:
                 stderr=log,
                 text=True,
                 process_group=0,
-                # Matrices are small here: threads of the linear algebra would only take others their cores.
+                # Matrices are small here: threads of the linear algebra library would only occupy the cores.
                 env={**os.environ, **_SINGLE_THREADED},
             )
         self._adopt(name, child)
@@ -112,38 +112,38 @@ class Children:
         self._waiters[name] = waiter
 
     def _begin_log(self, name: str) -> None:
-        """Make an empty log for this user alone: the viewer's holds the token of its page."""
+        """Create an empty log that only this user can read: the viewer's log holds the token of its page."""
         self.log(name).unlink(missing_ok=True)
         os.close(os.open(self.log(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
 
     def log(self, name: str) -> Path:
-        """Where a child's output goes."""
+        """Return the log file of a child."""
         return self._logs / f"{name}.log"
 
     def tail(self, name: str) -> list[str]:
-        """The last lines of a child's log."""
+        """Return the last lines of a child's log."""
         return self.log(name).read_text(encoding="utf-8", errors="replace").splitlines()[-TAIL:]
 
     def running(self, *names: str) -> list[str]:
-        """Return those of the named children (all, without names) whose end is not among the events yet."""
-        # A waiter ends after it reported its child's end. The child itself is gone a moment earlier: asking
-        # the child would find nothing running and no event that says how it ended.
+        """Return the named children (default: all) whose end is not yet among the events."""
+        # A waiter thread ends after it has queued its child's end. The child itself ends a moment earlier:
+        # checking the child could find it ended while no event explains how.
         return [n for n, waiter in self._waiters.items() if (not names or n in names) and waiter.is_alive()]
 
     def send(self, signum: signal.Signals, *names: str) -> None:
-        """Sends a signal to the named children that still run."""
+        """Send a signal to the named children that still run."""
         for name in self.running(*names):
             self._children[name].send_signal(signum)
 
     def next(self, timeout: float) -> Event | None:
-        """The next event, None if nothing happened in time."""
+        """Return the next event; None after the timeout."""
         try:
             return self.events.get(timeout=timeout)
         except queue.Empty:
             return None
 
     def wait(self, names: Sequence[str], timeout: float) -> list[str]:
-        """Wait until the named children have ended, and their ends are events; return those still running."""
+        """Wait until the named children have ended and their ends are queued; return those still running."""
         for name in self.running(*names):
             self._waiters[name].join(timeout)
         return self.running(*names)

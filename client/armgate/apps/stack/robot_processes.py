@@ -17,32 +17,32 @@ KRC = "krc-"
 
 @dataclass(frozen=True)
 class RobotProcesses:
-    """What is started beside the daemon.
+    """Robot server and virtual KRCs of a run.
 
     Attributes:
-        socket: Of the robot server.
-        krcs: What starts each virtual KRC, after ``armgate``, by the child's name.
+        socket: Socket of the robot server.
+        krcs: Arguments of ``armgate`` that start each virtual KRC, by the child's name.
     """
 
     socket: Path
     krcs: Mapping[str, Sequence[str]]
 
     def server(self, configs: Sequence[Path]) -> list[str]:
-        """What starts the robot server, after ``armgate``."""
+        """Return the arguments of ``armgate`` that start the robot server."""
         return ["robot-server", *map(str, configs), "--socket", str(self.socket)]
 
 
 def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> RobotProcesses | None:
-    """What a cell needs beside the daemon, None if all its robots are emulated by it.
+    """Return the processes that a cell needs besides the daemon; None if the daemon emulates all robots.
 
     Args:
         cell: The configuration.
-        configs: The files that it was read from.
-        run: The run's folder. Its ``logs`` hold the robot server's socket and, as ``krc-ROBOT.csv``, what the
-            drives of each virtual KRC were given.
+        configs: Files of the configuration.
+        run: The run's folder. Its ``logs`` hold the robot server's socket and, as ``krc-ROBOT.csv``, the
+            setpoints that the drives of each virtual KRC received.
 
     Raises:
-        UsageError: A robot is a real one: nobody starts moving it by a demonstration.
+        UsageError: A robot is real; this command must not move it.
     """
     krcs = {}
     for name, robot in cell.robots.items():
@@ -58,8 +58,8 @@ def _krc(
 ) -> list[str]:
     if link.virtual is None or link.listen is None:
         raise UsageError(
-            f"robot {name} has a real KRC; only robots whose link says which KRC stands in for it "
-            "(virtual) and where it is answered (listen) are moved by this command"
+            f"robot {name} has a real KRC; this command moves only robots whose link names a virtual KRC "
+            "(virtual) and the address that answers it (listen)"
         )
     ethernet = cell.file(("robots", name, "link", "ethernet"), link.ethernet)
     command = ["krc", "--profile", link.virtual, "--config", str(ethernet), "--robot", name]
@@ -67,7 +67,7 @@ def _krc(
     command += ["--to", link.listen, "--cycle", f"{1000 * robot.period:g}", "--mode", link.mode]
     command += ["--precision", str(link.precision), "--timeout", str(link.timeout)]
     if link.axiscorr is not None:
-        # Beyond what AXISCORR lets through, nothing can trip AXISCORRMON.
+        # AXISCORR clips corrections below this limit, so AXISCORRMON cannot trip.
         command += ["--axiscorr", _listed(link.axiscorr, 0.0), "--axiscorrmon", _listed(link.axiscorr, 1.0)]
     return command
 

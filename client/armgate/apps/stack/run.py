@@ -1,4 +1,4 @@
-"""One run: daemon and participants as processes, watched until it is over or somebody ends it."""
+"""One run: start daemon and participants as processes, watch them to the end, then end all in order."""
 
 import re
 import signal
@@ -33,22 +33,22 @@ LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
 START_TIME = 60.0
-"""How long each of those who are waited for at the start may take, s."""
+"""Timeout for each process that the start waits for, s."""
 _LOOK = 0.02
-"""Time between two looks at what no event tells, s."""
+"""Period of checks for which there is no event, s."""
 _ASKED = (0, INTERRUPTED, -signal.SIGINT)
-"""Exit statuses of children that were asked to end: the last one while its libraries were loading."""
+"""Exit statuses of children that were requested to end; the last one occurs while libraries are loading."""
 REST_TIME = 15.0
-"""How long processes may take to bring their robots to rest and end, s."""
+"""Timeout for processes to bring their robots to rest and end, s."""
 BACKLOG = 10_000
-"""How many states may wait to be taken in: no extremum shall be lost to a busy moment."""
+"""Number of states that may be queued, so that a busy moment loses no extremum."""
 REFRESH = 0.1
-"""Time between two pictures, s."""
+"""Period of the display, s."""
 
 
 @dataclass
 class Watch:
-    """An observer's connection, read in a thread of its own so that no picture delays a state."""
+    """Connection of an observer, read in a thread of its own so that drawing delays no state."""
 
     seen: Observation
     cell: Description
@@ -58,7 +58,7 @@ class Watch:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def follow(self, states: Iterator[State]) -> None:
-        """Takes every state until the connection ends."""
+        """Observe every state until the connection ends."""
         try:
             for state in states:
                 with self.lock:
@@ -70,12 +70,12 @@ class Watch:
 
     @property
     def wall(self) -> float:
-        """Time by the clock from the first state to the newest, s."""
+        """Wall-clock time from the first state to the newest, s."""
         return self.latest - self.started
 
     @property
     def factor(self) -> float | None:
-        """How much faster than the clock the run went so far."""
+        """Speed of the run so far, as a multiple of real time."""
         return self.seen.elapsed / self.wall if self.wall > 0.5 else None
 
 
@@ -84,9 +84,9 @@ class Ended:
     """End of a run.
 
     Attributes:
-        watch: Everything that was observed.
-        complete: True if all participants did their work to its end, and no audit of it was interrupted.
-        failure: The first failure after the participants were started, None if there was none.
+        watch: All that was observed.
+        complete: True if all participants finished their work, and no audit was interrupted.
+        failure: First failure after the participants were started; None without one.
     """
 
     watch: Watch
@@ -95,38 +95,26 @@ class Ended:
 
 
 def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
-    """Run the plan, showing it about ten times a second; print the output of a viewer.
+    """Run the plan; show it about ten times a second, and print the output of a viewer.
 
     Raises:
-        AppError: A process died or was not ready before the participants were started; the text names it and
-            holds its last log lines. Later failures are in the result, with what was observed until then.
+        AppError: A process failed or was not ready before the participants were started; the text names it
+            and contains its last log lines. Later failures are in the result, with the observation until
+            then.
     """
-    if plan.robots is not None:
-        _start_robots(children, plan, plan.robots)
-    children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
-    # The first run after an installation compiles the law: here, and not while the leader is on its way.
-    prepare()
-    address = _printed(children, DAEMON, LISTENING)
+    address = _start_daemon(children, plan)
     if plan.record is not None:
         remove_report(plan.record)
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower), cell.description)
-        # A state holds an entry of every robot; those at the follower's ticks hold its newest errors, too.
+        # A state holds an entry of every robot; states at the follower's ticks also hold its newest errors.
         cell.subscribe(every=1, robots=[plan.follower])
         reader = threading.Thread(
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )
         reader.start()
         _until_ready(children, watch)
-        if plan.monitor and not plan.lockstep:
-            command = monitor_command(address, plan.configs, plan.record)
-            children.launch(MONITOR, command, priority=plan.priority("monitor"))
-            _printed(children, MONITOR, WATCHING)
-        if plan.view:
-            # Never in real time: a viewer must not take turns from the robots' processes.
-            children.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
-        for name in plan.names:
-            children.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
+        _start_clients(children, plan, address)
         complete, failure = _watched(children, plan, watch, show)
         reader.join(REST_TIME)
     if plan.record is not None:
@@ -137,13 +125,45 @@ def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
     return Ended(watch, complete and failure is None, failure)
 
 
+def _start_daemon(children: Children, plan: Plan) -> str:
+    """Start the robots' processes and the daemon; return the daemon's address."""
+    if plan.robots is not None:
+        _start_robots(children, plan, plan.robots)
+    children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
+    # The first run after an installation compiles the law: here, not while the leader is moving.
+    prepare()
+    return _printed(children, DAEMON, LISTENING)
+
+
+def _start_robots(children: Children, plan: Plan, robots: RobotProcesses) -> None:
+    """Start the robot server, which must listen before the KRCs send, then the KRCs."""
+    priority = plan.priority("robots")
+    children.launch(SERVER, robots.server(plan.configs), priority=priority)
+    _printed(children, SERVER, HOLDING)
+    for name, command in robots.krcs.items():
+        children.launch(name, command, priority=priority)
+
+
+def _start_clients(children: Children, plan: Plan, address: str) -> None:
+    """Start the live monitor, the viewer and the participants."""
+    if plan.monitor and not plan.lockstep:
+        command = monitor_command(address, plan.configs, plan.record)
+        children.launch(MONITOR, command, priority=plan.priority("monitor"))
+        _printed(children, MONITOR, WATCHING)
+    if plan.view:
+        # Never in real time: a viewer must not delay the robots' processes.
+        children.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
+    for name in plan.names:
+        children.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
+
+
 def _watched(
     children: Children, plan: Plan, watch: Watch, show: Callable[[Watch], None]
 ) -> tuple[bool, AppError | None]:
     """Watch to the end of the run, then end all processes.
 
     Returns:
-        True if all was done, and the first failure.
+        True if all work was finished, and the first failure.
     """
     complete, failure = False, None
     try:
@@ -157,17 +177,8 @@ def _watched(
     return complete and failure is None, failure
 
 
-def _start_robots(children: Children, plan: Plan, robots: RobotProcesses) -> None:
-    """Start the robot server, which has to listen before the KRCs send, and then those."""
-    priority = plan.priority("robots")
-    children.launch(SERVER, robots.server(plan.configs), priority=priority)
-    _printed(children, SERVER, HOLDING)
-    for name, command in robots.krcs.items():
-        children.launch(name, command, priority=priority)
-
-
 def _printed(children: Children, name: str, what: re.Pattern[str]) -> str:
-    """What a child says once it is ready."""
+    """Return the text that a child prints when it is ready."""
     deadline = time.monotonic() + START_TIME
     while (left := deadline - time.monotonic()) > 0.0:
         event = children.next(left)
@@ -181,7 +192,7 @@ def _printed(children: Children, name: str, what: re.Pattern[str]) -> str:
 
 
 def _until_ready(children: Children, watch: Watch) -> None:
-    """Waits until all robots can be moved: real ones, and those that stand in for them, take their time."""
+    """Wait until all robots can be moved: real robots and virtual KRCs take some time."""
     deadline = time.monotonic() + START_TIME
     while time.monotonic() < deadline:
         with watch.lock:
@@ -194,10 +205,10 @@ def _until_ready(children: Children, watch: Watch) -> None:
 
 
 def _until_done(children: Children, names: Sequence[str], show: Callable[[], None]) -> bool:
-    """Watch until the named children have ended by themselves (True) or the user wants to end (False).
+    """Watch until the named children have ended (True) or the user ends the run (False).
 
     Raises:
-        AppError: A child failed, was stopped, or ended although the run needs it.
+        AppError: A child failed, was stopped, or ended although the run still needs it.
     """
     due = time.monotonic()
     while children.running(*names):
@@ -207,7 +218,7 @@ def _until_done(children: Children, names: Sequence[str], show: Callable[[], Non
             due = now + REFRESH
         if not _goes_on(children, children.next(max(0.0, due - time.monotonic()))):
             return False
-    # An end is among the events before its child counts as ended: what is left holds every failure so far.
+    # An end is queued before its child counts as ended, so the queue holds every failure so far.
     while (event := children.next(0.0)) is not None:
         if not _goes_on(children, event):
             return False
@@ -217,7 +228,7 @@ def _until_done(children: Children, names: Sequence[str], show: Callable[[], Non
 
 def _goes_on(children: Children, event: Event | None) -> bool:
     if isinstance(event, Printed | Exited) and event.name == VIEWER:
-        _tell_of_viewer(children, event)
+        _report_viewer(children, event)
         return True
     if isinstance(event, Printed) and (error := violation_error(event)) is not None:
         raise error
@@ -227,23 +238,23 @@ def _goes_on(children: Children, event: Event | None) -> bool:
 
 
 def _needed(name: str) -> bool:
-    """Return True for a child that has to run until the run ends it."""
+    """Return True for a child that must run until the end of the run."""
     return name in (DAEMON, SERVER, MONITOR) or name.startswith(KRC)
 
 
-def _tell_of_viewer(children: Children, event: Printed | Exited) -> None:
-    """A run goes on without its viewer."""
+def _report_viewer(children: Children, event: Printed | Exited) -> None:
+    """Print the viewer's output; a run continues without its viewer."""
     if isinstance(event, Printed):
         typer.echo(printable(event.text))
     elif event.status != 0:
-        typer.echo(f"the run goes on without a viewer: {printable(' '.join(children.tail(VIEWER)[-1:]))}")
+        typer.echo(f"the run continues without a viewer: {printable(' '.join(children.tail(VIEWER)[-1:]))}")
 
 
 def _rest(children: Children, plan: Plan, failure: AppError | None) -> AppError | None:
-    """End everything in order: participants slow to rest, then monitor, viewer, daemon, KRCs, robot server.
+    """End all processes in order: participants first, then monitor, viewer, daemon, KRCs, robot server.
 
     Returns:
-        The failure of the run: the given one, or that of the first child that did not end well.
+        Failure of the run: the given one, or that of the first child that ended with an error.
     """
     children.send(signal.SIGINT, *plan.names)
     children.wait(plan.names, REST_TIME)
@@ -261,9 +272,9 @@ def _rest(children: Children, plan: Plan, failure: AppError | None) -> AppError 
 
 @contextmanager
 def interruptions(children: Children) -> Iterator[None]:
-    """Turn the signals that ask this process to end into events; the second one ends it at once.
+    """Turn SIGINT, SIGTERM and SIGHUP into events; a second signal ends the process at once.
 
-    A hang-up that the parent has ignored (nohup) stays ignored.
+    SIGHUP stays ignored if the parent ignores it (nohup).
     """
     asked = False
 
