@@ -7,7 +7,7 @@ from armgate.apps.errors import UsageError
 from armgate.apps.lead.inputs import Setting, SpeedShare, find
 from armgate.apps.lead.inputs.gamepad import DEAD_ZONE, beyond
 from armgate.apps.lead.inputs.keyboard import HELD, Keys, keys_in
-from armgate.apps.lead.inputs.mailbox import FRESH, Mailbox
+from armgate.apps.lead.inputs.mailbox import VALIDITY, Mailbox
 from armgate.apps.lead.motions import JointRate, MotionRequest, RobotState, ToolTwist
 
 STATE = RobotState(0.0, np.zeros(3), np.zeros(3))
@@ -89,7 +89,7 @@ def test_a_mailbox_holds_a_wish_for_a_moment(clock):
     assert box.request(STATE) == MotionRequest()
     box.put(motion)
     assert box.request(STATE).motion is motion
-    clock.time += FRESH
+    clock.time += VALIDITY
     assert box.request(STATE) == MotionRequest()
     box.put(motion)
     box.put(None)

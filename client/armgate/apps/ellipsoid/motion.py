@@ -1,4 +1,4 @@
-"""The motion along which ellipsoids are drawn: positions of one robot and the Jacobians there."""
+"""Motion along which ellipsoids are drawn: positions of one robot and the Jacobians there."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,18 +17,18 @@ Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 FLAT = 1e-9
-"""A frame whose velocity along an axis is never more than this, m per rad, moves in a plane."""
+"""Largest velocity, m per rad, along an axis in which a frame counts as not moving."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions of a robot in order.
+    """Positions of a robot, in order.
 
     Attributes:
-        title: What it is, for people.
-        model: The robot.
-        frame: The frame whose ellipsoids are meant.
-        rows: The axes along which the frame moves at all: two for a planar arm.
+        title: Description of the motion for users.
+        model: Model of the robot.
+        frame: Frame whose ellipsoids are drawn.
+        rows: Axes along which the frame moves: two for a planar arm.
         q: Positions, (k, n).
     """
 
@@ -40,13 +40,13 @@ class Motion:
 
     @property
     def task(self) -> FrameTask:
-        """The frame's translation along the rows."""
+        """Translation of the frame along the rows."""
         return FrameTask(self.model, self.frame, self.rows)
 
     def pick(self, count: int) -> Array:
-        """Positions evenly apart in joint space (≤ count, n), the first and the last among them.
+        """Return at most ``count`` positions (k, n), evenly apart in joint space, both ends included.
 
-        Of a closed motion the last is the first again and is left out.
+        In a closed motion the last position equals the first and is left out.
         """
         steps = np.linalg.norm(np.diff(self.q, axis=0), axis=1)
         way = np.concatenate([[0.0], np.cumsum(steps)])
@@ -56,9 +56,9 @@ class Motion:
         return picked
 
     def skeleton(self, q: Array) -> Array:
-        """Points from the base over the joints to the frame, world, (k, 3), m.
+        """Return points from the base over the joints to the frame, world, (k, 3), m.
 
-        The rails of a gantry are left out: its arm hangs from the last carriage.
+        The rails of a gantry are left out: its arm begins at the last carriage.
         """
         joint, carriers = self.model.frame_joint(self.frame), []
         while joint >= 0:
@@ -76,13 +76,13 @@ class Motion:
 def motion_of(
     cell: Cell, name: str | None, frame: str | None, path: Path | None, *, self_motion: bool
 ) -> Motion:
-    """The motion that was asked for.
+    """Return the motion that the options describe.
 
     Raises:
-        UsageError: Robot, frame and path do not fit each other, or there is no self motion.
+        UsageError: Robot, frame and path do not fit each other, or there is no self-motion.
     """
     if path is not None and self_motion:
-        raise UsageError("--path and --self-motion are two motions; give one")
+        raise UsageError("--path and --self-motion exclude each other; expected one of them")
     robot = _robot(cell, name)
     frame = frame or robot.tool
     if frame not in robot.model.frame_names or robot.model.frame_joint(frame) < 0:
@@ -100,7 +100,7 @@ def motion_of(
 
 
 def moving_rows(model: RobotModel, frame: str) -> tuple[str, ...]:
-    """The axes along which the frame moves, looked up at positions all over the joints' ranges."""
+    """Return the axes along which the frame moves, from random positions within the joint limits."""
     rng = np.random.default_rng(0)
     some = [model.frame_jacobian(rng.uniform(model.lower, model.upper), frame)[:3] for _ in range(20)]
     reach = np.abs(some).max(axis=(0, 2))
@@ -108,15 +108,15 @@ def moving_rows(model: RobotModel, frame: str) -> tuple[str, ...]:
 
 
 def both_ways(task: FrameTask, start: Array) -> Array:
-    """The self motion through the start within the joint limits, all round or from end to end, (k, n).
+    """Return the self-motion through the start within the joint limits, closed or from end to end, (k, n).
 
     Raises:
-        UsageError: There is none.
+        UsageError: There is no self-motion.
     """
     try:
         there = trace_self_motion(task, start)
     except ValueError as error:
-        raise UsageError(f"{error}; expected a robot with joints to spare for its {task.m} rows") from error
+        raise UsageError(f"{error}; expected a robot with more joints than its {task.m} rows") from error
     if there.ended is Ended.CLOSED or len(there.q) < 2:
         return there.q
     back = trace_self_motion(task, start, along=there.q[0] - there.q[1])

@@ -1,4 +1,4 @@
-"""The picture: the arm at some positions with its ellipses, and its measures along the whole motion."""
+"""Picture of the arm at several positions with its ellipses, and its measures along the motion."""
 
 from itertools import combinations
 from pathlib import Path
@@ -15,7 +15,7 @@ from armgate.control.redundancy.measures import isotropy, manipulability
 Array = NDArray[np.float64]
 
 SIZE = 0.13
-"""The longest semi-axis drawn, as a share of the picture's width."""
+"""Longest semi-axis that is drawn, as a share of the picture's width."""
 _CIRCLE = np.stack([np.cos(u := np.linspace(0.0, 2.0 * np.pi, 121)), np.sin(u)])
 _FORCE, _INK = "#c0392b", "#1f4e79"
 _STYLE = {
@@ -26,22 +26,22 @@ _STYLE = {
 
 
 def draw(motion: Motion, file: Path, *, count: int, force: bool) -> str:
-    """Draws the picture.
+    """Draw the picture.
 
     Args:
-        motion: What to draw along.
-        file: Where to, by its suffix .png or .svg.
-        count: At how many positions.
-        force: Whether force ellipses are drawn too.
+        motion: The motion.
+        file: Picture to write; its suffix .png or .svg selects the format.
+        count: Number of positions.
+        force: True to draw force ellipses, too.
 
     Returns:
-        What was drawn, in a line for people.
+        A line for users that describes the picture.
 
     Raises:
         UsageError: The file cannot be written, or has another suffix.
     """
     if file.suffix not in {".png", ".svg"}:
-        raise UsageError(f"{file}: expected a picture's name that ends in .png or .svg")
+        raise UsageError(f"{file}: expected a file name that ends in .png or .svg")
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -64,7 +64,7 @@ def _figure(motion: Motion, count: int, force: bool) -> Any:
 
     views = list(combinations(motion.rows, 2))
     if not views:
-        raise UsageError(f"{motion.frame} moves along {motion.rows[0]} alone: that is no ellipse")
+        raise UsageError(f"{motion.frame} moves along {motion.rows[0]} only; an ellipse needs two axes")
     figure = plt.figure(
         figsize=(4.3 * len(views) + 2.2, 7.2) if len(views) > 1 else (7.6, 8.4), layout="constrained"
     )
@@ -82,7 +82,7 @@ def _figure(motion: Motion, count: int, force: bool) -> Any:
 
 
 class _Scene:
-    """The positions drawn, with their ellipsoids at a common scale."""
+    """Drawn positions, with their ellipsoids at a common scale."""
 
     def __init__(self, motion: Motion, count: int, force: bool) -> None:
         from matplotlib import colormaps
@@ -104,13 +104,13 @@ class _Scene:
         self._force_scale = self._scale_of_forces()
 
     def _scale_of_forces(self) -> float:
-        """By the median of the longest axes: near a singularity they grow without bound, and are cut off."""
+        """Return the scale, from the median of the longest axes: singularities make some of them huge."""
         longest = [float(e.lengths.max()) for e in self._force]
         finite = [length for length in longest if np.isfinite(length)]
         return SIZE * self._extent / (float(np.median(finite)) if finite else 1.0)
 
     def paint(self, axis: Any, view: tuple[str, str]) -> None:
-        """One view of all positions, along two world axes."""
+        """Draw one view of all positions, along two world axes."""
         plane = [AXES.index(name) for name in view]
         rows = np.eye(len(self._motion.rows))[[self._motion.rows.index(name) for name in view]]
         for index, line in enumerate(self._lines):
@@ -136,7 +136,7 @@ class _Scene:
             axis.plot(*(centre[:, None] + bounded.map(_CIRCLE)), color=_FORCE, lw=1.0, ls="--", zorder=4)
 
     def _cut(self, ellipsoid: Ellipsoid) -> Ellipsoid:
-        """The ellipsoid in the picture's scale, no longer than twice what is usual."""
+        """Return the ellipsoid in the picture's scale, with axes clipped to twice the usual length."""
         longest = 2.0 * SIZE * self._extent
         return Ellipsoid(ellipsoid.axes, np.minimum(self._force_scale * ellipsoid.lengths, longest))
 
@@ -152,7 +152,7 @@ class _Scene:
 
 
 def _measures(figure: Any, motion: Motion, scene: _Scene) -> None:
-    """Measure and isotropy along the motion, and where it was drawn."""
+    """Draw manipulability and isotropy along the motion, with marks at the drawn positions."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(motion.q, axis=0), axis=1))])
     jacobians = [motion.task.jacobian(q) for q in motion.q]
     axes = figure.subplots(1, 2)
@@ -165,5 +165,5 @@ def _measures(figure: Any, motion: Motion, scene: _Scene) -> None:
             axis.axvline(at, color="#9aa5b1", lw=0.6, zorder=0)
         axis.set_ylim(0.0, 1.15 * max(values) if measure is manipulability and max(values) > 0.0 else 1.0)
         axis.set_ylabel(label)
-        axis.set_xlabel("way in joint space [rad, m]")
+        axis.set_xlabel("distance in joint space [rad, m]")
         axis.grid(alpha=0.25)

@@ -1,4 +1,4 @@
-"""The follower's loop: leader's position in, one increment out, at each tick of the camera's robot."""
+"""Loop of the follower: leader's position in, one increment out, at each tick of the camera's robot."""
 
 from dataclasses import dataclass, field
 
@@ -22,25 +22,25 @@ from armgate.control.spheres import Spheres
 Array = NDArray[np.float64]
 
 LOOP_TICKS = 2
-"""Ticks from a measured position to the measured effect of the increment that answers it."""
+"""Ticks from a measured position to the measured effect of the increment that responds to it."""
 AT_REST = 1e-9
-"""An increment below this is rest, rad or m."""
+"""Increment below which the robot is at rest, rad or m."""
 DISTANCES = (0.05, 100.0)
-"""View distances that make sense, m."""
+"""Smallest and largest view distance that is accepted, m."""
 
 NEAR_LIMIT = 0.95
-"""A joint that is farther than this share of its half range from its middle is near a limit."""
+"""Share of the half range from the middle beyond which a joint is near its limit."""
 
 
 @dataclass(frozen=True)
 class FollowOptions:
-    """How to follow.
+    """Options of the follower.
 
     Attributes:
-        distance: Wanted view distance unless a signal says another, m.
+        distance: Wanted view distance unless a signal overrides it, m.
         lag: Known lag of the camera's robot behind its setpoint, s.
-        focus: A fixed place to look at instead of the leader's tool, world, m.
-        predict: Whether to look at where the tool will be, or at where it was measured.
+        focus: Fixed point to look at instead of the leader's tool, world, m.
+        predict: True to aim at the predicted position of the tool, False for the measured one.
     """
 
     distance: float
@@ -51,17 +51,17 @@ class FollowOptions:
 
 @dataclass
 class FollowLoop:
-    """What the follower needs at each tick.
+    """State and models of the follower's loop.
 
     Attributes:
-        robot: The robot that carries the camera, as described.
-        leader: The robot whose tool is looked at, as described.
-        proximity: Finds where the leader, whose model it holds, is near.
-        spheres: The leader's bounding spheres, which repel.
-        follower: The control law with its bounds.
-        bounds: Of the camera robot's increments.
-        options: How to follow.
-        floor: Height of the floor, which repels too, m; None for none.
+        robot: Description of the robot that carries the camera.
+        leader: Description of the robot whose tool is looked at.
+        proximity: Near pairs of bodies; contains the leader's model.
+        spheres: Bounding spheres of the leader, which repel.
+        follower: Control law with its bounds.
+        bounds: Bounds of the camera robot's increments.
+        options: Options of the follower.
+        floor: Height of the floor, which also repels, m; None without a floor.
     """
 
     robot: RobotDescription
@@ -77,16 +77,16 @@ class FollowLoop:
 
     @classmethod
     def build(cls, cell: Cell, robot: str, leader: str, options: FollowOptions) -> "FollowLoop":
-        """From what the daemon describes.
+        """Build the loop from the daemon's description.
 
         Raises:
-            UsageError: A robot is unknown, or the one that shall follow has no camera.
+            UsageError: A robot is unknown, or the follower's robot has no camera.
         """
         own, other = described(cell.description, robot), described(cell.description, leader)
         if own.camera is None:
-            raise UsageError(f"robot {robot!r} has no camera; name one in the cell's configuration")
+            raise UsageError(f"robot {robot!r} has no camera; configure one in the cell's configuration")
         if robot == leader:
-            raise UsageError(f"robot {robot!r} cannot follow itself; name another --leader")
+            raise UsageError(f"robot {robot!r} cannot follow itself; choose another --leader")
         carrier, target = model_of(cell, own), model_of(cell, other)
         bounds = bounds_of(own)
         follower = Follower(
@@ -102,7 +102,7 @@ class FollowLoop:
         )
 
     def step(self, tick: Tick) -> "Answer":
-        """The answer to a tick."""
+        """Return the answer to a tick."""
         own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
         played = self._last.update(tick.tick, tick.setpoint)
         distance = self._distance(tick)
@@ -125,21 +125,21 @@ class FollowLoop:
         tool = None if self.options.focus is None else self._tool(leader)
         return Answer(self.follower.step(now), played, distance, focus, near, tool)
 
-    def told(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
+    def leader_progress(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
         """Return the signal of the leader's progress, and the name of the client that holds its robot."""
         return tick.signals.get("lead.progress"), tick.entry(self.leader.name).holder
 
     def _distance(self, tick: Tick) -> float:
-        """The wanted view distance: while there is an operator, the last of theirs that makes sense."""
-        told = tick.signals.get("operator.distance")
-        if told is None:
+        """Return the wanted view distance: the operator's last valid one while there is an operator."""
+        signal = tick.signals.get("operator.distance")
+        if signal is None:
             self._zoomed = None
-        elif DISTANCES[0] <= told.value[0] <= DISTANCES[1]:
-            self._zoomed = told.value[0]
+        elif DISTANCES[0] <= signal.value[0] <= DISTANCES[1]:
+            self._zoomed = signal.value[0]
         return self.options.distance if self._zoomed is None else self._zoomed
 
     def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
-        """Where to look, and since when that is known."""
+        """Return the point to look at, and the time at which it was measured."""
         if self.options.focus is not None:
             return np.array(self.options.focus), now
         return self._tool(leader), measured
@@ -155,15 +155,15 @@ class FollowLoop:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the follower makes of a tick.
+    """Answer of the follower to a tick.
 
     Attributes:
-        step: What the control law wants, with the errors at the measured positions.
-        played: The increment that the robot played last (n,).
-        distance: The wanted view distance, m.
-        focus: The measured place that is looked at (3,), world, m; None if it is not known.
-        near_limit: Whether a joint is near its limit.
-        leader: The measured place of the leader's tool (3,), world, m, where that is not looked at.
+        step: Output of the control law, with the errors at the measured positions.
+        played: Increment that the robot played last (n,).
+        distance: Wanted view distance, m.
+        focus: Measured point that is looked at (3,), world, m; None if it is unknown.
+        near_limit: True if a joint is near its limit.
+        leader: Measured position of the leader's tool (3,), world, m, if another point is looked at.
     """
 
     step: FollowStep
@@ -174,7 +174,7 @@ class Answer:
     leader: Array | None = None
 
     def signals(self) -> dict[str, tuple[float, ...]]:
-        """What others may want to know of it; nothing before the leader's place is known."""
+        """Return the signals to share; none before the leader's position is known."""
         if self.step.angle is None or self.step.distance is None or self.focus is None:
             return {}
         leader = {} if self.leader is None else {"follow.leader": tuple(self.leader.tolist())}
@@ -192,26 +192,26 @@ class Answer:
 def follow_leader(
     sharing: Sharing, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
 ) -> str:
-    """Follows until the leader is done, the time is over, or somebody asks to end; then slows to rest.
+    """Follow until the leader has finished, the time is over, or an interruption; then come to rest.
 
     Returns:
-        How it ended, in words.
+        The outcome in words.
 
     Raises:
-        AppError: The leader left before its path was done; the robot is at rest.
-        Lost: The lease was lost or the robot stopped.
+        AppError: The leader left before its path was finished; the robot is at rest.
+        Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The daemon is gone.
     """
     begin: float | None = None
     ending: str | None = None
     watched = Progress()
-    told: dict[str, tuple[float, ...]] = {}
+    shared: dict[str, tuple[float, ...]] = {}
     for tick in robot.ticks():
         begin = tick.time if begin is None else begin
         answer = loop.step(tick)
         if ending is not None and np.all(np.abs(answer.played) < AT_REST):
             break
-        told = share_changes(sharing, answer.signals(), told)
+        shared = share_changes(sharing, answer.signals(), shared)
         if ending is None:
             over = duration is not None and tick.time - begin >= duration
             ending = (
@@ -219,7 +219,7 @@ def follow_leader(
                 if interrupt.requested
                 else "time is over"
                 if over
-                else watched.ending(*loop.told(tick))
+                else watched.ending(*loop.leader_progress(tick))
             )
         robot.send((answer.step.dq if ending is None else loop.bounds.braked(answer.played)).tolist())
     if watched.left:
@@ -231,44 +231,44 @@ def follow_leader(
 
 @dataclass
 class Progress:
-    """What is known of the leader's path.
+    """Progress of the leader's path.
 
-    Only what the holder of the leader's robot shares counts, and only from 0 to 1: any client may take the
-    signal's name first.
+    Only values shared by the holder of the leader's robot count, and only from 0 to 1: any client may take
+    the signal's name first.
 
     Attributes:
-        value: The newest progress, 0 to 1.
-        left: True if the leader is gone although its path was not done.
+        value: Newest progress, 0 to 1.
+        left: True if the leader is gone although its path was not finished.
     """
 
     value: float = 0.0
     left: bool = False
     _owner: str | None = None
 
-    def ending(self, told: SignalValue | None, holder: str | None) -> str | None:
-        """Return why to end, None to go on. A leader that never shares its progress is followed without end.
+    def ending(self, signal: SignalValue | None, holder: str | None) -> str | None:
+        """Return the reason to end; None to go on, always if the leader never shares its progress.
 
         Args:
-            told: The signal of the progress.
+            signal: Signal of the progress.
             holder: Name of the client that holds the leader's robot.
         """
-        if told is not None and told.owner == holder:
+        if signal is not None and signal.owner == holder:
             self._owner = holder
         if self._owner is None:
             return None
-        if told is None or told.owner != self._owner:
+        if signal is None or signal.owner != self._owner:
             self.left = True
             return "the leader is gone"
-        if 0.0 <= told.value[0] <= 1.0:
-            self.value = told.value[0]
+        if 0.0 <= signal.value[0] <= 1.0:
+            self.value = signal.value[0]
         return "the leader's path is done" if self.value >= 1.0 else None
 
 
 def share_changes(
-    sharing: Sharing, values: dict[str, tuple[float, ...]], told: dict[str, tuple[float, ...]]
+    sharing: Sharing, values: dict[str, tuple[float, ...]], shared: dict[str, tuple[float, ...]]
 ) -> dict[str, tuple[float, ...]]:
-    """Share what is new; return what is shared now."""
+    """Share values that changed; return all shared values."""
     for name, value in values.items():
-        if told.get(name) != value:
+        if shared.get(name) != value:
             sharing.share(name, value)
-    return {**told, **values}
+    return {**shared, **values}

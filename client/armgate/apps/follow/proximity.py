@@ -1,4 +1,4 @@
-"""Where the leader is near: the pairs of bodies that the gate tells of, as the control law takes them."""
+"""Proximity of the leader: the gate's nearest pairs of bodies, as arguments of the control law."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from armgate.client import Entry, Nearest
 from armgate.control.near_bodies import NearPair, approach
 
 NEAR = 0.15
-"""Pairs that have more room than this, m, do not matter in the next increments."""
+"""Margin beyond which a pair does not matter for the next increments, m."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class RobotBodies:
     """One of the two robots.
 
     Attributes:
-        model: Its model.
-        bodies: Its bodies' indices by their names in the cell (``FR/link_2``).
+        model: Model of the robot.
+        bodies: Indices of its bodies by their names in the cell (``FR/link_2``).
     """
 
     model: RobotModel
@@ -27,24 +27,24 @@ class RobotBodies:
 
     @classmethod
     def of(cls, robot: str, model: RobotModel) -> "RobotBodies":
-        """The robot of this name and model."""
+        """Return the bodies of the robot with this name and model."""
         return cls(model, {f"{robot}/{body.name}": index for index, body in enumerate(model.bodies)})
 
 
 @dataclass(frozen=True)
 class Proximity:
-    """Finds the pairs of follower and leader in what the gate tells of the follower.
+    """Pairs of follower and leader bodies, from the gate's nearest pairs of the follower.
 
     Attributes:
-        own: The follower.
-        other: The leader.
+        own: Bodies of the follower.
+        other: Bodies of the leader.
     """
 
     own: RobotBodies
     other: RobotBodies
 
     def pairs(self, own: Entry, other: Entry) -> tuple[NearPair, ...]:
-        """The near pairs with what room the leader's stop leaves them; none where positions are not known."""
+        """Return near pairs and the room that the leader's stop leaves; none without positions."""
         if other.q is None or not other.stop_end or own.nearest is None:
             return ()
         q, end = np.array(other.q), np.array(other.stop_end)
@@ -52,7 +52,7 @@ class Proximity:
         return tuple(pair for pair in found if pair is not None)
 
     def _pair(self, near: Nearest, q: np.ndarray, end: np.ndarray) -> NearPair | None:
-        """None but for a moving body and one of the leader's whose nearest points an engine has told."""
+        """Return None unless the pair has witness points and joins a moving body with one of the leader's."""
         if near.points is None:
             return None
         (first, second), points = near.pair, np.array(near.points)

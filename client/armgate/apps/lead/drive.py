@@ -1,4 +1,4 @@
-"""The leader's loop: one increment a tick of its robot, the progress told to everybody."""
+"""Loop of the leader: one increment per tick of its robot, with the progress shared as a signal."""
 
 from collections.abc import Callable
 
@@ -13,18 +13,18 @@ from armgate.apps.lead.shaping import Bounds
 from armgate.apps.sharing import Sharing
 from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
 
-TOLD_EVERY = 4
-"""Ticks between two values of ``lead.progress``."""
+PROGRESS_EVERY = 4
+"""Ticks between two updates of ``lead.progress``."""
 SETTLE = 0.3
-"""How long the leader stays after its last increment, s: the robot arrives, others see the path done."""
+"""Wait after the last increment, s: the robot arrives, and other clients see the path end."""
 
 
 def check_path(path: RecordedPath, cell: Description, robot: str) -> RobotDescription:
-    """The description of the robot, if it can play the path.
+    """Return the description of the robot if it can play the path.
 
     Raises:
-        UsageError: There is no such robot.
-        PathError: Joints or units differ, or a sample is outside of a limit or too fast; names the line.
+        UsageError: The cell has no such robot.
+        PathError: Joints or units differ, or a sample exceeds a position or speed limit; names the line.
     """
     known = {described.name: described for described in cell.robots}
     if robot not in known:
@@ -56,7 +56,7 @@ def _check_limits(path: RecordedPath, robot: RobotDescription) -> None:
 
 
 def bounds_of(robot: RobotDescription) -> Bounds:
-    """What the robot's joints can do per tick, as it is described."""
+    """Return the bounds of the robot's joints per tick, from its description."""
     return Bounds(
         velocity=np.array([joint.velocity for joint in robot.joints]),
         acceleration=np.array([joint.acceleration for joint in robot.joints]),
@@ -68,20 +68,20 @@ def bounds_of(robot: RobotDescription) -> Bounds:
 def drive(
     cell: Cell, robot: Robot, playback: Playback, interrupt: Interrupt, report: Callable[[str], object]
 ) -> str:
-    """Plays to the end, or, once interrupted, slows to rest.
+    """Play the path to its end or, after an interruption, bring the robot to rest.
 
     Args:
-        cell: The connection, for the progress.
-        robot: The robot that is held.
-        playback: What it shall do.
-        interrupt: Set when the process is asked to end.
-        report: Prints a line for people.
+        cell: Connection on which the progress is shared.
+        robot: The robot, acquired.
+        playback: Playback of the path.
+        interrupt: Set when the process is requested to end.
+        report: Prints a line for users.
 
     Returns:
-        How it ended, in words.
+        The outcome in words.
 
     Raises:
-        Lost: The lease was lost or the robot stopped.
+        Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The daemon is gone.
     """
     last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, report)
@@ -94,18 +94,18 @@ def drive(
             settled += 1
         if settled * playback.period > SETTLE:
             return f"{playback.end:.1f} s of the path played, at rest"
-        if count % TOLD_EVERY == 0 or settled == 1:
+        if count % PROGRESS_EVERY == 0 or settled == 1:
             sharing.share("lead.progress", playback.progress)
         dq = playback.brake(played) if interrupt.requested else playback.step(setpoint, played)
-        held = _tell_held(robot.send(dq.tolist()), playback, held, report)
+        held = _report_held(robot.send(dq.tolist()), playback, held, report)
     raise AssertionError("ticks end only by an exception")
 
 
-def _tell_held(verdict: Verdict, playback: Playback, held: bool, report: Callable[[str], object]) -> bool:
-    """Says once when the gate holds the path up, and once when it goes on."""
+def _report_held(verdict: Verdict, playback: Playback, held: bool, report: Callable[[str], object]) -> bool:
+    """Report once when the gate holds the path up, and once when the path continues."""
     if playback.waiting and not held:
         why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
         report(f"path held at {playback.time:.1f} s: {why}")
     elif held and not playback.waiting:
-        report(f"path goes on from {playback.time:.1f} s")
+        report(f"path continues from {playback.time:.1f} s")
     return playback.waiting

@@ -1,4 +1,4 @@
-"""The loop that drives a robot by hand: ask the input, bound its wish, send the increment."""
+"""Loop of manual driving: ask the input, bound the requested motion, send the increment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,38 +18,38 @@ from armgate.client import Robot, Tick, Verdict
 def jog(
     robot: Robot, source: Input, steering: Steering, interrupt: Interrupt, report: Callable[[str], object]
 ) -> str:
-    """Drives until the input has ended or somebody interrupts; the robot is at rest then.
+    """Drive until the input ends or the process is interrupted; the robot is then at rest.
 
     Args:
-        robot: The robot that is held.
-        source: Where wishes come from.
-        steering: Makes increments of them.
-        interrupt: Whether somebody asked to end.
-        report: Prints a line for people.
+        robot: The robot, acquired.
+        source: The input.
+        steering: Turns requested motions into increments.
+        interrupt: Set when the process is requested to end.
+        report: Prints a line for users.
 
     Returns:
-        How it ended, in words.
+        The outcome in words.
 
     Raises:
         AppError: The input failed; the robot is at rest.
-        Lost: The lease was lost or the robot stopped.
+        Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The daemon is gone.
     """
-    last, told, ended = LastIncrement(), _Told(report), MotionRequest()
+    last, reporter, ended = LastIncrement(), _ObstructionReporter(report), MotionRequest()
     for tick in robot.ticks():
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)
         resting = bool(np.all(np.abs(played) < REACHED))
-        wish = MotionRequest(ended="interrupted") if interrupt.requested else ended
-        if not wish.ended:
-            wish = source.request(RobotState(tick.time, setpoint, np.array(tick.q), _others(tick)))
-        if wish.ended:
-            ended = wish
+        request = MotionRequest(ended="interrupted") if interrupt.requested else ended
+        if not request.ended:
+            request = source.request(RobotState(tick.time, setpoint, np.array(tick.q), _others(tick)))
+        if request.ended:
+            ended = request
         if ended.ended and resting:
-            return _how(robot, ended)
-        motion = None if ended.ended else wish.motion
-        if motion is not None or not resting:  # at rest with nothing to do the SDK keeps the lease
-            told.verdict(robot.send(steering.step(motion, setpoint, played).tolist()))
+            return _outcome(robot, ended)
+        motion = None if ended.ended else request.motion
+        if motion is not None or not resting:  # at rest without a motion, the SDK keeps the lease
+            reporter.update(robot.send(steering.step(motion, setpoint, played).tolist()))
     raise AssertionError("ticks end only by an exception")
 
 
@@ -58,21 +58,21 @@ def _others(tick: Tick) -> dict[str, Array]:
     return {entry.robot: np.array(entry.q) for entry in entries}
 
 
-def _how(robot: Robot, ended: MotionRequest) -> str:
+def _outcome(robot: Robot, ended: MotionRequest) -> str:
     if ended.failed:
         raise AppError(f"{robot.name}: {ended.ended}; it is at rest")
     return f"{ended.ended}, at rest"
 
 
 @dataclass
-class _Told:
-    """Says once what bounds the robot, and once that nothing does any more."""
+class _ObstructionReporter:
+    """Report once what obstructs the robot, and once that the way is free again."""
 
     report: Callable[[str], object]
     _cause: str = field(default="", init=False)
 
-    def verdict(self, verdict: Verdict) -> None:
-        # Bounds on single increments come and go with every tick; what people can see is what is in the way.
+    def update(self, verdict: Verdict) -> None:
+        # Bounds on single increments change with every tick; users can only see obstacles and joint limits.
         reason = next((r for r in verdict.reasons if r.cause in ("clearance", "joint_limit")), None)
         cause = "" if reason is None else reason.cause
         if cause != self._cause:

@@ -1,4 +1,4 @@
-"""Drives one robot of a cell by hand: finds it, bounds the hand, takes the lease, runs the loop."""
+"""Manual driving of one robot: find it, build its bounds, acquire the lease, run the loop."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from armgate.client import Cell, Description, RobotDescription
 
 @dataclass(frozen=True)
 class ManualDrive:
-    """Who drives what, and how.
+    """Options of manual driving.
 
     Attributes:
         make: Makes the input.
-        robot: The robot; None: the only one.
-        mode: What the input moves first.
-        speed: The largest share of the robot's speeds.
+        robot: Name of the robot; None if the cell has only one.
+        mode: Initial mode of the input.
+        speed: Largest share of the robot's speeds.
     """
 
     make: Maker
@@ -32,18 +32,18 @@ class ManualDrive:
 
 
 def drive_by_hand(
-    cell: Cell, hand: ManualDrive, interrupt: Interrupt, report: Callable[[str], object]
+    cell: Cell, manual: ManualDrive, interrupt: Interrupt, report: Callable[[str], object]
 ) -> str:
-    """Drives until the input ends; returns how, in words.
+    """Drive until the input ends; return the outcome in words.
 
     Raises:
-        UsageError: There is no such robot.
+        UsageError: The cell has no such robot.
         AppError: The input failed; the robot is at rest.
-        ClientError: The lease was refused or lost, the robot stopped, the daemon is gone.
+        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
     """
-    described = described_in(cell.description, hand.robot)
-    steering = steering_of(cell, described, hand.speed)
-    source = hand.make(Setting(described, hand.mode, report))
+    described = described_in(cell.description, manual.robot)
+    steering = steering_of(cell, described, manual.speed)
+    source = manual.make(Setting(described, manual.mode, report))
     try:
         return drive_by(source, cell, described.name, steering, interrupt, report)
     finally:
@@ -58,14 +58,14 @@ def drive_by(
     interrupt: Interrupt,
     report: Callable[[str], object],
 ) -> str:
-    """Takes a robot and drives it by what an input wants; raises as `drive_by_hand`."""
+    """Acquire a robot and drive it by an input; raises the same exceptions as `drive_by_hand`."""
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
     with cell.acquire(robot) as arm:
         return f"{robot}: {jog(arm, source, steering, interrupt, report)}"
 
 
 def steering_of(cell: Cell, robot: RobotDescription, speed: float) -> Steering:
-    """What bounds a hand that drives this robot, its tool too where the cell's libraries are installed."""
+    """Return the steering of a robot, including its tool if the cell's libraries are installed."""
     return Steering(
         bounds_of(robot),
         np.array([joint.lower for joint in robot.joints]),
@@ -80,17 +80,17 @@ def _tool_of(cell: Cell, robot: RobotDescription) -> Tool | None:
         from armgate.cell.model import RobotModel  # noqa: PLC0415
         from armgate.cell.placement import Placement  # noqa: PLC0415
         from armgate.control.redundancy.tasks import ROWS, FrameTask  # noqa: PLC0415
-    except ModuleNotFoundError:  # a light install: joints can be moved all the same
+    except ModuleNotFoundError:  # a light install can still move joints
         return None
     base = Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)
     return FrameTask(RobotModel.from_urdf(cell.urdf(robot.name), base), robot.tool, ROWS)
 
 
 def described_in(cell: Description, robot: str | None) -> RobotDescription:
-    """The robot of this name; None: the only one.
+    """Return the description of the named robot; with None, of the only robot.
 
     Raises:
-        UsageError: There is no such robot, or there are several.
+        UsageError: The cell has no such robot, or no name was given and it has several.
     """
     known = {described.name: described for described in cell.robots}
     if robot is None and len(known) == 1:

@@ -1,4 +1,4 @@
-"""What an input wants of the robot at a tick, and what it may know for that."""
+"""Motions that an input requests of a robot at a tick, and the robot state that it receives."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,23 +13,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointRate:
-    """Joints shall move at these shares of the leader's largest speeds (n,), each −1 to 1."""
+    """Joint velocities as shares of the leader's largest speeds (n,), each −1 to 1."""
 
     share: Array
 
 
 @dataclass(frozen=True)
 class JointTarget:
-    """Joints shall come to these positions and rest there (n,), rad or m."""
+    """Joint positions to reach and rest at (n,), rad or m."""
 
     q: Array
 
 
 @dataclass(frozen=True)
 class ToolTwist:
-    """The tool shall move at these shares of the leader's largest tool speeds (6,), each −1 to 1.
+    """Tool velocity as shares of the leader's largest tool speeds (6,), each −1 to 1.
 
-    Linear at the tool's origin, then angular, world axes.
+    Linear velocity of the tool's origin, then angular velocity, world axes.
     """
 
     share: Array
@@ -37,7 +37,7 @@ class ToolTwist:
 
 @dataclass(frozen=True)
 class ToolTarget:
-    """The tool shall come to this place in the world and rest there."""
+    """Tool pose in the world to reach and rest at."""
 
     place: Placement
 
@@ -47,12 +47,12 @@ Motion = JointRate | JointTarget | ToolTwist | ToolTarget
 
 @dataclass(frozen=True)
 class MotionRequest:
-    """What is wanted now.
+    """Request of an input at one tick.
 
     Attributes:
-        motion: Where to; None: rest. A deadman switch that is not held is None.
-        ended: Why nothing more will be wanted, "": it goes on. The robot is brought to rest first.
-        failed: Whether it ended otherwise than its user wished.
+        motion: Requested motion; None to rest, for example while a deadman switch is released.
+        ended: Reason why the input has ended; "" while it continues. The robot is brought to rest first.
+        failed: True if the input ended for another reason than its user's request.
     """
 
     motion: Motion | None = None
@@ -62,13 +62,13 @@ class MotionRequest:
 
 @dataclass(frozen=True)
 class RobotState:
-    """What an input may know of its robot.
+    """State of an input's robot at one tick.
 
     Attributes:
         time: Daemon time of the tick, s.
-        setpoint: The commanded position (n,), rad or m.
-        q: The measured one (n,), rad or m.
-        others: Measured positions of the cell's other robots by name.
+        setpoint: Commanded position (n,), rad or m.
+        q: Measured position (n,), rad or m.
+        others: Measured positions of the other robots of the cell, by name.
     """
 
     time: float

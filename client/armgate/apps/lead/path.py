@@ -1,6 +1,6 @@
-"""Recorded paths: a text file of joint positions over time, read strictly and interpolated smoothly.
+"""Recorded paths: text files of joint positions over time, read strictly and interpolated smoothly.
 
-The form (every line below is required, in this order; further comment lines may follow the first)::
+Format (every line below is required, in this order; further comment lines may follow the first)::
 
     # armgate path 1
     # robot: GR
@@ -10,7 +10,7 @@ The form (every line below is required, in this order; further comment lines may
     t,X,Y,Z,A1,A2,A3,A4,A5,A6
     0.000,2.930000,…
 
-Times in s from 0 on, one sample time apart; units are m, rad or deg. Inside, angles are rad.
+Times are in s from 0 on, one sample time apart; units are m, rad or deg. In memory, angles are in rad.
 """
 
 import math
@@ -29,7 +29,7 @@ MAGIC = "# armgate path 1"
 MAX_SAMPLES = 1_000_000
 _KEYS = ("robot", "joints", "units", "sample time")
 MAX_BYTES = 256 * 1024 * 1024
-"""Largest file of a path: room for MAX_SAMPLES."""
+"""Largest size of a path file, bytes: room for MAX_SAMPLES."""
 
 _UNITS = {"m": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 
@@ -38,18 +38,19 @@ _UNITS = {"m": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 class RecordedPath:
     """Joint positions of one robot, one sample time apart, at rest at both ends.
 
-    Between samples the position follows cubic Hermite pieces with Fritsch and Carlson's slopes (SIAM J.
-    Numer. Anal. 17 (1980) 238–246): once continuously differentiable, and never outside of what its two
-    neighbouring samples span, so that a path whose samples keep the joint limits keeps them everywhere.
+    Between samples the position is interpolated by cubic Hermite pieces with the slopes of Fritsch and
+    Carlson (SIAM J. Numer. Anal. 17 (1980) 238–246): once continuously differentiable, and always within the
+    range of the two neighbouring samples. So a path whose samples keep the joint limits keeps them
+    everywhere.
 
     Attributes:
-        file: Where it was read.
-        robot: The robot that it was recorded with.
+        file: The path file.
+        robot: Name of the robot that the path was recorded with.
         joints: Joint names, in the order of the columns.
         units: ``m`` or ``rad`` for each joint.
         period: Sample time, s.
         q: Samples (m, n), m or rad, read-only.
-        first_line: The line of the file in which sample 0 stands.
+        first_line: Line of the file that holds sample 0.
     """
 
     file: Path
@@ -71,11 +72,11 @@ class RecordedPath:
         return (len(self.q) - 1) * self.period
 
     def at(self, t: float) -> Array:
-        """Position at time ``t`` (n,); before the start and after the end the path rests."""
+        """Return the position at time ``t`` (n,); the path rests before its start and after its end."""
         return self._piece(t, _POSITION)
 
     def velocity(self, t: float) -> Array:
-        """Its derivative at time ``t`` (n,), per s."""
+        """Return the velocity at time ``t`` (n,), per s."""
         if not 0.0 <= t <= self.duration:
             return np.zeros(self.q.shape[1])
         return self._piece(t, _VELOCITY) / self.period
@@ -91,7 +92,7 @@ class RecordedPath:
         return at
 
     def line_of(self, sample: int) -> int:
-        """The line of the file in which a sample stands."""
+        """Return the line of the file that holds a sample."""
         return self.first_line + sample
 
 
@@ -101,7 +102,7 @@ _VELOCITY = np.array([[0.0, -6, 6, 0], [0, 6, -6, 0], [1, -4, 3, 0], [0, -2, 3, 
 
 
 def slopes(q: Array, period: float) -> Array:
-    """Fritsch and Carlson's slopes at the samples: harmonic mean of both sides, zero at turns and ends."""
+    """Return Fritsch and Carlson's slopes: the harmonic mean of both sides; zero at extrema and ends."""
     secant = np.diff(q, axis=0) / period
     left, right = secant[:-1], secant[1:]
     same = left * right > 0.0
@@ -112,13 +113,13 @@ def slopes(q: Array, period: float) -> Array:
 
 
 def read_path(file: Path) -> RecordedPath:
-    """Reads a path file.
+    """Read a path file.
 
     Raises:
-        PathError: It cannot be read or is malformed; the text names file and line and what was expected.
+        PathError: The file cannot be read or is malformed; the text names file, line and expectation.
     """
     try:
-        with file.open("rb") as stream:  # a device has no end
+        with file.open("rb") as stream:  # a device file has no end
             data = stream.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise PathError(file, None, f"has more than {MAX_BYTES} bytes; expected a path file")
@@ -139,13 +140,13 @@ def read_path(file: Path) -> RecordedPath:
 
 
 def format_path(robot: str, joints: Sequence[tuple[str, str]], period: float, q: Array) -> str:
-    """The text of a path file.
+    """Return the text of a path file.
 
     Args:
-        robot: Its name.
+        robot: Name of the robot.
         joints: Name and unit (m or rad) of each joint.
         period: Sample time, s.
-        q: Samples (k, n), m or rad; a single one is written twice, since a path has a beginning and an end.
+        q: Samples (k, n), m or rad; a single sample is written twice, since a path has two ends.
     """
     names, units = zip(*joints, strict=True)
     head = [MAGIC, f"# robot: {robot}", f"# joints: {' '.join(names)}", f"# units: {' '.join(units)}"]
@@ -158,7 +159,7 @@ def format_path(robot: str, joints: Sequence[tuple[str, str]], period: float, q:
 
 
 def _header(file: Path, lines: list[str]) -> tuple[dict[str, tuple[int, str]], int]:
-    """The header's values with their lines, and the index of the first line that is no comment."""
+    """Return the header's values with their lines, and the index of the first line after the header."""
     if not lines or lines[0].strip() != MAGIC:
         raise PathError(file, 1, f"expected {MAGIC!r} as the first line")
     found: dict[str, tuple[int, str]] = {}
@@ -167,7 +168,7 @@ def _header(file: Path, lines: list[str]) -> tuple[dict[str, tuple[int, str]], i
         key, colon, value = lines[index][1:].partition(":")
         if colon and key.strip() in _KEYS:
             if key.strip() in found:
-                raise PathError(file, index + 1, f"{key.strip()!r} stands twice in the header")
+                raise PathError(file, index + 1, f"{key.strip()!r} appears twice in the header")
             found[key.strip()] = (index + 1, value.strip())
         index += 1
     for key in _KEYS:
@@ -179,11 +180,11 @@ def _header(file: Path, lines: list[str]) -> tuple[dict[str, tuple[int, str]], i
 def _meaning(
     file: Path, header: dict[str, tuple[int, str]]
 ) -> tuple[tuple[str, ...], tuple[str, ...], float]:
-    """Joint names, their units and the sample time."""
+    """Return joint names, units and sample time."""
     line, text = header["joints"]
     joints = tuple(text.split())
     if len(set(joints)) != len(joints):
-        raise PathError(file, line, "a joint stands twice")
+        raise PathError(file, line, "a joint appears twice")
     line, text = header["units"]
     units = tuple(text.split())
     if len(units) != len(joints):
@@ -199,7 +200,7 @@ def _meaning(
 
 
 def _samples(file: Path, lines: list[str], start: int, n: int, period: float) -> Array:
-    """The table's positions (m, n), in the file's units."""
+    """Return the positions in the table (m, n), in the file's units."""
     if not 2 <= len(lines) - start <= MAX_SAMPLES:
         raise PathError(file, len(lines), f"{len(lines) - start} samples; expected 2 to {MAX_SAMPLES}")
     rows = np.empty((len(lines) - start, n))
@@ -221,7 +222,7 @@ def _number(file: Path, line: int, what: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise PathError(file, line, f"{what}: {text.strip()!r} is no number") from None
+        raise PathError(file, line, f"{what}: {text.strip()!r} is not a number") from None
     if not math.isfinite(value):
         raise PathError(file, line, f"{what}: {text.strip()} is not finite")
     return value

@@ -1,4 +1,4 @@
-"""Plays a recorded path: one increment a tick, and a path time that waits whenever the robot falls behind."""
+"""Playback of a recorded path: one increment per tick, in a path time that waits for a lagging robot."""
 
 import math
 
@@ -11,21 +11,21 @@ from armgate.apps.lead.shaping import Bounds
 Array = NDArray[np.float64]
 
 RAMP = 0.5
-"""Time in which the path's pace goes from rest to full, s."""
+"""Time in which the pace of the path rises from 0 to 1, s."""
 BEHIND = 2.0
-"""How many ticks at full speed the setpoint may be behind its path before the path waits."""
+"""Largest lag of the setpoint behind the path, in ticks at full speed; beyond it the path waits."""
 SLOW = 0.2
-"""Share of the largest speed with which the start of the path is approached."""
+"""Share of the largest speed used for the approach to the start of the path."""
 REACHED = 1e-6
-"""Distance at which a joint counts as having arrived, rad or m."""
+"""Distance below which a joint has arrived, rad or m."""
 
 
 class Playback:
-    """Follows a path in its own time τ, which runs with a pace between 0 and 1 of the clock's.
+    """Playback in path time τ, which passes at a pace between 0 and 1 of real time.
 
-    The pace grows while the setpoint keeps up and falls to nothing while it does not (the gate refuses or
-    limits): so the path never runs away from the robot, and goes on where it was. Before the path starts, the
-    robot is driven to its first position, slowly and straight.
+    The pace rises while the setpoint keeps up, and falls to 0 while it does not because the gate refuses or
+    limits commands. So the path never runs away from the robot, and continues where it stopped. Before the
+    path starts, the robot moves to its first position, slowly and on a straight line in joint space.
 
     Attributes:
         time: Path time τ reached, s.
@@ -42,35 +42,35 @@ class Playback:
 
     @property
     def period(self) -> float:
-        """The robot's tick, s."""
+        """Period of the robot's ticks, s."""
         return self._bounds.period
 
     @property
     def progress(self) -> float:
-        """Share of this run's path that is done, 0 to 1."""
+        """Share of this run's path that was played, 0 to 1."""
         return self.time / self.end if self.end > 0.0 else 1.0
 
     @property
     def approaching(self) -> bool:
-        """Whether the robot is still on its way to the path's start."""
+        """True while the robot approaches the start of the path."""
         return not self._started
 
     @property
     def waiting(self) -> bool:
-        """Whether the path stands still because the robot does not keep up."""
+        """True if playback is paused because the robot lags behind."""
         return self._started and self._pace == 0.0 and 0.0 < self.time < self.end
 
     def step(self, setpoint: Array, last: Array) -> Array:
-        """The wish for the next tick.
+        """Return the wanted increment of the next tick.
 
         Args:
-            setpoint: Commanded position now (n,).
-            last: The increment that led to it, as it was admitted (n,).
+            setpoint: Current setpoint (n,).
+            last: Admitted increment that led to it (n,).
         """
         if not self._started:
             self._started = self._at(self._path.at(0.0), setpoint, last)
-            wish = self._bounds.approach(self._path.at(0.0) - setpoint, SLOW)
-            return self._bounds.limit(wish, last)
+            wanted = self._bounds.approach(self._path.at(0.0) - setpoint, SLOW)
+            return self._bounds.limit(wanted, last)
         here = self._path.at(self.time)
         behind = here - setpoint
         self._advance(behind)
@@ -78,20 +78,20 @@ class Playback:
         return self._bounds.limit(ahead + self._bounds.approach(behind), last)
 
     def brake(self, last: Array) -> Array:
-        """The wish that slows the robot to rest instead."""
+        """Return the increment that brings the robot to rest instead."""
         return self._bounds.braking(last)
 
     def finished(self, setpoint: Array, last: Array) -> bool:
-        """Whether the run has ended: its last position reached, at rest."""
+        """Return True if the run has ended: last position reached, at rest."""
         return self._started and self.time >= self.end and self._at(self._path.at(self.end), setpoint, last)
 
     def _advance(self, behind: Array) -> None:
-        """Moves path time on by one tick at the new pace, braking in time for the end."""
+        """Advance path time by one tick at the new pace, braking in time for the end."""
         T = self._bounds.period
         change = T / RAMP
         keeps_up = bool(np.all(np.abs(behind) <= BEHIND * self._bounds.increment))
         wanted = self._pace + change if keeps_up else self._pace - 4.0 * change
-        # v² = 2 s / RAMP: the pace from which the path comes to rest within what is left of this run.
+        # v² = 2 s / RAMP: the pace from which the path comes to rest within the rest of this run.
         left = self.end - self.time
         stop = math.sqrt(2.0 * left / RAMP) if self.end < self._path.duration else 1.0
         self._pace = min(max(wanted, 0.0), 1.0, stop)

@@ -1,4 +1,4 @@
-"""A leader that goes for a body of another robot, wherever that moves to: what a follower has to escape."""
+"""Pursuit: a leader whose tool moves towards a body of another robot, which must evade it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,12 +16,12 @@ from armgate.control.spheres import Spheres
 
 @dataclass(frozen=True)
 class TargetBody:
-    """A body of another robot.
+    """Body of another robot.
 
     Attributes:
         robot: The robot's name.
-        spheres: Bounding spheres of the robot.
-        which: Those of the body.
+        spheres: Bounding spheres of that robot.
+        which: Indices of the body's spheres.
     """
 
     robot: str
@@ -30,10 +30,10 @@ class TargetBody:
 
     @classmethod
     def of(cls, robot: str, body: str, model: RobotModel) -> "TargetBody":
-        """A body by its name.
+        """Return the body with this name.
 
         Raises:
-            UsageError: No moving body of the robot has this name.
+            UsageError: The robot has no moving body with this name.
         """
         spheres = Spheres.of(model)
         names = [model.bodies[index].name for index in spheres.bodies]
@@ -44,18 +44,18 @@ class TargetBody:
         return cls(robot, spheres, which)
 
     def place(self, q: Array) -> Array:
-        """The body's middle (3,) at q (n,), world, m."""
+        """Return the centre of the body (3,) at q (n,), world, m."""
         middle: Array = self.spheres.centres(q)[list(self.which)].mean(axis=0)
         return middle
 
 
 class Pursuit:
-    """An input whose tool keeps its posture and wants to be where the target is.
+    """Input that moves the tool to the target body and keeps the tool's orientation.
 
     Args:
-        target: What it goes for.
+        target: The body to pursue.
         model: The leader's model.
-        tool: Name of its tool's frame.
+        tool: Name of the leader's tool frame.
     """
 
     def __init__(self, target: TargetBody, model: RobotModel, tool: str) -> None:
@@ -63,7 +63,7 @@ class Pursuit:
         self._R: Array | None = None
 
     def request(self, state: RobotState) -> MotionRequest:
-        """Towards the target as it was measured; rest while its place is not known."""
+        """Return a motion towards the measured position of the target; rest while it is unknown."""
         q = state.others.get(self._target.robot)
         if self._R is None:
             self._R = self._model.frame(state.setpoint, self._tool).R
@@ -74,7 +74,7 @@ class Pursuit:
         )
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is no device to close."""
 
 
 def pursue(
@@ -85,11 +85,11 @@ def pursue(
     interrupt: Interrupt,
     report: Callable[[str], object],
 ) -> str:
-    """Pursues a body (``FR/link_3``) at ``speed`` m/s until somebody interrupts; returns how it ended.
+    """Pursue a body (``FR/link_3``) at ``speed`` m/s until interrupted; return the outcome in words.
 
     Raises:
-        UsageError: There is no such robot or body.
-        ClientError: The lease was refused or lost, the robot stopped, the daemon is gone.
+        UsageError: The cell has no such robot or body.
+        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
     """
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)

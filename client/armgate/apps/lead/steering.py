@@ -1,4 +1,4 @@
-"""From a wish to the next increment: bounded in speed and acceleration, inside the limits, able to stop."""
+"""Steering: turns a requested motion into an increment within speed, acceleration and joint limits."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,39 +12,39 @@ from armgate.cell.placement import Placement
 from armgate.control.redundancy.inverses import variably_damped_inverse
 
 TOOL_SPEED = 0.25
-"""Largest speed of the tool, m/s: what ISO 10218-1 allows where people may be near."""
+"""Largest speed of the tool, m/s: the limit of ISO 10218-1 for people nearby."""
 TOOL_TURN = 0.5
 """Largest angular speed of the tool, rad/s."""
 _GAIN = 3.0
-"""The tool comes near its target with this rate, 1/s, where that is slower than it may be."""
+"""Rate at which the tool approaches its target, 1/s, if its speed limit is not reached."""
 _SINGULAR = 0.05
-"""Smallest singular value of J, its joints counted in their largest speeds, below which it is damped …"""
+"""Singular value of J, with joints scaled by their largest speeds, below which J is damped."""
 _DAMPING = 0.1
-"""… by at most so much."""
+"""Largest damping."""
 
 
 class Tool(Protocol):
-    """The six rows of a tool's motion: a ``FrameTask``, which needs the cell's libraries."""
+    """Task of a tool with six rows: a ``FrameTask``, which needs the cell's libraries."""
 
     def jacobian(self, q: Array) -> Array:
-        """J (6, n) at q (n,)."""
+        """Return J (6, n) at q (n,)."""
         ...
 
     def error(self, q: Array, target: Placement) -> Array:
-        """The way that is left from q to the target (6,), m and rad."""
+        """Return the displacement from q to the target (6,), m and rad."""
         ...
 
 
 @dataclass(frozen=True)
 class Steering:
-    """Pure: the same wishes at the same places give the same increments.
+    """Pure function of requested motion and state: equal arguments give equal increments.
 
     Attributes:
-        bounds: What the joints can do.
+        bounds: Bounds of the joints.
         lower: Lower limits (n,), rad or m.
         upper: Upper limits (n,).
-        share: The largest share of the joints' and the tool's speeds that is used, above 0, at most 1.
-        tool: The tool's six rows; None where wishes are for joints only.
+        share: Share of the joints' and the tool's speeds that is used, above 0, at most 1.
+        tool: Task of the tool; None if only joints can be moved.
         tool_speed: Largest speed of the tool, m/s.
     """
 
@@ -56,17 +56,17 @@ class Steering:
     tool_speed: float = TOOL_SPEED
 
     def step(self, motion: Motion | None, setpoint: Array, last: Array) -> Array:
-        """The increment for the next tick (n,).
+        """Return the increment for the next tick (n,).
 
         Args:
-            motion: What is wanted; None: rest.
-            setpoint: The commanded position now (n,).
-            last: The increment that led to it (n,).
+            motion: Requested motion; None to come to rest.
+            setpoint: Current setpoint (n,).
+            last: Increment that led to it (n,).
 
         Raises:
-            AppError: A tool is to be moved and there is none.
+            AppError: A tool motion is requested but the robot's tool cannot be moved.
         """
-        # At rest too each joint brakes by itself: on a straight stop the slowest would carry others too far.
+        # Each joint brakes by itself, too: in a straight stop the slowest joint would carry others too far.
         wanted = np.zeros_like(last) if motion is None else self._wanted(motion, setpoint)
         return self.bounds.towards(wanted, last)
 
@@ -82,12 +82,12 @@ class Steering:
                 return self._carried(np.clip(share, -1.0, 1.0) * self._tool_speeds, setpoint)
             case ToolTarget(place):
                 error = self._task.error(setpoint, place)
-                # Both parts slow down together, so that the tool comes on the straight line.
+                # Both parts slow down together, so that the tool moves on a straight line.
                 too_fast = np.linalg.norm((_GAIN * error / self._tool_speeds).reshape(2, 3), axis=1).max()
                 return self._carried(_GAIN * error / max(1.0, float(too_fast)), setpoint)
 
     def _carried(self, twist: Array, setpoint: Array) -> Array:
-        """The increment that moves the tool by ``twist`` (6,), slowed as a whole where a joint must be."""
+        """Return the increment for a tool velocity (6,), scaled as a whole to the joints' limits."""
         velocity = self.bounds.velocity
         J = self._task.jacobian(setpoint) * velocity
         dq = velocity * (variably_damped_inverse(J, _SINGULAR, _DAMPING) @ twist) * self.bounds.period
@@ -98,14 +98,14 @@ class Steering:
         return slowed
 
     def _room(self, setpoint: Array) -> tuple[Array, Array]:
-        """The increments of least and greatest value from which each joint can stop before its limit."""
+        """Return the smallest and largest increments from which each joint can stop before its limit."""
         low = self.bounds.reach(np.maximum(setpoint - self.lower, 0.0))
         return -low, self.bounds.reach(np.maximum(self.upper - setpoint, 0.0))
 
     @property
     def _task(self) -> Tool:
         if self.tool is None:
-            raise AppError("the tool of this robot cannot be steered; steer its joints")
+            raise AppError("the tool of this robot cannot be moved; move its joints")
         return self.tool
 
     @property

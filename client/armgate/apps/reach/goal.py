@@ -1,4 +1,4 @@
-"""What ``armgate reach`` shall do, as a controller of the redundancy toolbox."""
+"""Goal of ``armgate reach``, as a controller of the redundancy toolbox."""
 
 import math
 from collections.abc import Callable
@@ -28,21 +28,21 @@ from armgate.control.redundancy.tasks import FrameTask
 Array = NDArray[np.float64]
 
 GAINS = {"singularities": 8.0, "limits": 1.0, "obstacles": 3.0}
-"""Of the objectives, each in its own units: they come near their optimum in some seconds."""
+"""Gains of the objectives, each in its own units: they approach their optimum within some seconds."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What was asked for.
+    """Options of ``armgate reach``.
 
     Attributes:
-        frame: The frame that is brought; None for the robot's tool.
-        rows: Which rows of it.
-        xyz: Where to, world, m; None: where it is.
-        rpy_deg: How turned, world, degrees; None: as it is.
-        tuning: Which controller.
-        objectives: Names out of ``GAINS``.
-        clear: Nearer obstacles are kept away from, m.
+        frame: Frame to move; None for the robot's tool.
+        rows: Names of the task's rows.
+        xyz: Target position, world, m; None to keep it.
+        rpy_deg: Target orientation, world, degrees; None to keep it.
+        tuning: Tuning of the controller.
+        objectives: Names of null-space objectives, keys of ``GAINS``.
+        clear: Distance below which obstacles repel the robot, m.
     """
 
     frame: str | None
@@ -56,12 +56,12 @@ class Goal:
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot and what it shall do.
+    """Robot with the controller that moves it to the goal.
 
     Attributes:
-        robot: As the daemon describes it.
-        bounds: Of its increments.
-        controller: Makes the controller, once the position is known from which it starts.
+        robot: Description from the daemon.
+        bounds: Bounds of its increments.
+        controller: Makes the controller for the position from which the robot starts.
     """
 
     robot: RobotDescription
@@ -75,10 +75,10 @@ def tuning(method: str, gain: float, speed: float, damping: float) -> Tuning:
 
 
 def build(cell: Cell, name: str, goal: Goal) -> Arm:
-    """The arm from what the daemon describes.
+    """Build the arm from the daemon's description.
 
     Raises:
-        UsageError: There is no such robot, frame or row.
+        UsageError: The cell has no such robot, or the robot no such frame or row.
     """
     robot = described(cell.description, name)
     model = model_of(cell, robot)
@@ -100,7 +100,7 @@ def build(cell: Cell, name: str, goal: Goal) -> Arm:
 
 
 def target(goal: Goal, here: Placement) -> Placement:
-    """Where to bring the frame that is here."""
+    """Return the target pose of the frame whose pose is ``here``."""
     R = here.R if goal.rpy_deg is None else rotation_from_rpy([math.radians(a) for a in goal.rpy_deg])
     return Placement(R, here.t if goal.xyz is None else np.array(goal.xyz))
 
@@ -108,7 +108,7 @@ def target(goal: Goal, here: Placement) -> Placement:
 def objective(
     name: str, task: FrameTask, robot: RobotDescription, goal: Goal, cell: Description
 ) -> Objective:
-    """The objective of this name."""
+    """Return the objective with this name."""
     if name == "singularities":
         return AwayFromSingularities(task)
     if name == "limits":
@@ -117,7 +117,7 @@ def objective(
 
 
 def away_from_surroundings(model: RobotModel, cell: Description, clear: float) -> AwayFromObstacles:
-    """Away from all that stands in the cell and belongs to no robot."""
+    """Return the objective to move away from all surroundings."""
     obstacles = [
         Obstacle(shape_from(body.shape.kind, body.shape.size), Placement.from_quaternion(body.xyz, body.xyzw))
         for body in cell.bodies

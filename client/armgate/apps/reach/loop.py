@@ -1,4 +1,4 @@
-"""The loop of ``armgate reach``: setpoint in, one increment out, until the target is reached or cannot be."""
+"""Loop of ``armgate reach``: one increment per tick until the target is reached or cannot be reached."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,23 +19,23 @@ from armgate.control.bounds import IncrementBounds
 Array = NDArray[np.float64]
 
 AT_REST = 1e-9
-"""An increment below this is rest, rad or m."""
+"""Increment below which the robot is at rest, rad or m."""
 SETTLED = 1e-3
-"""A robot that moves with less than this share of its speed …"""
+"""Share of its speed below which a robot counts as settled …"""
 SETTLE = 0.25
-"""… for so long, s, has come where its objectives lead it."""
+"""… if it stays below for this time, s."""
 STALL = 3.0
-"""An error that has not fallen by the tolerance for so long, s, will not."""
+"""Time without an improvement by the tolerance after which the motion is stuck, s."""
 
 
 @dataclass
 class Done:
-    """How it ended.
+    """Outcome of the motion.
 
     Attributes:
-        text: In words.
-        reached: Whether the target was reached; None where somebody ended it before.
-        setpoints: The setpoints at all ticks, (k, n).
+        text: The outcome in words.
+        reached: True if the target was reached; None if the motion was interrupted.
+        setpoints: Setpoints at all ticks, (k, n).
     """
 
     text: str
@@ -43,10 +43,10 @@ class Done:
     setpoints: Array
 
     def check(self, robot: str) -> None:
-        """Fails the command where the target was not reached.
+        """Fail the command if the target was not reached.
 
         Raises:
-            AppError: It was not; the text says why.
+            AppError: It was not reached; the text gives the reason.
         """
         if self.reached is False:
             raise AppError(f"{robot}: {self.text}")
@@ -54,12 +54,12 @@ class Done:
 
 @dataclass
 class Watch:
-    """Decides when it is over.
+    """Criteria for the end of the motion.
 
     Attributes:
-        tolerance: An error that is none, m and rad.
-        duration: For how long it may be tried, s.
-        limit: The last reason for which a command was not admitted as it was.
+        tolerance: Convergence tolerance, m and rad.
+        duration: Timeout, s.
+        limit: Reason for which the gate last limited or refused a command.
     """
 
     tolerance: float
@@ -71,12 +71,12 @@ class Watch:
     _moved: float = 0.0
 
     def update(self, time: float, error: float, pace: float) -> tuple[str, bool] | None:
-        """How it ends at this tick, in words, and whether the target is reached; None to go on.
+        """Return the outcome in words, and True if the target is reached; None to go on.
 
         Args:
-            time: Of the tick, s.
-            error: Length of the rows that are left, m and rad.
-            pace: The largest share of its speed with which a joint moves.
+            time: Time of the tick, s.
+            error: Norm of the remaining error, m and rad.
+            pace: Largest share of its speed with which a joint moves.
         """
         if self._begin is None:
             self._begin = self._improved = self._moved = time
@@ -90,11 +90,11 @@ class Watch:
         if time - self._improved >= STALL:
             return f"stuck {error:.4g} from the target after {passed:.2f} s{self._why()}", False
         if passed >= self.duration:
-            return f"time is over, {error:.4g} from the target{self._why()}", error <= self.tolerance
+            return f"timeout, {error:.4g} from the target{self._why()}", error <= self.tolerance
         return None
 
     def take(self, verdict: Verdict) -> None:
-        """Remembers why the gate did not admit a wish as it was."""
+        """Store the reason for which the gate did not admit a command unchanged."""
         self.limit = "" if verdict.outcome == "admitted" or not verdict.reasons else verdict.reasons[0].text
 
     def _why(self) -> str:
@@ -103,24 +103,24 @@ class Watch:
 
 @dataclass
 class Steps:
-    """From a wanted joint velocity to an increment that the gate lets through."""
+    """Increments from wanted joint velocities, within the gate's bounds."""
 
     bounds: IncrementBounds
     period: float
     _last: LastIncrement = field(default_factory=LastIncrement)
 
     def played(self, tick: int, setpoint: Array) -> Array:
-        """The increment that the robot played last (n,)."""
+        """Return the increment that the robot played last (n,)."""
         return self._last.update(tick, setpoint.tolist())
 
     def increment(self, qd: Array, last: Array, setpoint: Array) -> Array:
-        """The increment for q̇, shortened as a whole to the speeds, within limits and accelerations."""
+        """Return the increment for q̇, scaled as a whole to the speeds, within limits and accelerations."""
         dq = qd * self.period
         dq = dq / max(1.0, float((np.abs(dq) / self.bounds.step).max()))
         return self.bounds.within(dq, last, setpoint)
 
     def pace(self, increment: Array) -> float:
-        """The largest share of its speed with which a joint moves."""
+        """Return the largest share of its speed with which a joint moves."""
         return float((np.abs(increment) / self.bounds.step).max())
 
 
@@ -142,7 +142,6 @@ def run(
 
     Raises:
         UsageError: There is no such robot, frame or row, or the motion cannot be written.
-        AppError: The target was not reached; the robot is at rest.
         ClientError: The lease was refused or lost, the robot stopped, or the daemon is gone.
     """
     arm = build(cell, robot, goal)
@@ -158,10 +157,10 @@ def run(
 def drive(
     sharing: Sharing, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
 ) -> Done:
-    """Drives until the target is reached and the objectives are at rest, or it cannot be; then comes to rest.
+    """Drive until the target is reached and the objectives have settled, or on failure; then come to rest.
 
     Raises:
-        Lost: The lease was lost or the robot stopped.
+        Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The daemon is gone.
     """
     steps, watch = Steps(arm.bounds, arm.robot.period), Watch(tolerance, duration)
@@ -193,7 +192,7 @@ def drive(
 
 
 def write_motion(file: Path, robot: RobotDescription, setpoints: Array) -> None:
-    """Writes setpoints as a path file.
+    """Write setpoints as a path file.
 
     Raises:
         UsageError: The file cannot be written.

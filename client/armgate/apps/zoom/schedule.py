@@ -1,4 +1,4 @@
-"""What an operator wants to see from how near: distances that change at a steady rate and then stay."""
+"""Wanted view distance of a simulated operator: it changes at a steady rate, then stays for a while."""
 
 import numpy as np
 
@@ -7,18 +7,18 @@ from armgate.client import Cell
 
 SIGNAL = "operator.distance"
 HOLD = (1.0, 3.0)
-"""How long a distance is kept, s."""
+"""Time for which a distance is kept, s: minimum and maximum."""
 
 
 class DistanceSchedule:
-    """The wanted distance over time.
+    """Wanted distance over time.
 
     Args:
-        low: Smallest, m.
-        high: Largest, m.
-        start: At time 0, m.
-        rate: Of change, m/s.
-        seed: Of chance.
+        low: Smallest distance, m.
+        high: Largest distance, m.
+        start: Distance at time 0, m.
+        rate: Rate of change, m/s.
+        seed: Seed of the random numbers.
     """
 
     def __init__(self, low: float, high: float, start: float, rate: float, seed: int) -> None:
@@ -28,7 +28,7 @@ class DistanceSchedule:
         self._begin, self._end = 0.0, 1.0
 
     def at(self, time: float) -> float:
-        """The wish at a time, s, no earlier than that of the call before; m."""
+        """Return the distance, m, at a time, s, which must not be earlier than in the call before."""
         while time >= self._end:
             self._next()
         way = self._rate * (time - self._begin)
@@ -42,20 +42,20 @@ class DistanceSchedule:
 
 
 def share(cell: Cell, schedule: DistanceSchedule, interrupt: Interrupt, duration: float | None) -> None:
-    """Shares the wishes at each tick of the cell until the time is over or somebody asks to end.
+    """Share the distance at each tick of the cell until the time is over or the process is interrupted.
 
     Raises:
         ConnectionLost: The daemon is gone.
     """
     begin: float | None = None
-    told: float | None = None
+    shared: float | None = None
     cell.subscribe(every=1, fields=[])
     for state in cell.states():
         begin = state.time if begin is None else begin
         if interrupt.requested or (duration is not None and state.time - begin >= duration):
             return
         wanted = schedule.at(state.time - begin)
-        if wanted != told:
+        if wanted != shared:
             cell.signal(SIGNAL, wanted, more=True)
-            told = wanted
+            shared = wanted
         cell.skip()

@@ -1,12 +1,12 @@
-"""Where a leader's wishes come from, as plug-ins.
+"""Inputs of manual driving, as plug-ins.
 
     gamepad     a game controller with a deadman button
     keyboard    the terminal that the command runs in
-    mailbox     whatever puts wishes into it: a page, another thread
+    mailbox     motions put by another thread, such as a page's
 
-An input is named by an entry point of the group ``armgate.inputs``; anybody's package may add some. It is
-asked at each tick of the robot and answers at once: waiting would hold up the robot. Whatever it wants is
-bounded in speed and acceleration before it is sent, and by the gate again.
+An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs. It is
+called at each tick of the robot and must return at once: waiting would delay the robot. The leader bounds its
+motions in speed and acceleration before it sends them, and the gate bounds them again.
 """
 
 from collections.abc import Callable
@@ -24,25 +24,25 @@ _LEAST = 1.0 / 16.0
 
 
 class Input(Protocol):
-    """One source of wishes."""
+    """Source of requested motions."""
 
     def request(self, state: RobotState) -> MotionRequest:
-        """What is wanted at this tick; returns at once."""
+        """Return the motion requested at this tick, at once."""
         ...
 
     def close(self) -> None:
-        """Let go of devices; called once."""
+        """Release devices; called once."""
         ...
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What an input is made with.
+    """Arguments of an input's factory.
 
     Attributes:
-        robot: The robot that is driven, as the daemon describes it.
-        mode: Whether its joints or its tool are moved first.
-        report: Prints a line for people.
+        robot: Description of the robot.
+        mode: Initial mode: joints or tool.
+        report: Prints a line for users.
     """
 
     robot: RobotDescription
@@ -51,13 +51,13 @@ class Setting:
 
 
 class SpeedShare:
-    """A share of the leader's largest speeds, halved and doubled.
+    """Share of the leader's largest speeds, which the user halves and doubles.
 
     Attributes:
         share: Above 0, at most 1.
 
     Args:
-        report: Prints a line for people.
+        report: Prints a line for users.
     """
 
     def __init__(self, report: Callable[[str], object]) -> None:
@@ -65,11 +65,11 @@ class SpeedShare:
         self._report = report
 
     def faster(self) -> None:
-        """Double it, up to all."""
+        """Double the share, up to 1."""
         self._set(min(1.0, 2.0 * self.share))
 
     def slower(self) -> None:
-        """Halve it."""
+        """Halve the share."""
         self._set(max(_LEAST, 0.5 * self.share))
 
     def _set(self, share: float) -> None:
@@ -81,10 +81,10 @@ Maker = Callable[[Setting], Input]
 
 
 def find(name: str) -> Maker:
-    """What makes the input of this name.
+    """Return the factory of the named input.
 
     Raises:
-        UsageError: There is none.
+        UsageError: There is no such input.
     """
     known = {point.name: point for point in entry_points(group=GROUP)}
     if name not in known:

@@ -1,15 +1,15 @@
-"""A game controller: it moves the robot only while its deadman button, the left shoulder, is held.
+"""Gamepad: it moves the robot only while its deadman button, the left shoulder, is held.
 
-    left shoulder         hold to move; let go: the robot comes to rest
+    left shoulder         hold to move, release to come to rest
     right stick button    joints or tool
-    cross up, down        faster, slower
+    D-pad up, down        faster, slower
     start                 end
 
     tool:   left stick x and y, right trigger up, left trigger down;
             right stick turns about y and z, A and B about x
-    joints: left stick forward and back moves the joint chosen, cross left and right choose another
+    joints: left stick forward and back moves the chosen joint, D-pad left and right choose another
 
-All directions are the world's: the stick pushed away moves the tool along +x, pushed left along +y.
+Directions are along the world's axes: the stick pushed away moves the tool along +x, pushed left along +y.
 """
 
 import os
@@ -23,15 +23,15 @@ from armgate.apps.lead.inputs import Mode, Setting, SpeedShare
 from armgate.apps.lead.motions import JointRate, Motion, MotionRequest, RobotState, ToolTwist
 
 DEAD_ZONE = 0.15
-"""Sticks that are let go do not stand in their middle: less than this share of their way is none."""
+"""Share of the stick's range that counts as zero: released sticks do not return exactly to the middle."""
 _FULL = 32767.0
 
 
 def make(setting: Setting) -> "Gamepad":
-    """The first gamepad that is plugged in.
+    """Return an input for the first gamepad that is plugged in.
 
     Raises:
-        AppError: There is none.
+        AppError: No gamepad is plugged in.
         ModuleNotFoundError: pygame is not installed.
     """
     pygame, controller = _library()
@@ -44,7 +44,7 @@ def make(setting: Setting) -> "Gamepad":
 
 def _library() -> tuple[ModuleType, ModuleType]:
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window: the pad is heard all the same
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window: events of the pad arrive nevertheless
     os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
     os.environ.setdefault("SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS", "1")
     import pygame
@@ -56,9 +56,9 @@ def _library() -> tuple[ModuleType, ModuleType]:
 
 
 class Gamepad:
-    """Wishes of one pad.
+    """Input of one gamepad.
 
-    The deadman button must be seen let go once before it counts: one that is held by tape moves nothing.
+    The deadman button must be seen released once before it counts: a button that is taped down moves nothing.
     """
 
     def __init__(self, setting: Setting, pygame: Any, pad: Any) -> None:
@@ -69,16 +69,16 @@ class Gamepad:
         self._names = [joint.name for joint in setting.robot.joints]
         self._chosen = 0
         self._speed = SpeedShare(setting.report)
-        self._armed = self._asked = False
+        self._armed = self._prompted = False
 
     def request(self, state: RobotState) -> MotionRequest:
-        """What the pad says now."""
+        """Return the motion requested by the pad."""
         pg = self._pygame
         for event in pg.event.get():
             if event.type == pg.CONTROLLERBUTTONDOWN:
                 self._pressed(event.button)
         if not self._pad.attached():
-            return MotionRequest(ended="the gamepad was pulled out", failed=True)
+            return MotionRequest(ended="the gamepad was unplugged", failed=True)
         if self._pad.get_button(pg.CONTROLLER_BUTTON_START):
             return MotionRequest(ended="ended by the gamepad")
         held = bool(self._pad.get_button(pg.CONTROLLER_BUTTON_LEFTSHOULDER))
@@ -91,15 +91,15 @@ class Gamepad:
         if not held:
             self._armed = True
             self._report(f"gamepad {self._pad.name}: hold the left shoulder to move, {self._what()}")
-        elif not self._asked:
-            self._asked = True
-            self._report("let go of the left shoulder first")
+        elif not self._prompted:
+            self._prompted = True
+            self._report("release the left shoulder first")
 
     def close(self) -> None:
-        """Let go of the pad."""
+        """Close the pad."""
         self._pygame.quit()
 
-    # --- what is pushed -----------------------------------------------------------------------------------
+    # --- sticks and triggers ------------------------------------------------------------------------------
 
     def _motion(self) -> Motion:
         return JointRate(self._joints()) if self._mode == "joint" else ToolTwist(self._twist())
@@ -120,14 +120,14 @@ class Gamepad:
         return np.array([*linear, *angular]) * self._speed.share
 
     def _axis(self, name: str) -> float:
-        """A stick or trigger, −1 to 1, what is less than the dead zone taken off."""
+        """Return the value of a stick or trigger, −1 to 1, without its dead zone."""
         value = self._pad.get_axis(getattr(self._pygame, f"CONTROLLER_AXIS_{name}")) / _FULL
         return beyond(value)
 
     def _button(self, name: str) -> float:
         return float(self._pad.get_button(getattr(self._pygame, f"CONTROLLER_BUTTON_{name}")))
 
-    # --- what is pressed ----------------------------------------------------------------------------------
+    # --- buttons --------------------------------------------------------------------------------------------
 
     def _pressed(self, button: int) -> None:
         pg = self._pygame
@@ -149,6 +149,6 @@ class Gamepad:
 
 
 def beyond(value: float) -> float:
-    """A stick's value without its dead zone: 0 inside of it, rising evenly to ±1 behind it."""
+    """Return a stick's value without its dead zone: 0 inside it, rising linearly to ±1 outside."""
     rest = max(0.0, abs(value) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
     return float(np.copysign(min(rest, 1.0), value))

@@ -1,12 +1,12 @@
-"""The keyboard, in a terminal: a key moves the robot as long as it repeats.
+"""Keyboard in a terminal: a key moves the robot as long as it repeats.
 
     1 … 9, 0    choose a joint (the 10th by 0)        ↑ ↓ or + -   move it
     w s, a d, r f    the tool along x, y, z           i k, j l, u o    turn it about y, z, x
     m           joints or tool                        ] [          faster, slower
     space       rest at once                          q            end
 
-A terminal tells presses, never releases; while a key is held it repeats. So one press moves for a state
-only, and a key let go, a terminal that hangs, a line that is cut all come to the same: the robot rests.
+A terminal reports key presses, never releases; a held key repeats. So one press moves the robot only for a
+moment, and a released key, a hung terminal and a cut connection have the same effect: the robot rests.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from armgate.apps.lead.inputs import Mode, Setting, SpeedShare
 from armgate.apps.lead.motions import JointRate, Motion, MotionRequest, RobotState, ToolTwist
 
 HELD = 0.15
-"""For how long one press moves, s: keyboards repeat about 30 times a second."""
+"""Time for which one press moves the robot, s: keyboards repeat about 30 times a second."""
 _ARROWS = {b"\x1b[A": "+", b"\x1b[B": "-", b"\x1bOA": "+", b"\x1bOB": "-"}
 _TOOL = {
     "w": (0, 1), "s": (0, -1), "a": (1, 1), "d": (1, -1), "r": (2, 1), "f": (2, -1),
@@ -34,22 +34,22 @@ _TOOL = {
 
 
 def make(setting: Setting) -> "Terminal":
-    """The terminal that the command runs in.
+    """Return an input for the terminal that the command runs in.
 
     Raises:
-        UsageError: There is none.
+        UsageError: stdin is not a terminal.
     """
     if not sys.stdin.isatty():
-        raise UsageError("the keyboard needs a terminal, and stdin is none; take another input")
+        raise UsageError("the keyboard needs a terminal, and stdin is not a terminal; choose another input")
     return Terminal(sys.stdin.fileno(), Keys(setting))
 
 
 class Keys:
-    """Wishes of keys that are pressed; knows no terminal.
+    """Requested motions from key presses; independent of the terminal.
 
     Args:
-        setting: What is driven.
-        now: A clock that does not go back, s.
+        setting: Robot and initial mode.
+        now: Monotonic clock, s.
     """
 
     def __init__(self, setting: Setting, now: Callable[[], float] = monotonic) -> None:
@@ -64,7 +64,7 @@ class Keys:
         self._report(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: rest, q: end")
 
     def press(self, key: str) -> None:
-        """One key came in."""
+        """Handle a pressed key."""
         if key in ("+", "-") or key in _TOOL:
             self._pressed = (key, self._now())
         elif key.isdecimal():
@@ -77,10 +77,10 @@ class Keys:
         elif key == "q":
             self._ended = "ended by the keyboard"
         if key not in ("+", "-", *_TOOL):
-            self._pressed = ("", self._now())  # whatever else is pressed, the robot rests
+            self._pressed = ("", self._now())  # any other key brings the robot to rest
 
     def request(self) -> MotionRequest:
-        """What the keys say now."""
+        """Return the motion requested by the keys."""
         key, at = self._pressed
         if self._ended:
             return MotionRequest(ended=self._ended)
@@ -109,16 +109,16 @@ class Keys:
 
 
 class Terminal:
-    """Keys of a terminal, which is put back as it was in the end."""
+    """Input of a terminal, whose settings are restored at the end."""
 
     def __init__(self, fd: int, keys: Keys) -> None:
         self._fd = fd
         self._keys = keys
         self._before = termios.tcgetattr(fd)
-        tty.setcbreak(fd)  # Ctrl-C stays what it is
+        tty.setcbreak(fd)  # Ctrl-C still interrupts
 
     def request(self, state: RobotState) -> MotionRequest:
-        """What the keyboard says now."""
+        """Return the motion requested by the keyboard."""
         try:
             while select.select([self._fd], [], [], 0.0)[0]:
                 if not (data := os.read(self._fd, 64)):
@@ -130,13 +130,13 @@ class Terminal:
         return self._keys.request()
 
     def close(self) -> None:
-        """Put the terminal back, if it is still there."""
+        """Restore the terminal if it still exists."""
         with contextlib.suppress(termios.error):
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
 
 def keys_in(data: bytes) -> Iterator[str]:
-    """The keys in what a terminal sent; sequences of keys that mean nothing here are one unknown key each."""
+    """Yield the keys in a terminal's input; each unknown escape sequence is one unknown key."""
     while data:
         arrow = next((known for known in _ARROWS if data.startswith(known)), None)
         if arrow is not None:

@@ -1,4 +1,4 @@
-"""Wishes that somebody else puts: a page, another thread."""
+"""Input fed by another thread, such as a page's."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -6,40 +6,40 @@ from time import monotonic
 
 from armgate.apps.lead.motions import Motion, MotionRequest, RobotState
 
-FRESH = 0.3
-"""For how long a motion is wanted after it was put, s: who holds a switch says so again and again."""
+VALIDITY = 0.3
+"""Validity of a motion after it was put, s: the sender must renew it while its switch is held."""
 
 
 class Mailbox:
-    """Holds the newest wish. One that was not renewed counts no more: a page that hangs lets the robot rest.
+    """Newest requested motion; it expires unless renewed, so a page that hangs brings the robot to rest.
 
     Args:
-        fresh: How long a motion counts, s.
-        now: A clock that does not go back, s.
+        validity: Validity of a motion, s.
+        now: Monotonic clock, s.
     """
 
-    def __init__(self, fresh: float = FRESH, now: Callable[[], float] = monotonic) -> None:
-        self._fresh = fresh
+    def __init__(self, validity: float = VALIDITY, now: Callable[[], float] = monotonic) -> None:
+        self._validity = validity
         self._now = now
         self._lock = Lock()
-        self._wish = MotionRequest()
+        self._newest = MotionRequest()
         self._until = now()
 
     def put(self, motion: Motion | None) -> None:
-        """Want this from now on, for a short time; None: rest. Any thread may call it."""
+        """Request a motion for a short time; None to rest. May be called from any thread."""
         with self._lock:
-            if not self._wish.ended:
-                self._wish, self._until = MotionRequest(motion), self._now() + self._fresh
+            if not self._newest.ended:
+                self._newest, self._until = MotionRequest(motion), self._now() + self._validity
 
     def end(self, why: str, failed: bool = False) -> None:
-        """Want nothing any more; the robot comes to rest and the loop ends."""
+        """End the input: the robot comes to rest and the loop ends."""
         with self._lock:
-            self._wish = MotionRequest(ended=why, failed=failed)
+            self._newest = MotionRequest(ended=why, failed=failed)
 
     def request(self, state: RobotState) -> MotionRequest:
-        """The newest wish, while it counts."""
+        """Return the newest requested motion if it is still valid."""
         with self._lock:
-            return self._wish if self._wish.ended or self._now() < self._until else MotionRequest()
+            return self._newest if self._newest.ended or self._now() < self._until else MotionRequest()
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is no device to close."""
