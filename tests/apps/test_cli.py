@@ -139,8 +139,8 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("lead", "nowhere", "--path", "PATH"), "address 'nowhere': no port"),
         (("lead", "127.0.0.1:9", "--path", "none.csv"), "none.csv: cannot be read"),
         (("lead", "127.0.0.1:9", "--path", "PATH", "--duration", "-1"), "--duration"),
-        (("lead", "127.0.0.1:9"), "give one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
-        (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "give one of --path"),
+        (("lead", "127.0.0.1:9"), "expected exactly one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
+        (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "exactly one of --path"),
         (("follow", "127.0.0.1:9"), "--robot"),
         (("follow", "nowhere", *PAIR), "address 'nowhere': no port"),
         (("follow", "127.0.0.1:9", *PAIR, "--focus", "nan", "0", "1"), "--focus"),
@@ -150,7 +150,7 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("demo", "--path", "none.csv"), "none.csv: cannot be read"),
         (("demo", "--links", "none.yaml"), "none.yaml"),
         (("demo", "PLANAR"), "was recorded with GR; cell 'planar'"),
-        (("demo", "--out", "FILE"), "cannot be made"),
+        (("demo", "--out", "FILE"), "cannot be created"),
     ],
 )
 def test_wrong_use_is_status_2_and_says_what(tmp_path: Path, arguments: tuple[str, ...], text: str) -> None:

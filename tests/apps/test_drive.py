@@ -108,7 +108,7 @@ def test_it_tells_its_progress_and_ends_at_rest(description: Description) -> Non
 def test_it_says_when_the_gate_holds_it_up(description: Description) -> None:
     blocked = range(60, 160)
     ended, told, lines = driven(description, Held(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq))
-    assert [line.split(" at")[0].split(" from")[0] for line in lines] == ["path held", "path goes on"]
+    assert [line.split(" at")[0].split(" from")[0] for line in lines] == ["path held", "path continues"]
     assert "a tank is in the way" in lines[0]
     assert told.progress[-1] == 1.0
     assert "played" in ended

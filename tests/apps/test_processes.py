@@ -110,7 +110,7 @@ def test_a_child_reports_that_a_signal_ended_it(
     monkeypatch.setattr(child, "main", lambda _: sys.exit(0))
     monkeypatch.setattr(Interrupt, "ever_requested", asked)
     with pytest.raises(SystemExit) as end:
-        child.live(["lead"])
+        child.run_command(["lead"])
     assert end.value.code == status
 
 
@@ -118,5 +118,5 @@ def test_a_failed_child_keeps_its_status_after_a_signal(monkeypatch: pytest.Monk
     monkeypatch.setattr(child, "main", lambda _: sys.exit(1))
     monkeypatch.setattr(Interrupt, "ever_requested", True)
     with pytest.raises(SystemExit) as end:
-        child.live(["lead"])
+        child.run_command(["lead"])
     assert end.value.code == 1

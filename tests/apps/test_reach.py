@@ -154,7 +154,7 @@ def test_a_target_out_of_reach_is_given_up(connected: Any) -> None:
 
 def test_time_is_over(connected: Any) -> None:
     done, _ = go(build(connected, "P", goal()), Held(START), duration=0.5)
-    assert (done.reached, done.text.startswith("time is over")) == (False, True)
+    assert (done.reached, done.text.startswith("timeout")) == (False, True)
 
 
 def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(connected: Any) -> None:

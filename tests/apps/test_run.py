@@ -263,7 +263,7 @@ def test_the_socket_is_in_the_runs_folder_under_its_shorter_name(
 
 def test_a_folder_too_long_for_a_socket_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match=r"too long for the robot server's socket .*name a shorter folder"):
+    with pytest.raises(UsageError, match=r"too long for the robot server's socket .*choose a shorter folder"):
         socket_in(Path("x" * 120))
 
 

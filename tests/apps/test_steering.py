@@ -78,7 +78,7 @@ def test_one_outside_its_limits_may_come_back_only():
 
 
 def test_without_the_cells_libraries_a_tool_is_refused_by_name():
-    with pytest.raises(AppError, match="steer its joints"):
+    with pytest.raises(AppError, match="move its joints"):
         joints().step(ToolTwist(np.ones(6)), np.zeros(N), np.zeros(N))
 
 

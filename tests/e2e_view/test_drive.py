@@ -60,7 +60,7 @@ def page(browser, viewing):
 
 def take(page, robot="GR"):
     def taken():
-        if f"Give {robot} back" in page.text:
+        if f"Release {robot}" in page.text:
             return True
         page.pressed(f"Drive {robot}")  # again if the page is just being built anew
         return False
@@ -69,9 +69,9 @@ def take(page, robot="GR"):
 
 
 def give_back(page, eye, robot="GR"):
-    page.press(f"Give {robot} back")
+    page.press(f"Release {robot}")
     eye.entry(lambda entry: entry.holder is None)
-    page.until(lambda: f"Driving {robot}" not in page.text.split("given back")[-1], "no handles any more")
+    page.until(lambda: f"Driving {robot}" not in page.text.split("released")[-1], "no handles any more")
 
 
 def drag_gizmo(page, eye):
@@ -125,7 +125,7 @@ def test_a_stop_while_dragging_ends_it_and_is_said(page, eye):
     page.press("STOP")
     eye.entry(lambda entry: entry.stops and entry.holder is None)
     eye.resting()
-    page.until(lambda: "was stopped" in page.text and "Give GR back" not in page.text, "what ended it")
+    page.until(lambda: "was stopped" in page.text and "Release GR" not in page.text, "what ended it")
     page.let_go()
     page.press("Reset")
     eye.entry(lambda entry: not entry.stops)
@@ -138,7 +138,7 @@ def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, e
     eye.entry(lambda entry: entry.holder is None)
     rest = eye.resting()
     page.let_go()
-    page.until(lambda: "Drive GR" in page.text and "Give GR back" not in page.text, "the page again")
+    page.until(lambda: "Drive GR" in page.text and "Release GR" not in page.text, "the page again")
     assert eye.resting() == pytest.approx(rest)
 
 
@@ -147,11 +147,11 @@ def test_what_another_holds_is_not_taken_and_who_loses_it_is_told(page, eye):
         page.press("Drive GR")
         # Reading states keeps the lease alive.
         page.until(lambda: eye.entry() and "GR is held by eye" in page.text, "who holds it")
-        assert "Give GR back" not in page.text
+        assert "Release GR" not in page.text
     take(page)
     drag_gizmo(page, eye)
     with eye.cell.acquire("GR", takeover=True):
-        page.until(lambda: "Give GR back" not in page.text, "no handles any more")
+        page.until(lambda: "Release GR" not in page.text, "no handles any more")
         page.until(lambda: "lost" in page.text, "that it was lost")
         eye.resting()
     page.let_go()
@@ -164,7 +164,7 @@ def test_of_two_pages_one_drives(page, eye):
     other = Page(page.browser, page.url)
     other.press("Drive GR")
     other.until(lambda: "GR is driven from another page" in other.text, "who drives it")
-    assert "Give GR back" not in other.text
+    assert "Release GR" not in other.text
     page.browser.close()
     page.browser.switch_to.window(first)
     eye.entry(lambda entry: entry.holder == "view")
@@ -185,7 +185,7 @@ def test_a_daemon_that_dies_while_dragging_is_told_and_the_page_goes_on_with_the
                 drag_gizmo(page, Eye(cell))
                 daemon.send_signal(signal.SIGKILL)
                 daemon.wait(30)
-            page.until(lambda: "Give GR back" not in page.text, "no handles any more")
+            page.until(lambda: "Release GR" not in page.text, "no handles any more")
             page.let_go()
             with process("serve", CONFIG, "--port", port, says="armgate: listening on "):
                 page.until(lambda: "closed the connection" not in page.text, "the new daemon")

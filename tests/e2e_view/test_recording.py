@@ -98,7 +98,7 @@ def test_what_is_no_whole_recording_is_refused(recording, tmp_path):
         ((broken,), 1, "run: armgate recover"),
         ((tmp_path / "notes.mcap",), 2, "notes.mcap"),
         ((tmp_path / "nothing",), 2, "no such file or folder"),
-        ((recording, "--role", "operator"), 2, "a recording, which nobody can steer"),
+        ((recording, "--role", "operator"), 2, "a recording: the page can only observe it"),
     ):
         ended = run("view", *arguments, *PLAIN)
         assert (ended.returncode, told in ended.stderr) == (status, True), ended.stderr

@@ -30,4 +30,4 @@ def test_a_long_name_stands_above_its_slider(monkeypatch, joint, unit, label, ab
 
 
 async def _made(page, robot):
-    Handles(page, robot, MagicMock(), place=Placement.identity(), q=[0.0], give_back=MagicMock(), order=1.0)
+    Handles(page, robot, MagicMock(), place=Placement.identity(), q=[0.0], release=MagicMock(), order=1.0)

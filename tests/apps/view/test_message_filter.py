@@ -10,7 +10,7 @@ import viser
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from armgate.apps.view import guard as guard_module
+from armgate.apps.view import guarded_server as guard_module
 from armgate.apps.view.access import Access
 from armgate.apps.view.message_filter import LARGEST, MessageFilter, ViolationError
 from armgate.apps.view.serving import Place, page_server

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armgate.apps.view import colours
-from armgate.apps.view.overlays import SPEED, ellipsoid, nearest_lines, needs_way
+from armgate.apps.view.overlays import SPEED, ellipsoid, nearest_lines, moves_visibly
 from armgate.apps.view.scene import Poses
 from armgate.client import Entry
 
@@ -36,9 +36,9 @@ def test_pairs_without_witness_points_are_not_drawn():
 
 
 def test_a_stop_path_is_drawn_only_where_there_is_a_way_to_go():
-    assert needs_way(entry(q=(0.0, 0.0), stop_end=(0.0, 0.1)))
-    assert not needs_way(entry(q=(0.0, 0.1), stop_end=(0.0, 0.1)))
-    assert not needs_way(entry(q=(0.0, 0.1)))
+    assert moves_visibly(entry(q=(0.0, 0.0), stop_end=(0.0, 0.1)))
+    assert not moves_visibly(entry(q=(0.0, 0.1), stop_end=(0.0, 0.1)))
+    assert not moves_visibly(entry(q=(0.0, 0.1)))
 
 
 def test_the_ellipsoid_holds_every_velocity_of_unit_joint_speeds(scene):

@@ -1,6 +1,6 @@
 import math
 
-from armgate.apps.view import texts
+from armgate.apps.view import panel_html
 from armgate.client import Entry
 
 
@@ -16,7 +16,7 @@ def test_a_robots_condition_in_words():
         ({"link": "ready", "holder": "leader"}, "driven"),
         ({"link": "ready"}, "free"),
     ):
-        assert texts.condition(entry(**more))[0] == word
+        assert panel_html.condition(entry(**more))[0] == word
 
 
 def test_the_block_tells_holder_verdict_and_joints(description):
@@ -26,24 +26,24 @@ def test_the_block_tells_holder_verdict_and_joints(description):
         "cause": "clearance",
         "text": "FR/link_5 is 40 mm from GR/link_6",
     }
-    html = texts.robot_html(
+    html = panel_html.robot_html(
         description.robots[0], entry(holder="leader", verdict=judged, least_clearance=0.123)
     )
     for part in ("leader", "refused: FR/link_5 is 40 mm", "123 mm", "28.6°", "-166.2°"):
         assert part in html
     assert "rgb(225, 140, 0)" in html  # A2 is near its limit
-    assert "no command yet" in texts.robot_html(description.robots[0], entry())
+    assert "no command yet" in panel_html.robot_html(description.robots[0], entry())
 
 
 def test_what_came_over_the_network_stays_text(description):
     judged = {"seq": 1, "outcome": "refused", "cause": "clearance", "text": '"><script>alert(1)</script>'}
-    html = texts.robot_html(description.robots[0], entry(verdict=judged))
+    html = panel_html.robot_html(description.robots[0], entry(verdict=judged))
     assert "<script>" not in html
     assert 'title="refused: &quot;&gt;&lt;script' in html
-    assert "<b>" not in texts.note(("<b>",))
-    assert "<b>" not in texts.banner("<b>", (0, 0, 0))
+    assert "<b>" not in panel_html.note(("<b>",))
+    assert "<b>" not in panel_html.banner("<b>", (0, 0, 0))
 
 
 def test_units_of_joints(description):
-    assert texts.shown(description.robots[0].joints[0], math.pi / 2) == "90.0°"
-    assert texts.shown(description.robots[1].joints[0], 2.93) == "2.930 m"
+    assert panel_html.shown(description.robots[0].joints[0], math.pi / 2) == "90.0°"
+    assert panel_html.shown(description.robots[1].joints[0], 2.93) == "2.930 m"

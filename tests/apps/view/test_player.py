@@ -96,7 +96,7 @@ def test_an_asset_that_is_not_what_its_hash_says_is_named(player):
     name = player.description.robots[0].urdf.hash
     player._recording.header.assets[name] = "Infinity"  # valid base64
     with pytest.raises(
-        DamagedError, match=f"holds something else as {name[:12]}…, which its description names"
+        DamagedError, match=f"holds other content as {name[:12]}…, which its description names"
     ):
         player.asset(name)
 

@@ -74,7 +74,7 @@ def test_a_joint_is_pulled_from_where_all_were_when_it_was_taken(pointer):
 def test_who_ends_wants_nothing_any_more(pointer):
     pointer.hold()
     pointer.move_to(MOTION)
-    pointer.end("given back")
+    pointer.end("released")
     pointer.hold()
-    assert wish(pointer) == MotionRequest(ended="given back")
+    assert wish(pointer) == MotionRequest(ended="released")
     pointer.close()

@@ -7,7 +7,7 @@ import collada
 import numpy as np
 import pytest
 
-from armgate.apps.view import colours, realistic
+from armgate.apps.view import colours, real_meshes
 from armgate.apps.view.scene import Scene
 
 from .conftest import DEMO, described
@@ -47,8 +47,8 @@ def package(tmp_path, monkeypatch):
     for link in LINKS:
         write(visual / f"{link}.dae", (0.0, 0.0, 0.0, 1.0) if link == "base_link" else (0.5, 0.2, 0.1, 1.0))
     spec = ModuleSpec("rtbdata", None, origin=str(tmp_path / "__init__.py"))
-    real = realistic.find_spec
-    monkeypatch.setattr(realistic, "find_spec", lambda name: spec if name == "rtbdata" else real(name))
+    real = real_meshes.find_spec
+    monkeypatch.setattr(real_meshes, "find_spec", lambda name: spec if name == "rtbdata" else real(name))
     return arm
 
 
@@ -67,11 +67,11 @@ def test_known_arms_get_their_meshes_and_keep_what_was_added_to_them(package, ce
 
 def test_other_arms_keep_their_primitives(package, cell):
     urdf = cell.robots[0].urdf
-    assert set(realistic.real_meshes(urdf)) == set(LINKS)
-    assert realistic.real_meshes(urdf.replace('xyz="0.68 0 0"', 'xyz="0.70 0 0"')) == {}
-    assert realistic.real_meshes(urdf.replace("link_3", "elbow")) == {}
+    assert set(real_meshes.real_meshes(urdf)) == set(LINKS)
+    assert real_meshes.real_meshes(urdf.replace('xyz="0.68 0 0"', 'xyz="0.70 0 0"')) == {}
+    assert real_meshes.real_meshes(urdf.replace("link_3", "elbow")) == {}
 
 
 def test_without_the_extra_there_are_none(cell, monkeypatch):
-    monkeypatch.setattr(realistic, "find_spec", lambda name: None)
-    assert realistic.real_meshes(cell.robots[0].urdf) == {}
+    monkeypatch.setattr(real_meshes, "find_spec", lambda name: None)
+    assert real_meshes.real_meshes(cell.robots[0].urdf) == {}

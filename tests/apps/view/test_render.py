@@ -43,7 +43,7 @@ def test_a_point_is_drawn_where_the_optics_say(scene, renderer, aside):
     picture = shot(scene, renderer, camera)
     assert picture.shape == (360, 480, 3)
     column, row = middle_of(picture, colours.TOOL)
-    wanted = renderer.optics.pixel(camera, tip)
+    wanted = renderer.camera_model.pixel(camera, tip)
     assert (column, row) == pytest.approx(wanted, abs=3.0)
 
 

@@ -31,8 +31,8 @@ def _of(scene, name):
 
 
 def test_every_body_is_drawn_in_its_colour(scene):
-    colours = {piece.colour for robot in scene.robots for pieces in robot.pieces.values() for piece in pieces}
-    assert {colours.ARM, colours.STRUCTURE, colours.HAND, colours.TOOL} <= colours
+    used = {piece.colour for robot in scene.robots for pieces in robot.pieces.values() for piece in pieces}
+    assert {colours.ARM, colours.STRUCTURE, colours.HAND, colours.TOOL} <= used
     standing = {piece.colour for piece in scene.surroundings}
     assert colours.FLOOR in standing
     assert colours.surrounding("tank") in standing

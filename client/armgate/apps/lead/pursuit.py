@@ -94,6 +94,6 @@ def pursue(
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)
     name, _, body = target.partition("/")
-    target = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
-    source = Pursuit(target, model_of(cell, own), own.tool)
+    pursued = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
+    source = Pursuit(pursued, model_of(cell, own), own.tool)
     return drive_by(source, cell, own.name, steering, interrupt, report)
