@@ -139,7 +139,7 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("lead", "nowhere", "--path", "PATH"), "address 'nowhere': no port"),
         (("lead", "127.0.0.1:9", "--path", "none.csv"), "none.csv: cannot be read"),
         (("lead", "127.0.0.1:9", "--path", "PATH", "--duration", "-1"), "--duration"),
-        (("lead", "127.0.0.1:9"), "expected exactly one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
+        (("lead", "127.0.0.1:9"), "exactly one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
         (("lead", "127.0.0.1:9", "--path", "PATH", "--pursue", "FR/link_3"), "exactly one of --path"),
         (("follow", "127.0.0.1:9"), "--robot"),
         (("follow", "nowhere", *PAIR), "address 'nowhere': no port"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armgate.apps.view import colours
-from armgate.apps.view.overlays import SPEED, ellipsoid, nearest_lines, moves_visibly
+from armgate.apps.view.overlays import SPEED, ellipsoid, moves_visibly, nearest_lines
 from armgate.apps.view.scene import Poses
 from armgate.client import Entry
 
