@@ -5,10 +5,10 @@ import asyncio
 import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links import EmulatedLink
-from armgate.links.emulated import SelfClockedEmulatedLink
+from armgate.links.emulated import EmulatedLink
 from armgate.links.robot_server.hosted_link import HostedLink
-from armgate.links.robot_server.messages import Played, Standing
+from armgate.links.robot_server.messages import ResumePoint, TickReport
+from armgate.links.wall_clocked import WallClockedLink
 
 T = 0.012
 
@@ -19,7 +19,7 @@ class Bench:
     def __init__(self, lag=0.0, settling=0.0):
         self.now = 0.0
         link = EmulatedLink("A", "link", (0.0, 1.0), T, lag)
-        self.link = SelfClockedEmulatedLink(link, T, lambda: self.now, self.make_clock)
+        self.link = WallClockedLink(link, T, lambda: self.now, self.make_clock)
         self.berth = HostedLink(self.link, "link", 1e-6, settling)
         self.said = []
         asyncio.run(self.berth.open())
@@ -44,8 +44,8 @@ class Bench:
         return said
 
     def daemon(self, start, tick=0, resets=0):
-        self.berth.leave()
-        self.berth.take(start, Standing("A", tick, resets), self.said.append)
+        self.berth.detach()
+        self.berth.attach(start, ResumePoint("A", tick, resets), self.said.append)
         return self.heard()
 
     def offer(self, start, resets, target, last=-1, increments=((0.1, 0.0), (0.05, 0.0), (0.0, 0.0))):
@@ -125,11 +125,13 @@ def test_without_a_daemon_the_plan_runs_out():
     bench.tick()
     bench.offer("d1", 0, 1)
     bench.tick()
-    bench.berth.leave()
+    bench.berth.detach()
     assert bench.tick(5) == []
     assert bench.berth.resting
     bench.daemon("d2")
-    assert next(x for x in bench.tick() if isinstance(x, Played)).event.setpoint == pytest.approx((0.15, 1.0))
+    assert next(x for x in bench.tick() if isinstance(x, TickReport)).event.setpoint == pytest.approx(
+        (0.15, 1.0)
+    )
 
 
 def test_one_that_ends_takes_no_plan():
@@ -150,5 +152,5 @@ def test_a_robot_that_stands_under_noise_is_told_of_to_the_next_daemon(off, told
     bench.daemon("d1")
     for k in range(20):
         q = (off * (-1.0) ** k, 1.0)
-        bench.berth._hear(Tick("A", k, T * k, q, (0.0, 1.0), (0.0, 0.0)))
-    assert any(isinstance(said, Played) for said in bench.heard()) == told
+        bench.berth._receive(Tick("A", k, T * k, q, (0.0, 1.0), (0.0, 0.0)))
+    assert any(isinstance(said, TickReport) for said in bench.heard()) == told

@@ -8,18 +8,26 @@ import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links.robot_server.codec import LARGEST, CodecError, Decoder, encode
-from armgate.links.robot_server.heartbeat import SILENCE, Liveness
-from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Refusal, Standing, Welcome
+from armgate.links.robot_server.connection import TIMEOUT, PeerTimeout
+from armgate.links.robot_server.messages import (
+    FORMAT,
+    Heartbeat,
+    Hello,
+    Refusal,
+    ResumePoint,
+    TickReport,
+    Welcome,
+)
 
 KEY = PlanKey("s", 2, 7, -1)
 TICK = Tick("A", 7, 0.1 + 0.2, (1.0, -0.0), (5e-324, 2.0), (0.0, 0.0), KEY, 0, True)
 MESSAGES = [
-    Hello(FORMAT, "hash", "s", (Standing("A", 0, 0), Standing("B", 7, 2))),
+    Hello(FORMAT, "hash", "s", (ResumePoint("A", 0, 0), ResumePoint("B", 7, 2))),
     Welcome(FORMAT),
     Refusal("why"),
-    Beat(),
-    Played(TICK, 2, 14),
-    Played(Tick("A", 0, 0.0, (), (), ()), 0, 0),
+    Heartbeat(),
+    TickReport(TICK, 2, 14),
+    TickReport(Tick("A", 0, 0.0, (), (), ()), 0, 0),
     LinkChange("A", LinkState.LOST, "cable"),
     PlanAnswer("A", KEY, False, "late"),
     Plan("A", KEY, 3, ((0.1, 0.2), (0.0, 0.0))),
@@ -75,14 +83,14 @@ def test_another_format_is_named_whatever_else_it_says():
 
 
 def test_who_says_nothing_has_stalled_but_not_while_we_did_not_look_ourselves():
-    other = Liveness(0.0)
+    other = PeerTimeout(0.0)
     for tenth in range(10):
-        assert not other.silent(0.1 * tenth)
-    other.heard(0.9)
-    assert not any(other.silent(0.9 + 0.4 * part) for part in (1, 2))
-    assert not other.silent(0.9 + SILENCE)
-    assert other.silent(1.0 + SILENCE)
-    asleep = Liveness(0.0)
-    assert not asleep.silent(60.0)
-    assert not asleep.silent(60.0 + 0.4 * SILENCE)
-    assert asleep.silent(60.0 + 0.6 * SILENCE)
+        assert not other.expired(0.1 * tenth)
+    other.received(0.9)
+    assert not any(other.expired(0.9 + 0.4 * part) for part in (1, 2))
+    assert not other.expired(0.9 + TIMEOUT)
+    assert other.expired(1.0 + TIMEOUT)
+    asleep = PeerTimeout(0.0)
+    assert not asleep.expired(60.0)
+    assert not asleep.expired(60.0 + 0.4 * TIMEOUT)
+    assert asleep.expired(60.0 + 0.6 * TIMEOUT)

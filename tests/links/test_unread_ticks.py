@@ -14,10 +14,11 @@ from armgate.emulator.krc.arm import kr16
 from armgate.events import Plan, PlanAnswer, PlanKey
 from armgate.links.robot_server.codec import Decoder, encode
 from armgate.links.robot_server.hosted_link import HostedLink
-from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Played, Standing, Welcome
+from armgate.links.robot_server.messages import FORMAT, Heartbeat, Hello, ResumePoint, TickReport, Welcome
 from armgate.links.robot_server.server import RobotServer
 from armgate.links.robot_server.unix_socket import listen
-from armgate.links.rsi import RsiUdpLink, setup_of
+from armgate.links.rsi.setup import setup_of
+from armgate.links.rsi.udp_link import RsiUdpLink
 from support.clients import PATIENCE
 from support.krcs import Sheet
 from support.rsi import WIDE, cell_text
@@ -49,7 +50,7 @@ class Daemon:
     @classmethod
     async def welcomed(cls, rig, start):
         daemon = cls(rig)
-        await daemon.say(Hello(FORMAT, rig.cell.hash, start, (Standing("R", 0, 0),)))
+        await daemon.say(Hello(FORMAT, rig.cell.hash, start, (ResumePoint("R", 0, 0),)))
         await daemon.get(Welcome)
         return daemon
 
@@ -126,7 +127,7 @@ async def test_it_is_let_go_of_and_its_plan_is_played_to_the_end_while_the_krc_i
         await rig.cycle()
         if rig.link.core.state.value == "ready":
             break
-    while (last := await daemon.get(Played)).event.time < rig.time:
+    while (last := await daemon.get(TickReport)).event.time < rig.time:
         pass
     increments = ((STEP, 0.0, 0.0, 0.0, 0.0, 0.0),) * 5000
     await daemon.say(Plan("R", PlanKey("d1", 0, last.event.tick + 1, -1), 1, increments))
@@ -136,7 +137,7 @@ async def test_it_is_let_go_of_and_its_plan_is_played_to_the_end_while_the_krc_i
         await rig.cycle()
         cycles += 1
         if cycles % 50 == 0:
-            await daemon.say(Beat())  # it lives, but does not read
+            await daemon.say(Heartbeat())  # it lives, but does not read
     assert "bytes are unread" in rig.log.of("daemon.gone")[0]["reason"]
     assert 0 < rig.link.remaining < 5000
     while rig.link.remaining:

@@ -21,7 +21,7 @@ from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
-from armgate.links import EmulatedLink
+from armgate.links.emulated import EmulatedLink
 from armgate.monitor.core import Monitor
 from armgate.monitor.findings import Finding
 from armgate.monitor.model import build

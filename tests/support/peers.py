@@ -6,7 +6,7 @@ from armgate.cell.cell import build_cell
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.gate import Gate
-from armgate.links import EmulatedLink
+from armgate.links.emulated import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import messages as m
 

@@ -12,7 +12,8 @@ from armgate.emulator.krc.arm import arm_of_cell
 from armgate.emulator.krc.context import Limits
 from armgate.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tick, Verdict
 from armgate.gate import Gate
-from armgate.links.rsi import RsiLink, setup_of
+from armgate.links.rsi.link import RsiLink
+from armgate.links.rsi.setup import setup_of
 from support.krcs import Sheet, krc_file
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -1,16 +1,6 @@
-"""The Robot Server: plans, one link interface, the emulated robot behind it."""
+"""Links: the connections to robots, one package for each kind.
 
-from armgate.links.emulated import EmulatedLink
-from armgate.links.link import Emit, Link, LinkEvent, SelfClockedLink, SteppedLink
-from armgate.links.plan_player import PlanPlayer, Played
-
-__all__ = [
-    "Emit",
-    "EmulatedLink",
-    "Link",
-    "LinkEvent",
-    "PlanPlayer",
-    "Played",
-    "SelfClockedLink",
-    "SteppedLink",
-]
+``link`` is the interface of a link, ``plan_player`` the part that every link has, ``wall_clocked`` a clock
+for links that need one. ``emulated`` and ``rsi`` are kinds of link. ``robot_server`` holds the links of real
+robots in a process of their own; ``log`` and ``systemd`` serve that process and the daemon.
+"""

@@ -1,4 +1,4 @@
-"""The way to one robot, whatever stands behind it."""
+"""Interface of a link: the connection to one robot, of any kind."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -6,22 +6,22 @@ from typing import Protocol
 from armgate.events import LinkChange, Plan, PlanAnswer, Rebase, Tick
 
 LinkEvent = Tick | LinkChange
-"""What a link tells whoever holds it."""
+"""Event that a link reports."""
 
 Emit = Callable[[LinkEvent], None]
-"""Takes an event of a link; returns soon."""
+"""Takes an event of a link; it has to return soon."""
 
 
 class Link(Protocol):
-    """Holds the plan of one robot and plays it at the robot's ticks."""
+    """Link that holds the plan of one robot and plays it at the robot's ticks."""
 
     @property
     def robot(self) -> str:
-        """The robot's name."""
+        """Name of the robot."""
 
     @property
     def remaining(self) -> int:
-        """How many increments are still to be played if nothing else comes; 0 at rest."""
+        """Number of increments left to play if no other plan comes; 0 at rest."""
 
     def offer(self, plan: Plan) -> PlanAnswer:
         """Replace the held plan by compare-and-swap."""
@@ -31,7 +31,7 @@ class Link(Protocol):
 
 
 class SteppedLink(Link, Protocol):
-    """A link whose robot has no clock of its own: somebody else's clock makes it tick."""
+    """Link whose robot has no clock of its own: another clock steps it."""
 
     def advance(self, time: float) -> Tick:
         """Let the robot tick once.
@@ -45,22 +45,22 @@ class SteppedLink(Link, Protocol):
 
 
 class SelfClockedLink(Link, Protocol):
-    """A link whose robot is the clock.
+    """Link whose robot is the clock.
 
-    It tells of ticks from when the robot speaks. After the robot was lost or has faulted (``LinkChange``)
-    nothing is played, and plans are answered with ``inactive``, until `rebase` re-arms the link: then it
-    takes its reference anew from what the robot says next, and tells that it is ready.
+    It reports a tick whenever the robot sends its position. After the robot was lost or became faulted
+    (`LinkChange`) nothing is played, and plans are answered with ``inactive``, until `rebase` re-arms the
+    link: then it takes its reference from the robot's next position, and reports that it is ready.
     """
 
     async def open(self, emit: Emit) -> None:
-        """Start to listen; every tick is emitted after the robot has been answered.
+        """Connect, or begin to listen; every tick is emitted after the robot has been answered.
 
         Args:
-            emit: Told of each event, in order.
+            emit: Called with each event, in order.
 
         Raises:
-            OSError: The address cannot be listened on.
+            OSError: It is not possible to listen on the address.
         """
 
     def close(self) -> None:
-        """End: the robot is not answered any more."""
+        """Disconnect: the robot is not answered any more."""

@@ -14,9 +14,9 @@ from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import kr16
 from armgate.emulator.krc import read_ethernet as krc_reads
-from armgate.links.rsi import setup_of
 from armgate.links.rsi.commissioning.axis_directions import AxisDirections
-from armgate.links.rsi.commissioning.command import _foot, rsi
+from armgate.links.rsi.commissioning.command import _flange_in_foot, rsi
+from armgate.links.rsi.setup import setup_of
 from support.clients import PATIENCE, run
 from support.krcs import krc_file
 from support.rsi import SEND, SIX, cell_text
@@ -45,7 +45,7 @@ def test_what_config_writes_is_what_link_and_krc_take(tmp_path, generation, gant
     program = (tmp_path / "armgate_rsi.src").read_text()
     assert ("ST_SKIPSENS" if generation == "rsi2" else "RSI_MOVECORR") in program
     assert ("#RELATIVE" if mode == "relative" else "#ABSOLUTE") in program
-    assert type(ran("config", file, *options).exception).__name__ == "CalledWronglyError"
+    assert type(ran("config", file, *options).exception).__name__ == "RsiUsageError"
     assert ran("config", file, *options, "--force").exit_code == 0
 
 
@@ -146,7 +146,7 @@ async def test_check_names_what_does_not_fit(tmp_path):
 def test_an_axis_that_turns_the_other_way_is_found_once_all_were_jogged(tmp_path, turned):
     cell = build_cell(load_config([cell_text(tmp_path)]))
     setup = setup_of(cell, cell.robots[0])
-    signs = AxisDirections(setup, _foot(cell.robots[0]))
+    signs = AxisDirections(setup, _flange_in_foot(cell.robots[0]))
     for jogged in ((0.0, -90.0, 90.0, 0.0, 45.0, 0.0), (10.0, -80.0, 85.0, 15.0, 35.0, 20.0)):
         names = [axis.name for axis in setup.axes]
         krc = [-one if name == turned else one for name, one in zip(names, jogged, strict=True)]

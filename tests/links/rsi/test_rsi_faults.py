@@ -65,7 +65,7 @@ class TestOneDatagram:
         moving.drive(10, *SLOW)
         at_rest(moving)
         assert moving.quiet
-        assert moving.link.refused["twice"] == 1
+        assert moving.link.rejected["twice"] == 1
         assert moving.krc.status()["delay"] == 0
 
     def test_out_of_order(self, moving):
@@ -76,7 +76,7 @@ class TestOneDatagram:
         moving.drive(10, *SLOW)
         at_rest(moving)
         assert moving.quiet
-        assert moving.link.refused["old"] == 1
+        assert moving.link.rejected["old"] == 1
         assert moving.krc.status()["delay"] == 1
 
 

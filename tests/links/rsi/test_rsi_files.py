@@ -13,9 +13,9 @@ from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import KrcError
 from armgate.emulator.krc import read_ethernet as krc_reads
 from armgate.emulator.krc.setup import peer_of
-from armgate.links.rsi import setup_of, warnings_of
 from armgate.links.rsi.axes import axes_of
 from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet
+from armgate.links.rsi.setup import setup_of, warnings_of
 from armgate.links.rsi.telegram import TelegramError, TelegramReader
 from support.clients import run
 from support.krcs import FILES, element, krc_file

@@ -128,7 +128,7 @@ class TestBadInput:
             assert moving.deliver(data) is None
         at_rest(moving)
         assert moving.quiet
-        assert moving.link.refused[kind] == 5
+        assert moving.link.rejected[kind] == 5
         assert len(moving.notes) == (kind != "short")
 
     @pytest.mark.parametrize("source", [("10.0.0.9", 40001), (KRC, 50000)])
@@ -139,7 +139,7 @@ class TestBadInput:
             moving.drive(1, *SLOW)
         at_rest(moving)
         assert moving.quiet
-        assert moving.link.refused["stranger"] == 5
+        assert moving.link.rejected["stranger"] == 5
         assert len(moving.notes) == 1
 
     @pytest.mark.parametrize("text", [b"nan", b"1e999", b"", b"1,5", b"0x10"])
@@ -162,5 +162,5 @@ class TestTheForm:
         rig.operate("start")
         rig.cycle()
         assert not rig.replies
-        assert rig.link.refused["short"] == 1
+        assert rig.link.rejected["short"] == 1
         rig.until_ready()

@@ -12,7 +12,7 @@ from itertools import product
 import pytest
 
 from armgate.emulator.krc.context import Limits
-from armgate.links.rsi.probe import Probe, digits_of, shape_of
+from armgate.links.rsi.probe import Probe, digits_of, probe_size
 from support.krcs import krc_file
 from support.rsi import SEND, SIX, WIDE, Rig
 from support.rsi_ends import SLOW, at_rest, nothing_moves
@@ -65,7 +65,7 @@ def rig_of(folder, *, cell, krc, hold=1, aspos="stands", limits=WIDE, **how):
 def test_no_combination_moves_an_axis_farther_than_stated(tmp_path, cell, krc, hold, aspos, limits):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold, aspos=aspos, limits=limits)
     rig.operate("start")
-    farthest, travel = shape_of(rig.setup).farthest, Travel(rig)
+    farthest, travel = probe_size(rig.setup).farthest, Travel(rig)
     travel.cycles(600, lambda: rig.state in ("ready", "faulted"))
     assert travel.within(farthest)
     assert not any(any(tick.increment) for tick in rig.ticks)  # no plan was played
@@ -117,7 +117,7 @@ def farther(shape, lost):
 def test_a_datagram_that_is_lost_in_the_probe_moves_it_little_farther(tmp_path, cell, krc, hold, lost, at):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold)
     rig.operate("start")
-    shape, travel = shape_of(rig.setup), Travel(rig)
+    shape, travel = probe_size(rig.setup), Travel(rig)
     travel.cycles(100, lambda: rig.krc_setpoint != travel.start)
     travel.cycles(at)
     travel.cycles(1, **{lost: False})
@@ -135,7 +135,7 @@ def test_a_datagram_that_is_lost_in_the_probe_moves_it_little_farther(tmp_path, 
 def test_replies_lost_at_the_peak_of_the_probe_add_one_amplitude_each(tmp_path, cell, krc, hold, count):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold)
     rig.operate("start")
-    shape, travel = shape_of(rig.setup), Travel(rig)
+    shape, travel = probe_size(rig.setup), Travel(rig)
     travel.cycles(100, lambda: rig.krc_setpoint != travel.start)
     travel.cycles(shape.half // 2 - 1)
     travel.cycles(count, to_krc=False)
@@ -159,7 +159,7 @@ def test_frozen_feedback_is_found_and_the_robot_is_back_where_it_began(tmp_path,
     travel.cycles(300, edit=lambda data: re.sub(rb"<AIPos [^>]*/>", frozen, data))
     assert rig.state == "faulted"
     assert "A1 is not measured to follow" in rig.changes[-1].reason
-    assert travel.within(shape_of(rig.setup).farthest)
+    assert travel.within(probe_size(rig.setup).farthest)
     assert rig.krc_setpoint == pytest.approx(travel.start, abs=1e-7)
 
 
@@ -180,7 +180,7 @@ def test_axes_in_another_order_are_named(tmp_path, one, other, mode):
         if rig.state in ("ready", "faulted"):
             break
     assert f"{one} is measured to move when {other} is corrected" in rig.changes[-1].reason
-    assert travel.within([max(shape_of(rig.setup).farthest)] * 6)
+    assert travel.within([max(probe_size(rig.setup).farthest)] * 6)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -198,7 +198,7 @@ def test_a_scale_that_is_wrong_by_a_tenth_is_named_with_the_right_one(tmp_path, 
     )
     assert found, reason
     assert [float(text) for text in found.groups()] == pytest.approx([factor, factor, 1.0], rel=0.03)
-    assert travel.within([1.11 * far for far in shape_of(rig.setup).farthest])
+    assert travel.within([1.11 * far for far in probe_size(rig.setup).farthest])
 
 
 @pytest.mark.parametrize("axis", ["A1", "A4", "E2"])
@@ -239,7 +239,7 @@ def test_a_new_run_in_another_mode_is_proven_anew(tmp_path):
     begun.cycles(400)
     assert rig.state == "faulted"
     assert "RELATIVE" in rig.changes[-1].reason
-    assert begun.within(shape_of(rig.setup).farthest)
+    assert begun.within(probe_size(rig.setup).farthest)
 
 
 @pytest.mark.parametrize("hold", [0, 1])
@@ -317,7 +317,7 @@ def test_axes_have_digits_of_their_own():
 def test_the_probe_is_within_tolerance_speed_and_acceleration(tmp_path):
     for mode in MODES:
         rig = Rig(tmp_path, gantry=True, mode=mode)
-        shape, setup = shape_of(rig.setup), rig.setup
+        shape, setup = probe_size(rig.setup), rig.setup
         probe = Probe(setup)
         assert len({len(code) for code in probe.codes}) == 1
         for j in range(len(setup.axes)):

@@ -10,10 +10,10 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import read_ethernet as krc_reads
-from armgate.links.rsi import setup_of
 from armgate.links.rsi.axes import axes_of
 from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet
-from armgate.links.rsi.ipoc_and_delay import Order, Sequence
+from armgate.links.rsi.ipoc_and_delay import Order, TelegramCounter
+from armgate.links.rsi.setup import setup_of
 from armgate.links.rsi.states import TABLE, State
 from armgate.links.rsi.telegram import LIMIT, ReplyWriter, TelegramError, TelegramReader
 from support.krcs import FILES, krc_file, sen
@@ -110,7 +110,7 @@ class TestTelegrams:
 
 class TestNumbers:
     def placed(self, *ipocs, delay=0):
-        run = Sequence(ipocs[0], delay)
+        run = TelegramCounter(ipocs[0], delay)
         return [run.place(ipoc, delay) for ipoc in ipocs[1:]]
 
     def test_steps_gaps_repeats_and_stragglers(self):
@@ -128,7 +128,7 @@ class TestNumbers:
         assert [one.missed for one in self.placed(0, 8, 12, 20)] == [0, 0, 1]
 
     def test_what_cannot_follow_is_a_jump(self):
-        run = Sequence(0, 5)
+        run = TelegramCounter(0, 5)
         assert run.place(4, 5).order is Order.NEXT
         run.learning = False
         for ipoc, delay in ((7, 5), (10**12 + 1, 5), (8, 4)):

@@ -60,7 +60,7 @@ class TestTheSameIpocAgain:
         rig = Rig(tmp_path).begin()
         rig.drive(5, *SLOW)
         assert rig.deliver(rig.telegram) is None
-        assert rig.link.refused["twice"] == 1
+        assert rig.link.rejected["twice"] == 1
 
     def test_too_many_in_a_row_fault_the_link_with_the_reason(self, tmp_path):
         rig = Rig(tmp_path).begin()

@@ -15,8 +15,9 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.events import LinkChange, Plan, PlanKey, Tick
-from armgate.links.rsi import RsiUdpLink, setup_of
-from armgate.links.rsi.probe import shape_of
+from armgate.links.rsi.probe import probe_size
+from armgate.links.rsi.setup import setup_of
+from armgate.links.rsi.udp_link import RsiUdpLink
 from support.clients import PATIENCE
 from support.krcs import krc_file
 from support.ports import free_ports
@@ -138,7 +139,7 @@ async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, 
         await one.krc.until(lambda status: status["delay"] > 20)
     with (tmp_path / "krc.csv").open() as trace:
         rows = [[float(value) for value in list(row)[3:]] for row in list(csv.reader(trace))[1:]]
-    farthest = shape_of(setup_of(build_cell(load_config([tmp_path / "cell.yaml"])), robot)).farthest
+    farthest = probe_size(setup_of(build_cell(load_config([tmp_path / "cell.yaml"])), robot)).farthest
     for axis, far in zip(zip(*rows, strict=True), farthest, strict=True):
         assert max(abs(one - axis[0]) for one in axis) <= 2.0 * math.degrees(far)
         assert abs(axis[-1] - axis[0]) < 1e-6

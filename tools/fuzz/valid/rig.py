@@ -14,7 +14,7 @@ from armgate.daemon.core.peer import Encoded, Subscription, answer
 from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import Instant, VirtualClock
 from armgate.gate import Gate
-from armgate.links import EmulatedLink
+from armgate.links.emulated import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m

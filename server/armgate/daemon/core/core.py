@@ -14,7 +14,7 @@ from armgate.daemon.core.leasing import LeaseTime, Leasing
 from armgate.daemon.core.peer import Peer, answer
 from armgate.daemon.core.signals import Reserved, Sharer, Signals
 from armgate.daemon.core.states import LatestState, LatestStates
-from armgate.links import SteppedLink
+from armgate.links.link import SteppedLink
 from armgate.links.log import Log
 from armgate.links.robot_server.client import RemoteEvent, RemoteLink
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError

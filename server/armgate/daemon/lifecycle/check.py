@@ -14,7 +14,7 @@ from armgate.cell.text import printable
 from armgate.daemon.core.description import CellDescription
 from armgate.events import Nearest
 from armgate.gate import start_clearances
-from armgate.links.rsi import Setup, setup_of, warnings_of
+from armgate.links.rsi.setup import Setup, setup_of, warnings_of
 
 _SHOWN = 8
 _FAULTS = 64

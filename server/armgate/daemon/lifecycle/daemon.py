@@ -37,7 +37,7 @@ from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
 from armgate.emulator import Instant
 from armgate.events import Tick
-from armgate.links import EmulatedLink
+from armgate.links.emulated import EmulatedLink
 from armgate.links.log import Log
 from armgate.links.robot_server.client import RemoteEvent, RemoteLink
 from armgate.links.systemd import Notifier

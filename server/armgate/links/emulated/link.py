@@ -1,23 +1,21 @@
-"""The link to an emulated robot, in the daemon's own process."""
+"""Link to an emulated robot, in the process that holds it."""
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
-from armgate.emulator import EmulatedRobot, WallClock
-from armgate.events import Joints, LinkChange, LinkState, Plan, PlanAnswer, Rebase, Tick
-from armgate.links.link import Emit
+from armgate.emulator import EmulatedRobot
+from armgate.events import Joints, Plan, PlanAnswer, Rebase, Tick
 from armgate.links.plan_player import PlanPlayer
 
 
 class EmulatedLink:
-    """Plays plans to an `EmulatedRobot`; a `SteppedLink`.
+    """Link that plays plans to an `EmulatedRobot`; a `SteppedLink`.
 
-    At a tick the robot has followed the setpoint of the tick before for one period; that is what it measures.
-    Then the increment of this tick moves the setpoint.
+    At a tick, the robot has followed the setpoint of the tick before for one period: that is measured. Then
+    the increment of this tick moves the setpoint.
 
     Args:
-        robot: The robot's name.
-        start: The daemon's start id.
+        robot: Name of the robot.
+        start: Start id that plans carry.
         q0: Position and setpoint at tick 0, rad or m per joint.
         period: Time between two ticks, s.
         lag: Time constant with which the robot follows, s, of all joints or of each.
@@ -34,12 +32,12 @@ class EmulatedLink:
 
     @property
     def robot(self) -> str:
-        """The robot's name."""
+        """Name of the robot."""
         return self._name
 
     @property
     def remaining(self) -> int:
-        """How many increments are still to be played if nothing else comes; 0 at rest."""
+        """Number of increments left to play if no other plan comes; 0 at rest."""
         return self._player.remaining
 
     def offer(self, plan: Plan) -> PlanAnswer:
@@ -68,72 +66,3 @@ class EmulatedLink:
             plan=played.key,
             index=played.index,
         )
-
-
-class Clock(Protocol):
-    """Makes one robot tick."""
-
-    def start(self) -> None:
-        """Begin: the first tick is now."""
-
-    def close(self) -> None:
-        """End: no further tick comes."""
-
-
-MakeClock = Callable[[float, Callable[[], None]], Clock]
-"""Makes the clock of a robot of this period, s, that calls the function at each tick."""
-
-
-def wall_clock(period: float, tick: Callable[[], None]) -> Clock:
-    """The clock on the wall."""
-    return WallClock([period], lambda _: tick())
-
-
-class SelfClockedEmulatedLink:
-    """An emulated robot with a clock of its own; it is never lost.
-
-    Args:
-        link: The robot and its plan.
-        period: Of its clock, s.
-        now: The time that its ticks carry, s.
-        clock: Makes its clock.
-    """
-
-    def __init__(
-        self, link: EmulatedLink, period: float, now: Callable[[], float], clock: MakeClock = wall_clock
-    ) -> None:
-        self._link = link
-        self._now = now
-        self._clock = clock(period, self._tick)
-        self._emit: Emit
-
-    @property
-    def robot(self) -> str:
-        """The robot's name."""
-        return self._link.robot
-
-    @property
-    def remaining(self) -> int:
-        """How many increments are still to be played if nothing else comes; 0 at rest."""
-        return self._link.remaining
-
-    def offer(self, plan: Plan) -> PlanAnswer:
-        """Replace the held plan by compare-and-swap."""
-        return self._link.offer(plan)
-
-    def rebase(self, rebase: Rebase) -> None:
-        """Drop the plan and take ``rebase.setpoint`` as the commanded position."""
-        self._link.rebase(rebase)
-
-    async def open(self, emit: Emit) -> None:
-        """Say that the robot is ready, and let its clock begin."""
-        self._emit = emit
-        emit(LinkChange(self.robot, LinkState.READY))
-        self._clock.start()
-
-    def close(self) -> None:
-        """Let its clock end."""
-        self._clock.close()
-
-    def _tick(self) -> None:
-        self._emit(self._link.advance(self._now()))

@@ -1,6 +1,6 @@
-"""Robots behind a process of their own, the robot server, and the daemon's way to it.
+"""Robot server: a process that holds the links of a cell's robots, so that they outlive daemons.
 
-``messages`` and ``codec`` (what goes over the socket), ``liveness`` (who has fallen silent), ``berth`` (a
-link as one daemon after the other sees it), ``server`` (the process), ``socket`` (its address), ``client``
-(the daemon's side), ``make`` (links from a configuration), ``command`` (``armgate robot-server``).
+``messages`` and ``codec`` define what goes over the socket, ``unix_socket`` its path and permissions,
+``connection`` one end of it with heartbeat and timeout. ``server`` is the process, ``hosted_link`` a link
+in it, ``client`` the daemon's side, ``command`` is ``armgate robot-server``.
 """

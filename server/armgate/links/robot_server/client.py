@@ -1,7 +1,7 @@
-"""The daemon's side of the robot server's socket: robots that are somewhere else.
+"""The daemon's side of the robot server's socket.
 
-Ticks, changes of links and answers to plans come in by themselves. When the connection is lost, all robots
-are: the daemon is told so, and the way back is tried until it is there.
+Ticks, changes of links and answers to plans arrive as events. If the connection is lost, all robots count as
+lost, and the client reconnects until it succeeds.
 """
 
 import asyncio
@@ -9,99 +9,103 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
+from typing import assert_never
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links.robot_server.codec import CodecError, Decoder, encode
-from armgate.links.robot_server.heartbeat import BEAT, Liveness
+from armgate.links.robot_server.codec import CodecError, encode
+from armgate.links.robot_server.connection import Connection
 from armgate.links.robot_server.messages import (
     FORMAT,
-    Beat,
-    Down,
+    Heartbeat,
     Hello,
     Message,
-    Played,
     Refusal,
-    Standing,
+    ResumePoint,
+    TickReport,
+    ToServer,
     Welcome,
 )
-from armgate.links.robot_server.unix_socket import SocketError, call
+from armgate.links.robot_server.unix_socket import SocketError, connect
 
 RETRY = 0.5
-"""Time between two attempts to get back, s."""
+"""Time between two attempts to reconnect, s."""
 
 RemoteEvent = Tick | LinkChange | PlanAnswer
-"""What comes from the robot server."""
+"""Event that arrives from the robot server."""
 
 
 class RemoteLink:
-    """One robot behind the robot server; its answers to plans come later, as events.
+    """Link of one robot in the robot server; its answers to plans arrive later, as events.
 
     Args:
-        robot: Its name.
-        say: Tells the robot server.
+        robot: Name of the robot.
+        send: Sends a message to the robot server.
     """
 
-    def __init__(self, robot: str, say: Callable[[Down], None]) -> None:
+    def __init__(self, robot: str, send: Callable[[ToServer], None]) -> None:
         self.robot = robot
-        self._say = say
+        self._send = send
         self._resets = 0
         self._next = 0
         self._remaining = 0
-        self._asked: dict[PlanKey, int] = {}
+        self._offered: dict[PlanKey, int] = {}
 
     @property
     def remaining(self) -> int:
-        """How many increments may still be to be played, as far as is known here; 0 at rest."""
-        return max(self._remaining, *self._asked.values(), 0)
+        """Largest number of increments that may be left to play; 0 at rest.
+
+        It counts plans that were sent and are not answered yet.
+        """
+        return max(self._remaining, *self._offered.values(), 0)
 
     @property
-    def standing(self) -> Standing:
-        """What to tell a robot server about this robot."""
-        return Standing(self.robot, self._next, self._resets)
+    def resume_point(self) -> ResumePoint:
+        """Point from which the daemon goes on with this robot."""
+        return ResumePoint(self.robot, self._next, self._resets)
 
     def offer(self, plan: Plan) -> None:
         """Send a plan."""
-        self._asked[plan.key] = len(plan.increments)
-        self._say(plan)
+        self._offered[plan.key] = len(plan.increments)
+        self._send(plan)
 
     def rebase(self, rebase: Rebase) -> None:
-        """Send a rebase; ticks from before it do not count any more."""
+        """Send a rebase; earlier ticks are ignored from now on."""
         self._resets = rebase.resets
-        self._say(rebase)
+        self._send(rebase)
 
-    def played(self, played: Played) -> Tick | None:
-        """A tick came; None if it is from before a rebase that has been sent."""
-        if played.resets != self._resets:
+    def take_tick(self, report: TickReport) -> Tick | None:
+        """Return the reported tick, None if it is from before a rebase that was sent."""
+        if report.resets != self._resets:
             return None
-        tick = played.event
-        self._next, self._remaining = tick.tick + 1, played.remaining
-        self._asked = {key: length for key, length in self._asked.items() if key.target > tick.tick}
+        tick = report.event
+        self._next, self._remaining = tick.tick + 1, report.remaining
+        self._offered = {key: length for key, length in self._offered.items() if key.target > tick.tick}
         return tick
 
-    def answered(self, answer: PlanAnswer) -> None:
-        """An answer came."""
-        length = self._asked.pop(answer.key, 0)
+    def take_answer(self, answer: PlanAnswer) -> None:
+        """Note the answer to a plan."""
+        length = self._offered.pop(answer.key, 0)
         if answer.accepted:
             self._remaining = max(self._remaining, length)
 
-    def lost(self) -> None:
-        """The robot server is gone, and with it what was sent."""
-        self._asked.clear()
+    def lose(self) -> None:
+        """Forget the plans that were sent: the robot server is gone."""
+        self._offered.clear()
         self._remaining = 0
 
 
 class RobotServerClient:
-    """The connection to the robot server.
+    """Client of the robot server, which reconnects by itself.
 
     Args:
-        path: Its socket.
-        cell: The cell's hash.
-        robots: Their names, in the order of the configuration.
-        start: The daemon's start id.
-        now: The machine's monotonic clock, by which ticks are stamped, s.
+        path: Path of its socket.
+        cell: Hash of the cell.
+        robots: Names of the robots, in the order of the configuration.
+        start: Start id of the daemon.
+        now: The machine's monotonic clock, which also stamps ticks, s.
 
     Attributes:
-        links: The robots, in that order.
+        links: The robots' links, in the same order.
     """
 
     def __init__(
@@ -112,7 +116,7 @@ class RobotServerClient:
         start: str,
         now: Callable[[], float] = monotonic,
     ) -> None:
-        self.links = [RemoteLink(robot, self._say) for robot in robots]
+        self.links = [RemoteLink(robot, self._send) for robot in robots]
         self._by_name = {link.robot: link for link in self.links}
         self._path = path
         self._cell = cell
@@ -121,7 +125,7 @@ class RobotServerClient:
         self._origin = now()
         self._emit: Callable[[RemoteEvent], None] | None = None
         self._early: list[RemoteEvent] = []
-        self._wire: _Wire | None = None
+        self._connection: ClientConnection | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._task: asyncio.Task[None] | None = None
         self._closed = False
@@ -132,58 +136,58 @@ class RobotServerClient:
         return self._now() - self._origin
 
     async def open(self) -> None:
-        """Get the robots; what comes is kept until the start.
+        """Connect; events are buffered until `start`.
 
         Raises:
-            SocketError: There is no robot server, or it refuses; the text says why, and what to do.
+            SocketError: There is no robot server, or it refuses; the text names the reason and the remedy.
         """
         await self._connect()
 
     def start(self, emit: Callable[[RemoteEvent], None]) -> None:
-        """Tell ``emit`` of all that has come and comes."""
+        """Call ``emit`` with each buffered event, and from now on with each event that arrives."""
         self._emit = emit
         early, self._early = self._early, []
         for event in early:
             emit(event)
 
     def close(self) -> None:
-        """Let go of the robots: they play their plans to the end."""
+        """Disconnect; the robots play their plans to the end."""
         self._closed = True
         if self._timer is not None:
             self._timer.cancel()
         if self._task is not None:
             self._task.cancel()
-        if self._wire is not None:
-            self._wire.abort()
+        if self._connection is not None:
+            self._connection.abort()
 
     # --- the connection -----------------------------------------------------------------------------------
 
     async def _connect(self) -> None:
         loop = asyncio.get_running_loop()
-        hello = Hello(FORMAT, self._cell, self._start, tuple(link.standing for link in self.links))
-        wire = _Wire(self._now, self)
-        await loop.create_unix_connection(lambda: wire, sock=call(self._path))
-        wire.say(hello)
-        refusal = await wire.refusal
+        hello = Hello(FORMAT, self._cell, self._start, tuple(link.resume_point for link in self.links))
+        connection = ClientConnection(self._now, self)
+        await loop.create_unix_connection(lambda: connection, sock=connect(self._path))
+        connection.send(hello)
+        refusal = await connection.refusal
         if refusal:
             raise SocketError(f"the robot server at {self._path} refuses: {refusal}")
 
-    def _say(self, message: Down) -> None:
-        if self._wire is not None:  # else it is lost, and the gate has been told
-            self._wire.say(message)
+    def _send(self, message: ToServer) -> None:
+        if self._connection is not None:  # otherwise it is lost, which was already reported
+            self._connection.send(message)
 
-    def welcomed(self, wire: "_Wire") -> None:
-        """The robots are ours: what comes from now on counts."""
-        self._wire = wire
+    def welcomed(self, connection: "ClientConnection") -> None:
+        """Use this connection from now on."""
+        self._connection = connection
 
-    def lose(self, reason: str) -> None:
-        """The connection is gone, and all robots with it."""
-        lost, self._wire = self._wire, None
+    def lost(self, reason: str) -> None:
+        """Report all robots as lost with the connection, and reconnect."""
+        lost, self._connection = self._connection, None
         if self._closed or lost is None:
             return
         for link in self.links:
-            link.lost()
-            self._tell(LinkChange(link.robot, LinkState.LOST, f"the robot server: {reason}"))
+            link.lose()
+            self._report(LinkChange(link.robot, LinkState.LOST, f"the robot server: {reason}"))
         self._retry_later()
 
     def _retry_later(self) -> None:
@@ -191,37 +195,37 @@ class RobotServerClient:
             self._timer = asyncio.get_running_loop().call_later(RETRY, self._retry)
 
     def _retry(self) -> None:
-        self._task = asyncio.get_running_loop().create_task(self._again())
+        self._task = asyncio.get_running_loop().create_task(self._reconnect())
 
-    async def _again(self) -> None:
+    async def _reconnect(self) -> None:
         try:
             await self._connect()
         except SocketError:
             self._retry_later()
 
-    # --- what comes ---------------------------------------------------------------------------------------
+    # --- messages -----------------------------------------------------------------------------------------
 
-    def hear(self, message: Message) -> None:
-        """The robot server said something.
+    def receive(self, message: TickReport | PlanAnswer | LinkChange) -> None:
+        """Handle a message about a robot.
 
         Raises:
-            CodecError: It is not its to say.
+            CodecError: The cell has no such robot.
         """
         match message:
-            case Played():
-                tick = self._link(message.event.robot).played(message)
+            case TickReport():
+                tick = self._link(message.event.robot).take_tick(message)
                 if tick is not None:
-                    self._tell(replace(tick, time=tick.time - self._origin))
+                    self._report(replace(tick, time=tick.time - self._origin))
             case PlanAnswer():
-                self._link(message.robot).answered(message)
-                self._tell(message)
+                self._link(message.robot).take_answer(message)
+                self._report(message)
             case LinkChange():
                 self._link(message.robot)
-                self._tell(message)
+                self._report(message)
             case _:
-                raise CodecError(f"{type(message).__name__} is not the robot server's to say")
+                assert_never(message)
 
-    def _tell(self, event: RemoteEvent) -> None:
+    def _report(self, event: RemoteEvent) -> None:
         if self._emit is None:
             self._early.append(event)
         else:
@@ -233,76 +237,58 @@ class RobotServerClient:
         return self._by_name[robot]
 
 
-class _Wire(asyncio.Protocol):
-    """One connection.
+class ClientConnection(Connection):
+    """The daemon's end of one connection.
 
     Attributes:
-        refusal: Why the robots are not to be had, "" once they are.
+        refusal: Result of the handshake: why the robots were refused, "" if they were given.
     """
 
     def __init__(self, now: Callable[[], float], client: RobotServerClient) -> None:
-        self._now, self._client = now, client
-        self._decoder = Decoder()
-        self._liveness = Liveness(now())
-        self._transport: asyncio.Transport
-        self._timer: asyncio.TimerHandle | None = None
-        self._why = ""
+        super().__init__(now)
+        self._client = client
+        self._reason = ""
         self.refusal: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Connected."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        self._beat()
+    @property
+    def established(self) -> bool:
+        """True once the robot server has answered the hello."""
+        return self.refusal.done()
 
-    def data_received(self, data: bytes) -> None:
-        """Bytes came in."""
-        self._liveness.heard(self._now())
-        try:
-            for message in self._decoder.push(data):
-                self._take(message)
-        except CodecError as error:
-            self._why = str(error)
-            self._transport.abort()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is gone."""
-        if self._timer is not None:
-            self._timer.cancel()
-        why = self._why or ("connection lost" if exc is None else str(exc))
-        if self.refusal.done():
-            self._client.lose(why)
-        else:
-            self.refusal.set_result(why)
-
-    def say(self, message: Down) -> None:
-        """Tell the robot server."""
+    def send(self, message: ToServer) -> None:
+        """Send a message unless the connection is closing."""
         if not self._transport.is_closing():
             self._transport.write(encode(message))
 
-    def abort(self) -> None:
-        """Close at once."""
-        self._transport.abort()
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Report the loss, or fail the handshake."""
+        self._stop_timer()
+        reason = self._reason or ("connection lost" if exc is None else str(exc))
+        if self.established:
+            self._client.lost(reason)
+        else:
+            self.refusal.set_result(reason)
 
-    def _take(self, message: Message) -> None:
+    def _receive(self, message: Message) -> None:
         match message:
-            case Welcome() if not self.refusal.done():
+            case Heartbeat():
+                pass
+            case Refusal():
+                self._reason = message.text
+            case Welcome() if not self.established:
                 self._client.welcomed(self)
                 self.refusal.set_result("")
-            case Refusal():
-                self._why = message.text
-            case Beat():
-                pass
-            case _ if self.refusal.done():
-                self._client.hear(message)
-            case _:
+            case TickReport() | LinkChange() | PlanAnswer() if self.established:
+                self._client.receive(message)
+            case TickReport() | LinkChange() | PlanAnswer():
                 raise CodecError(f"{type(message).__name__} before the welcome")
+            case Welcome() | Hello() | Plan() | Rebase():
+                raise CodecError(f"the robot server must not send {type(message).__name__} now")
+            case _:
+                assert_never(message)
 
-    def _beat(self) -> None:
-        if self._liveness.silent(self._now()):
-            self._why = "stalled: nothing was heard of it"
-            self._transport.abort()
-            return
-        self._timer = asyncio.get_running_loop().call_later(BEAT, self._beat)
-        if self.refusal.done():
-            self.say(Beat())
+    def _reject(self, reason: str) -> None:
+        self._reason = reason
+        self._transport.abort()
+
+    _stalled = _reject

@@ -1,11 +1,10 @@
-"""Messages to bytes and back, strictly: a length of four bytes, then a msgpack list of kind and fields.
+"""Codec of the robot server's socket: length-prefixed frames, each a msgpack list of kind and fields.
 
-The forms follow from the annotations of the dataclasses. A message of another shape, a number that is not
-finite or a name that is no text is an error, after which nothing more is read from that connection.
+Packing and reading follow from the annotations of the message dataclasses. A message of another shape, a
+number that is not finite or a name that is not a text is an error, which ends the connection.
 """
 
 import math
-import struct
 from collections.abc import Callable
 from dataclasses import fields
 from types import NoneType, UnionType
@@ -16,69 +15,62 @@ import msgpack
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links.robot_server.messages import (
     FORMAT,
-    Beat,
+    Heartbeat,
     Hello,
     Message,
-    Played,
     Refusal,
-    Standing,
+    ResumePoint,
+    TickReport,
     Welcome,
 )
+from armgate.protocol.framing import FrameDecoder, FrameError, frame
 
 LARGEST = 1 << 20
-"""Bytes that a message may have: a stop of thousands of ticks, with room to spare."""
+"""Longest message, bytes: a plan that stops within thousands of ticks is shorter."""
 
 _KINDS: dict[type, str] = {
     Hello: "hello",
     Welcome: "welcome",
     Refusal: "refusal",
-    Beat: "beat",
-    Played: "played",
+    Heartbeat: "beat",
+    TickReport: "played",
     LinkChange: "change",
     PlanAnswer: "answer",
     Plan: "plan",
     Rebase: "rebase",
 }
-_LENGTH = struct.Struct(">I")
 Form = tuple[Callable[[Any], Any], Callable[[Any], Any]]
-"""How a value is packed, and read back."""
+"""Functions that pack and read a value."""
 
 
 class CodecError(Exception):
-    """The other side said something that cannot be understood."""
+    """Message that cannot be decoded, or that the peer must not send."""
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message."""
+    """Return the bytes of a message, length included."""
     pack, _ = _FORMS[type(message)]
     body: bytes = msgpack.packb([_KINDS[type(message)], *pack(message)])
-    return _LENGTH.pack(len(body)) + body
+    return frame(body)
 
 
 class Decoder:
-    """Bytes in, messages out."""
+    """Decoder of a stream of messages."""
 
     def __init__(self) -> None:
-        self._data = bytearray()
+        self._frames = FrameDecoder(LARGEST)
 
     def push(self, data: bytes) -> list[Message]:
         """Take bytes; return the messages that they complete.
 
         Raises:
-            CodecError: They are no messages; the text says why. Nothing more can be read.
+            CodecError: A message is malformed; the rest of the stream cannot be read.
         """
-        self._data += data
-        found = []
-        while len(self._data) >= _LENGTH.size:
-            (length,) = _LENGTH.unpack_from(self._data)
-            if length > LARGEST:
-                raise CodecError(f"a message of {length} bytes; expected at most {LARGEST}")
-            end = _LENGTH.size + length
-            if len(self._data) < end:
-                break
-            found.append(_decoded(bytes(self._data[_LENGTH.size : end])))
-            del self._data[:end]
-        return found
+        try:
+            bodies = self._frames.feed(data)
+        except FrameError as error:
+            raise CodecError(str(error)) from error
+        return [_decoded(body) for body in bodies]
 
 
 def _decoded(body: bytes) -> Message:
@@ -169,7 +161,7 @@ def _form(hint: Any) -> Form:
         return _or_none(_form(inner))
     if get_origin(hint) is tuple:
         return _tuple(_form(get_args(hint)[0]))
-    assert hint in (Tick, PlanKey, Standing), hint
+    assert hint in (Tick, PlanKey, ResumePoint), hint
     return _dataclass(hint)
 
 

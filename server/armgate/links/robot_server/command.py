@@ -57,7 +57,7 @@ def _serve(cell: "Cell", path: Path) -> int:
     from time import monotonic
 
     from armgate.links.log import Log
-    from armgate.links.robot_server.make import make_berths
+    from armgate.links.robot_server.make import host_links
     from armgate.links.robot_server.server import RobotServer
     from armgate.links.robot_server.unix_socket import listen
     from armgate.links.systemd import Notifier
@@ -66,10 +66,10 @@ def _serve(cell: "Cell", path: Path) -> int:
     log = Log(sys.stderr)
     with lock, listening:
         try:
-            berths = make_berths(
+            links = host_links(
                 cell, monotonic, lambda robot, text: log.warning("link", robot=robot, text=text)
             )
-            server = RobotServer(cell.hash, berths, log)
+            server = RobotServer(cell.hash, links, log)
             # What stands now stays: no search for garbage through all of it shall delay a reply.
             gc.collect()
             gc.freeze()

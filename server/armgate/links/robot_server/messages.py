@@ -1,21 +1,21 @@
-"""What daemon and robot server tell each other, beside the events of `armgate.events`."""
+"""Messages between daemon and robot server, beside the events of `armgate.events`."""
 
 from dataclasses import dataclass
 
 from armgate.events import LinkChange, Plan, PlanAnswer, Rebase, Tick
 
 FORMAT = 1
-"""Grows with every change of what goes over the socket: both sides come from one release."""
+"""Version of the messages; both sides come from the same release, and any other version is refused."""
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """Where a daemon stands with a robot.
+class ResumePoint:
+    """Point from which a daemon goes on with a robot.
 
     Attributes:
-        robot: Its name.
-        tick: The number that its next tick shall have.
-        resets: How often it was rebased.
+        robot: Name of the robot.
+        tick: Number that its next tick gets.
+        resets: Number of rebases so far.
     """
 
     robot: str
@@ -25,41 +25,41 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """A daemon's first words: what it speaks, its cell's hash, its start id, and its robots in order."""
+    """First message of a daemon: format, hash of its cell, its start id, its robots in order."""
 
     format: int
     cell: str
     start: str
-    robots: tuple[Standing, ...]
+    robots: tuple[ResumePoint, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """The daemon holds the robots now."""
+    """Acceptance of the daemon, which holds the robots from now on."""
 
     format: int
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The daemon does not get the robots; the connection ends."""
+    """Refusal of the daemon, or of a message of it; the connection is closed after it."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
-    """A sign of life."""
+class Heartbeat:
+    """Sign of life, sent by both sides."""
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """A tick, with what the daemon cannot know of it.
+class TickReport:
+    """Tick of a robot, with what the daemon needs to follow the robot's plan.
 
     Attributes:
         event: The tick; its time is that of the machine's monotonic clock, s.
-        resets: How often the robot was rebased before this tick.
-        remaining: How many increments were left to play after it.
+        resets: Number of rebases before this tick.
+        remaining: Number of increments left to play after it.
     """
 
     event: Tick
@@ -67,6 +67,6 @@ class Played:
     remaining: int
 
 
-Up = Welcome | Refusal | Beat | Played | LinkChange | PlanAnswer
-Down = Hello | Beat | Plan | Rebase
-Message = Up | Down
+ToDaemon = Welcome | Refusal | Heartbeat | TickReport | LinkChange | PlanAnswer
+ToServer = Hello | Heartbeat | Plan | Rebase
+Message = ToDaemon | ToServer

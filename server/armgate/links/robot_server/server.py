@@ -1,8 +1,8 @@
-"""The robot server: holds the robots' links and plans, whatever becomes of the daemon.
+"""Robot server: holds the robots' links and plans, whatever happens to the daemon.
 
-Links answer their robots by themselves; only then is the daemon told, and never waited for: bytes that it
-does not read are kept up to a bound, beyond which, or when it is silent for too long, it is let go of. Then
-every robot plays its plan to the end and rests.
+A link answers its robot first; only then is the daemon informed, and never waited for. Messages that the
+daemon does not read are buffered up to a bound. Beyond it, or after the timeout, the connection is closed:
+every robot then plays its plan to the end and rests.
 """
 
 import asyncio
@@ -10,58 +10,67 @@ import signal
 import socket
 from collections.abc import Callable, Sequence
 from time import monotonic
-from typing import Protocol
+from typing import Protocol, assert_never
 
-from armgate.events import Plan, Rebase
-from armgate.links.robot_server.codec import CodecError, Decoder, encode
-from armgate.links.robot_server.heartbeat import BEAT, Liveness
+from armgate.events import LinkChange, Plan, PlanAnswer, Rebase
+from armgate.links.robot_server.codec import CodecError, encode
+from armgate.links.robot_server.connection import Connection
 from armgate.links.robot_server.hosted_link import HostedLink
-from armgate.links.robot_server.messages import FORMAT, Beat, Hello, Message, Refusal, Up, Welcome
+from armgate.links.robot_server.messages import (
+    FORMAT,
+    Heartbeat,
+    Hello,
+    Message,
+    Refusal,
+    TickReport,
+    ToDaemon,
+    Welcome,
+)
 
 BACKLOG = 1 << 18
 """Bytes that a daemon may leave unread: some seconds of ticks."""
 
-_LOOK = 0.05
-"""Time between two looks at whether the robots rest, s, at the end."""
+_REST_CHECK = 0.05
+"""Time between two checks at the end that the robots rest, s."""
 
 
 class Log(Protocol):
-    """Where events are told."""
+    """Log of events."""
 
     def info(self, event: str, **fields: object) -> None:
-        """Something happened as it should."""
+        """Log a normal event."""
 
     def warning(self, event: str, **fields: object) -> None:
-        """Something that somebody should look at."""
+        """Log an event that needs attention."""
 
 
 class RobotServer:
-    """Holds links, and gives them to one daemon at a time.
+    """Server that gives its robots to one daemon at a time.
 
     Args:
-        cell: The cell's hash.
-        berths: The robots, in the order of the configuration.
-        log: Where events are told.
-        now: The clock by which a daemon is silent, s.
+        cell: Hash of the cell.
+        links: The robots' links, in the order of the configuration.
+        log: Log of events.
+        now: Clock of timeouts, s.
     """
 
     def __init__(
-        self, cell: str, berths: Sequence[HostedLink], log: Log, now: Callable[[], float] = monotonic
+        self, cell: str, links: Sequence[HostedLink], log: Log, now: Callable[[], float] = monotonic
     ) -> None:
         self._cell = cell
-        self._berths = {berth.robot: berth for berth in berths}
+        self._links = {link.robot: link for link in links}
         self._log = log
         self.now = now
-        self._daemon: Connection | None = None
-        self._connections: set[Connection] = set()
+        self._daemon: ServerConnection | None = None
+        self._connections: set[ServerConnection] = set()
         self._ending = False
-        self._over = asyncio.Event()
+        self._ended = asyncio.Event()
 
     async def run(self, listening: socket.socket, announce: Callable[[], None]) -> int:
-        """Serve until told to end; then wait until the robots rest.
+        """Serve until SIGTERM or SIGINT; then wait until the robots rest.
 
         Returns:
-            Exit status: 0, or 1 if it was told twice.
+            Exit status: 0, or 1 if a second signal ended it before the robots rested.
 
         Raises:
             OSError: A link cannot be opened.
@@ -70,15 +79,15 @@ class RobotServer:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.end)
         try:
-            for berth in self._berths.values():
-                await berth.open()
-            server = await loop.create_unix_server(lambda: Connection(self), sock=listening)
+            for link in self._links.values():
+                await link.open()
+            server = await loop.create_unix_server(lambda: ServerConnection(self), sock=listening)
             announce()
-            await self._over.wait()
+            await self._ended.wait()
             server.close()
         finally:
-            for berth in self._berths.values():
-                berth.close()
+            for link in self._links.values():
+                link.close()
             for connection in tuple(self._connections):
                 connection.abort()
         self._log.info("ended", resting=self.resting)
@@ -86,81 +95,81 @@ class RobotServer:
 
     @property
     def resting(self) -> bool:
-        """Whether no robot has anything left to play."""
-        return all(berth.resting for berth in self._berths.values())
+        """True if no robot has an increment left to play."""
+        return all(link.resting for link in self._links.values())
 
     def end(self) -> None:
-        """Take no plans any more, wait until the robots rest, then end; at once if this is called again."""
+        """Accept no further plan, wait until the robots rest, then end; end at once at the second call."""
         if self._ending:
-            self._over.set()
+            self._ended.set()
             return
         self._ending = True
         self._log.info("end")
-        for berth in self._berths.values():
-            berth.disarm()
-        self._look_for_rest()
+        for link in self._links.values():
+            link.disarm()
+        self._end_at_rest()
 
-    def _look_for_rest(self) -> None:
+    def _end_at_rest(self) -> None:
         if self.resting:
-            self._over.set()
+            self._ended.set()
         else:
-            asyncio.get_running_loop().call_later(_LOOK, self._look_for_rest)
+            asyncio.get_running_loop().call_later(_REST_CHECK, self._end_at_rest)
 
-    def _tell_rest(self) -> None:
-        """Without a daemon nobody else tells that the plans have run out."""
+    def _log_rest(self) -> None:
+        """Log when the plans have been played: without a daemon nothing else reports it."""
         if self.resting:
             self._log.info("at_rest")
         elif self._daemon is None:
-            asyncio.get_running_loop().call_later(_LOOK, self._tell_rest)
+            asyncio.get_running_loop().call_later(_REST_CHECK, self._log_rest)
 
     # --- connections --------------------------------------------------------------------------------------
 
-    def opened(self, connection: "Connection") -> None:
-        """Somebody connected."""
+    def opened(self, connection: "ServerConnection") -> None:
+        """Keep a new connection."""
         self._connections.add(connection)
 
-    def said(self, connection: "Connection", message: Message) -> None:
-        """Somebody said something.
+    def receive(self, connection: "ServerConnection", message: Message) -> None:
+        """Handle one message.
 
         Raises:
-            CodecError: It is not his to say.
+            CodecError: The client must not send it now.
         """
-        if isinstance(message, Hello) and not connection.greeted:
+        if isinstance(message, Hello) and not connection.established:
             self._greet(connection, message)
         elif connection is not self._daemon:
             raise CodecError(f"{type(message).__name__} before hello")
         else:
-            self._obey(message)
+            self._handle(message)
 
-    def gone(self, connection: "Connection", reason: str) -> None:
-        """A connection is over."""
+    def closed(self, connection: "ServerConnection", reason: str) -> None:
+        """Forget a connection; if it was the daemon's, its robots play their plans to the end."""
         self._connections.discard(connection)
         if connection is self._daemon:
             self._daemon = None
-            for berth in self._berths.values():
-                berth.leave()
+            for link in self._links.values():
+                link.detach()
             self._log.warning("daemon.gone", reason=reason, resting=self.resting)
             if not self._ending:
-                self._tell_rest()
+                self._log_rest()
 
-    def _greet(self, connection: "Connection", hello: Hello) -> None:
-        connection.greeted = True
+    def _greet(self, connection: "ServerConnection", hello: Hello) -> None:
+        connection.greet(hello.start)
         objection = self._objection(hello)
         if objection:
             self._log.warning("daemon.refused", start=hello.start, reason=objection)
-            connection.end(Refusal(objection))
+            connection.refuse(objection)
             return
         self._daemon = connection
-        connection.start = hello.start
-        connection.say(Welcome(FORMAT))
-        for standing in hello.robots:
-            self._berths[standing.robot].take(hello.start, standing, connection.say)
+        connection.send(Welcome(FORMAT))
+        for resume in hello.robots:
+            self._links[resume.robot].attach(hello.start, resume, connection.send)
         self._log.info("daemon", start=hello.start)
 
     def _objection(self, hello: Hello) -> str:
+        """Return why a daemon is refused, "" if it is not."""
         if self._ending:
             return "the robot server is ending"
-        if hello.cell != self._cell or [one.robot for one in hello.robots] != list(self._berths):
+        if hello.cell != self._cell or [resume.robot for resume in hello.robots] != list(self._links):
             return (
                 "the robot server was started with another configuration (hash "
                 f"{self._cell[:12]}, the daemon's is {hello.cell[:12]}): start both with the same files"
@@ -169,95 +178,89 @@ class RobotServer:
             return f"the daemon of start {self._daemon.start} holds the robots: end it first"
         return ""
 
-    def _obey(self, message: Message) -> None:
+    def _handle(self, message: Message) -> None:
         match message:
             case Plan():
-                self._berth(message.robot).offer(message)
+                self._link(message.robot).offer(message)
             case Rebase():
                 self._log.info("rebase", robot=message.robot, resets=message.resets)
-                self._berth(message.robot).rebase(message)
-            case Beat():
+                self._link(message.robot).rebase(message)
+            case Heartbeat():
                 pass
+            case Hello() | Welcome() | Refusal() | TickReport() | LinkChange() | PlanAnswer():
+                raise CodecError(f"a daemon must not send {type(message).__name__} now")
             case _:
-                raise CodecError(f"{type(message).__name__} is not a daemon's to say")
+                assert_never(message)
 
-    def _berth(self, robot: str) -> HostedLink:
-        if robot not in self._berths:
+    def _link(self, robot: str) -> HostedLink:
+        if robot not in self._links:
             raise CodecError(f"no robot {robot}")
-        return self._berths[robot]
+        return self._links[robot]
 
 
-class Connection(asyncio.Protocol):
-    """A daemon's connection, or one that wants to be.
+class ServerConnection(Connection):
+    """The robot server's end of one connection.
 
     Attributes:
-        greeted: Whether it has said hello.
-        start: The daemon's start id.
+        start: Start id of the daemon, "" before its hello.
     """
 
     def __init__(self, server: RobotServer) -> None:
+        super().__init__(server.now)
         self._server = server
-        self._decoder = Decoder()
-        self._transport: asyncio.Transport
-        self._liveness = Liveness(server.now())
-        self._timer: asyncio.TimerHandle | None = None
-        self._over = False
-        self.greeted = False
+        self._closed = False
+        self._greeted = False
         self.start = ""
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody connected."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        self._server.opened(self)
-        self._beat()
+    @property
+    def established(self) -> bool:
+        """True once the client has sent hello."""
+        return self._greeted
 
-    def data_received(self, data: bytes) -> None:
-        """Bytes came in."""
-        self._liveness.heard(self._server.now())
-        try:
-            for message in self._decoder.push(data):
-                if not self._over:
-                    self._server.said(self, message)
-        except CodecError as error:
-            self.end(Refusal(str(error)))
+    def greet(self, start: str) -> None:
+        """Note the hello of the daemon with this start id."""
+        self._greeted, self.start = True, start
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is gone."""
-        self._close("connection lost" if exc is None else str(exc))
-
-    def say(self, message: Up) -> None:
-        """Tell; let go of a daemon that has left too much unread."""
-        if self._over:
+    def send(self, message: ToDaemon) -> None:
+        """Send a message; close the connection if too much is left unread."""
+        if self._closed:
             return
         self._transport.write(encode(message))
         if self._transport.get_write_buffer_size() > BACKLOG:
-            self._close(f"stalled: more than {BACKLOG} bytes are unread")
-            self._transport.abort()
+            self._stalled(f"stalled: more than {BACKLOG} bytes are unread")
 
-    def end(self, message: Refusal) -> None:
-        """Say a last thing and close."""
-        self.say(message)
-        self._close(message.text)
+    def refuse(self, reason: str) -> None:
+        """Send a refusal and close."""
+        self.send(Refusal(reason))
+        self._close(reason)
         self._transport.close()
 
     def abort(self) -> None:
         """Close at once."""
         self._close("the robot server has ended")
+        super().abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Register with the server."""
+        self._server.opened(self)
+        super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Unregister from the server."""
+        self._close("connection lost" if exc is None else str(exc))
+
+    def _receive(self, message: Message) -> None:
+        if not self._closed:
+            self._server.receive(self, message)
+
+    _reject = refuse
+
+    def _stalled(self, reason: str) -> None:
+        self._close(reason)
         self._transport.abort()
 
     def _close(self, reason: str) -> None:
-        if not self._over:
-            self._over = True
-            if self._timer is not None:
-                self._timer.cancel()
-            self._server.gone(self, reason)
-
-    def _beat(self) -> None:
-        if self._liveness.silent(self._server.now()):
-            self._close("stalled: nothing was heard of it")
-            self._transport.abort()
-            return
-        self._timer = asyncio.get_running_loop().call_later(BEAT, self._beat)
-        if self.greeted:
-            self.say(Beat())
+        if not self._closed:
+            self._closed = True
+            self._stop_timer()
+            self._server.closed(self, reason)

@@ -1,4 +1,4 @@
-"""The robot server's socket: where it is, who may use it."""
+"""Unix socket of the robot server: its path, its lock and its permissions."""
 
 import fcntl
 import os
@@ -12,44 +12,44 @@ from typing import IO
 
 _CREDENTIALS = struct.Struct("3i")
 _LONGEST = 107
-"""Bytes that Linux takes as the name of such a socket."""
+"""Longest path of a Unix socket on Linux, bytes."""
 _LOCK = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 class SocketError(Exception):
-    """The socket cannot be used; the text says why, and what to do."""
+    """Unusable socket; the text names the reason and the remedy."""
 
     exit_code = 2
 
 
 def default_path(cell: str) -> Path:
-    """Return the path at which a cell's robot server listens by default."""
+    """Return the default path of a cell's robot server."""
     return _own_folder() / f"{cell}.sock"
 
 
 def _own_folder() -> Path:
-    """Return this user's folder for sockets: others cannot put links or files into it."""
+    """Return this user's folder for sockets, into which other users cannot put links or files."""
     return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"armgate-{os.getuid()}"
 
 
 def listen(path: Path) -> tuple[socket.socket, IO[str]]:
-    """Listen there, for this user alone.
+    """Listen on a path, for this user only.
 
     Returns:
-        The socket, and a file whose lock tells that it is in use.
+        The socket, and the file whose lock marks it as used.
 
     Raises:
-        SocketError: Another robot server listens there, or it cannot be listened on.
+        SocketError: Another robot server uses the path, or it is not possible to listen on it.
     """
     _check_length(path)
     if path.parent == _own_folder():
-        _make_own(path.parent)
-    lock = _locked(path.with_name(path.name + ".lock"))
+        _make_private(path.parent)
+    lock = _lock_file(path.with_name(path.name + ".lock"))
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     before = os.umask(0o177)
     try:
         with suppress(FileNotFoundError):
-            path.unlink()  # left by one that was killed: the lock is ours
+            path.unlink()  # left by a robot server that was killed: this process has the lock
         sock.bind(str(path))
         sock.listen(4)
     except OSError as error:
@@ -62,11 +62,11 @@ def listen(path: Path) -> tuple[socket.socket, IO[str]]:
     return sock, lock
 
 
-def call(path: Path) -> socket.socket:
+def connect(path: Path) -> socket.socket:
     """Connect to the robot server.
 
     Raises:
-        SocketError: Nobody listens there, or another user does.
+        SocketError: No robot server listens on the path, or one of another user.
     """
     _check_length(path)
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -86,17 +86,17 @@ def call(path: Path) -> socket.socket:
 
 
 def peer_uid(sock: socket.socket) -> int:
-    """The user at the other end, as the kernel tells."""
+    """Return the user id of the peer, as the kernel reports it."""
     given = sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     _, uid, _ = _CREDENTIALS.unpack(given)
     return int(uid)
 
 
-def _make_own(folder: Path) -> None:
-    """Make the folder, or check that it is ours alone: anybody may have made it before.
+def _make_private(folder: Path) -> None:
+    """Make the folder, or check that it is private: any user may have made it before.
 
     Raises:
-        SocketError: It is not.
+        SocketError: It cannot be made, or belongs to another user, or others may use it.
     """
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -108,7 +108,7 @@ def _make_own(folder: Path) -> None:
         raise SocketError(f"{folder}: {text}; remove it, or name another --socket")
 
 
-def _locked(path: Path) -> IO[str]:
+def _lock_file(path: Path) -> IO[str]:
     try:
         lock = os.fdopen(os.open(path, _LOCK, 0o600), "a")
     except OSError as error:
@@ -132,4 +132,4 @@ def _locked(path: Path) -> IO[str]:
 
 def _check_length(path: Path) -> None:
     if len(os.fsencode(path)) > _LONGEST:
-        raise SocketError(f"{path}: longer than the {_LONGEST} bytes of a socket's name; name a shorter one")
+        raise SocketError(f"{path}: longer than {_LONGEST} bytes, a socket's limit; name a shorter path")

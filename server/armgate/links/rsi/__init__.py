@@ -1,8 +1,14 @@
-"""The link to a KUKA controller (KRC) by its Robot Sensor Interface: see docs/rsi.md."""
+"""Link to a KUKA controller (KRC) by its Robot Sensor Interface; docs/rsi.md describes it.
 
-from armgate.links.rsi.link import Answer, RsiLink
-from armgate.links.rsi.setup import Setup, setup_of, warnings_of
-from armgate.links.rsi.states import State
-from armgate.links.rsi.udp_link import RsiUdpLink
+Files by concern:
 
-__all__ = ["Answer", "RsiLink", "RsiUdpLink", "Setup", "State", "setup_of", "warnings_of"]
+- ``setup``, ``axes``, ``ethernet_file``, ``ethernet_vocabulary``, ``ethernet_checks``: from the cell's
+  configuration and the KRC's own file to a link;
+- ``telegram``, ``xml``, ``udp``: what goes over the network;
+- ``ipoc_and_delay``: the KRC's IPOC and Delay, missed telegrams and late replies;
+- ``link``, ``states``, ``program_run``, ``setpoint``: the link, from telegrams to replies and ticks;
+- ``supervision``, ``synchronisation``, ``probe``, ``accumulation``, ``diagnostics``: what each telegram
+  proves and contradicts;
+- ``udp_link``: the link on its socket;
+- ``commissioning``: ``armgate rsi``.
+"""

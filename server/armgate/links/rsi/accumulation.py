@@ -1,10 +1,11 @@
-"""Detection of a robot that adds up a correction which is meant as its whole offset.
+"""Detection of a KRC that adds up a correction although the cell has the absolute mode.
 
-The probe has excluded it before anything moved. This is the second line, in case the KRC's mode has changed
-since: repeating the held total would then move the robot on, and silence too if HOLDON is 1. A robot that
-follows a commanded path with a lag stays between the setpoints of the past, and is no faster than they were.
-One that adds up leaves them in the direction of its correction, and moves by its total in each cycle, or as
-fast as the axis can. A pushed robot is slower: zeros would throw it back by its whole total.
+The probe has excluded it before anything moved. This is the second line of defence, in case the KRC's mode
+has changed since: repeating the held total would then move the robot on, and so would sending nothing if
+HOLDON is 1. A robot that follows a commanded path with a lag stays between the past setpoints, and is never
+faster than they were. A robot whose corrections are added up leaves this range in the direction of its
+correction, and moves by its total in each cycle, or as fast as the axis can. A robot that is pushed moves
+more slowly; answering it with zeros would throw it back by its whole total.
 """
 
 from collections import deque
@@ -12,24 +13,24 @@ from collections import deque
 from armgate.events import Joints
 
 _WINDOW = 0.5
-"""Setpoints of this time at least are those of the past, s."""
+"""Shortest time for which setpoints count as past, s."""
 _TELEGRAMS = 4
 """Telegrams over which speeds are compared."""
 _FASTER, _FASTEST = 1.5, 1.3
-"""Speed in commanded speeds from which on, and in speeds of a relative KRC up to which, a robot adds up."""
+"""Lower bound of the speed, in commanded speeds, and upper bound, in speeds of a relative KRC."""
 _SLOWEST, _HURRIES = 0.25, 0.5
-"""Speed from which on a robot adds up, in speeds of a relative KRC (a lag hides some) or in top speeds."""
+"""Lower bounds of the speed, in speeds of a relative KRC (a lag hides a part) and in top speeds."""
 _OUTSIDE = 2.0
-"""Distance from the setpoints of the past, in tolerances."""
+"""Distance from the past setpoints, in tolerances."""
 
 
 class AccumulationDetector:
-    """Compares measured positions with setpoints, axis by axis.
+    """Comparison of measured positions with setpoints, axis by axis.
 
     Args:
-        tolerance: How far a resting joint may be from where it should be, rad or m.
+        tolerance: Largest distance of each resting joint from its setpoint, rad or m.
         speed: Top speed of each joint, per s.
-        period: s.
+        period: Cycle of the KRC, s.
     """
 
     def __init__(self, tolerance: Joints, speed: Joints, period: float) -> None:
@@ -43,7 +44,17 @@ class AccumulationDetector:
         self._ranges: deque[list[list[float]]] = deque(maxlen=2)
 
     def take(self, q: Joints, setpoint: Joints, reference: Joints, cycles: int) -> int | None:
-        """Take a telegram over, ``cycles`` after the last one; return the axis that adds up, if any."""
+        """Take a telegram into account.
+
+        Args:
+            q: Measured position, rad or m.
+            setpoint: Commanded position, rad or m.
+            reference: Position from which corrections count, rad or m.
+            cycles: Cycles since the last telegram.
+
+        Returns:
+            Number of the axis whose corrections are added up, None if there is none.
+        """
         self._cycle += cycles
         self._past.append((q, setpoint, self._cycle))
         before, was, then = self._past[0]
@@ -71,7 +82,7 @@ class AccumulationDetector:
             fast[j] = max(fast[j], abs(now - then))
 
     def _adds(self, j: int, q: float, moved: float, total: float, cycles: int) -> bool:
-        """Return True if an axis is outside of older setpoints too, and as fast as if it added up."""
+        """Return True if an axis is outside of older setpoints, too, and as fast as if it added up."""
         low = min(ranges[0][j] for ranges in self._ranges)
         high = max(ranges[1][j] for ranges in self._ranges)
         fast = max(ranges[2][j] for ranges in self._ranges)

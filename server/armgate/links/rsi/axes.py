@@ -1,4 +1,4 @@
-"""Joints in rad and m, axes in deg and mm: which is which, and by what factor."""
+"""Axes of a KRC in deg and mm, for the joints of a robot in rad and m."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,14 +11,14 @@ AXES = frozenset((*A_AXES, *E_AXES))
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """The axis behind one joint.
+    """Axis of one joint.
 
     Attributes:
-        name: A1 to A6, E1 to E6.
+        name: Name of the axis, A1 to A6 or E1 to E6.
         joint: Name of the joint.
-        linear: A prismatic joint: m here, mm there; else rad and deg.
-        read: From the KRC's value to rad or m.
-        sent: From rad or m to the KRC's value of a correction.
+        linear: True for a prismatic joint, in m and mm; otherwise rad and deg.
+        read: Factor from the KRC's value to rad or m.
+        sent: Factor from rad or m to the KRC's value of a correction.
     """
 
     name: str
@@ -29,36 +29,36 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """In which people read it."""
+        """Unit in texts."""
         return "mm" if self.linear else "deg"
 
     @property
     def received(self) -> float:
-        """Factor of the configuration on what the KRC sends."""
+        """Factor ``received`` of the configuration, on what the KRC sends."""
         return 1.0 / (self.shown * self.read)
 
     @property
     def sending(self) -> float:
-        """Factor of the configuration on what is sent to the KRC."""
+        """Factor ``sent`` of the configuration, on what is sent to the KRC."""
         return self.sent / self.shown
 
     @property
     def shown(self) -> float:
-        """From rad or m to that unit."""
+        """Factor from rad or m to the unit in texts."""
         return 1000.0 if self.linear else math.degrees(1.0)
 
 
 def axes_of(
     joints: Sequence[tuple[str, bool]], own: Mapping[str, tuple[str, float, float]]
 ) -> tuple[Axis, ...]:
-    """The axis of each joint.
+    """Return the axis of each joint.
 
     Args:
-        joints: Name of each joint, and whether it is prismatic, in the order of the model.
-        own: By axis: the joint that it is, and the factors ``received`` and ``sent``.
+        joints: Name of each joint, and True if it is prismatic, in the order of the model.
+        own: Configured axes: joint, and factors ``received`` and ``sent``, by name of the axis.
 
     Raises:
-        ValueError: A joint is not there, or there are more joints than axes.
+        ValueError: A joint does not exist, or there are more joints than axes.
     """
     names = {name for name, _ in joints}
     by_joint = {joint: axis for axis, (joint, _, _) in own.items()}
@@ -70,7 +70,7 @@ def axes_of(
     found = []
     for joint, linear in joints:
         if joint not in by_joint and not free[linear]:
-            raise ValueError(f"{joint}: a KRC has no axis left for it; expected at most 6 and 6")
+            raise ValueError(f"{joint}: a KRC has no axis left for it; expected at most 6 joints of its kind")
         name = by_joint.get(joint) or free[linear].pop(0)
         _, received, sent = own.get(name, (joint, 1.0, 1.0))
         unit = 1000.0 if linear else math.degrees(1.0)

@@ -1,4 +1,4 @@
-"""What is wrong with what comes in: counted each time, told once."""
+"""Diagnostics of a link: counts of rejected datagrams, and notes to the operator without repetitions."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -8,33 +8,33 @@ class Diagnostics:
     """Diagnostics of one link.
 
     Args:
-        robot: Its robot's name.
-        note: Told each remark once.
+        robot: Name of its robot.
+        note: Called with each note.
 
     Attributes:
-        refused: How many datagrams were refused, by kind.
+        rejected: Number of rejected datagrams, by kind.
     """
 
     def __init__(self, robot: str, note: Callable[[str], None]) -> None:
         self._robot, self._note = robot, note
         self._noted: set[str] = set()
-        self.refused: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
 
-    def tell(self, text: str) -> None:
-        """Report an event, each time."""
+    def note(self, text: str) -> None:
+        """Note an event, every time."""
         self._note(f"{self._robot}: {text}")
 
-    def hint(self, text: str) -> None:
-        """Something that somebody should know."""
+    def note_once(self, text: str) -> None:
+        """Note a mistake that the operator can correct, once."""
         self._once(text, text)
 
-    def refuse(self, kind: str, text: str = "") -> None:
-        """A datagram was refused; without a text that is nothing to speak of."""
-        self.refused[kind] += 1
+    def reject(self, kind: str, text: str = "") -> None:
+        """Count a rejected datagram; note the text, if there is one, once for this kind."""
+        self.rejected[kind] += 1
         if text:
             self._once(kind, text)
 
     def _once(self, key: str, text: str) -> None:
         if key not in self._noted:
             self._noted.add(key)
-            self._note(f"{self._robot}: {text}")
+            self.note(text)

@@ -1,4 +1,4 @@
-"""The KRC's own RSI Ethernet file, as far as a link has to know it.
+"""Reader of the KRC's own RSI Ethernet file, as far as a link needs it.
 
 ``<ROOT>`` holds ``<CONFIG>`` (IP_NUMBER, PORT, SENTYPE, ONLYSEND), ``<SEND>`` and ``<RECEIVE>``, each with
 ``<ELEMENTS><ELEMENT TAG TYPE INDX [HOLDON]/>…``. A dot in TAG makes an attribute.
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.links.rsi.axes import A_AXES, E_AXES
-from armgate.links.rsi.ethernet_vocabulary import encoding_objection, unread
+from armgate.links.rsi.ethernet_vocabulary import encoding_objection, vocabulary_objection
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 65536
 """Longest file that is read, bytes."""
 _CHANNELS = 64
-"""Numbers that INDX may have."""
+"""Largest number of INDX."""
 _TYPES = ("BOOL", "STRING", "LONG", "DOUBLE")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _NAME = re.compile(r"(?!xml)[A-Za-z_][A-Za-z0-9_]{0,63}", re.ASCII | re.IGNORECASE)
-"""Names of a telegram's XML, which keeps those that begin with xml for itself."""
+"""Names in a telegram; XML reserves those that begin with xml."""
 
 _TECH = r"Tech\.(C[1-6]|T[2-6])"
 _REFUSED = "Tech.T1"
@@ -29,7 +29,7 @@ _KNOWN = {
     "SEND": re.compile(rf"RIst|RSol|A[IS]Pos|E[IS]Pos|MACur|MECur|Delay|{_TECH}"),
     "RECEIVE": re.compile(rf"EStr|{_TECH}"),
 }
-"""Names of what a KRC fills in or reads itself."""
+"""Names of values that a KRC fills in or reads itself."""
 _EXAMPLES = {"SEND": "DEF_AIPos", "RECEIVE": "DEF_EStr"}
 _SPREAD = {
     **dict.fromkeys(("RIst", "RSol"), ("X", "Y", "Z", "A", "B", "C")),
@@ -37,23 +37,23 @@ _SPREAD = {
     **dict.fromkeys(("EIPos", "ESPos", "MECur"), E_AXES),
     "Delay": ("D",),
 }
-"""Attributes of such values."""
+"""Attributes of these values."""
 
 
 class EthernetError(ValueError):
-    """A file is not what a link can work with; says what was expected."""
+    """File with which a link cannot work; the text names what was expected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One value that the KRC takes.
+    """Value that the KRC reads.
 
     Attributes:
         tag: Name of its XML element.
         attribute: Name of its attribute, empty for a text.
         type: BOOL, STRING, LONG or DOUBLE.
-        hold: HOLDON: it keeps its last value if none came.
-        internal: True if the KRC reads it itself, as EStr.
+        hold: HOLDON: the KRC keeps its last value if none came.
+        internal: True if the KRC itself uses it, as EStr.
     """
 
     tag: str
@@ -64,21 +64,21 @@ class Received:
 
     @property
     def name(self) -> str:
-        """As a TAG writes it."""
+        """Name in the form of a TAG."""
         return f"{self.tag}.{self.attribute}" if self.attribute else self.tag
 
 
 @dataclass(frozen=True, slots=True)
 class Ethernet:
-    """What the file says.
+    """Contents of the file.
 
     Attributes:
-        host: IP_NUMBER: the PC.
-        port: PORT: where it listens.
-        sentype: SENTYPE: how replies call themselves.
-        only_send: ONLYSEND: replies are not read.
+        host: IP_NUMBER, the address of the PC.
+        port: PORT on which the PC listens.
+        sentype: SENTYPE, the Type attribute of replies.
+        only_send: ONLYSEND: True if the KRC reads no replies.
         sent: Values that the KRC fills in itself, without ``DEF_``.
-        received: Values that it takes, in order.
+        received: Values that the KRC reads, in order.
     """
 
     host: str
@@ -90,10 +90,10 @@ class Ethernet:
 
 
 def load_ethernet(path: Path) -> Ethernet:
-    """The file's contents.
+    """Return the contents of a file.
 
     Raises:
-        EthernetError: It cannot be read, or is no such file.
+        EthernetError: The file cannot be read, or is no RSI Ethernet file.
     """
     try:
         with path.open("rb") as file:
@@ -107,10 +107,10 @@ def load_ethernet(path: Path) -> Ethernet:
 def read_ethernet(data: bytes) -> Ethernet:
     """Return the contents of a file.
 
-    Everything is refused that a KRC would refuse at RSI_ON, or that would make telegrams unreadable.
+    Anything that a KRC would reject at RSI_ON, or that would make telegrams unreadable, is rejected.
 
     Raises:
-        EthernetError: It is no such file.
+        EthernetError: It is no RSI Ethernet file.
     """
     try:
         root = read_xml(data, LIMIT, comments=True)
@@ -118,7 +118,7 @@ def read_ethernet(data: bytes) -> Ethernet:
         raise EthernetError(str(error)) from error
     if root.tag != "ROOT":
         raise EthernetError(f"the outer element is <{root.tag}>; expected <ROOT>")
-    objection = encoding_objection(data.decode("utf-8-sig")) or unread(root)
+    objection = encoding_objection(data.decode("utf-8-sig")) or vocabulary_objection(root)
     if objection is not None:
         raise EthernetError(objection)
     host, port, sentype, only = (_config(root, k) for k in ("IP_NUMBER", "PORT", "SENTYPE", "ONLYSEND"))
@@ -149,7 +149,7 @@ class _Value:
 
     @property
     def names(self) -> list[str]:
-        """Values that it stands for."""
+        """Names of the values that it stands for."""
         spread = _SPREAD.get(self.name) if self.internal else None
         if self.internal and self.name.startswith("Tech."):
             return [f"{self.name}{number}" for number in range(1, 11)]
@@ -157,7 +157,7 @@ class _Value:
 
     @property
     def received(self) -> Received:
-        """The same as a value that the KRC takes."""
+        """The same element as a value that the KRC reads."""
         tag, _, attribute = self.name.partition(".")
         return Received(tag, attribute, self.type, self.hold, self.internal)
 
@@ -191,14 +191,14 @@ def _value(element: ET.Element, section: str) -> _Value:
                 f"not with xml, and has at most 64; expected one like AK.A1"
             )
     if group == "IPOC":
-        raise EthernetError(f"{section}: {tag}: every telegram has IPOC anyway; remove the element")
+        raise EthernetError(f"{section}: {tag}: every telegram has IPOC in any case; remove the element")
     if type_ not in _TYPES:
         raise EthernetError(f"{section}: {tag}: TYPE={type_!r}; expected one of {', '.join(_TYPES)}")
     if internal and name == _REFUSED:
         raise EthernetError(f"{section}: {tag}: a KRC refuses it at RSI_ON (RSIBad); expected T2 to T6")
     if internal and not (tag.startswith("DEF_") and _KNOWN[section].fullmatch(name)):
         raise EthernetError(
-            f"{section}: {tag} has INDX=INTERNAL, and is nothing that a KRC has in {section}; expected a "
+            f"{section}: {tag} has INDX=INTERNAL, but a KRC has no such value in {section}; expected a "
             f"number, or a name like {_EXAMPLES[section]}"
         )
     hold = _flag(element.get("HOLDON", "0"), f"{section}: {tag}: HOLDON")

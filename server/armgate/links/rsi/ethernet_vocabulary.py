@@ -1,4 +1,4 @@
-"""Vocabulary of a KRC's RSI Ethernet file: all else is refused by name, nothing is dropped silently."""
+"""Vocabulary of a KRC's RSI Ethernet file: anything else is rejected by name, nothing is dropped silently."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -14,17 +14,17 @@ _CHILDREN: dict[str, tuple[str, ...]] = {
     "RECEIVE": ("ELEMENTS",),
     "ELEMENTS": ("ELEMENT",),
 }  # fmt: skip
-"""Elements in each element; a KRC2's INTERFACE, and its length of the protocol (of TCP), are ignored."""
+"""Elements in each element; a KRC2's INTERFACE and the length of its protocol (for TCP) are ignored."""
 
 _ATTRIBUTES = {"ELEMENT": ("TAG", "TYPE", "INDX", "HOLDON", "UNIT")}
 _ENCODING = re.compile(r"""<\?xml\s[^>]*?encoding\s*=\s*["']([^"']*)["']""")
 _UTF_8 = re.compile(r"utf-?8|us-ascii", re.IGNORECASE)
 _LATIN = re.compile(r"iso-8859-\d{1,2}|windows-125\d", re.IGNORECASE)
-"""Encodings in which ASCII means the same."""
+"""Encodings of which ASCII is a part."""
 
 
-def unread(element: ET.Element, path: str = "") -> str | None:
-    """Return an objection to the first thing that is not in the vocabulary, or None."""
+def vocabulary_objection(element: ET.Element, path: str = "") -> str | None:
+    """Return an objection to the first item that is not in the vocabulary, None if there is none."""
     tag, where = element.tag, f"{path}<{element.tag}>"
     known = _CHILDREN.get(tag, ())
     odd = _unknown(element.attrib, _ATTRIBUTES.get(tag, ()))
@@ -40,14 +40,14 @@ def unread(element: ET.Element, path: str = "") -> str | None:
         if child.tag in seen and child.tag != "ELEMENT":
             return f"{where}: <{child.tag}> occurs again; expected it once"
         seen.add(child.tag)
-        objection = unread(child, where)
+        objection = vocabulary_objection(child, where)
         if objection is not None:
             return objection
     return None
 
 
 def _unknown(attributes: Iterable[str], known: Iterable[str]) -> str | None:
-    """Return the first unknown attribute; those of other namespaces, as of a schema, do not count."""
+    """Return the first unknown attribute; attributes of other namespaces, as of a schema, are allowed."""
     return next((name for name in attributes if name not in known and name[:1] != "{"), None)
 
 
@@ -56,7 +56,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def encoding_objection(text: str) -> str | None:
-    """Return an objection to a declared encoding in which the KRC would read another text, or None."""
+    """Return an objection to a declared encoding in which the KRC would read another text, else None."""
     declared = _ENCODING.match(text)
     if declared is None or _UTF_8.fullmatch(declared[1]):
         return None

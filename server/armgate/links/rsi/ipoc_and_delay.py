@@ -1,6 +1,8 @@
-"""One run of the KRC's program, as its telegrams' numbers tell it: what follows what, and what was missed.
+"""IPOC and Delay of the KRC's telegrams: which telegram follows which, what was missed, what was late.
 
-An IPOC means nothing by itself; it grows by a constant step, which is learnt, and may wrap at 32 or 64 bits.
+An IPOC has no meaning of its own. It grows by a constant step, which is learnt, and may wrap at 32 or 64
+bits. Delay is the KRC's count of cycles without a reply in time: by its growth the KRC reports that it has
+held the robot.
 """
 
 from dataclasses import dataclass
@@ -8,14 +10,14 @@ from enum import StrEnum
 
 _WRAPS = (1 << 32, 1 << 64)
 _OLD = 64
-"""So many telegrams ago a datagram may have been sent that now comes late, out of order."""
+"""Largest age of a telegram that arrives out of order, in telegrams."""
 _LARGEST_STEP = 1000
 _FAR = 10_000
-"""So many telegrams may be missing."""
+"""Largest number of telegrams that may be missing."""
 
 
 class Order(StrEnum):
-    """How a telegram stands to the last one."""
+    """Place of a telegram relative to the last one: next, the same again, older, or none of these."""
 
     NEXT = "next"
     TWICE = "twice"
@@ -24,13 +26,13 @@ class Order(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Follows:
-    """How a telegram stands to the last one.
+class Succession:
+    """Relation of a telegram to the last one.
 
     Attributes:
-        order: In kind.
-        missed: How many telegrams between them never came.
-        late: By how much the KRC's Delay grew.
+        order: Its place.
+        missed: Number of telegrams between them that never arrived.
+        late: Growth of the KRC's Delay between them.
     """
 
     order: Order
@@ -38,37 +40,41 @@ class Follows:
     late: int = 0
 
 
-class Sequence:
-    """The numbers of one run.
+class TelegramCounter:
+    """IPOC and Delay in one run of the KRC's program.
 
     Args:
-        ipoc: Of its first telegram.
-        delay: There.
+        ipoc: IPOC of its first telegram.
+        delay: Delay in that telegram.
+
+    Attributes:
+        ipoc: IPOC of the last telegram.
+        delay: Delay in the last telegram.
+        step: Difference between successive IPOCs; 0: not known yet.
+        learning: True while a smaller step may still be found.
     """
 
     def __init__(self, ipoc: int, delay: int) -> None:
         self.ipoc, self.delay = ipoc, delay
         self.step = 0
-        """From one IPOC to the next; 0: not known yet."""
         self.learning = True
-        """Whether a smaller step may still be found."""
 
-    def place(self, ipoc: int, delay: int) -> Follows:
-        """How a telegram stands to the last one; it becomes the last one if it comes next."""
+    def place(self, ipoc: int, delay: int) -> Succession:
+        """Return the relation of a telegram to the last one; the next one becomes the last one."""
         ahead = self._ahead(ipoc)
         if ahead == 0:
-            return Follows(Order.TWICE)
+            return Succession(Order.TWICE)
         if -_OLD * (self.step or 1) <= ahead < 0:
-            return Follows(Order.OLD)
+            return Succession(Order.OLD)
         self._learn(ahead)
         if not 0 < ahead <= _FAR * self.step or ahead % self.step or delay < self.delay:
-            return Follows(Order.JUMP)
-        follows = Follows(Order.NEXT, ahead // self.step - 1, delay - self.delay)
+            return Succession(Order.JUMP)
+        succession = Succession(Order.NEXT, ahead // self.step - 1, delay - self.delay)
         self.ipoc, self.delay = ipoc, delay
-        return follows
+        return succession
 
     def _learn(self, ahead: int) -> None:
-        """Take the smallest step that was seen: there may have been gaps between the first telegrams."""
+        """Take the smallest step that was seen: telegrams may be missing between the first ones."""
         if self.learning and 0 < ahead < (self.step or _LARGEST_STEP + 1):
             self.step = ahead
 

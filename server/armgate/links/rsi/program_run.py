@@ -1,56 +1,59 @@
-"""One run of the KRC's program, from RSI_ON on: what is remembered of it, and what speaks against it."""
+"""One run of the KRC's program, from RSI_ON on: its state, and the limits within which it may go on."""
 
 from dataclasses import dataclass
 
 from armgate.events import Joints
 from armgate.links.rsi.accumulation import AccumulationDetector
-from armgate.links.rsi.ipoc_and_delay import Follows, Order, Sequence
+from armgate.links.rsi.ipoc_and_delay import Order, Succession, TelegramCounter
 from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.setpoint import SetpointTracker
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
 
 NEW_RUN = 3
-"""So many cycles without a telegram there are, at least, between two runs."""
+"""Least number of cycles without a telegram between two runs."""
 
 UNKNOWN = "it is not known what the KRC holds: start its program anew"
 _JUMP = 1.5
-"""A joint that is measured to move so much faster than it can has jumped."""
+"""Measured speed, in top speeds of a joint, above which its position has jumped."""
 
 
 @dataclass(slots=True)
 class Run:
-    """One run.
+    """One run of the KRC's program.
 
     Attributes:
         setup: Robot and KRC.
-        source: From where its telegrams come.
-        sequence: Their numbers.
-        commanded: What was commanded in it.
-        q: Measured last.
-        programmed: As the last telegram has it.
-        time: Of the last telegram, s.
+        source: Address and port from which its telegrams come.
+        counter: IPOC and Delay of its telegrams.
+        commanded: Setpoint in it.
+        q: Position measured last, rad or m.
+        programmed: Programmed position in the last telegram, rad or m.
+        time: Time of the last telegram, s.
         probe: Proof of the KRC's mode, axes and scales.
+        accumulation: Detection of corrections that are added up.
+        rebased: True if the next tick breaks the sequence of setpoints: plans are dropped before it.
         agreed: True once telegrams have agreed with the configuration since the link was armed.
-        proven: True once the probe has ended well.
+        proven: True once the probe has succeeded.
         objection: Reason why nothing moves any more until the program starts anew.
         silent: True if no reply is known to hold the robot: then the KRC is not answered.
-        runaway: Compares what is measured with what is commanded.
-        adds: True if an absolute KRC was found to add corrections up: it is held by zeros.
-        reply: Sent last.
-        accepted: Whether the KRC has taken a reply.
-        row: Late cycles in a row.
+        adds: True if an absolute KRC was found to add corrections up: it is answered by zeros.
+        reply: Last reply.
+        accepted: True once the KRC has taken a reply.
+        late_in_a_row: Number of successive late cycles.
+        resting_since: Time since which the robot rests, s.
     """
 
     setup: Setup
     source: Address
-    sequence: Sequence
+    counter: TelegramCounter
     commanded: SetpointTracker
     q: Joints
     programmed: Joints
     time: float
     probe: Probe
-    runaway: AccumulationDetector
+    accumulation: AccumulationDetector
+    rebased: bool = False
     agreed: bool = False
     proven: bool = False
     objection: str | None = None
@@ -58,42 +61,59 @@ class Run:
     adds: bool = False
     reply: bytes | None = None
     accepted: bool = False
-    row: int = 0
+    late_in_a_row: int = 0
+    resting_since: float = 0.0
 
-    def continues(self, telegram: Telegram, follows: Follows, paused: bool, now: float) -> bool | None:
-        """Return True if a telegram from the run's own port belongs to it: a new run may use the port again.
+    @classmethod
+    def begun(cls, setup: Setup, telegram: Telegram, source: Address, now: float) -> "Run":
+        """Return the run that a telegram begins."""
+        reference = telegram.programmed if setup.programmed else telegram.q
+        return cls(
+            setup=setup,
+            source=source[:2],
+            counter=TelegramCounter(telegram.ipoc, telegram.delay),
+            commanded=SetpointTracker(setup.axes, reference, setup.relative),
+            q=telegram.q,
+            programmed=telegram.programmed,
+            time=now,
+            probe=Probe(setup),
+            accumulation=AccumulationDetector(setup.tolerance, setup.speed, setup.period),
+        )
 
-        The program of a new run usually holds another position. If it is the same one, because the robot was
-        led back to it, the robot is measured there, and not where the old run had commanded it to be. A
+    def continues(self, telegram: Telegram, succession: Succession, paused: bool, now: float) -> bool | None:
+        """Return True if a telegram from the run's own port belongs to it: a new run may use the same port.
+
+        The program of a new run usually holds another position. If it holds the same one, because the robot
+        was led back to it, the robot is measured there, and not where the old run had commanded it to be. A
         program whose position moves along with the corrections, or is not sent, proves nothing.
 
         Args:
             telegram: The telegram.
-            follows: How it follows the last one.
-            paused: There was none for a while.
+            succession: Its relation to the last one.
+            paused: True if telegrams stopped for a while.
             now: Time, s.
 
         Returns:
             True, False, or None if that is unknown.
         """
         commanded, gap = self.commanded, now - self.time > NEW_RUN * self.setup.period
-        counted = follows.order is Order.NEXT and follows.late - follows.missed in (0, 1)
-        if counted and not follows.missed and not gap:
+        counted = succession.order is Order.NEXT and succession.late - succession.missed in (0, 1)
+        if counted and not succession.missed and not gap:
             return True
         stands = self.programmed == commanded.reference
         if stands and telegram.programmed != self.programmed:
             return False
-        if counted and (follows.late or not paused):
+        if counted and (succession.late or not paused):
             return True
         if commanded.setpoint == commanded.reference:
-            return False  # nothing is lost by a new run: its corrections are zeros, too
-        here, there = (self._away(telegram.q, one) for one in (commanded.setpoint, commanded.reference))
+            return False  # a new run loses nothing: its corrections are zeros, too
+        here, there = (self._away(telegram.q, place) for place in (commanded.setpoint, commanded.reference))
         if stands and here <= min(there, 1.0):
             return True
         return False if there <= 1.0 and (stands or here > 1.0) else None
 
     def jumped(self, q: Joints, cycles: int) -> str | None:
-        """Which axis is measured to have jumped in so many cycles, if one is."""
+        """Return which axis is measured to have jumped within so many cycles, None if none has."""
         time = _JUMP * cycles * self.setup.period
         rows = zip(self.setup.axes, q, self.q, self.setup.speed, self.setup.tolerance, strict=True)
         for axis, new, old, speed, tolerance in rows:
@@ -103,19 +123,19 @@ class Run:
         return None
 
     def too_late(self) -> str | None:
-        """What to say of cycles that were late too often, if they were."""
-        setup, delay = self.setup, self.sequence.delay
-        if self.row < setup.late_in_a_row and delay < setup.timeout:
+        """Return the objection to Delay or to late cycles in a row beyond their limits, None within them."""
+        setup, delay = self.setup, self.counter.delay
+        if self.late_in_a_row < setup.late_in_a_row and delay < setup.timeout:
             return None
         if not self.accepted:
             return (
                 "the KRC takes none of the replies: does its file have the SENTYPE and the elements of the "
-                "one that the cell names, and does it reach this address in time?"
+                "file in the cell, and do replies reach the KRC in time?"
             )
         if delay >= setup.timeout:
             return f"Delay is {delay}, the KRC's Timeout {setup.timeout}: start its program anew"
-        return f"{self.row} late cycles in a row"
+        return f"{self.late_in_a_row} late cycles in a row"
 
     def _away(self, q: Joints, place: Joints) -> float:
-        """How far a measured position is from a place, in tolerances."""
+        """Return the distance of a measured position from a place, in tolerances."""
         return max(abs(a - b) / far for a, b, far in zip(q, place, self.setup.tolerance, strict=True))

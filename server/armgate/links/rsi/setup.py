@@ -1,4 +1,4 @@
-"""All that an RSI link is built with, and how it follows from a cell's configuration."""
+"""Setup of an RSI link: everything that it needs of a cell's configuration and the KRC's own file."""
 
 import ipaddress
 import math
@@ -8,43 +8,46 @@ from typing import TYPE_CHECKING
 
 from armgate.cell.link_config import RsiLinkConfig
 from armgate.events import Joints
-from armgate.links.rsi.axes import AXES, Axis, axes_of
-from armgate.links.rsi.ethernet_file import Ethernet, EthernetError, Received, load_ethernet
-from armgate.links.rsi.probe import shape_of
-from armgate.links.rsi.telegram import LONGEST_REPLY, ReplyWriter
+from armgate.links.rsi.axes import Axis, axes_of
+from armgate.links.rsi.ethernet_checks import file_objection, is_host, unsent_values
+from armgate.links.rsi.ethernet_file import Ethernet, EthernetError, load_ethernet
+from armgate.links.rsi.probe import probe_size
+from armgate.links.rsi.telegram import ReplyWriter
 
-if TYPE_CHECKING:  # what a robot model needs takes time to load
+if TYPE_CHECKING:  # the model of a robot takes time to load
     from armgate.cell.cell import Cell, Robot
     from armgate.cell.config import CellConfig
 
 Address = tuple[str, int]
+_DEFAULT_AXISCORR = 5.0
+"""KUKA's default of AXISCORR, deg or mm."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What a link has to know of its robot and KRC. Positions are in rad and m, in the order of the model.
+    """Robot and KRC of a link. Positions are in rad and m, in the order of the model.
 
     Attributes:
-        robot: Its name.
-        period: The KRC's cycle, s.
+        robot: Name of the robot.
+        period: Cycle of the KRC, s.
         axes: The axis of each joint.
-        lower: Joint limits.
-        upper: Joint limits.
+        lower: Lower joint limits.
+        upper: Upper joint limits.
         speed: Largest speeds, per s.
         acceleration: Largest accelerations and decelerations, the smaller one of both, per s².
         lag: Time constant with which the measured position follows, s.
-        tolerance: How far each resting joint may be from where it should be.
-        reach: How far AXISCORR lets each joint be corrected; inf: not known.
-        writer: Writes replies.
-        relative: Whether corrections are added up.
+        tolerance: Largest distance of each resting joint from its setpoint.
+        reach: Largest correction of each joint that AXISCORR passes; inf: not known.
+        writer: Writer of replies.
+        relative: True if corrections are added up.
         programmed: True if corrections count from ASPos, False if from AIPos of the resting robot.
-        unsent: Values that the KRC takes and that no reply carries.
+        unsent: Values that the KRC reads and that no reply carries.
         precision: Decimals of the values in telegrams.
-        timeout: At this Delay the link gives up.
-        late_in_a_row: At so many late cycles in a row too.
-        silence: After how long without a telegram it is lost, s.
+        timeout: Delay at which the link becomes faulted.
+        late_in_a_row: Number of successive late cycles at which it becomes faulted.
+        silence: Time without a telegram after which it is lost, s.
         krc: Address from which telegrams come.
-        listen: Where to listen.
+        listen: Address and port to listen on.
         pc: IP_NUMBER of the KRC's file.
     """
 
@@ -72,7 +75,7 @@ class Setup:
 
 
 def setup_of(cell: "Cell", robot: "Robot") -> Setup:
-    """The setup of a robot whose link is of the kind ``rsi``.
+    """Return the setup of a robot whose link is of the kind ``rsi``.
 
     Raises:
         ConfigError: The KRC's file, or a value, does not fit; the text names file, line and key.
@@ -85,7 +88,6 @@ def setup_of(cell: "Cell", robot: "Robot") -> Setup:
     except ValueError as error:
         raise cell.config.error((*key, "axes"), str(error)) from error
     ethernet = _ethernet(cell.config, robot.name, own, axes)
-    reach = _reach(own, axes)
     setup = Setup(
         robot=robot.name,
         period=robot.period,
@@ -96,11 +98,11 @@ def setup_of(cell: "Cell", robot: "Robot") -> Setup:
         acceleration=tuple(map(min, _row(robot.acceleration), _row(robot.deceleration))),
         lag=own.lag,
         tolerance=tuple(own.length_tolerance if axis.linear else own.angle_tolerance for axis in axes),
-        reach=reach,
+        reach=_reach(own, axes),
         writer=ReplyWriter(ethernet, axes),
         relative=own.mode == "relative",
         programmed=own.reference == "programmed",
-        unsent=_unsent(ethernet),
+        unsent=unsent_values(ethernet),
         precision=own.precision,
         timeout=own.timeout,
         late_in_a_row=own.late_in_a_row,
@@ -113,8 +115,18 @@ def setup_of(cell: "Cell", robot: "Robot") -> Setup:
     return setup
 
 
+def joint_axes(robot: "Robot", own: RsiLinkConfig) -> tuple[Axis, ...]:
+    """Return the axis of each joint, in the order of the model.
+
+    Raises:
+        ValueError: They do not fit; the text names what was expected.
+    """
+    joints = [(joint.name, joint.kind == "prismatic") for joint in robot.model.joints]
+    return axes_of(joints, {name: (axis.joint, axis.received, axis.sent) for name, axis in own.axes.items()})
+
+
 def uncovered(setup: Setup, reference: Joints) -> str | None:
-    """Which joint's limits AXISCORR keeps the KRC from reaching, from a programmed position, if one's."""
+    """Return which joint has limits beyond AXISCORR, counted from a programmed position; None if none has."""
     rows = zip(setup.axes, reference, setup.lower, setup.upper, setup.reach, strict=True)
     for axis, origin, lower, upper, reach in rows:
         if lower < origin - reach or upper > origin + reach:
@@ -126,18 +138,22 @@ def uncovered(setup: Setup, reference: Joints) -> str | None:
     return None
 
 
+def warnings_of(setup: Setup) -> list[str]:
+    """Return what works in the KRC's file, but may not be what its author meant."""
+    names = ", ".join(setup.unsent)
+    unsent = (
+        f"RECEIVE declares {names}, which armgate never sends: the KRC reads 0 (an override of 0 %, if it is "
+        "connected to one); remove it from RECEIVE and from the signal flow unless 0 is meant"
+    )
+    address = (
+        f"IP_NUMBER {setup.pc!r} in the KRC's file is no address of a PC: the KRC would send nothing here; "
+        "write this PC's address there"
+    )
+    return [*([unsent] if setup.unsent else []), *([] if is_host(setup.pc) else [address])]
+
+
 def _row(values: object) -> Joints:
     return tuple(float(value) for value in values)  # type: ignore[attr-defined]
-
-
-def joint_axes(robot: "Robot", own: RsiLinkConfig) -> tuple[Axis, ...]:
-    """The axis of each joint, in the order of the model.
-
-    Raises:
-        ValueError: They do not fit; says what was expected.
-    """
-    joints = [(joint.name, joint.kind == "prismatic") for joint in robot.model.joints]
-    return axes_of(joints, {name: (axis.joint, axis.received, axis.sent) for name, axis in own.axes.items()})
 
 
 def _ethernet(config: "CellConfig", robot: str, own: RsiLinkConfig, axes: tuple[Axis, ...]) -> Ethernet:
@@ -147,79 +163,21 @@ def _ethernet(config: "CellConfig", robot: str, own: RsiLinkConfig, axes: tuple[
         ethernet = load_ethernet(path)
     except EthernetError as error:
         raise config.error(key, str(error)) from error
-    objection = (
-        _sent_objection(ethernet, axes, own.reference == "programmed")
-        or _received_objection(ethernet, axes, own.mode == "relative")
-        or _length_objection(ReplyWriter(ethernet, axes), len(axes))
+    objection = file_objection(
+        ethernet, axes, programmed=own.reference == "programmed", relative=own.mode == "relative"
     )
     if objection is not None:
         raise config.error(key, f"{path}: {objection}")
     return ethernet
 
 
-def _sent_objection(ethernet: Ethernet, axes: tuple[Axis, ...], programmed: bool) -> str | None:
-    if ethernet.only_send:
-        return "ONLYSEND is TRUE: the KRC would not read replies; expected FALSE"
-    kinds = {axis.name[0] for axis in axes}
-    held = [tags for kind, tags in _POSITIONS.items() if kind in kinds]
-    wanted = ["Delay", *(tag for tags in held for tag in (tags if programmed else tags[:1]))]
-    missing = [f"DEF_{tag}" for tag in wanted if tag not in ethernet.sent]
-    if not missing:
-        return None
-    option = ""
-    if all(tag[5] == "S" for tag in missing):  # DEF_ASPos, DEF_ESPos
-        option = ", or in the cell link.reference: measured (corrections count from the measured position)"
-    return f"SEND lacks {', '.join(missing)}; expected them in it{option}"
-
-
-def _received_objection(ethernet: Ethernet, axes: tuple[Axis, ...], relative: bool) -> str | None:
-    corrections = _corrections(ethernet)
-    names = [element.attribute for element in corrections]
-    for axis in axes:
-        if names.count(axis.name) != 1:
-            found = names.count(axis.name)
-            return (
-                f"RECEIVE has {found} DOUBLE elements for {axis.name} ({axis.joint}); expected one, as AK.A1"
-            )
-    for element in corrections:
-        if element.hold is relative:
-            return f"RECEIVE: {element.tag}.{element.attribute} has HOLDON {_HOLDING[relative]}"
-    return None
-
-
-def _length_objection(writer: ReplyWriter, axes: int) -> str | None:
-    length = len(writer.write((-10000.0,) * axes, 10**19))
-    if length <= LONGEST_REPLY:
-        return None
-    return (
-        f"replies would have {length} bytes, a KRC takes {LONGEST_REPLY}; expected fewer elements in RECEIVE"
-    )
-
-
-_POSITIONS = {"A": ("AIPos", "ASPos"), "E": ("EIPos", "ESPos")}
-_HOLDING = {
-    False: '0: one lost reply would command a jump back to the programmed position; expected HOLDON="1"',
-    True: '1: in relative mode a lost reply would be added again and again; expected HOLDON="0"',
-}
-
-
 def _reach(own: RsiLinkConfig, axes: tuple[Axis, ...]) -> Joints:
     if own.axiscorr is None:
         return (math.inf,) * len(axes)
     given = {str(name): value for name, value in own.axiscorr.items()}
-    default = 5.0  # KUKA's
-    return tuple(given.get(a.name, given.get(a.name[0], default)) / abs(a.sent) for a in axes)
-
-
-def _corrections(ethernet: Ethernet) -> list[Received]:
-    return [one for one in ethernet.received if one.attribute in AXES and one.type == "DOUBLE"]
-
-
-def _unsent(ethernet: Ethernet) -> tuple[str, ...]:
-    """Values that the KRC takes for zero from the beginning, and for which zero may mean something."""
-    carried = _corrections(ethernet)
-    others = [one for one in ethernet.received if one not in carried]
-    return tuple(one.name for one in others if one.tag != "RKorr" and one.name not in ("EStr", "Stop"))
+    return tuple(
+        given.get(axis.name, given.get(axis.name[0], _DEFAULT_AXISCORR)) / abs(axis.sent) for axis in axes
+    )
 
 
 def _listen(config: "CellConfig", robot: str, own: RsiLinkConfig, ethernet: Ethernet) -> Address:
@@ -234,46 +192,28 @@ def _listen(config: "CellConfig", robot: str, own: RsiLinkConfig, ethernet: Ethe
 
 
 def _check(cell: "Cell", robot: "Robot", setup: Setup) -> None:
+    """Check the setup.
+
+    Raises:
+        ConfigError: AXISCORR, lag_window, q_tolerance or precision do not fit.
+    """
     key = ("robots", robot.name)
     objection = uncovered(setup, _row(robot.start))
     if objection is not None:
         raise cell.config.error((*key, "link", "axiscorr"), objection)
-    coarsest = max(abs(axis.read) for axis in setup.axes) * 0.5 * 10.0**-setup.precision
     if robot.lag_window < 2.0 * robot.period:
         text = (
             f"a KRC acts on a reply one cycle later than it is sent, and telegrams jitter; "
             f"expected lag_window to be at least two cycles ({2000.0 * robot.period:g} ms)"
         )
         raise cell.config.error((*key, "lag_window"), text)
+    coarsest = max(abs(axis.read) for axis in setup.axes) * 0.5 * 10.0**-setup.precision
     if robot.q_tolerance < coarsest:
         text = (
             f"values with {setup.precision} decimals are rounded by up to {coarsest:.2g} rad or m; "
             f"expected q_tolerance to be no smaller than that, or a higher Precision on the KRC"
         )
         raise cell.config.error((*key, "q_tolerance"), text)
-    invisible = shape_of(setup).objection(setup.axes, setup.precision)
+    invisible = probe_size(setup).objection(setup.axes, setup.precision)
     if invisible is not None:
         raise cell.config.error((*key, "link", "precision"), invisible)
-
-
-def warnings_of(setup: Setup) -> list[str]:
-    """Return what in the KRC's file works, but perhaps not as its author means it."""
-    names = ", ".join(setup.unsent)
-    unsent = (
-        f"RECEIVE declares {names}, which armgate never sends: the KRC reads 0 (an override of 0 %, if it is "
-        "connected to one); remove it from RECEIVE and from the signal flow unless 0 is meant"
-    )
-    address = (
-        f"IP_NUMBER {setup.pc!r} in the KRC's file is no address of a PC: the KRC would send nothing here; "
-        "write this PC's address there"
-    )
-    return [*([unsent] if setup.unsent else []), *([] if is_host(setup.pc) else [address])]
-
-
-def is_host(text: str) -> bool:
-    """Return True for the address of one machine: neither a placeholder, 0.0.0.0, broadcast nor multicast."""
-    try:
-        address = ipaddress.ip_address(text)
-    except ValueError:
-        return False
-    return not (address.is_unspecified or address.is_multicast or text == "255.255.255.255")

@@ -1,15 +1,23 @@
-"""The states of an RSI link, as a table: what is not in it does not happen."""
+"""State machine of an RSI link.
+
+The table holds every transition; an event without an entry for the present state changes nothing. A link
+accepts plans only in ``ready`` and ``moving``. ``lost`` and ``faulted`` are left by an operator's reset
+alone, and always through ``synchronising``: after any disturbance KRC and configuration have to agree anew.
+"""
 
 from enum import StrEnum
 
+from armgate.events import LinkChange, LinkState, Tick
+from armgate.links.link import LinkEvent
+
 
 class State(StrEnum):
-    """What a link does.
+    """State of a link.
 
-    ``waiting``: no telegram came yet. ``synchronising``: telegrams come and are answered, nothing moves;
-    numbers, times and positions have to agree. ``ready``: it takes plans. ``moving``: it plays one. ``lost``:
-    telegrams stopped, or the KRC began anew. ``faulted``: what telegrams say cannot be. In the last two
-    nothing new is played until an operator re-arms.
+    ``waiting``: no telegram came yet. ``synchronising``: telegrams are answered, no plan is accepted;
+    numbers, times and positions have to agree. ``ready``: plans are accepted. ``moving``: a plan is played.
+    ``lost``: telegrams stopped, or the KRC's program began anew. ``faulted``: telegrams contradict what is
+    possible.
     """
 
     WAITING = "waiting"
@@ -21,7 +29,12 @@ class State(StrEnum):
 
 
 class Event(StrEnum):
-    """What can happen to it."""
+    """Event of a link.
+
+    ``heard``: the first telegram of a run came. ``agreed``: the KRC fits the configuration. ``moves`` and
+    ``rests``: a tick with or without motion. ``held``: the KRC has held the robot. ``gone``: telegrams
+    stopped. ``contradicted``: a telegram contradicts what is possible. ``rearmed``: an operator has reset it.
+    """
 
     HEARD = "heard"
     AGREED = "agreed"
@@ -34,10 +47,10 @@ class Event(StrEnum):
 
 
 ARMED = frozenset({State.SYNCHRONISING, State.READY, State.MOVING})
-"""States from which a link can be lost or fault."""
+"""States in which a link can be lost or become faulted."""
 
 TAKING = frozenset({State.READY, State.MOVING})
-"""States in which it takes plans."""
+"""States in which plans are accepted."""
 
 TABLE: dict[tuple[State, Event], State] = {
     (State.WAITING, Event.HEARD): State.SYNCHRONISING,
@@ -53,6 +66,56 @@ TABLE: dict[tuple[State, Event], State] = {
 }
 
 
-def after(state: State, event: Event) -> State | None:
-    """The next state; None where the event has no place."""
-    return TABLE.get((state, event))
+class LinkStates:
+    """State of one link, and the changes of it that were not reported yet.
+
+    Args:
+        robot: Name of the robot.
+    """
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self._unreported: list[LinkChange] = []
+        self.state = State.WAITING
+
+    @property
+    def armed(self) -> bool:
+        """True if the link can be lost or become faulted."""
+        return self.state in ARMED
+
+    @property
+    def accepts_plans(self) -> bool:
+        """True if the robot can be moved."""
+        return self.state in TAKING
+
+    def go(self, event: Event) -> bool:
+        """Follow the table; return False if the event changes nothing."""
+        state = TABLE.get((self.state, event))
+        if state is None:
+            return False
+        self.state = state
+        return True
+
+    def ready(self) -> None:
+        """Accept plans, and report it."""
+        if self.go(Event.AGREED):
+            self._unreported.append(LinkChange(self._robot, LinkState.READY))
+
+    def lose(self, reason: str) -> bool:
+        """Become lost, and report it; return False if there is nothing to lose."""
+        lost = self.go(Event.GONE)
+        if lost:
+            self._unreported.append(LinkChange(self._robot, LinkState.LOST, reason))
+        return lost
+
+    def fault(self, reason: str) -> None:
+        """Accept no new plan, and report it; the rest of the held plan is still played and ends at rest."""
+        if self.go(Event.CONTRADICTED):
+            self._unreported.append(LinkChange(self._robot, LinkState.FAULTED, reason))
+
+    def report(self, tick: Tick | None = None) -> tuple[LinkEvent, ...]:
+        """Return the unreported changes: losses and faults before the tick, readiness after it."""
+        ready = [change for change in self._unreported if change.state is LinkState.READY]
+        others = [change for change in self._unreported if change.state is not LinkState.READY]
+        self._unreported.clear()
+        return (*others, *(() if tick is None else (tick,)), *ready)

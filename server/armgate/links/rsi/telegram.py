@@ -1,4 +1,4 @@
-"""The telegrams of RSI: reads what a KRC sends (``<Rob>``), writes what it takes (``<Sen>``)."""
+"""Telegrams of RSI: reader of what a KRC sends (``<Rob>``), writer of replies to it (``<Sen>``)."""
 
 import math
 import re
@@ -13,9 +13,9 @@ from armgate.links.rsi.ethernet_file import Ethernet
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 4096
-"""Longest telegram that is read, bytes: one with everything that RSI can send has less than half of it."""
+"""Longest telegram that is read, bytes: with every value that RSI can send it has less than half of it."""
 LONGEST_REPLY = 1024
-"""More a KRC does not take, bytes."""
+"""Longest reply that a KRC accepts, bytes."""
 _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
 _DELAY_DIGITS = 10
 _DELAY = re.compile(rf"([0-9]{{1,{_DELAY_DIGITS}}})(\.0*)?")
@@ -31,10 +31,10 @@ _IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
 
 
 class TelegramError(Exception):
-    """A datagram is no telegram of a KRC; says why.
+    """Datagram that is no telegram of a KRC; the text names the reason.
 
     Attributes:
-        kind: A word for counting: ``xml``, ``root``, ``form``, ``ipoc``, ``element``, ``value``.
+        kind: Kind of the error, for counting: ``xml``, ``root``, ``form``, ``ipoc``, ``element``, ``value``.
     """
 
     def __init__(self, kind: str, text: str) -> None:
@@ -44,15 +44,15 @@ class TelegramError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Telegram:
-    """What a KRC said.
+    """Telegram of a KRC.
 
     Attributes:
         data: Its bytes.
-        ipoc: Its number.
-        short: Whether it is RSI 2's first frame, nothing but the IPOC; then there is no more in it.
-        delay: How many cycles were late so far.
+        ipoc: Its number (IPOC).
+        short: True for RSI 2's first frame, which holds nothing but the IPOC.
+        delay: The KRC's Delay: number of cycles so far without a reply in time.
         q: Measured position, rad or m, in the order of the model.
-        programmed: The position that the KRC's program holds, likewise; empty if it is not read.
+        programmed: Position that the KRC's program holds, in the same form; empty if it is not read.
     """
 
     data: bytes
@@ -63,7 +63,7 @@ class Telegram:
     programmed: Joints
 
     def decimals(self) -> int:
-        """The most decimals that a value of a position has."""
+        """Return the largest number of decimals of a position's value."""
         groups = _groups(_root(self.data))
         tags = ("AIPos", "ASPos", "EIPos", "ESPos")
         texts = [text for tag in tags for text in groups.get(tag, {}).values()]
@@ -71,14 +71,14 @@ class Telegram:
 
 
 class TelegramReader:
-    """Reads telegrams. The outer element's attributes differ between controllers: they are not looked at.
+    """Reader of telegrams. It ignores the outer element's attributes, which differ between controllers.
 
-    A KRC's telegrams differ in their numbers only. The form of one that was read as XML becomes a pattern
-    in which numbers alone are free: what fits it is the same XML. All else is read as XML again.
+    A KRC's telegrams differ in their numbers only. A telegram that was read as XML becomes a pattern in which
+    only numbers are free: a telegram that matches is the same XML. Any other one is read as XML again.
 
     Args:
         axes: The axes of the robot's joints, in the order of the model.
-        programmed: True if the programmed position is read; else telegrams need not have it.
+        programmed: True to read the programmed position; otherwise telegrams need not have it.
     """
 
     def __init__(self, axes: Sequence[Axis], *, programmed: bool = True) -> None:
@@ -91,10 +91,10 @@ class TelegramReader:
         self._programmed: Joints = ()
 
     def read(self, data: bytes) -> Telegram:
-        """The telegram in a datagram.
+        """Return the telegram in a datagram.
 
         Raises:
-            TelegramError: There is none, or it lacks a position or the Delay.
+            TelegramError: It holds no telegram, or lacks a position or the Delay.
         """
         found = None if self._form is None else self._form.fullmatch(data)
         if found is None:
@@ -102,7 +102,7 @@ class TelegramReader:
         delay, ipoc, *texts = found.group(*self._wanted)
         measured, held = texts[: len(self._axes)], texts[len(self._axes) :]
         try:
-            if held != self._held:  # it hardly ever changes
+            if held != self._held:  # it rarely changes
                 self._held, self._programmed = held, self._scaled(held)
             return Telegram(data, int(ipoc), False, int(delay), self._scaled(measured), self._programmed)
         except ValueError:
@@ -134,7 +134,7 @@ class TelegramReader:
         return Telegram(data, ipoc, False, int(delay[1]), q, programmed)
 
     def _learn(self, data: bytes, root: ET.Element) -> None:
-        """Learn this telegram's pattern if its text and its XML have the same numbers in the same order."""
+        """Make this telegram the pattern if its text and its XML have the same numbers in the same order."""
         names = [(child.tag, name) for child in (root, *root) for name in child.attrib]
         values = [value.encode() for child in (root, *root) for value in child.attrib.values()]
         numbers = [one for one in zip(names, values, strict=True) if _FREE.fullmatch(b'="' + one[1] + b'"')]
@@ -172,10 +172,10 @@ def _root(data: bytes) -> ET.Element:
 
 
 def _groups(root: ET.Element) -> dict[str, dict[str, str]]:
-    """The attributes of each element."""
+    """Return the attributes of each element."""
     groups = {child.tag: child.attrib for child in root}
     if len(groups) != len(root):
-        raise TelegramError("element", "an element stands twice; expected each once")
+        raise TelegramError("element", "an element occurs twice; expected each once")
     groups.pop("IPOC", None)
     return groups
 
@@ -198,9 +198,9 @@ def _positions(groups: dict[str, dict[str, str]], tags: tuple[str, str], axes: S
 
 
 class ReplyWriter:
-    """Writes replies as one KRC's file wants them.
+    """Writer of replies in the form that one KRC's file declares.
 
-    Elements of axes that are no joint of the robot are zero; all else that the file takes is left to HOLDON.
+    Elements of axes that are no joint of the robot are zero; the file's other elements are left to HOLDON.
 
     Args:
         ethernet: The file.
@@ -223,10 +223,10 @@ class ReplyWriter:
         self._form = f"<Sen Type={kind}>{body}<IPOC>%d</IPOC></Sen>"
 
     def write(self, values: Sequence[float], ipoc: int) -> bytes:
-        """A reply.
+        """Return a reply.
 
         Args:
             values: The correction of each axis in the KRC's units.
-            ipoc: Of the telegram that it answers.
+            ipoc: IPOC of the telegram that it answers.
         """
         return (self._form % (*[values[index] for index in self._order], ipoc)).encode()

@@ -9,59 +9,66 @@ from armgate.links.rsi.setup import Address
 
 
 def bound(address: Address) -> socket.socket:
-    """A socket on an address; it never blocks.
+    """Return a non-blocking socket on an address.
 
     Raises:
-        OSError: It cannot be listened on; says which, and what was expected.
+        OSError: It is not possible to listen on the address; the text names it and what was expected.
     """
     try:
         family, kind, _, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         own = socket.socket(family, kind)
     except OSError as error:
-        raise _said(address, error) from error
+        raise _explained(address, error) from error
     try:
         own.setblocking(False)
         own.bind(found)
     except OSError as error:
         own.close()
-        raise _said(address, error) from error
+        raise _explained(address, error) from error
     return own
 
 
-def _said(address: Address, error: OSError) -> OSError:
-    text = f"{error.strerror}; expected an address of this machine, and a port that nobody else listens on"
+def _explained(address: Address, error: OSError) -> OSError:
+    text = f"{error.strerror}; expected an address of this machine, and a port that no other process uses"
     return OSError(error.errno, text, f"UDP {address[0]}:{address[1]}")
 
 
 Take = Callable[[bytes, str, float], None]
-"""Told of a datagram: its bytes, from which address, when (s)."""
+"""Takes a datagram: its bytes, the address that sent it, the time of its arrival (s)."""
 
 
-class _Ear(asyncio.DatagramProtocol):
+class _Listener(asyncio.DatagramProtocol):
     def __init__(self, take: Take) -> None:
         self._take = take
-        self.heard = asyncio.Event()
+        self.received = asyncio.Event()
 
     def datagram_received(self, data: bytes, source: tuple[str, int]) -> None:
         self._take(data, source[0], time.monotonic())
-        self.heard.set()
+        self.received.set()
 
 
 async def listen(
     address: Address, take: Take, seconds: float, wait: float, ready: Callable[[], None] = lambda: None
 ) -> None:
-    """Hands on all datagrams that come within ``seconds`` after the first, which may take ``wait`` s.
+    """Pass on all datagrams, without answering any.
+
+    Args:
+        address: Address and port to listen on.
+        take: Called with each datagram.
+        seconds: Time to listen after the first datagram, s.
+        wait: Longest time to wait for the first datagram, s.
+        ready: Called once the socket is open.
 
     Raises:
-        OSError: The address cannot be listened on.
+        OSError: It is not possible to listen on the address.
     """
-    ear = _Ear(take)
+    listener = _Listener(take)
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: ear, sock=bound(address))
+    transport, _ = await loop.create_datagram_endpoint(lambda: listener, sock=bound(address))
     ready()
     try:
         try:
-            await asyncio.wait_for(ear.heard.wait(), wait)
+            await asyncio.wait_for(listener.received.wait(), wait)
         except TimeoutError:
             return
         await asyncio.sleep(seconds)

@@ -1,4 +1,4 @@
-"""The RSI link on a UDP socket."""
+"""RSI link on a UDP socket."""
 
 import asyncio
 import socket
@@ -15,16 +15,19 @@ from armgate.links.rsi.udp import bound
 
 
 class RsiUdpLink:
-    """Listens for a KRC; a ``SelfClockedLink``.
+    """Link to a KRC; a `SelfClockedLink`.
 
-    It reads its socket itself: asyncio's own endpoint makes room for 256 KiB at every datagram, which costs
-    as much as all else that a reply takes.
+    It reads its socket without asyncio's endpoint, which allocates 256 KiB for every datagram: that costs as
+    much time as the rest of a reply.
 
     Args:
-        setup: Its robot and KRC.
-        start: The daemon's start id.
-        note: Told in plain words, once each, what is wrong with what comes in.
-        now: The clock of ticks, s.
+        setup: Robot and KRC.
+        start: Start id that plans carry.
+        note: Called with each note to the operator about what the KRC sends, once for each mistake.
+        now: Clock of ticks, s.
+
+    Attributes:
+        core: The link without its socket.
     """
 
     def __init__(
@@ -39,24 +42,24 @@ class RsiUdpLink:
         self._now = now
         self._emit: Emit
         self._socket: socket.socket | None = None
-        self._watch: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     @property
     def robot(self) -> str:
-        """The robot's name."""
+        """Name of the robot."""
         return self.core.robot
 
     @property
     def remaining(self) -> int:
-        """How many increments are still to be played if nothing else comes; 0 at rest."""
+        """Number of increments left to play if no other plan comes; 0 at rest."""
         return self.core.remaining
 
     @property
     def port(self) -> int:
-        """On which it listens.
+        """Port on which it listens.
 
         Raises:
-            RuntimeError: It does not.
+            RuntimeError: The link is not open.
         """
         if self._socket is None:
             raise RuntimeError("the link is not open")
@@ -67,56 +70,56 @@ class RsiUdpLink:
         return self.core.offer(plan)
 
     def rebase(self, rebase: Rebase) -> None:
-        """Drop the plan; a link that is lost or has faulted is re-armed."""
+        """Drop the plan; re-arm a link that is lost or faulted."""
         self.core.rebase(rebase)
         self._arm()
 
     async def open(self, emit: Emit) -> None:
-        """Start to listen; every tick is emitted after the KRC has been answered.
+        """Listen; every tick is emitted after the KRC has been answered.
 
         Raises:
-            OSError: The address cannot be listened on.
+            OSError: It is not possible to listen on the address.
         """
         self._emit = emit
         self._socket = bound(self._listen)
-        asyncio.get_running_loop().add_reader(self._socket, self._hear, self._socket)
+        asyncio.get_running_loop().add_reader(self._socket, self._receive, self._socket)
 
     def close(self) -> None:
-        """End: the KRC is not answered any more."""
-        if self._watch is not None:
-            self._watch.cancel()
+        """Close the socket: the KRC is not answered any more."""
+        if self._timer is not None:
+            self._timer.cancel()
         if self._socket is not None:
             asyncio.get_running_loop().remove_reader(self._socket)
             self._socket.close()
-        self._watch = self._socket = None
+        self._timer = self._socket = None
 
-    def _hear(self, own: socket.socket) -> None:
-        """A datagram came: answer at once, then tell."""
+    def _receive(self, own: socket.socket) -> None:
+        """Answer a datagram at once, then emit its events."""
         try:
             data, source = own.recvfrom(LIMIT + 1)
-        except OSError:  # nothing there, or the news that an earlier reply found nobody
+        except OSError:  # nothing to read, or the error that an earlier reply was not delivered
             return
-        answer = self.core.datagram(data, source, self._now())
-        if answer.reply is not None:
-            with suppress(OSError):  # the network does not take it: to the KRC it is lost
-                own.sendto(answer.reply, source)
-        for event in answer.events:
+        response = self.core.datagram(data, source, self._now())
+        if response.reply is not None:
+            with suppress(OSError):  # the network did not accept it: to the KRC it is lost
+                own.sendto(response.reply, source)
+        for event in response.events:
             self._emit(event)
-        if self._watch is None:
+        if self._timer is None:
             self._arm()
 
     def _arm(self) -> None:
-        """Look again when the link may be lost; a telegram in between only moves the deadline."""
+        """Check again when the link may be lost; a telegram in between only moves the deadline."""
         deadline = self.core.next_deadline()
-        if self._watch is not None:
-            self._watch.cancel()
-        self._watch = None
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = None
         if deadline is not None and self._socket is not None:
             delay = max(deadline - self._now(), 0.0)
-            self._watch = asyncio.get_running_loop().call_later(delay, self._look)
+            self._timer = asyncio.get_running_loop().call_later(delay, self._check)
 
-    def _look(self) -> None:
-        self._watch = None
+    def _check(self) -> None:
+        self._timer = None
         for event in self.core.poll(self._now()):
             self._emit(event)
         self._arm()

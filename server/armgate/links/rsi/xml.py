@@ -8,23 +8,23 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 class XmlError(Exception):
-    """A text that is no XML for this reader; says why."""
+    """Text that this reader does not accept; the message names the reason."""
 
 
 def read_xml(data: bytes, limit: int, *, comments: bool = False) -> ET.Element:
     """Return the outermost element.
 
-    The bytes are decoded first, and only then searched for declarations and parsed, so that no encoding can
-    hide a declaration from the search. Document types, entities and CDATA begin with ``<!``, which a text
+    The bytes are decoded first, and only then searched for declarations and parsed: no encoding can hide a
+    declaration from the search. Document types, entities and CDATA begin with ``<!``, which a text
     without comments holds nowhere else.
 
     Args:
         data: The text; a declared encoding is ignored.
         limit: Longest text, bytes.
-        comments: True if comments are allowed: files have them, telegrams do not.
+        comments: True to allow comments: files have them, telegrams do not.
 
     Raises:
-        XmlError: Too long, not UTF-8, malformed, or with a declaration.
+        XmlError: The text is too long, not UTF-8, malformed, or has a declaration.
     """
     if len(data) > limit:
         raise XmlError(f"{len(data)} bytes; expected at most {limit}")

@@ -1,4 +1,4 @@
-"""Whether the axes turn as the joints of the model do: the flange as RIst has it, against the model's."""
+"""Directions of the axes: the flange as RIst reports it, compared with the model's flange."""
 
 import math
 import re
@@ -12,38 +12,38 @@ from armgate.cell.placement import Placement
 from armgate.events import Joints
 from armgate.links.rsi.setup import Setup
 
-Foot = Callable[[ArrayLike], Placement]
-"""From joint positions (rad, m) to the flange in the arm's foot, which a KRC calls ROBROOT."""
+FlangeInFoot = Callable[[ArrayLike], Placement]
+"""Function from joint positions (rad, m) to the flange in the arm's foot, which a KRC calls ROBROOT."""
 
 _NEAR = 2.0
-"""RIst and the model's flange are the same if they are no farther apart, mm."""
+"""Largest distance between RIst and the model's flange if they are the same, mm."""
 _LEVER = 100.0
-"""Where on the flange turning counts as so many mm: the last axis moves nothing else."""
+"""Lever with which a rotation of the flange counts, mm: the last axis moves nothing else."""
 _SAMPLES = 16
 _RIST = re.compile(rb"<RIst ([^>]*)>")
 _VALUE = re.compile(rb'([XYZABC])="([-+.0-9]{1,32})"')
 
 
 class AxisDirections:
-    """Gathers positions and what RIst says of them.
+    """Comparison of RIst with the model at many positions.
 
     Args:
-        setup: What the cell says of robot and KRC.
-        foot: The model's flange.
+        setup: Robot and KRC.
+        flange: The model's flange.
     """
 
-    def __init__(self, setup: Setup, foot: Foot) -> None:
-        self._setup, self._foot = setup, foot
+    def __init__(self, setup: Setup, flange: FlangeInFoot) -> None:
+        self._setup, self._flange = setup, flange
         self._samples: list[tuple[Joints, Placement]] = []
 
     def take(self, q: Joints, data: bytes) -> None:
-        """A telegram, and the position in it."""
+        """Take a telegram's position, and its RIst if it has one."""
         place = _rist(data)
         if place is not None:
             self._samples.append((q, place))
 
     def report(self) -> tuple[str, str | None]:
-        """A line about it, and what is wrong, if anything is."""
+        """Return a line about the comparison, and the problem if there is one."""
         if not any(place.t.any() for _, place in self._samples):
             return "RIst: not sent or all zero; the signs of the axes cannot be compared", None
         turning = [index for index, axis in enumerate(self._setup.axes) if not axis.linear]
@@ -54,24 +54,27 @@ class AxisDirections:
             alike = sum(error <= _NEAR for error in errors.values()) - 1
             more = f"; {alike} other choice(s) of signs would fit here too: jog all axes off zero"
             return line + (more if alike else ""), None
+        return line, self._problem(turning, errors)
+
+    def _problem(self, turning: list[int], errors: dict[tuple[float, ...], float]) -> str:
         best = min(errors, key=lambda signs: (errors[signs] > _NEAR, signs.count(-1.0)))
         if errors[best] > _NEAR:
-            return line, (
+            return (
                 "RIst does not fit the model with any signs: another robot, or $BASE and $TOOL are not zero"
             )
         names = [self._setup.axes[index].name for index in turning]
         turned = ", ".join(name for name, sign in zip(names, best, strict=True) if sign < 0.0)
-        return line, f"the model fits RIst if {turned} turn(s) the other way: make received and sent negative"
+        return f"the model fits RIst if {turned} turn(s) the other way: make received and sent negative"
 
     def _error(self, turning: list[int], signs: tuple[float, ...]) -> float:
-        """How far the model's flange is from RIst at worst, if axes turned with these signs, mm.
+        """Return the largest distance of the model's flange from RIst if axes turned with these signs, mm.
 
-        Turning counts from the first sample on: models differ in how they call a flange's directions.
+        Rotations count from the first sample on: models differ in how they orient a flange.
         """
         factors = np.ones(len(self._setup.axes))
         factors[turning] = signs
         samples = self._samples[:: max(len(self._samples) // _SAMPLES, 1)]
-        places = [(self._foot(factors * q), place) for q, place in (*samples, self._samples[-1])]
+        places = [(self._flange(factors * q), place) for q, place in (*samples, self._samples[-1])]
         first, first_given = places[0]
         worst = 0.0
         for own, given in places:
@@ -87,5 +90,5 @@ def _rist(data: bytes) -> Placement | None:
     if len(values) != 6:
         return None
     xyz = [0.001 * values[name] for name in (b"X", b"Y", b"Z")]
-    # A, B, C turn about z, y, x, one after the other: URDF's yaw, pitch, roll.
+    # A, B, C are rotations about z, y, x in this order: URDF's yaw, pitch, roll.
     return Placement.from_rpy(xyz, [math.radians(values[name]) for name in (b"C", b"B", b"A")])

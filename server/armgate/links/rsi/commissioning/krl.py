@@ -1,6 +1,6 @@
-"""What has to stand on the KRC: its RSI Ethernet file, and a program that hands the axes over.
+"""Files for a KRC: its RSI Ethernet file, and a KRL program that hands the axes over.
 
-The program's names are those of public drivers and examples; nothing was tried on a real controller.
+The program uses the names of public drivers and examples; it was not tried on a real controller.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ _POSITIONS = (("A", ("AIPos", "ASPos")), ("E", ("EIPos", "ESPos")))
 def ethernet_xml(
     axes: Sequence[Axis], host: str, port: int, sentype: str, relative: bool, generation: str
 ) -> str:
-    """The RSI Ethernet file.
+    """Return the RSI Ethernet file.
 
     Args:
         axes: The robot's axes.
         host: Address of the PC.
-        port: On which it listens.
-        sentype: How replies call themselves.
-        relative: Whether corrections are added up: then a missing one must count as zero.
+        port: Port on which the PC listens.
+        sentype: Type attribute of replies.
+        relative: True if corrections are added up: then a missing one must count as zero.
         generation: One of ``GENERATIONS``.
     """
     kinds = {axis.name[0] for axis in axes}
@@ -49,12 +49,12 @@ def ethernet_xml(
 
 
 def program(axes: Sequence[Axis], own: RsiLinkConfig, cycle: float, generation: str) -> str:
-    """The KRL program, as ``ethernet_xml`` numbers the values.
+    """Return the KRL program, with the numbers of values in ``ethernet_xml``.
 
     Args:
         axes: The robot's axes.
-        own: What the cell says of the link.
-        cycle: s.
+        own: Configuration of the link.
+        cycle: Cycle of the KRC, s.
         generation: One of ``GENERATIONS``.
     """
     lines = _rsi2(axes, own) if generation == "rsi2" else _rsi3(axes, own, cycle)

@@ -1,30 +1,36 @@
-"""What telegrams tell of a KRC that is only listened to: cycle, elements, units, axis signs."""
+"""Survey of a KRC that is only listened to: cycle, elements, units, directions of the axes."""
 
 import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from armgate.links.rsi.commissioning.axis_directions import AxisDirections, Foot
+from armgate.links.rsi.axes import Axis
+from armgate.links.rsi.commissioning.axis_directions import AxisDirections, FlangeInFoot
 from armgate.links.rsi.setup import Setup
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _MOVED = 0.5
-"""Less than this many deg or mm is no jogging."""
-_MM_BY_PI = 180.0 / math.pi
+"""Least motion that counts as jogging, deg or mm."""
+_RSI2_LINEAR = 180.0 / math.pi
+"""Factor by which RSI 2 multiplies the mm of linear axes."""
 
 
 class Survey:
-    """Gathers telegrams.
+    """Survey of the telegrams of one KRC.
 
     Args:
-        setup: What the cell says of robot and KRC.
-        foot: The model's flange.
+        setup: Robot and KRC.
+        flange: The model's flange.
+
+    Attributes:
+        problems: Problems that were found, each once.
+        sources: Addresses that sent datagrams.
     """
 
-    def __init__(self, setup: Setup, foot: Foot) -> None:
+    def __init__(self, setup: Setup, flange: FlangeInFoot) -> None:
         self._setup = setup
-        self._signs = AxisDirections(setup, foot)
+        self._directions = AxisDirections(setup, flange)
         self._reader = TelegramReader(setup.axes, programmed=setup.programmed)
         self._times: list[float] = []
         self._ipocs: list[int] = []
@@ -32,40 +38,38 @@ class Survey:
         self._first: Telegram | None = None
         self._last: Telegram | None = None
         self.problems: list[str] = []
-        """What is wrong, each once."""
         self.sources: set[str] = set()
-        """Addresses from which datagrams came."""
 
     def take(self, data: bytes, host: str, now: float) -> None:
-        """A datagram came at this time, s."""
+        """Take a datagram that this host sent, and that arrived at this time, s."""
         self.sources.add(host)
         if host != self._setup.krc:
-            return self._say(f"datagrams come from {host}; the cell says krc: {self._setup.krc}")
+            return self._add_problem(f"datagrams come from {host}; the cell says krc: {self._setup.krc}")
         try:
             telegram = self._reader.read(data)
             if telegram.short:
                 return None
         except TelegramError as error:
-            return self._say(f"a telegram does not fit: {error}")
+            return self._add_problem(f"a telegram does not fit: {error}")
         self._first, self._last = self._first or telegram, telegram
         self._times.append(now)
         self._ipocs.append(telegram.ipoc)
         self._q.append(telegram.q)
-        self._signs.take(telegram.q, data)
+        self._directions.take(telegram.q, data)
         return None
 
     def report(self) -> list[str]:
-        """What was found, a line each; ``problems`` is complete only after it."""
+        """Return the findings, a line each; ``problems`` is complete only afterwards."""
         if self._first is None or self._last is None:
             return ["no telegram came"]
         lines = [*self._timing(), f"elements: {', '.join(_elements(self._first.data))}"]
         lines.append(f"decimals: {self._last.decimals()} (the cell says {self._setup.precision})")
         if self._last.decimals() < min(self._setup.precision, 3):
-            self._say("set Precision in the KRC's Ethernet object")
+            self._add_problem("set Precision in the KRC's Ethernet object")
         lines += self._axes()
-        line, problem = self._signs.report()
+        line, problem = self._directions.report()
         if problem is not None:
-            self._say(problem)
+            self._add_problem(problem)
         return [*lines, line]
 
     # --- parts of the report ------------------------------------------------------------------------------
@@ -81,33 +85,30 @@ class Survey:
         lines.append(f"cycle: {1000 * cycle:.2f} ms, jitter up to {1000 * worst:.2f} ms")
         lines.append(f"IPOC: from {self._ipocs[0]}, in steps of {', '.join(map(str, steps[:4]))}")
         if abs(cycle - self._setup.period) > 0.25 * self._setup.period:
-            self._say(
+            self._add_problem(
                 f"the cell's period is {1000 * self._setup.period:g} ms, the cycle {1000 * cycle:.1f} ms"
             )
         return lines
 
     def _axes(self) -> list[str]:
-        lines = []
         rows = zip(
             self._setup.axes, self._q[0], self._q[-1], self._setup.lower, self._setup.upper, strict=True
         )
-        for axis, begun, now, lower, upper in rows:
-            at, low, high = (axis.shown * value for value in (now, lower, upper))
-            moved = axis.shown * (now - begun)
-            jogged = f", moved by {moved:+.2f}" if abs(moved) > _MOVED else ""
-            lines.append(
-                f"{axis.name} {axis.joint}: {at:.2f} {axis.unit}, limits {low:g} to {high:g}{jogged}"
-            )
-            if not lower <= now <= upper:
-                hint = ""
-                if axis.linear and lower <= now / _MM_BY_PI <= upper:
-                    hint = (
-                        f": as mm·180/π it would be {at / _MM_BY_PI:.2f} mm; set received to {_MM_BY_PI:.9f}"
-                    )
-                self._say(f"{axis.name} is outside the limits of {axis.joint}{hint}")
-        return lines
+        return [self._axis(*row) for row in rows]
 
-    def _say(self, problem: str) -> None:
+    def _axis(self, axis: Axis, begun: float, now: float, lower: float, upper: float) -> str:
+        at, low, high = (axis.shown * value for value in (now, lower, upper))
+        if not lower <= now <= upper:
+            hint = ""
+            if axis.linear and lower <= now / _RSI2_LINEAR <= upper:
+                mm = at / _RSI2_LINEAR
+                hint = f": as mm·180/π it would be {mm:.2f} mm; set received to {_RSI2_LINEAR:.9f}"
+            self._add_problem(f"{axis.name} is outside the limits of {axis.joint}{hint}")
+        moved = axis.shown * (now - begun)
+        jogged = f", moved by {moved:+.2f}" if abs(moved) > _MOVED else ""
+        return f"{axis.name} {axis.joint}: {at:.2f} {axis.unit}, limits {low:g} to {high:g}{jogged}"
+
+    def _add_problem(self, problem: str) -> None:
         if problem not in self.problems:
             self.problems.append(problem)
 
