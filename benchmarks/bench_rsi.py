@@ -31,9 +31,9 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.urdf import read_urdf
 from armgate.client import connect
-from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Notes, read_ethernet
-from armgate.emulator.krc.arm import arm_of_cell
+from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, EventLog, read_ethernet
 from armgate.emulator.krc.context import Limits
+from armgate.emulator.krc.robot.arm import arm_of_cell
 
 CYCLES = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 25_000
 CYCLE = 0.004
@@ -135,7 +135,7 @@ def krc(cell) -> Controller:
     ethernet = read_ethernet((CONFIGS / "rsi" / "axis-correction.xml").read_bytes())
     controller = Controller(
         PROFILES["krc4-rsi3"], Context(precision=6, timeout=10**9, limits=wide, monitor=wide), ethernet,
-        arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), notes=Notes(lambda *_, **__: None),
+        arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), log=EventLog(lambda *_, **__: None),
     )  # fmt: skip
     assert controller.operate(Event.START) is None
     return controller

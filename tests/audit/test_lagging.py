@@ -65,12 +65,12 @@ def test_joints_that_do_not_move_are_named_and_a_robot_that_does_not_is_not_meas
 
 def test_a_virtual_krc_whose_axes_lag_differently_is_measured_through_its_telegrams(tmp_path, monkeypatch):
     """With four decimals, in its fastest cycle; by the link's own ticks."""
-    from armgate.emulator.krc.setup import profile_of
+    from armgate.emulator.krc.process.options import select_profile
     from support import rsi
 
     lags = {"A1": 33.0, "A2": 27.0, "A3": 30.0, "A4": 31.0, "A5": 29.0, "A6": 30.0}
     text = ",".join(f"{axis}={lag}" for axis, lag in lags.items())
-    monkeypatch.setattr(rsi, "PROFILES", {"krc4-rsi3": profile_of("krc4-rsi3", None, text)})
+    monkeypatch.setattr(rsi, "PROFILES", {"krc4-rsi3": select_profile("krc4-rsi3", None, text)})
     rig = Rig(tmp_path, "krc4-rsi3", precision=4).begin()
     for k in range(8):
         sign = 1.0 if k % 2 else -1.0

@@ -16,15 +16,14 @@ from unittest.mock import patch
 import numpy as np
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh import decompose
-from armgate.cell.mesh.decompose import Cut, cut
-from armgate.cell.mesh.files import READERS, read_mesh
+from armgate.cell.mesh.decomposition.cut_planes import Plane
+from armgate.cell.mesh.decomposition.decompose import DecompositionOptions, decompose
 from armgate.cell.mesh.hull import hull_of
-from armgate.cell.mesh.propose import Plane
+from armgate.cell.mesh.triangle_mesh import READERS, read_mesh
 from support.mesh_files import FACES, WRITERS, damaged
 
-PARTS = Cut("parts", 0.5, 3, 64)
-HULL = Cut("hull", 0.5, 1, 64)
+PARTS = DecompositionOptions("parts", 0.5, 3, 64)
+HULL = DecompositionOptions("hull", 0.5, 1, 64)
 _SAMPLES = 3
 CLEAR = re.compile(r"expected|export it again|export the file again|method: hull")
 
@@ -52,13 +51,15 @@ def bodies_of(mesh, rng):
     """The bodies; the hull if the surface is open, which the refusal of the other method says."""
     try:
         if rng.random() < 0.1:
-            return cut(mesh, PARTS)
-        with patch.object(decompose, "propose", lambda *_: _anywhere(mesh, rng)):
-            return cut(mesh, PARTS)
+            return decompose(mesh, PARTS)
+        with patch(
+            "armgate.cell.mesh.decomposition.decompose.propose_planes", lambda *_: _anywhere(mesh, rng)
+        ):
+            return decompose(mesh, PARTS)
     except ModelError as error:
         if "not closed" not in str(error):
             raise
-        return cut(mesh, HULL)
+        return decompose(mesh, HULL)
 
 
 def _anywhere(mesh, rng):

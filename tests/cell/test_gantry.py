@@ -6,8 +6,8 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError, ModelError
-from armgate.cell.gantry import add_gantry
 from armgate.cell.urdf import read_urdf
+from armgate.cell.urdf.gantry import add_gantry
 
 
 def test_the_arm_keeps_its_names(demo, configs):

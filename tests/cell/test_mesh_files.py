@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh.decompose import Cut, cut
-from armgate.cell.mesh.files import READERS, read_mesh
+from armgate.cell.mesh.decomposition.decompose import DecompositionOptions, decompose
 from armgate.cell.mesh.hull import JOGGLE, hull_of
+from armgate.cell.mesh.triangle_mesh import READERS, read_mesh
 from cell import mesh_fuzz
 from support import meshes
 from support.mesh_files import WRITERS
@@ -109,7 +109,7 @@ HALVES = ascii_stl(("a", TRIANGLES), ("b", TRIANGLES + np.array([5, 0, 0])))
 )  # fmt: skip
 def test_whole_files_are_read_face_by_face(suffix, data, faces):
     assert spot(data, suffix)[0] == faces
-    bodies = cut(read_mesh(data, suffix, UNIT), Cut("hull", 0.1, 1, 64))
+    bodies = decompose(read_mesh(data, suffix, UNIT), DecompositionOptions("hull", 0.1, 1, 64))
     assert mesh_fuzz.held(bodies, CUBE).all()
 
 
@@ -126,11 +126,11 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("stl", HALVES.replace(b"endfacet\n", b"", 1),
          "line 8: 'facet' in a facet after its loop; expected 'endfacet'"),
         ("stl", HALVES.replace(b"endsolid a\n", b"endsolid a ", 1).replace(b"solid b\n", b"solid b ", 1),
-         "a facet stands in the line of 'endsolid'; expected one statement a line"),
+         "a facet is in the line of 'endsolid'; expected one statement in a line"),
         ("stl", HALVES.replace(b"endloop", b"vertex 1 1 1\nendloop", 1), "line 8: a facet with 4 corners"),
         ("stl", HALVES + b"\n0 0", "'0' in the file; expected 'solid'"),
-        ("stl", HALVES.replace(b"vertex 0.0", b"vertex nan", 1), "'nan' is no finite number"),
-        ("stl", HALVES.replace(b"vertex 0.0", b"vertex 0,0", 1), "'0,0' is no finite number"),
+        ("stl", HALVES.replace(b"vertex 0.0", b"vertex nan", 1), "'nan' is not a finite number"),
+        ("stl", HALVES.replace(b"vertex 0.0", b"vertex 0,0", 1), "'0,0' is not a finite number"),
         ("stl", HALVES.decode().encode("utf-16"), r"binary STL of \d+ bytes, but its header announces"),
         ("stl", HALVES.replace(b"normal 0", b"normal vertex", 1), "line 2: 'vertex' in a normal; expected"),
         ("stl", BINARY + b"\0\0",
@@ -138,24 +138,24 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("stl", BINARY[:-1], "which take 684 bytes: the file is cut off"),
         ("stl", HUGE, "announces 4000000000 triangles, .* cut off"),
         ("stl", BINARY[:96] + struct.pack("<f", np.inf) + BINARY[100:],
-         r"triangle 1 \(byte 84\): .* no finite number"),
+         r"triangle 1 \(byte 84\): .* not a finite number"),
         ("stl", b"solid a\nendsolid a\n", "no triangles"),
-        ("obj", b"v 0 0 1.#INF\n" + OBJ, "line 1: '1.#INF' is no finite number"),
+        ("obj", b"v 0 0 1.#INF\n" + OBJ, "line 1: '1.#INF' is not a finite number"),
         ("obj", OBJ + b"\nf 1 2", "line 21: a face with 2 corners"),
         ("obj", OBJ + b"\nf 1 2 9", "line 21: vertex 9 does not exist; the file has 8"),
         ("obj", OBJ + b"\nf 1 2 -9", "line 21: vertex -9 does not exist"),
         ("obj", OBJ + b"\nf 1 2 0", "line 21: vertex 0 does not exist"),
-        ("obj", OBJ + b"\nf 1 2 3_4", "line 21: '3_4' is no whole number"),
+        ("obj", OBJ + b"\nf 1 2 3_4", "line 21: '3_4' is not a whole number"),
         ("obj", OBJ + b"\nf 1 2 3 \\", "line 21: the statement is continued beyond the end"),
         ("obj", OBJ + b"\ng C:\\\nf 1 2 3", "line 21: a name that ends in a backslash"),
         ("obj", OBJ + b"\nvn 0 0 1 \\\nf 1 2 3", "line 21: 'vn 0 0 1 f 1 2 3'; expected vn and its numbers"),
         ("obj", OBJ + b"\nvt 0 0 f 1 2 3", "line 21: 'vt 0 0 f 1 2 3'; expected vt and its numbers"),
-        ("obj", OBJ + b"\nusemtl steel f 1/1 2//2 3", "line 21: a face stands in the line of 'usemtl'"),
+        ("obj", OBJ + b"\nusemtl steel f 1/1 2//2 3", "line 21: a face is in the line of 'usemtl'"),
         ("obj", OBJ + b"\nF 1 2 3", "line 21: the statement 'F' is not supported"),
         ("obj", OBJ + b"\nl 1 2", "line 21: the statement 'l' is not supported"),
         ("obj", OBJ + b"\nv 0 0 0 2", "line 21: the weight of a vertex is 2"),
         ("obj", OBJ + b"\nv 0 0", "line 21: v with 2 numbers"),
-        ("obj", OBJ + b"\nv 0 0 inf", "line 21: 'inf' is no finite number"),
+        ("obj", OBJ + b"\nv 0 0 inf", "line 21: 'inf' is not a finite number"),
         ("obj", OBJ + b"\nf 1 2 4 3 8 7 6", "line 21: a face with 7 corners that is not flat"),
         ("obj", OBJ + b"\nf 1 4 2 3", "line 21: a face with 4 corners that is not convex"),
         ("obj", OBJ + b"\nv 0 0.4 0.5\nf 1 2 9 4 3", "line 22: a face with 5 corners that is not convex"),
@@ -170,7 +170,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("ply", ply_of([*TWELVE.tolist(), (1, 7)]), "face 13: 2 corners"),
         ("ply", ply_of(TWELVE, counts=(8, 13)), "ends after 12 of 13 rows of the element 'face'"),
         ("ply", ply_of(TWELVE, counts=(8, 11)), "line 29: '3' follows the last row"),
-        ("ply", ply_of(TWELVE, counts=(4, 12)), "line 14: .* is no whole number"),
+        ("ply", ply_of(TWELVE, counts=(4, 12)), "line 14: .* is not a whole number"),
         ("ply", ply_of(TWELVE, counts=(10**15, 12)), "line 18: '1' follows the last property"),
         ("ply", ply_of(TWELVE, packed("<", TWELVE) + b"\0", "binary_little_endian"),
          "byte 450: 1 bytes follow|follow"),
@@ -178,7 +178,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("ply", ply_of(TWELVE, b"", "binary_little_endian", counts=(4 * 10**9, 9)),
          "ends after 0 of 4000000000"),
         ("ply", ply_of(TWELVE, form="binary"), "line 2: .*expected 'format KIND 1.0'"),
-        ("ply", ply_of(TWELVE, index="float"), "'vertex_indices' is no list of whole numbers"),
+        ("ply", ply_of(TWELVE, index="float"), "'vertex_indices' is not a list of whole numbers"),
         ("ply", ply_of(TWELVE).replace(b"float z", b"float w"), "0 properties called z; expected one"),
         ("ply", ply_of(TWELVE).replace(b"float z", b"float x"), "line 6: the property 'x' occurs twice"),
         ("ply", ply_of(TWELVE).replace(b"element face", b"element tristrips"),
@@ -191,7 +191,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("off", off_of(TWELVE, counts=(8, 13)), "ends after 12 of 13 faces"),
         ("off", off_of(TWELVE, counts=(8, 11)), "line 22: '3' follows the last of 11 faces"),
         ("off", off_of(TWELVE, counts=(7, 13)),
-         "line 10: a face of 3 numbers that begins with 1.0|no whole number"),
+         "line 10: a face of 3 numbers that begins with 1.0|not a whole number"),
         ("off", off_of(TWELVE).replace(b"\n3 ", b"\n3 1.#INF ", 1), "'1.#INF' is no"),
         ("off", off_of(BEYOND), "line 22: vertex 8 does not exist; expected 0 to 7"),
         ("off", off_of(TWELVE, head="OFF BINARY"), r"line 1: 'BINARY'; expected the numbers|line 1"),
@@ -213,7 +213,7 @@ def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_what_is_lost():
     bent[0] += [0.0005, 0.0, 0.0]
     mesh = read_mesh(obj_of(QUADS, bent), "obj", UNIT)
     assert 0.0 < mesh.slack < 0.01
-    bodies = cut(mesh, Cut("parts", 0.1, 4, 64))
+    bodies = decompose(mesh, DecompositionOptions("parts", 0.1, 4, 64))
     rng = np.random.default_rng(0)
     points = np.vstack([rng.dirichlet(np.ones(4), 200) @ bent[list(quad)] for quad in QUADS])
     assert mesh_fuzz.held(bodies, points).all()
@@ -224,7 +224,7 @@ def test_a_face_without_an_area_is_in_the_bodies_too():
     data = OBJ + b"\nv 2 0 0\nv 3 0 0\nf 9 9 10"
     mesh = read_mesh(data, "obj", UNIT)
     assert (len(mesh.faces), mesh.open_edges) == (13, 0)
-    bodies = cut(mesh, Cut("parts", 0.1, 8, 64))
+    bodies = decompose(mesh, DecompositionOptions("parts", 0.1, 8, 64))
     assert mesh_fuzz.held(bodies, np.array([[2.0, 0, 0], [2.5, 0, 0], [3, 0, 0]])).all()
 
 

@@ -11,16 +11,17 @@ from hypothesis import strategies as st
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
+from armgate.cell.config.packing import load_packed, pack
 from armgate.cell.errors import ConfigError, ModelError
-from armgate.cell.mesh.cells import RAYS, Surface, directions, proven_outside, split
-from armgate.cell.mesh.decompose import Cut, cut
-from armgate.cell.mesh.files import locate, read_mesh
+from armgate.cell.mesh.convex_parts import convex_parts
+from armgate.cell.mesh.decomposition.cutting import RAYS, Surface, directions, proven_outside, split
+from armgate.cell.mesh.decomposition.decompose import DecompositionOptions, decompose
 from armgate.cell.mesh.hull import JOGGLE, hull_of, thinned
-from armgate.cell.mesh.parts import parts_of
-from armgate.cell.portable import load_packed, pack
+from armgate.cell.mesh.locate import locate
+from armgate.cell.mesh.triangle_mesh import read_mesh
 from support import meshes
 
-PARTS = Cut("parts", 0.1, 16, 64)
+PARTS = DecompositionOptions("parts", 0.1, 16, 64)
 HULL = replace(PARTS, method="hull")
 UNIT = (1.0, 1.0, 1.0)
 
@@ -77,7 +78,7 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
     (vertices, faces), low, size = blocks(plan, sizes)
     Q = rotation(rng) if turned else np.eye(3)
     mesh = mesh_of(vertices @ Q.T, faces)
-    found = cut(mesh, replace(PARTS, max_parts=int(rng.integers(1, 9))))
+    found = decompose(mesh, replace(PARTS, max_parts=int(rng.integers(1, 9))))
     inside = (low + size * rng.random((400, len(low), 3))).reshape(-1, 3) @ Q.T
     assert held(found, on_surface(mesh, rng, 20)).all()
     assert held(found, inside).all()
@@ -85,8 +86,7 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
 
 def test_wherever_it_is_cut_parts_contain_everything(monkeypatch):
     """Even where nobody would: the cuts are proposals."""
-    from armgate.cell.mesh import decompose
-    from armgate.cell.mesh.propose import Plane
+    from armgate.cell.mesh.decomposition.cut_planes import Plane
 
     rng = np.random.default_rng(3)
     (vertices, faces), low, size = blocks(meshes.FRAME, (0.1, 0.2, 0.1, 0.1, 0.15, 0.1, 0.2))
@@ -104,8 +104,10 @@ def test_wherever_it_is_cut_parts_contain_everything(monkeypatch):
                 (np.where(across, at, low_end), high_end),
             ]
             planes.append(Plane(k, axis, at))
-        monkeypatch.setattr(decompose, "propose", lambda *given, planes=planes: planes)
-        found = cut(mesh, PARTS)
+        monkeypatch.setattr(
+            "armgate.cell.mesh.decomposition.decompose.propose_planes", lambda *given, planes=planes: planes
+        )
+        found = decompose(mesh, PARTS)
         inside = (low + size * rng.random((200, len(low), 3))).reshape(-1, 3) @ Q.T
         assert held(found, on_surface(mesh, rng, 10)).all()
         assert held(found, inside).all()
@@ -116,7 +118,7 @@ def test_wherever_it_is_cut_parts_contain_everything(monkeypatch):
 )
 def test_blocks_fall_into_as_many_parts_as_they_have(plan, count):
     (vertices, faces), _, _ = blocks(plan, (0.1, 0.2, 0.1, 0.2, 0.1, 0.05, 0.1))
-    found = cut(mesh_of(vertices, faces), PARTS)
+    found = decompose(mesh_of(vertices, faces), PARTS)
     assert len(found) == count
     total = sum(hull_volume(body) for body in found)
     assert total == pytest.approx(abs(meshes.volume(vertices, faces)), rel=1e-3)
@@ -132,19 +134,19 @@ def hull_volume(body):
 def test_a_round_ring_keeps_its_hole_within_its_bounds():
     vertices, faces = meshes.ring(0.3, 0.4, 0.1, 10)
     mesh, rng = mesh_of(vertices, faces), np.random.default_rng(3)
-    found = cut(mesh, replace(PARTS, threshold=0.3))
+    found = decompose(mesh, replace(PARTS, threshold=0.3))
     assert len(found) <= PARTS.max_parts
     assert held(found, on_surface(mesh, rng, 30)).all()
     assert not held(found, np.array([[0.0, 0.0, 0.05], [0.2, 0.1, 0.05]])).any()
-    assert found == cut(mesh, replace(PARTS, threshold=0.3))
-    few = cut(mesh, replace(PARTS, max_parts=3))
+    assert found == decompose(mesh, replace(PARTS, threshold=0.3))
+    few = decompose(mesh, replace(PARTS, max_parts=3))
     assert len(few) <= 3
     assert held(few, on_surface(mesh, rng, 30)).all()
 
 
 def test_a_fine_mesh_is_thinned_and_thickened_by_what_that_loses():
     mesh, rng = mesh_of(*meshes.ring(0.3, 0.4, 0.1, 400)), np.random.default_rng(4)
-    (body,) = cut(mesh, HULL)
+    (body,) = decompose(mesh, HULL)
     assert len(body.vertices) <= HULL.max_vertices
     assert 1e-4 < body.radius < 1e-2
     assert held([body], on_surface(mesh, rng, 3)).all()
@@ -200,7 +202,7 @@ def test_a_cavity_counts_as_inside():
     outer, faces = meshes.blocks(meshes.BAR, (0, 1), (0, 1), (0, 1))
     both = np.vstack([outer, outer * 0.5 + 0.25])
     mesh = mesh_of(both, np.vstack([faces, faces[:, ::-1] + len(outer)]))
-    found = cut(mesh, replace(PARTS, max_parts=8))
+    found = decompose(mesh, replace(PARTS, max_parts=8))
     assert held(found, np.random.default_rng(0).random((500, 3))).all()
 
 
@@ -238,8 +240,8 @@ def test_an_open_surface_is_not_cut_but_has_a_hull():
     vertices, faces = ell()
     mesh = mesh_of(vertices, faces[1:])
     with pytest.raises(ModelError, match=r"not closed: 3 edges .*method: hull"):
-        cut(mesh, PARTS)
-    assert held(cut(mesh, HULL), vertices).all()
+        decompose(mesh, PARTS)
+    assert held(decompose(mesh, HULL), vertices).all()
 
 
 @pytest.mark.parametrize(("suffix", "write"), [("stl", meshes.stl), ("obj", meshes.obj)])
@@ -247,9 +249,9 @@ def test_files_are_read_scaled_and_mirrored(tmp_path, suffix, write):
     vertices, faces = ell()
     file = tmp_path / f"ell.{suffix.upper()}"
     file.write_bytes(write(vertices * 1000.0, faces))
-    found = parts_of(file, (-1e-3, 1e-3, 1e-3), PARTS)
+    found = convex_parts(file, (-1e-3, 1e-3, 1e-3), PARTS)
     assert len(found) == 2
-    corners = np.vstack([np.array(p.shape.vertices) + p.at for p in found])
+    corners = np.vstack([np.array(p.shape.vertices) + p.position for p in found])
     assert corners.min(axis=0) == pytest.approx([-vertices[:, 0].max(), 0, 0], abs=1e-5)
     assert corners.max(axis=0) == pytest.approx([0, *vertices[:, 1:].max(axis=0)], abs=1e-5)
 
@@ -264,7 +266,7 @@ FLAT = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
         ("a.stl", b"", "0 bytes; expected a binary STL"),
         ("a.obj", b"", "no triangles"),
         ("a.obj", b"v 0 0\nf 1 2 3\n", "line 1: v with 2 numbers; expected x y z"),
-        ("a.obj", b"v nan 0 0\n" + BLOCK, "line 1: 'nan' is no finite number"),
+        ("a.obj", b"v nan 0 0\n" + BLOCK, "line 1: 'nan' is not a finite number"),
         ("a.obj", meshes.obj(FLAT, [(0, 1, 2), (1, 2, 3)]), "it is flat"),
         ("a.dae", b"<COLLADA/>", "kind 'dae' are not supported"),
     ],
@@ -273,7 +275,7 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, data, text):
     file = tmp_path / name
     file.write_bytes(data)
     with pytest.raises(ModelError, match=text) as error:
-        parts_of(file, UNIT, PARTS)
+        convex_parts(file, UNIT, PARTS)
     assert str(file) in str(error.value)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armgate.cell.model import RobotModel
-from armgate.cell.motion import bend_bounds, motion_bounds
+from armgate.cell.motion_bounds import bend_bounds, motion_bounds
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Sphere
 

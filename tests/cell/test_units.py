@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.cell.units import quantity, to_si
+from armgate.cell.config.units import quantity, to_si
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,9 @@ def test_not_finite(given):
 
 
 def test_the_wrong_dimension_names_the_right_units():
-    with pytest.raises(ValueError, match=r"'3 deg' is no length; expected a number or a unit of m, cm or mm"):
+    with pytest.raises(
+        ValueError, match=r"'3 deg' is not a length; expected a number or a unit of m, cm or mm"
+    ):
         to_si("3 deg", "length")
     with pytest.raises(ValueError, match="expected a number or a unit of rad/s or deg/s"):
         to_si("3 deg", "angle/s")

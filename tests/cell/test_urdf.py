@@ -3,7 +3,8 @@ import pytest
 
 from armgate.cell.errors import ModelError
 from armgate.cell.shapes import Box, Capsule, Cylinder, Sphere
-from armgate.cell.urdf import kinematics_only, parse_xml, read_urdf
+from armgate.cell.urdf import parse_xml, read_urdf
+from armgate.cell.urdf.normalize import kinematics_only
 
 JOINT = """
 <joint name="J" type="revolute"><parent link="a"/><child link="b"/><origin xyz="1 2 3" rpy="0 0 0.5"/>
@@ -92,7 +93,7 @@ def joint(kind: str = "revolute", inner: str = '<limit lower="-1" upper="1" velo
         ("<model/>", "the outer element is <model>; expected <robot>"),
         ("<robot", "not well-formed XML"),
         ('<!DOCTYPE r [<!ENTITY x "y">]><robot/>', "a document type or entities are not allowed"),
-        (robot(body=body('<mesh filename="x.stl"/>')), "link 'a', body 'a': <mesh> names a file"),
+        (robot(body=body('<mesh filename="x.stl"/>')), "link 'a', body 'a': <mesh> refers to a file"),
         (robot(body=body('<torus radius="1"/>')), "link 'a', body 'a': unknown shape <torus>; expected"),
         (robot(body=body('<sphere radius="-1"/>')), "a sphere cannot have the size -1.0"),
         (robot(body=body('<sphere radius="inf"/>')), "radius='inf' in <sphere>"),

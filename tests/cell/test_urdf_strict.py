@@ -9,13 +9,13 @@ import pytest
 import yaml
 
 from armgate.cell.cell import build_cell
+from armgate.cell.cell_warnings import cell_warnings
 from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError, ModelError
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement, rotation_from_rpy
-from armgate.cell.remarks import remarks
 from armgate.cell.urdf import parse_xml, read_robot, read_urdf
-from armgate.cell.urdf_words import FORMS
+from armgate.cell.urdf.vocabulary import FORMS
 from support import meshes
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
@@ -202,12 +202,12 @@ def test_a_nameless_collision_gives_way_to_a_name_that_is_given(tmp_path):
 
 
 def test_all_findings_come_together_before_a_mesh_is_cut(tmp_path, monkeypatch):
-    from armgate.cell.mesh import parts
+    from armgate.cell.mesh import convex_parts
 
     def never(*_):
         raise AssertionError("a mesh was cut")
 
-    monkeypatch.setattr(parts, "cut", never)
+    monkeypatch.setattr(convex_parts, "decompose", never)
     (tmp_path / "a.stl").write_bytes(meshes.stl(*meshes.blocks(meshes.BAR, (0, 1), (0, 1), (0, 1))))
     (tmp_path / "cut.stl").write_bytes(meshes.stl(*meshes.blocks(meshes.BAR, (0, 1), (0, 1), (0, 1)))[:-9])
     mesh = '<collision><geometry><mesh filename="{}"/></geometry></collision>'
@@ -251,22 +251,22 @@ VISUAL = BOX.replace("collision", "visual")
 
 
 def test_parts_that_nothing_guards_are_named(tmp_path):
-    assert remarks(cell_of(tmp_path, urdf())) == []
+    assert cell_warnings(cell_of(tmp_path, urdf())) == []
     (seen, still) = (
-        remarks(cell_of(tmp_path, urdf(arm=VISUAL))),
-        remarks(cell_of(tmp_path, urdf(base=VISUAL))),
+        cell_warnings(cell_of(tmp_path, urdf(arm=VISUAL))),
+        cell_warnings(cell_of(tmp_path, urdf(base=VISUAL))),
     )
-    assert "R: none of its moving links has a body" in seen[0]
-    assert "R: link arm has visuals, but no collision body" in seen[1]
+    assert "R: no moving link has a body" in seen[0]
+    assert "R: link arm has visuals but no collision body" in seen[1]
     assert ["R: link base has visuals" in text for text in still] == [True]
     extra = {"bodies": {"hull": {"link": "arm", "shape": {"sphere": 0.1}}}}
-    assert remarks(cell_of(tmp_path, urdf(arm=VISUAL), **extra)) == []
-    (jerk,) = remarks(cell_of(tmp_path, urdf(joint=LIMIT.replace("effort", 'jerk="9" effort'))))
+    assert cell_warnings(cell_of(tmp_path, urdf(arm=VISUAL), **extra)) == []
+    (jerk,) = cell_warnings(cell_of(tmp_path, urdf(joint=LIMIT.replace("effort", 'jerk="9" effort'))))
     assert "R: joint J has a jerk limit, which the gate ignores" in jerk
 
 
 def test_a_cell_without_pairs_says_so(tmp_path):
-    (text,) = remarks(cell_of(tmp_path, urdf(), post=False))
+    (text,) = cell_warnings(cell_of(tmp_path, urdf(), post=False))
     assert "no pair of bodies must stay apart" in text
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.link_config import EmulatedLinkConfig
+from armgate.cell.config.link import EmulatedLinkConfig
 from armgate.events import Tick
 from armgate.gate.lag import LargestIncrements, hull_deviation_of, memory
 from gate import scenes

@@ -9,8 +9,8 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Notes, read_ethernet
-from armgate.emulator.krc.arm import kr16
+from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, EventLog, read_ethernet
+from armgate.emulator.krc.robot.arm import kr16
 from armgate.events import Plan, PlanAnswer, PlanKey
 from armgate.links.robot_server.codec import Decoder, encode
 from armgate.links.robot_server.hosted_link import HostedLink
@@ -83,7 +83,7 @@ class Rig:
         self.krc = Controller(
             PROFILES["krc4-rsi3"], Context(precision=6, limits=WIDE, monitor=WIDE),
             read_ethernet((folder / "krc.xml").read_bytes()),
-            kr16().starting((0.0, -90.0, 90.0, 0.0, 45.0, 0.0)), chance=Random(1), notes=Notes(Sheet()),
+            kr16().starting((0.0, -90.0, 90.0, 0.0, 45.0, 0.0)), chance=Random(1), log=EventLog(Sheet()),
         )  # fmt: skip
         self.krc.operate(Event.START)
         self.sockets = []

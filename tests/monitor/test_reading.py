@@ -9,10 +9,10 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.cell.mesh.obj import read_obj
-from armgate.cell.mesh.off import read_off
-from armgate.cell.mesh.ply import read_ply
-from armgate.cell.mesh.stl import read_stl
+from armgate.cell.mesh.formats.obj import read_obj
+from armgate.cell.mesh.formats.off import read_off
+from armgate.cell.mesh.formats.ply import read_ply
+from armgate.cell.mesh.formats.stl import read_stl
 from armgate.monitor.errors import DescriptionError
 from armgate.monitor.mesh_files import read_mesh
 from armgate.monitor.model import build

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from random import Random
 
-from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Notes, kr16, read_ethernet
+from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, EventLog, kr16, read_ethernet
 
 FILES = Path(__file__).parents[2] / "configs" / "rsi"
 SENT = ("DEF_RIst", "DEF_AIPos", "DEF_ASPos", "DEF_Delay")
@@ -67,7 +67,7 @@ class Desk:
         self.log = Sheet()
         self.controller = Controller(
             self.profile, context or Context(precision=6), ethernet(**file), arm or kr16(),
-            chance=Random(1), notes=Notes(self.log), ipoc=ipoc,
+            chance=Random(1), log=EventLog(self.log), ipoc=ipoc,
         )  # fmt: skip
         self.telegram = None
         if start:

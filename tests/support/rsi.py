@@ -7,9 +7,9 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.urdf import read_urdf
 from armgate.daemon.core.gate_runner import GateRunner
-from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, Mode, Notes, read_ethernet
-from armgate.emulator.krc.arm import arm_of_cell
+from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, EventLog, Mode, read_ethernet
 from armgate.emulator.krc.context import Limits
+from armgate.emulator.krc.robot.arm import arm_of_cell
 from armgate.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tick, Verdict
 from armgate.gate import Gate
 from armgate.links.rsi.link import RsiLink
@@ -73,7 +73,7 @@ class Rig:
         text = peer_file or (folder / "krc.xml").read_text()
         self.krc = Controller(
             kind, context, read_ethernet(text.encode()),
-            arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), notes=Notes(self.log), ipoc=ipoc,
+            arm_of_cell(robot, read_urdf(robot.urdf)), chance=Random(1), log=EventLog(self.log), ipoc=ipoc,
         )  # fmt: skip
         self.gate = Gate(self.cell, start)
         self.runner = GateRunner(self.gate, {"R": self.link})

@@ -4,7 +4,7 @@ import csv
 from itertools import pairwise
 
 from armgate.cell.urdf import read_urdf
-from armgate.emulator.krc.arm import arm_of_cell
+from armgate.emulator.krc.robot.arm import arm_of_cell
 
 EXACT = 2e-6
 """Rounding to six decimals, deg and mm, twice."""

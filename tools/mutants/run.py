@@ -113,9 +113,6 @@ def preload() -> None:
     import hypothesis  # noqa: PLC0415
     import hypothesis.stateful  # noqa: PLC0415
 
-    import armgate.cell.cell  # noqa: PLC0415
-    import armgate.cell.mesh.parts  # noqa: F401, PLC0415
-
     sys.path[:0] = [str(Path("tests").absolute()), str(Path.cwd())]
     import_module("gate.oracle")
     import_module("gate.scenes").mesh()  # caches the mesh's parts

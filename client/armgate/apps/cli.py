@@ -16,7 +16,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from armgate.cell.extras import install
+from armgate.cell.errors import install_hint
 
 GROUP = "armgate.commands"
 MAX_NUMBER = 1e6
@@ -125,7 +125,7 @@ def explain(error: Exception) -> str | None:
     """Return an error text for the user, usually one line; None if the error is a defect of ours."""
     if isinstance(error, ModuleNotFoundError):
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
-        return extra and f"{error.name} is not installed; run {install(extra)}"
+        return extra and f"{error.name} is not installed; run {install_hint(extra)}"
     if type(error).__module__.startswith("armgate."):
         return str(error).strip() or type(error).__name__
     if isinstance(error, OSError):
@@ -135,7 +135,7 @@ def explain(error: Exception) -> str | None:
 
 def _printable(error: Exception, text: str) -> str:
     """Return a peer's text as one line; findings in a configuration stand on a line each."""
-    from armgate.cell.text import printable, printable_lines
+    from armgate.cell.escaping import printable, printable_lines
     from armgate.client.errors import ClientError
 
     return printable(text) if isinstance(error, ClientError) else printable_lines(text)

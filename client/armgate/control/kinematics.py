@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from armgate.cell.errors import ModelError
 from armgate.cell.model import RobotModel
-from armgate.cell.motion import motion_bounds
+from armgate.cell.motion_bounds import motion_bounds
 from armgate.control.spheres import Spheres
 from armgate.control.vectors import V3, dot, vector
 from armgate.control.weights import Vector

@@ -9,8 +9,8 @@ import yaml
 
 from armgate.audit.errors import AuditError, UseError
 from armgate.cell.cell import Cell, build_cell
+from armgate.cell.config.packing import load_packed
 from armgate.cell.errors import CellError, ConfigError
-from armgate.cell.portable import load_packed
 from armgate.recording import Header
 
 _FIXED = ("armgate", "name", "clock", "server", "recording", "metrics")

@@ -175,7 +175,7 @@ def _recovery(one: "Recovered") -> str:
 
 def _say(text: str) -> None:
     """Print one line, whatever the recording holds."""
-    from armgate.cell.text import printable
+    from armgate.cell.escaping import printable
 
     typer.echo(printable(text))
 

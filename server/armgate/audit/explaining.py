@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from armgate.audit.replaying import fitting_steps, gate_for, judged
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 from armgate.events import Cause, Command, Joints, Outcome, Point, Reason, Verdict
 from armgate.gate import GateBeside, Intended
 from armgate.recording import Recording

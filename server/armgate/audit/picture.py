@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from armgate.audit.explaining import Case
 from armgate.audit.outline import outline, placed, view_along
 from armgate.cell.cell import Body, Cell
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 from armgate.events import Joints, Reason
 from armgate.gate import Intended
 from armgate.recording.files import atomic_write

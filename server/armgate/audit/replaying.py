@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from armgate.audit.compare import TOLERANCE, differences
 from armgate.audit.fitting import misfit
 from armgate.cell.cell import Cell
-from armgate.cell.extras import install
+from armgate.cell.errors import install_hint
 from armgate.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.gate import GateBeside
 from armgate.gate.clearance.compiled import available
@@ -65,7 +65,7 @@ class Outcome:
 def foreign(header: Header) -> list[str]:
     """In what this machine and its software differ from what recorded, as far as bits may depend on it."""
     if header.judge == "compiled" and not available():
-        return [f"no compiled gate here, recorded with one; {install('fast')}"]
+        return [f"no compiled gate here, recorded with one; {install_hint('fast')}"]
     pairs = [(header.machine, machine()), (header.software, software())]
     return [
         f"{key} {now.get(key, 'none')}, recorded with {then.get(key, 'none')}"

@@ -1,1 +1,1 @@
-"""The cell as data: configuration, kinematics, bodies, motion bounds, and the gate's events."""
+"""Model of the cell: configuration, kinematics, bodies, pairs and motion bounds."""

@@ -1,7 +1,8 @@
-"""Kinematics of one robot: pinocchio's model with our strict reading of the URDF around it.
+"""Kinematics of one robot: pinocchio's model, built from the strictly read URDF.
 
-The one place of this package that calls pinocchio. World frame means: the robot's base placement is included.
-A model keeps pinocchio's work space, so one object must not be used by two threads at once.
+This is the only module of the package that calls pinocchio. Results are in the world frame: they include the
+placement of the robot's base. A model keeps pinocchio's workspace, so it must not be used by two threads at
+once.
 """
 
 import math
@@ -15,17 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 from armgate.cell.errors import ModelError
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Shape
-from armgate.cell.urdf import Urdf, kinematics_only, read_urdf
+from armgate.cell.urdf import Urdf, read_urdf
+from armgate.cell.urdf.normalize import kinematics_only
 
 Array = NDArray[np.float64]
 
 MAX_JOINTS = 64
-"""Most joints of a robot that move: the protocol describes no more."""
+"""Largest number of moving joints of a robot: the protocol describes no more."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One moving joint; limits in rad or m, per s, per s², from the URDF; inf: the URDF has no such limit."""
+    """Moving joint with its limits from the URDF in rad or m, per s and per s²; inf: no such limit."""
 
     name: str
     kind: Literal["revolute", "prismatic"]
@@ -38,14 +40,14 @@ class Joint:
 
 @dataclass(frozen=True)
 class ModelBody:
-    """A body of a robot.
+    """Body of a robot.
 
     Attributes:
-        name: Unique in the robot.
-        link: The link that carries it.
-        joint: Index of the joint that carries the link, -1 for the base.
-        shape: Its shape.
-        placement: In the frame of that joint; in the world for the base.
+        name: Name, unique in the robot.
+        link: Name of the link to which it is fixed.
+        joint: Index of the joint that moves the link, -1 for the base.
+        shape: Shape of the body.
+        placement: Placement in the frame of that joint; in the world for the base.
     """
 
     name: str
@@ -68,25 +70,28 @@ def _frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
 
 
 class RobotModel:
-    """A robot with ``n`` joints: where its frames and bodies are and how they move.
+    """Robot with ``n`` joints: placements and Jacobians of its frames and bodies.
 
     Attributes:
         n: Number of joints.
-        joints: In the order of q.
-        lower, upper, velocity: Limits and speeds of the joints, (n,), read-only.
-        base: The base in the world.
-        bodies: The bodies, in the order of the URDF's links.
-        frame_names: The links; each has a frame.
+        joints: Joints in the order of q.
+        lower: Lower limits, (n,), read-only, rad or m.
+        upper: Upper limits, (n,), read-only, rad or m.
+        velocity: Largest speeds, (n,), read-only, rad/s or m/s.
+        base: Placement of the base in the world.
+        bodies: Bodies in the order of the URDF's links.
+        frame_names: Names of the links; each has a frame.
         parents: Index of each joint's parent joint, -1 for the base.
-        chain: Which joints move each body, (bodies, n), bool, read-only.
-        pin_model, pin_data: Pinocchio's, base included.
+        chain: True for each joint that moves a body, (bodies, n), bool, read-only.
+        pin_model: Pinocchio's model, base included.
+        pin_data: Pinocchio's data.
     """
 
     def __init__(self, urdf: Urdf, pin_model: Any, base: Placement) -> None:
         self.base = base
         self.pin_model = pin_model
         self.pin_data = pin_model.createData()
-        # References into pinocchio's data: they show what was computed last, and fetching them anew is slow.
+        # References into pinocchio's data: they show the latest result, and fetching them again is slow.
         self._oMi = [self.pin_data.oMi[joint] for joint in range(pin_model.njoints)]
         self.n: int = pin_model.nv
         by_name = {joint.name: joint for joint in urdf.joints}
@@ -107,10 +112,10 @@ class RobotModel:
 
     @classmethod
     def from_urdf(cls, text: str, base: Placement) -> "RobotModel":
-        """The model of a URDF text that stands at ``base`` in the world.
+        """Return the model of a URDF text with its base at ``base`` in the world.
 
         Raises:
-            ModelError: The URDF is refused (see ``armgate.cell.urdf``), or no joint can move.
+            ModelError: The URDF is refused (see ``armgate.cell.urdf``), or has no or too many moving joints.
         """
         urdf = read_urdf(text)
         if all(joint.kind == "fixed" for joint in urdf.joints):
@@ -122,8 +127,8 @@ class RobotModel:
             raise ModelError(f"the robot has {moving} joints that move; expected at most {MAX_JOINTS}")
         try:
             pin_model = pin.buildModelFromXML(kinematics_only(text))
-        except ValueError as error:  # our own reading is stricter, so this should have been found before
-            raise ModelError(f"pinocchio refuses the URDF: {error}; see what it wrote to stderr") from error
+        except ValueError as error:  # should not happen: our own reading is stricter
+            raise ModelError(f"pinocchio refuses the URDF: {error}; see its message on stderr") from error
         _move_root(pin_model, base)
         return cls(urdf, pin_model, base)
 
@@ -139,10 +144,10 @@ class RobotModel:
         return moved
 
     def body_placements(self, q: ArrayLike) -> tuple[Array, Array]:
-        """Where all bodies are at q: rotations (bodies, 3, 3) and centres (bodies, 3) [m] in the world.
+        """Return rotations (bodies, 3, 3) and centres (bodies, 3) [m] of all bodies at q, in the world.
 
         Raises:
-            ModelError: q has not ``n`` numbers.
+            ModelError: q does not have ``n`` numbers.
         """
         pin.forwardKinematics(self.pin_model, self.pin_data, self._checked(q))
         joints = np.array([oMi.homogeneous for oMi in self._oMi])[self._body_joints]
@@ -152,10 +157,10 @@ class RobotModel:
         return R @ self._body_R, t[:, :, 0]
 
     def frame(self, q: ArrayLike, name: str) -> Placement:
-        """Where a link's frame is at q, in the world.
+        """Return the placement of a link's frame at q, in the world.
 
         Raises:
-            ModelError: There is no such frame, or q has not ``n`` numbers.
+            ModelError: There is no such frame, or q does not have ``n`` numbers.
         """
         frame = self._frame(name)
         pin.forwardKinematics(self.pin_model, self.pin_data, self._checked(q))
@@ -163,10 +168,10 @@ class RobotModel:
         return Placement(oMi.rotation, oMi.translation) @ frame.placement
 
     def frame_jacobian(self, q: ArrayLike, name: str) -> Array:
-        """J (6, n): linear, then angular velocity of a frame per joint speed; world axes, at its origin.
+        """Return J (6, n): linear and angular velocity of a frame per joint speed; world axes, at its origin.
 
         Raises:
-            ModelError: There is no such frame, or q has not ``n`` numbers.
+            ModelError: There is no such frame, or q does not have ``n`` numbers.
         """
         frame = self._frame(name)
         jacobian = self._joint_jacobian(q, frame.joint)
@@ -176,10 +181,10 @@ class RobotModel:
         return jacobian
 
     def point_jacobian(self, q: ArrayLike, joint_index: int, point_world: ArrayLike) -> Array:
-        """J (3, n): velocity of the point at ``point_world`` [m] that a joint (-1: the base) carries.
+        """Return J (3, n): velocity per joint speed of the point at ``point_world`` [m], moved by a joint.
 
         Raises:
-            ModelError: There is no such joint, or q has not ``n`` numbers.
+            ModelError: There is no such joint, or q does not have ``n`` numbers.
         """
         if not -1 <= joint_index < self.n:
             raise ModelError(f"there is no joint {joint_index}; expected -1 (base) to {self.n - 1}")
@@ -188,7 +193,7 @@ class RobotModel:
         return jacobian[:3] + _cross_columns(jacobian[3:], arm)
 
     def frame_joint(self, name: str) -> int:
-        """Index of the joint that carries a frame, -1 for the base.
+        """Return the index of the joint that moves a frame, -1 for the base.
 
         Raises:
             ModelError: There is no such frame.
@@ -225,7 +230,7 @@ def _joint(joint: Any) -> Joint:
 
 
 def _move_root(pin_model: Any, base: Placement) -> None:
-    """Puts the base in front of everything that hangs on the universe, joints and frames."""
+    """Apply the base to all joints and frames that are attached to pinocchio's universe."""
     root = pin.SE3(np.array(base.R), np.array(base.t))
     for joint in range(1, pin_model.njoints):
         if pin_model.parents[joint] == 0:
@@ -246,7 +251,7 @@ def _link_frames(urdf: Urdf, pin_model: Any) -> dict[str, _Frame]:
 
 
 def _cross_columns(columns: Array, arm: Array) -> Array:
-    """``columns × arm`` for each column of a (3, n) matrix: what rotations add at the end of ``arm``."""
+    """Return ``columns × arm`` for each column of a (3, n) matrix: velocities at the end of a lever."""
     x, y, z = arm.tolist()
     crossed: Array = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))) @ columns
     return crossed

@@ -1,4 +1,4 @@
-"""Rigid placements (SE(3)) for code that has to do without pinocchio."""
+"""Rigid placements (SE(3)) for code that cannot use pinocchio."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ def _frozen(values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def rotation_from_rpy(rpy: Sequence[float]) -> Array:
-    """Rotation matrix (3, 3) of URDF's roll, pitch, yaw [rad]: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    """Return the rotation matrix (3, 3) of URDF's roll, pitch, yaw [rad]: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -32,7 +32,7 @@ def rotation_from_rpy(rpy: Sequence[float]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A frame B seen from a frame A: ``x_A = R x_B + t``.
+    """Placement of a frame B in a frame A: ``x_A = R x_B + t``.
 
     Attributes:
         R: Rotation matrix, (3, 3), read-only.
@@ -48,17 +48,17 @@ class Placement:
 
     @classmethod
     def identity(cls) -> "Placement":
-        """The frame itself."""
+        """Return the identity."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_rpy(cls, xyz: Sequence[float], rpy: Sequence[float]) -> "Placement":
-        """From an origin [m] and URDF's roll, pitch, yaw [rad]."""
+        """Return the placement with an origin [m] and URDF's roll, pitch, yaw [rad]."""
         return cls(rotation_from_rpy(rpy), np.asarray(xyz, dtype=np.float64))
 
     @classmethod
     def from_quaternion(cls, xyz: Sequence[float], xyzw: Sequence[float]) -> "Placement":
-        """From an origin [m] and a quaternion (x, y, z, w) of any length but zero.
+        """Return the placement with an origin [m] and a quaternion (x, y, z, w) of any length but zero.
 
         Raises:
             ValueError: The quaternion is zero or not finite.
@@ -78,16 +78,16 @@ class Placement:
         return Placement(self.R @ other.R, self.R @ other.t + self.t)
 
     def inverse(self) -> "Placement":
-        """Frame A seen from frame B."""
+        """Return the placement of frame A in frame B."""
         return Placement(self.R.T, -(self.R.T @ self.t))
 
     def apply(self, points: ArrayLike) -> Array:
-        """Points given in B, (3,) or (…, 3), as seen from A, m."""
+        """Return points given in B, (3,) or (…, 3), in A, m."""
         moved: Array = np.asarray(points, dtype=np.float64) @ self.R.T + self.t
         return moved
 
     def rpy(self) -> tuple[float, float, float]:
-        """Return the rotation as URDF's roll, pitch, yaw [rad]; roll is 0 where only their sum counts."""
+        """Return the rotation as URDF's roll, pitch, yaw [rad]; roll is 0 if pitch is ±90°."""
         R = self.R
         level = math.hypot(R[0, 0], R[1, 0])
         pitch = math.atan2(-R[2, 0], level)
@@ -96,9 +96,9 @@ class Placement:
         return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
     def xyzw(self) -> tuple[float, float, float, float]:
-        """The rotation as a unit quaternion (x, y, z, w) with w ≥ 0.
+        """Return the rotation as a unit quaternion (x, y, z, w) with w ≥ 0.
 
-        Built from the largest of its four parts (Shepperd's method), so it is accurate for every rotation.
+        It is computed from its largest component (Shepperd's method), so it is accurate for every rotation.
         """
         R = self.R
         squares = np.array(

@@ -1,6 +1,6 @@
-"""The bodies: convex, centred in their frame, their axis along z; all sizes in m.
+"""Shapes of bodies: convex, centred in their frame, with their axis along z; all sizes in m.
 
-Primitives have a few sizes; a ``Convex`` body, such as a part of a mesh, has its corners.
+Primitives are given by a few sizes; a ``Convex`` shape, such as a part of a mesh, is given by its corners.
 """
 
 import math
@@ -13,26 +13,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.cell.errors import ModelError
-from armgate.cell.units import MAX_EXTENT
 
 Kind = Literal["sphere", "capsule", "cylinder", "box", "cone", "convex"]
 Points = tuple[tuple[float, float, float], ...]
 
+MAX_EXTENT = 1e3
+"""Largest size or coordinate of a cell, m."""
+
 THINNEST = 1e-6
-"""A convex body must be at least this thick, m, and 1e-5 of its extent: flat ones have no inside."""
+"""Smallest thickness of a convex body, m; it must also be at least 1e-5 of its extent."""
 
 MAX_CORNERS = 4096
-"""Most points of a convex body: its hull takes time and memory."""
+"""Largest number of points of a convex body: its hull takes time and memory."""
 
 _RIM = 16
-"""Corners of the polygon that holds the rim of a cone."""
+"""Number of corners of the polygon that contains the rim of a cone."""
 
 
 class Primitive:
-    """What all shapes share.
+    """Base of all shapes.
 
     Attributes:
-        kind: The shape's name in the configuration and on the wire.
+        kind: Name of the shape in the configuration and on the wire.
     """
 
     __slots__ = ()
@@ -48,26 +50,26 @@ class Primitive:
 
     @property
     def size(self) -> tuple[float, ...]:
-        """The sizes in the order of the configuration and the wire, m."""
+        """Sizes in the order of the configuration and the wire, m."""
         return tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of the smallest ball around the centre that holds the shape, m."""
+        """Radius of the smallest ball around the centre that contains the shape, m."""
         raise NotImplementedError
 
     @property
     def core(self) -> Points:
-        """Points whose convex hull, thickened by ``core_radius``, holds the shape.
+        """Points whose convex hull, thickened by ``core_radius``, contains the shape.
 
-        It is exactly the shape but for a cylinder, which is held by the capsule of its ends, and a cone,
-        which is held by a pyramid.
+        It equals the shape, except for a cylinder, which is contained in the capsule of its ends, and a cone,
+        which is contained in a pyramid.
         """
         raise NotImplementedError
 
     @property
     def core_radius(self) -> float:
-        """Thickness around the core, m."""
+        """Thickness added around the core, m."""
         raise NotImplementedError
 
 
@@ -80,22 +82,22 @@ class Sphere(Primitive):
 
     @property
     def bounding_radius(self) -> float:
-        """The radius, m."""
+        """Radius, m."""
         return self.radius
 
     @property
     def core(self) -> Points:
-        """The centre."""
+        """Centre."""
         return ((0.0, 0.0, 0.0),)
 
     @property
     def core_radius(self) -> float:
-        """The radius, m."""
+        """Radius, m."""
         return self.radius
 
 
 class _Round(Primitive):
-    """Something around a segment along z."""
+    """Shape around a segment along z."""
 
     __slots__ = ()
     radius: float
@@ -108,13 +110,13 @@ class _Round(Primitive):
 
     @property
     def core_radius(self) -> float:
-        """The radius, m."""
+        """Radius, m."""
         return self.radius
 
 
 @dataclass(frozen=True, slots=True)
 class Capsule(_Round):
-    """All points within ``radius`` of a segment of ``length`` along z (the caps are not in the length)."""
+    """All points within ``radius`` of a segment of ``length`` along z (the length excludes the caps)."""
 
     kind: ClassVar[Literal["capsule"]] = "capsule"
     radius: float
@@ -122,13 +124,13 @@ class Capsule(_Round):
 
     @property
     def bounding_radius(self) -> float:
-        """Half the segment and a cap, m."""
+        """Half the segment and one cap, m."""
         return self.length / 2 + self.radius
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder(_Round):
-    """A flat-ended cylinder around z."""
+    """Flat-ended cylinder around z."""
 
     kind: ClassVar[Literal["cylinder"]] = "cylinder"
     radius: float
@@ -136,13 +138,13 @@ class Cylinder(_Round):
 
     @property
     def bounding_radius(self) -> float:
-        """From the centre to a rim, m."""
+        """Distance from the centre to a rim, m."""
         return math.hypot(self.length / 2, self.radius)
 
 
 @dataclass(frozen=True, slots=True)
 class Box(Primitive):
-    """A box with full edge lengths ``x``, ``y``, ``z``."""
+    """Box with full edge lengths ``x``, ``y``, ``z``."""
 
     kind: ClassVar[Literal["box"]] = "box"
     x: float
@@ -156,19 +158,19 @@ class Box(Primitive):
 
     @property
     def core(self) -> Points:
-        """The eight corners."""
+        """Eight corners."""
         xs, ys, zs = ((-edge / 2, edge / 2) for edge in self.size)
         return tuple(product(xs, ys, zs))
 
     @property
     def core_radius(self) -> float:
-        """Nothing."""
+        """Zero: the core is the shape."""
         return 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cone(Primitive):
-    """A cone around z: its base of ``radius`` at −length/2, its tip at +length/2."""
+    """Cone around z, with its base of ``radius`` at −length/2 and its tip at +length/2."""
 
     kind: ClassVar[Literal["cone"]] = "cone"
     radius: float
@@ -176,19 +178,19 @@ class Cone(Primitive):
 
     @property
     def bounding_radius(self) -> float:
-        """From the centre to the rim, m."""
+        """Distance from the centre to the rim, m."""
         return math.hypot(self.length / 2, self.radius)
 
     @property
     def core(self) -> Points:
-        """The tip, and the corners of a polygon around the base."""
+        """Tip, and corners of a polygon around the base."""
         out, turn = self.radius / math.cos(math.pi / _RIM), 2 * math.pi / _RIM
         rim = ((out * math.cos(i * turn), out * math.sin(i * turn), -self.length / 2) for i in range(_RIM))
         return ((0.0, 0.0, self.length / 2), *rim)
 
     @property
     def core_radius(self) -> float:
-        """Nothing."""
+        """Zero: the core is the shape."""
         return 0.0
 
 
@@ -196,7 +198,7 @@ class Cone(Primitive):
 class Convex(Primitive):
     """All points within ``radius`` of the convex hull of ``vertices``, which need not be its corners.
 
-    The tighter the origin sits in the middle, the tighter are bounds of its motion: see ``centred``.
+    An origin in the middle gives the tightest motion bounds, see ``centred``.
     """
 
     kind: ClassVar[Literal["convex"]] = "convex"
@@ -210,9 +212,9 @@ class Convex(Primitive):
         if len(points) > MAX_CORNERS:
             raise ModelError(f"{len(points)} corners of a convex body; expected at most {MAX_CORNERS}")
         if not (np.all(np.isfinite(points)) and math.isfinite(self.radius) and self.radius >= 0.0):
-            raise ModelError("a convex body has a corner or a radius that is no finite number of metres")
+            raise ModelError("a corner or the radius of a convex body is not a finite number of metres")
         if np.abs(points).max() > MAX_EXTENT or self.radius > MAX_EXTENT:
-            raise ModelError(f"a convex body reaches beyond {MAX_EXTENT:g} m; expected a smaller one")
+            raise ModelError(f"a convex body extends beyond {MAX_EXTENT:g} m; expected a smaller one")
         if not is_solid(self.vertices):
             raise ModelError(
                 f"a convex body is flat; expected it at least {THINNEST:g} m and 1e-5 of its extent thick"
@@ -222,7 +224,7 @@ class Convex(Primitive):
     def centred(
         cls, vertices: Sequence[Sequence[float]], radius: float = 0.0
     ) -> "tuple[Convex, tuple[float, float, float]]":
-        """A convex body whose frame is in the middle of its axis-aligned box, and where that middle was."""
+        """Return a convex body with its frame in the middle of its axis-aligned box, and that middle, m."""
         points = np.array(vertices, dtype=np.float64)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         x, y, z = middle.tolist()
@@ -230,32 +232,41 @@ class Convex(Primitive):
 
     @property
     def size(self) -> tuple[float, ...]:
-        """Nothing: a convex body has corners, no sizes."""
+        """Empty: a convex body has corners instead of sizes."""
         return ()
 
     @property
     def half_sides(self) -> tuple[float, float, float]:
-        """Half the sides of the axis-aligned box around the origin that holds the shape, m."""
+        """Half the sides of the axis-aligned box around the origin that contains the shape, m."""
         x, y, z = (np.abs(np.array(self.vertices)).max(axis=0) + self.radius).tolist()
         return x, y, z
 
     @property
     def bounding_radius(self) -> float:
-        """From the origin to the farthest corner, and the radius, m."""
+        """Distance from the origin to the farthest corner, plus the radius, m."""
         return max(math.hypot(*vertex) for vertex in self.vertices) + self.radius
 
     @property
     def core(self) -> Points:
-        """The corners."""
+        """Corners."""
         return self.vertices
 
     @property
     def core_radius(self) -> float:
-        """The radius, m."""
+        """Radius, m."""
         return self.radius
 
 
 Shape = Sphere | Capsule | Cylinder | Box | Cone | Convex
+
+
+@dataclass(frozen=True)
+class ShapePart:
+    """Part of a body: a shape and the position of its frame in the body's frame (same orientation), m."""
+
+    shape: Shape
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
 
 _CLASSES: dict[str, type[Sphere] | type[Capsule] | type[Cylinder] | type[Box] | type[Cone]] = {
     cls.kind: cls for cls in (Sphere, Capsule, Cylinder, Box, Cone)
@@ -263,7 +274,7 @@ _CLASSES: dict[str, type[Sphere] | type[Capsule] | type[Cylinder] | type[Box] | 
 
 
 def is_solid(vertices: ArrayLike) -> bool:
-    """Whether the convex hull of these points is thick enough to have an inside."""
+    """Return True if the convex hull of these points is thick enough to have an inside."""
     points = np.array(vertices, dtype=np.float64)
     if len(points) < 4:
         return False
@@ -274,10 +285,10 @@ def is_solid(vertices: ArrayLike) -> bool:
 
 
 def shape_from(kind: str, size: Sequence[float]) -> Shape:
-    """The primitive of this kind and size (m, in the order of ``Shape.size``).
+    """Return the primitive of a kind with its sizes (m, in the order of ``Shape.size``).
 
     Raises:
-        ModelError: An unknown kind, a wrong count of sizes, or a size that is not positive.
+        ModelError: The kind is unknown, the number of sizes is wrong, or a size is not positive.
     """
     if kind not in _CLASSES:
         raise ModelError(f"unknown shape {kind!r}; expected one of {', '.join(_CLASSES)}")

@@ -8,7 +8,7 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.urdf import read_urdf
 from armgate.emulator.krc import KrcError, kr16
-from armgate.emulator.krc.arm import arm_of_cell, arm_of_urdf
+from armgate.emulator.krc.robot.arm import arm_of_cell, arm_of_urdf
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 KR16 = read_urdf((CONFIGS / "robots" / "kr16.urdf").read_text())
@@ -67,5 +67,5 @@ def test_a_start_that_does_not_fit_is_refused():
 def test_robots_that_are_no_kukas_are_refused():
     with pytest.raises(KrcError, match="there is no link 'tool9'"):
         arm_of_urdf(KR16, "tool9")
-    with pytest.raises(KrcError, match="are no KUKA's"):
+    with pytest.raises(KrcError, match="are not those of a KUKA robot"):
         arm_of_urdf(KR16, "base_link")

@@ -277,7 +277,7 @@ def test_a_step_that_is_too_large_is_a_drive_fault():
     desk.answer()
     assert desk.answer((3.0, 0, 0, 0, 0, 0)) is None
     assert desk.state == "faulted"
-    assert desk.status["message"].startswith("Command velocity A1: 750.0 deg/s; its drive bears 171.6")
+    assert desk.status["message"].startswith("Command velocity A1: 750.0 deg/s; its drive allows 171.6")
     desk = Desk()
     desk.answer()
     desk.answer((0.5, 0, 0, 0, 0, 0))
@@ -291,7 +291,7 @@ def test_wrong_tag_names_move_nothing_and_the_log_says_why():
     assert desk.log.texts("missing") == [
         "the reply lacks AK.A1, AK.A2, AK.A3, AK.A4, AK.A5, AK.A6, which RECEIVE declares: HOLDON"
     ]
-    assert desk.log.texts("unknown")[0].startswith("the reply carries AKorr.A1, AKorr.A2")
+    assert desk.log.texts("unknown")[0].startswith("the reply contains AKorr.A1, AKorr.A2")
 
 
 def test_stop_and_message_from_the_pc():

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armgate.emulator.krc import KrcError, read_ethernet
-from armgate.emulator.krc.ethernet import A_AXES, E_AXES
+from armgate.emulator.krc.rsi.ethernet import A_AXES, E_AXES
 from support.krcs import FILES, element, ethernet, krc_file
 
 
@@ -45,7 +45,7 @@ def test_a_cartesian_correction_corrects_no_axis():
 
 
 def test_two_groups_for_one_axis_are_refused():
-    with pytest.raises(KrcError, match="both AK and BK carry A1"):
+    with pytest.raises(KrcError, match="both AK and BK have A1"):
         ethernet(received=("AK.A1", "BK.A1")).corrections(A_AXES)
 
 
@@ -79,7 +79,7 @@ def test_rsi_2_files_with_units_and_protocol_are_read():
         ('TAG="AK.A1"', 'TAG="AK.A1.x"', "TAG='AK.A1.x'"),
         ('TAG="AK.A1"', 'TAG="A&lt;K"', "TAG='A<K'"),
         ('TAG="AK.A1"', 'TAG="AK.A2"', "AK.A2 occurs twice"),
-        ('TAG="AK.A1"', 'TAG="IPOC"', "IPOC stands in every telegram"),
+        ('TAG="AK.A1"', 'TAG="IPOC"', "IPOC is in every telegram"),
         ('INDX="1"', 'INDX="2"', "RECEIVE, INDX: 2 occurs twice"),
         ('INDX="1"', 'INDX="65"', "INDX='65'; expected INTERNAL or a number from 1 to 64"),
         ('INDX="1"', "", "INDX=None"),
@@ -102,7 +102,7 @@ def test_what_is_wrong_is_named(old, new, said):
 
 
 def test_internal_values_that_a_krc_does_not_take_are_refused():
-    with pytest.raises(KrcError, match="takes no DEF_AIPos"):
+    with pytest.raises(KrcError, match="accepts no DEF_AIPos"):
         ethernet(more=element("DEF_AIPos", "INTERNAL"))
     assert ethernet(more=element("DEF_EStr", "INTERNAL", "STRING")).received[-1].name == "EStr"
 
@@ -132,7 +132,7 @@ def test_document_types_and_entities_are_refused(text):
 
 
 def test_another_encoding_hides_no_document_type():
-    with pytest.raises(KrcError, match="not UTF-8"):
+    with pytest.raises(KrcError, match="byte order mark of UTF-16"):
         read_ethernet((BOMB + krc_file()).encode("utf-16"))
     declared = "<?xml version='1.0' encoding='UTF-7'?>" + "+ADwAIQ-DOCTYPE x+AD4-" + krc_file()
     with pytest.raises(KrcError):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.emulator.krc.network import Channel, Disturbance
+from armgate.emulator.krc.process.network import Channel, Disturbance
 
 MS = 1_000_000
 

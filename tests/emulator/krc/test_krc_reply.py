@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.emulator.krc.reply import Fault, ReplyError, ReplyParser
+from armgate.emulator.krc.errors import Fault, ReplyError
+from armgate.emulator.krc.rsi.reply import ReplyParser
 from support.krcs import element, ethernet, sen
 
 FILE = ethernet(
@@ -55,18 +56,18 @@ def test_what_is_missing_is_not_in_it_and_what_is_unknown_is_named():
     [
         (b"", Fault.XML, "not well-formed"),
         (b"\x00" * 40, Fault.XML, "not well-formed"),
-        (b"\xff\xfe<", Fault.XML, "byte 0 is not UTF-8"),
+        (b"\xff\xfe<", Fault.XML, "byte 0 is the byte order mark"),
         (sen(1) + b"\x00", Fault.XML, "not well-formed"),
         (sen(1)[:-1], Fault.XML, "not well-formed"),
         (b"<!DOCTYPE x>" + sen(1), Fault.XML, "document type"),
         (sen(1, more="<!ENTITY>"), Fault.XML, "document type"),
         (sen(1, more="<Z>" + "z" * 900 + "</Z>"), Fault.XML, "expected at most 1024"),
         (sen(1).replace(b"Sen", b"Rob"), Fault.ROOT, "<Rob>; expected <Sen>"),
-        (sen(1, sentype="imfree"), Fault.SENTYPE, "Type='imfree'; the KRC's file says SENTYPE 'ImFree'"),
+        (sen(1, sentype="imfree"), Fault.SENTYPE, "Type='imfree'; the KRC's file has SENTYPE 'ImFree'"),
         (sen(1).replace(b"Type", b"TYPE"), Fault.SENTYPE, "no Type"),
         (b'<Sen Type="ImFree"/>', Fault.NO_IPOC, "0 elements <IPOC>"),
         (sen(1, more="<IPOC>1</IPOC>"), Fault.NO_IPOC, "2 elements <IPOC>"),
-        (b'<Sen Type="ImFree"><IPOC>1</IPOC><AK/></Sen>', Fault.NO_IPOC, "<AK> stands after <IPOC>"),
+        (b'<Sen Type="ImFree"><IPOC>1</IPOC><AK/></Sen>', Fault.NO_IPOC, "<AK> follows <IPOC>"),
         (sen(""), Fault.NO_IPOC, "IPOC ''; expected digits only"),
         (sen(" 1"), Fault.NO_IPOC, "IPOC ' 1'"),
         (sen("-1"), Fault.NO_IPOC, "IPOC '-1'"),
@@ -74,7 +75,7 @@ def test_what_is_missing_is_not_in_it_and_what_is_unknown_is_named():
         (sen("1" * 21), Fault.NO_IPOC, "expected digits only"),
         (sen("١"), Fault.NO_IPOC, "expected digits only"),
         (sen(1, (1.0,), more='<AK A1="2.0"/>'), Fault.VALUE, "AK.A1 occurs twice"),
-        (sen(1, more="<AK><A1>1</A1></AK>"), Fault.VALUE, "<AK> holds elements"),
+        (sen(1, more="<AK><A1>1</A1></AK>"), Fault.VALUE, "<AK> contains elements"),
         (sen(1, more="<Stop>2</Stop>"), Fault.VALUE, "Stop='2'; expected 0 or 1"),
         (sen(1, more="<N>1.5</N>"), Fault.VALUE, "N='1.5'; expected a whole number"),
     ],

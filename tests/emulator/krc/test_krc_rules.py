@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armgate.emulator.krc import PROFILES, Context, Event, KrcError, Limits, Mode, State, kr16, profile_named
-from armgate.emulator.krc.correction import Correction
-from armgate.emulator.krc.drive import Drives
-from armgate.emulator.krc.ethernet import A_AXES
-from armgate.emulator.krc.ipoc import Ipoc
-from armgate.emulator.krc.lateness import Lateness
-from armgate.emulator.krc.machine import ACTIVE, after
-from armgate.emulator.krc.registers import Registers
+from armgate.emulator.krc.robot.correction import Correction
+from armgate.emulator.krc.robot.drives import Drives
+from armgate.emulator.krc.rsi.delay import DelayCounter
+from armgate.emulator.krc.rsi.ethernet import A_AXES
+from armgate.emulator.krc.rsi.ipoc import Ipoc
+from armgate.emulator.krc.rsi.received_values import ReceivedValues
+from armgate.emulator.krc.states import ACTIVE, next_state
 from support.krcs import element, ethernet
 
 # --- states: the full product -----------------------------------------------------------------------------
@@ -42,13 +42,13 @@ def test_every_state_and_event(state, event):
             Event.DRIVE: State.FAULTED, Event.SENSOR_STOP: State.STOPPED, Event.PAUSE: State.PAUSED,
         }  # fmt: skip
         wanted = ends[event] if state in ACTIVE else None
-    assert after(state, event) is wanted
+    assert next_state(state, event) is wanted
 
 
 def test_nothing_leads_from_a_fault_to_motion_without_a_hand():
     """Only a reset and a start, or a restart, which are somebody's doing."""
     for state, event in itertools.product(FAULTS, Event):
-        assert after(state, event) not in ACTIVE or event is Event.RESTART
+        assert next_state(state, event) not in ACTIVE or event is Event.RESTART
 
 
 # --- IPOC -------------------------------------------------------------------------------------------------
@@ -74,30 +74,30 @@ def test_the_ipoc_knows_what_it_sent():
 
 
 def test_late_cycles_count_together_not_only_in_a_row():
-    lateness = Lateness(3, None, 1.0)
+    lateness = DelayCounter(3, None, 1.0)
     for _ in range(3):
-        assert lateness.note(True) is None
-        assert lateness.note(False) is None
-    assert lateness.note(True) == "4 late cycles since the start, Timeout is 3"
+        assert lateness.add(True) is None
+        assert lateness.add(False) is None
+    assert lateness.add(True) == "4 late cycles since the start, Timeout is 3"
     assert lateness.count == 4
 
 
 def test_krc2_bears_ten_in_a_row():
-    lateness = Lateness(1000, 10, 1.0)
-    assert [lateness.note(True) for _ in range(10)] == [None] * 10
-    assert lateness.note(False) is None
+    lateness = DelayCounter(1000, 10, 1.0)
+    assert [lateness.add(True) for _ in range(10)] == [None] * 10
+    assert lateness.add(False) is None
     for _ in range(10):
-        assert lateness.note(True) is None
-    assert lateness.note(True) == "11 late cycles in a row, this controller bears 10"
+        assert lateness.add(True) is None
+    assert lateness.add(True) == "11 late cycles in a row, this controller tolerates 10"
 
 
 def test_krc2_bears_a_quarter():
-    lateness = Lateness(1000, 10, 0.25)
-    told = [lateness.note(number % 3 == 0) for number in range(100)]
+    lateness = DelayCounter(1000, 10, 0.25)
+    told = [lateness.add(number % 3 == 0) for number in range(100)]
     assert told[:99] == [None] * 99
     assert told[99] == "34 of the last 100 cycles were late"
-    lateness = Lateness(1000, 10, 0.25)
-    assert {lateness.note(number % 4 == 0) for number in range(400)} == {None}
+    lateness = DelayCounter(1000, 10, 0.25)
+    assert {lateness.add(number % 4 == 0) for number in range(400)} == {None}
 
 
 # --- HOLDON -----------------------------------------------------------------------------------------------
@@ -108,11 +108,11 @@ def test_holdon_holds_each_element_by_itself():
         received=("AK.A1",), hold=1, more=element("AK.A2", 2, hold=0) + element("Stop", 3, "BOOL", 0)
     )
     one, two, stop = file.received
-    registers = Registers(file.received)
+    registers = ReceivedValues(file.received)
     assert registers.number(one) == 0.0
-    assert registers.take({one: 1.5, two: 2.5, stop: True}) == ()
+    assert registers.update({one: 1.5, two: 2.5, stop: True}) == ()
     assert registers.named("Stop") is True
-    assert registers.take({}) == ("AK.A1", "AK.A2", "Stop")
+    assert registers.update({}) == ("AK.A1", "AK.A2", "Stop")
     assert (registers.number(one), registers.number(two), registers.named("Stop")) == (1.5, 0.0, False)
     assert registers.number(None) == 0.0
     assert registers.named("nothing") is None
@@ -125,8 +125,8 @@ def test_absolute_is_the_whole_offset_and_relative_adds_up():
     absolute = Correction(("A1", "E1"), Context())
     relative = Correction(("A1", "E1"), Context(mode=Mode.RELATIVE))
     for _ in range(3):
-        assert absolute.take((0.5, -1.0)) is None
-        assert relative.take((0.5, -1.0)) is None
+        assert absolute.apply((0.5, -1.0)) is None
+        assert relative.apply((0.5, -1.0)) is None
     assert absolute.offset == (0.5, -1.0)
     assert relative.offset == (1.5, -3.0)
 
@@ -135,16 +135,17 @@ def test_absolute_is_the_whole_offset_and_relative_adds_up():
 def test_axiscorr_cuts_in_silence_at_five(mode):
     correction = Correction(A_AXES, Context(mode=mode))
     for _ in range(4):
-        assert correction.take((-7.0, 2.0, 0.0, 0.0, 0.0, 0.0)) is None
+        assert correction.apply((-7.0, 2.0, 0.0, 0.0, 0.0, 0.0)) is None
     assert correction.offset[0] == -5.0
     assert correction.offset[1] == (2.0 if mode is Mode.ABSOLUTE else 5.0)
 
 
 def test_axiscorrmon_stops_at_six_even_if_only_axiscorr_was_widened():
     correction = Correction(A_AXES, Context(limits=Limits(170.0)))
-    assert correction.take((0.0, 6.0, 0.0, 0.0, 0.0, 0.0)) is None
+    assert correction.apply((0.0, 6.0, 0.0, 0.0, 0.0, 0.0)) is None
     assert (
-        correction.take((0.0, -6.01, 0.0, 0.0, 0.0, 0.0)) == "A2 is corrected by -6.01, AXISCORRMON allows ±6"
+        correction.apply((0.0, -6.01, 0.0, 0.0, 0.0, 0.0))
+        == "A2 is corrected by -6.01, AXISCORRMON allows ±6"
     )
 
 
@@ -189,7 +190,7 @@ def test_motion_within_the_axes_figures_never_faults(name, data):
         if not axis.lower < q + v * T < axis.upper:
             break
         q += v * T
-        assert arm.take([q if k == index else one for k, one in enumerate(arm.setpoint)]) is None
+        assert arm.move([q if k == index else one for k, one in enumerate(arm.setpoint)]) is None
 
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
@@ -198,7 +199,7 @@ def test_a_step_of_more_than_the_speed_is_command_velocity(name, index):
     profile, axis = PROFILES[name], ARM.axes[index]
     largest = profile.tolerance.velocity * axis.speed * profile.cycle
     arm = drives(profile)
-    told = arm.take(moved(index, -1.001 * largest))
+    told = arm.move(moved(index, -1.001 * largest))
     assert told.startswith(f"Command velocity {axis.name}: -")
     assert arm.setpoint == ARM.start
 
@@ -212,8 +213,8 @@ def test_a_robot_held_for_a_cycle_bears_what_its_profile_states(name, share, fau
     arm, q = drives(profile), ARM.start
     for number in range(1, 100):
         q = moved(0, min(speed, number * axis.acceleration * profile.cycle) * profile.cycle, q)
-        assert arm.take(q) is None
-    told = arm.take(q)
+        assert arm.move(q) is None
+    told = arm.move(q)
     assert (told is not None) is faults
     assert not faults or told.startswith("Command gear torque A1")
 
@@ -233,7 +234,7 @@ def test_the_filter_forgives_what_is_short():
     for _ in range(40):
         v += 2.2 * axis.acceleration * profile.cycle
         q = moved(0, v * profile.cycle, q)
-        told.append(arm.take(q))
+        told.append(arm.move(q))
         if told[-1]:
             break
     assert len(told) > 5
@@ -244,16 +245,16 @@ def test_the_filter_forgives_what_is_short():
 def test_an_axis_outside_its_range_may_come_back_but_not_go_on():
     profile = PROFILES["krc4-rsi3"]
     arm = drives(profile, moved(1, 126.0))  # A2 at 36 deg; its range ends at 35
-    assert arm.take(moved(1, 125.99)) is None
-    assert arm.take(moved(1, 126.0)).startswith("Software limit switch A2: 36.000 deg")
+    assert arm.move(moved(1, 125.99)) is None
+    assert arm.move(moved(1, 126.0)).startswith("Software limit switch A2: 36.000 deg")
 
 
 def test_standing_still_forgets_the_past():
     arm = drives(PROFILES["krc4-rsi3"])
-    arm.take(moved(0, 0.01))
+    arm.move(moved(0, 0.01))
     arm.rest(ARM.start)
     assert arm.load == (0.0,) * 6
-    assert arm.take(ARM.start) is None
+    assert arm.move(ARM.start) is None
 
 
 # --- profiles ---------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from armgate.emulator.krc import read_ethernet
-from armgate.emulator.krc.telegram import TelegramWriter
+from armgate.emulator.krc.rsi.telegram import TelegramWriter
 from support.krcs import element, ethernet, krc_file
 
 ROOT = ("Type", "KUKA")

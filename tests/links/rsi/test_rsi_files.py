@@ -12,7 +12,7 @@ from armgate.cell.config import load_config
 from armgate.cell.errors import ConfigError
 from armgate.emulator.krc import KrcError
 from armgate.emulator.krc import read_ethernet as krc_reads
-from armgate.emulator.krc.setup import peer_of
+from armgate.emulator.krc.process.options import parse_peer
 from armgate.links.rsi.axes import axes_of
 from armgate.links.rsi.ethernet_file import EthernetError, read_ethernet
 from armgate.links.rsi.setup import setup_of, warnings_of
@@ -289,8 +289,8 @@ def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_pat
     with pytest.raises(ConfigError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address of a PC; expected"):
         setup_of(cell, cell.robots[0])
     with pytest.raises(KrcError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address of a PC; expected"):
-        peer_of(None, krc_reads(text.encode()))
-    assert peer_of("127.0.0.1:5", krc_reads(text.encode())).address == ("127.0.0.1", 5)
+        parse_peer(None, krc_reads(text.encode()))
+    assert parse_peer("127.0.0.1:5", krc_reads(text.encode())).address == ("127.0.0.1", 5)
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
     assert setup_of(cell, cell.robots[0]).listen == ("127.0.0.1", 49152)
 
@@ -302,7 +302,7 @@ def test_an_ip_number_of_no_pc_is_refused_and_a_warning_if_the_cell_listens_else
     with pytest.raises(ConfigError, match=f"IP_NUMBER '{re.escape(host)}' is no address of a PC; expected"):
         setup_of(cell, cell.robots[0])
     with pytest.raises(KrcError, match=f"IP_NUMBER '{re.escape(host)}' is no address of a PC; expected"):
-        peer_of(None, krc_reads(text.encode()))
+        parse_peer(None, krc_reads(text.encode()))
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
     (warning,) = warnings_of(setup_of(cell, cell.robots[0]))
     assert warning.startswith(f"IP_NUMBER '{host}' in the KRC's file is no address of a PC")

@@ -23,7 +23,7 @@ from armgate.apps.stack.robot_processes import robots_of
 from armgate.apps.stack.run import Watch, interruptions, run
 from armgate.apps.stack.run_folder import make_folder, write_metrics, write_series
 from armgate.cell.config import CellConfig, dump_config, load_config
-from armgate.cell.extras import install
+from armgate.cell.errors import install_hint
 
 NAMES = (LEADER, FOLLOWER)
 """Participants of the demo."""
@@ -67,10 +67,10 @@ def run_demo(options: Options, out: Path | None) -> None:
 
 
 def _has_viewer() -> bool:
-    """Return True if the viewer is installed; otherwise print how to install it."""
+    """Return True if the viewer is installed; otherwise print how to install_hint it."""
     if all(find_spec(name) for name in ("viser", "moderngl")):
         return True
-    typer.echo(f"no viewer; to see the run in a browser, run {install('view')}")
+    typer.echo(f"no viewer; to see the run in a browser, run {install_hint('view')}")
     return False
 
 

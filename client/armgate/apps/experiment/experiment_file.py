@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from armgate.cell.explain import explained
-from armgate.cell.source import read_tree
-from armgate.cell.values import Duration, Length, Name, Part, Period, Size, Speed
+from armgate.cell.config.fields import ConfigModel, Duration, Length, Name, Period, Size, Speed
+from armgate.cell.config.validation_errors import to_config_error
+from armgate.cell.config.yaml_tree import read_tree
 
 Point = tuple[Length, Length, Length]
 Seeds = Annotated[int, Field(ge=1, le=10_000)]
@@ -15,14 +15,14 @@ Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 Lag = Annotated[Duration, Field(ge=0.0)]
 
 
-class Box(Part):
+class Box(ConfigModel):
     """Where the leader's tool works: middle and half sides, world, m."""
 
     middle: Point
     half: Point
 
 
-class Common(Part):
+class Common(ConfigModel):
     """What all experiments have.
 
     Attributes:
@@ -53,7 +53,7 @@ class Approach(Common):
     limit_share: Share = 0.999
 
 
-class TrackingCase(Part):
+class TrackingCase(ConfigModel):
     """One way of following: the leader's largest speed, the robots' lag, with prediction or without."""
 
     name: Name
@@ -82,7 +82,7 @@ class Zoom(Common):
     rate: Speed
 
 
-class Pursuit(Part):
+class Pursuit(ConfigModel):
     """The leader goes for a link of the follower wherever that moves to: how often, how long, how fast."""
 
     seeds: Seeds
@@ -120,10 +120,10 @@ def load_experiment(path: Path) -> Experiment:
     try:
         return TypeAdapter(model).validate_python(plain)  # type: ignore[return-value]
     except ValidationError as error:
-        raise explained(error, tree, model) from error
+        raise to_config_error(error, tree, model) from error
 
 
-class Head(Part):
+class Head(ConfigModel):
     """What tells which experiment it is; asked where that cannot be told."""
 
     experiment: Literal["approach", "tracking", "zoom", "collision"]

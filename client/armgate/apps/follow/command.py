@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 
 Robot = Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)]
 Leader = Annotated[

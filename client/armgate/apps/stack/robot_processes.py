@@ -7,7 +7,7 @@ from pathlib import Path
 from armgate.apps.errors import UsageError
 from armgate.apps.stack.run_folder import socket_in
 from armgate.cell.config import CellConfig, RobotConfig
-from armgate.cell.link_config import AxisGroup, RsiLinkConfig
+from armgate.cell.config.link import AxisGroup, RsiLinkConfig
 
 SERVER = "robots"
 """Name of the robot server among the children of a run."""

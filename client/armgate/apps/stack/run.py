@@ -25,7 +25,7 @@ from armgate.apps.stack.observation import Observation, completed
 from armgate.apps.stack.plan import DAEMON, ORDINARY, VIEWER, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
 from armgate.apps.stack.robot_processes import KRC, SERVER, RobotProcesses
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 

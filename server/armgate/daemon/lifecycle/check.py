@@ -8,9 +8,9 @@ from rich.table import Table
 from rich.text import Text
 
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.link_config import RsiLinkConfig
-from armgate.cell.remarks import remarks
-from armgate.cell.text import printable
+from armgate.cell.cell_warnings import cell_warnings
+from armgate.cell.config.link import RsiLinkConfig
+from armgate.cell.escaping import printable
 from armgate.daemon.core.description import CellDescription
 from armgate.events import Nearest
 from armgate.gate import start_clearances
@@ -53,7 +53,7 @@ def report(cell: Cell, console: Console | None = None) -> int:
             say(f"{setup.robot}: warning: {warning}", style="yellow")
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
-    for text in remarks(cell):
+    for text in cell_warnings(cell):
         say(f"warning: {text}", style="yellow")
     faults = start_faults(cell, nearest)
     for fault in faults[:_FAULTS]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armgate.cell.extras import install
+from armgate.cell.errors import install_hint
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -172,7 +172,7 @@ def _cell_extra() -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in _CELL_EXTRA:
             raise
-        text = f"{error.name} is not installed; a machine with the cell needs {install('cell')}"
+        text = f"{error.name} is not installed; a machine with the cell needs {install_hint('cell')}"
         raise ServeError(text) from error
 
 
@@ -230,11 +230,11 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
 
 def _warn(cell: "Cell", log: "Log") -> None:
     """Log what ``armgate check`` warns of, and why commands will be refused from the start."""
-    from armgate.cell.remarks import remarks
+    from armgate.cell.cell_warnings import cell_warnings
     from armgate.daemon.lifecycle.check import REMEDY, start_faults
     from armgate.gate import start_clearances
 
-    for text in remarks(cell):
+    for text in cell_warnings(cell):
         log.warning("remark", text=text)
     faults = start_faults(cell, start_clearances(cell))
     if faults:

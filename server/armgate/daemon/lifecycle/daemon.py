@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig, ServerConfig
-from armgate.cell.link_config import EmulatedLinkConfig
+from armgate.cell.config.link import EmulatedLinkConfig
 from armgate.daemon.auth.access import Access, Keys
 from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.reloading import Reloader, ReloadSource, warn_of_unknown_robots

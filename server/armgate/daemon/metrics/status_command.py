@@ -9,7 +9,7 @@ from urllib.request import urlopen
 
 import typer
 
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 
 
 class StatusError(Exception):

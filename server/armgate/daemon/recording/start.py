@@ -8,7 +8,7 @@ from pathlib import Path
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import CellConfig, LockstepClockConfig
-from armgate.cell.portable import pack
+from armgate.cell.config.packing import pack
 from armgate.daemon.core.description import CellDescription
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.recorder import Recorder

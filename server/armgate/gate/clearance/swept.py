@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.cell import Cell
-from armgate.cell.motion import bend_bounds, motion_bounds
+from armgate.cell.motion_bounds import bend_bounds, motion_bounds
 from armgate.events import Joints
 from armgate.gate.clearance.lever_range import LeverRange
 from armgate.gate.clearance.support import Rows, support, support_table

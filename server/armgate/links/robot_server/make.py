@@ -4,7 +4,7 @@ import secrets
 from collections.abc import Callable
 
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.link_config import RsiLinkConfig
+from armgate.cell.config.link import RsiLinkConfig
 from armgate.links.emulated import EmulatedLink
 from armgate.links.link import SelfClockedLink
 from armgate.links.robot_server.hosted_link import HostedLink

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armgate.cell.link_config import RsiLinkConfig
+from armgate.cell.config.link import RsiLinkConfig
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis, axes_of
 from armgate.links.rsi.ethernet_checks import file_objection, is_host, unsent_values

@@ -1,10 +1,10 @@
-"""Convex hulls with corners, faces and planes (qhull, as coal brings it), and distances to them.
+"""Convex hulls with corners, faces and planes (qhull through coal), and distances of points to them.
 
-coal takes no corner with more than 255 neighbours, as a fine disk has: hulls of many points are thinned.
+coal accepts no corner with more than 255 neighbours, as on a fine disk: hulls of many points are thinned.
 
-qhull joggles the points (option QJ) by less than ``JOGGLE`` of their extent, always in the same way. Merging
-nearly coplanar facets instead (option Qt) crashes the process in coal 3.0 if points lie in a plane but for
-rounding, as the corners of a turned box that was cut do.
+qhull joggles the points (option QJ) by less than ``JOGGLE`` of their extent, always in the same way. The
+alternative, merging nearly coplanar facets (option Qt), crashes the process in coal 3.0 if points are
+coplanar up to rounding, as the corners of a rotated box that was cut are.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _SHARE = 8
-"""One for so many corners is added at a time: those that stand out farthest may be neighbours."""
+"""Corners for each one that is added at a time: the points farthest outside may be neighbours."""
 
 QHULL = "QJ"
 """Options of qhull: joggle, see above."""
@@ -34,13 +34,13 @@ _BLOCK = 1 << 18
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A convex hull.
+    """Convex hull.
 
     Attributes:
-        vertices: Its corners, (v, 3), m.
-        faces: Its triangles as indices of corners, (f, 3), in either winding.
-        normals: Outward unit normals of the planes that bound it, (p, 3).
-        offsets: A point x is inside where normals·x + offsets ≤ 0, (p,).
+        vertices: Corners, (v, 3), m.
+        faces: Triangles as indices of corners, (f, 3), in either winding.
+        normals: Outward unit normals of the planes, (p, 3).
+        offsets: Offsets of the planes, (p,): a point x is inside if normals·x + offsets ≤ 0.
     """
 
     vertices: Array
@@ -49,14 +49,14 @@ class Hull:
     offsets: Array
 
     def height(self, points: Array) -> Array:
-        """How far points (k, 3) stand out of the planes, (k,): a lower bound of their distance, m."""
+        """Return the heights of points (k, 3) above the planes, (k,): lower bounds of their distances, m."""
         block = max(1, _BLOCK // len(self.offsets))
         parts = [points[i : i + block] for i in range(0, len(points), block)]
         heights = [(part @ self.normals.T + self.offsets).max(axis=1) for part in parts]
         return np.concatenate([*heights, np.zeros(0)])
 
     def distance(self, points: Array) -> Array:
-        """Distance of points (k, 3) to the hull, (k,), m; 0 inside."""
+        """Return the distances of points (k, 3) to the hull, (k,), m; 0 inside."""
         distances = np.zeros(len(points))
         outside = np.flatnonzero(self.height(points) > 0.0)
         block = max(1, _BLOCK // len(self.faces))
@@ -67,13 +67,13 @@ class Hull:
 
 
 def hull_of(points: Array) -> Hull:
-    """The convex hull of points (k, 3), m.
+    """Return the convex hull of points (k, 3), m.
 
     Raises:
         ModelError: The points are flat: their hull has no inside.
     """
-    if not is_solid(points):  # qhull within coal dies of flat input, so it must not get there
-        raise ModelError("the points lie in a plane; expected something that has an inside")
+    if not is_solid(points):  # qhull within coal crashes on flat input
+        raise ModelError("the points lie in a plane; expected a body that has an inside")
     middle = points.mean(axis=0)
     given = coal.StdVec_Vec3s()
     for point in points - middle:
@@ -100,9 +100,9 @@ def _unjoggled(corners: Array, points: Array) -> Array:
 def thinned(points: Array, most: int) -> tuple[Hull, float]:
     """Return a hull of at most ``most`` of points (k, 3), and a bound of the distance [m] of any left out.
 
-    The hull of all points lies within that distance of the thinner one: the distance to a convex body is a
-    convex function, so it is largest at a corner. The thinner hull begins with the extreme points along 26
-    directions; then those that stand out farthest are added, a few at a time. Points that stand out by less
+    The hull of all points lies within that distance of the thinned one: the distance to a convex body is a
+    convex function, so it is largest at a corner. The thinned hull starts with the extreme points along 26
+    directions; then the points farthest outside are added, a few at a time. Points that are outside by less
     than the joggle are left out.
 
     Raises:
@@ -113,7 +113,7 @@ def thinned(points: Array, most: int) -> tuple[Hull, float]:
     left, least = np.arange(len(points)), JOGGLE * float(np.ptp(points, axis=0).max())
     while True:
         heights = thin.height(points[left])
-        left, heights = left[heights > 0.0], heights[heights > 0.0]  # what is inside stays inside
+        left, heights = left[heights > 0.0], heights[heights > 0.0]  # points inside stay inside
         out = left[np.argsort(-heights, kind="stable")][: np.count_nonzero(heights > least)]
         out = out[: min(most - len(kept), max(1, len(kept) // _SHARE))]
         if len(out) == 0:
@@ -124,7 +124,7 @@ def thinned(points: Array, most: int) -> tuple[Hull, float]:
 
 
 def _extreme(points: Array) -> list[int]:
-    """Indices of the extreme points along the axes, edges and corners of a cube in the points' own axes.
+    """Return indices of the extreme points along the axes, edges and corners of a cube in the principal axes.
 
     Both ends of all three principal axes come first, so the points found are not flat if ``points`` are not.
     """
@@ -133,7 +133,7 @@ def _extreme(points: Array) -> list[int]:
     grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
     directions = sorted((d for d in grid.tolist() if any(d)), key=lambda d: sum(map(abs, d)))
     along = middle @ axes @ np.array(directions).T
-    # Of several extreme points the farthest from the middle: it is a corner, not inside a face or an edge.
+    # Take the extreme point farthest from the middle: it is a corner, not inside a face or an edge.
     level = along >= along.max(axis=0) - JOGGLE * float(np.ptp(points, axis=0).max())
     farthest = np.where(level, np.linalg.norm(middle, axis=1)[:, None], -1.0).argmax(axis=0)
     return list(dict.fromkeys(map(int, farthest)))
@@ -143,9 +143,9 @@ def _extreme(points: Array) -> list[int]:
 
 
 def _to_triangles(points: Array, triangles: Array) -> Array:
-    """Distance of points (k, 3) to the nearest of triangles (f, 3, 3), (k,), m.
+    """Return distances of points (k, 3) to the nearest of triangles (f, 3, 3), (k,), m.
 
-    The nearest point of a triangle is on an edge, or is the foot of the perpendicular where that is inside.
+    The nearest point of a triangle is on an edge, or is the foot of the perpendicular if that is inside.
     """
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     edges = [_to_segments(points, p, q) for p, q in ((a, b), (b, c), (c, a))]
@@ -155,7 +155,7 @@ def _to_triangles(points: Array, triangles: Array) -> Array:
 
 
 def _to_segments(points: Array, start: Array, end: Array) -> Array:
-    """Squared distances of points (k, 3) to segments (f, 3) each, (k, f)."""
+    """Return squared distances of points (k, 3) to segments from (f, 3) to (f, 3), (k, f), m²."""
     along = end - start
     length = np.maximum(np.einsum("fi,fi->f", along, along), 1e-300)
     away = points[:, None] - start
@@ -166,7 +166,7 @@ def _to_segments(points: Array, start: Array, end: Array) -> Array:
 
 
 def _to_planes(points: Array, corner: Array, u: Array, v: Array) -> Array:
-    """Squared distances along the normal where the foot is in the triangle, else infinite, (k, f)."""
+    """Return squared distances along the normal, (k, f), m²; infinite if the foot is outside the triangle."""
     normal = np.cross(u, v)
     area = np.einsum("fi,fi->f", normal, normal)
     good = area > 1e-24 * np.einsum("fi,fi->f", u, u) * np.einsum("fi,fi->f", v, v) + 1e-300

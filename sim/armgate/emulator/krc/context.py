@@ -1,4 +1,4 @@
-"""What on a real KRC the RSI context and the KRL program say: the mode and the objects' parameters."""
+"""RSI context of a virtual KRC: the mode of RSI_ON and the parameters of the RSI objects."""
 
 import math
 from collections.abc import Mapping
@@ -6,29 +6,29 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from armgate.emulator.krc.errors import KrcError
-from armgate.emulator.krc.ethernet import A_AXES, E_AXES
+from armgate.emulator.krc.rsi.ethernet import A_AXES, E_AXES
 
 AXISCORR = 5.0
-"""Largest correction where AXISCORR says nothing, deg or mm."""
+"""Default of AXISCORR: correction beyond which the value is cut, deg or mm."""
 AXISCORRMON = 6.0
-"""Largest correction where AXISCORRMON says nothing, or is absent, deg or mm."""
+"""Default of AXISCORRMON, also if the object is absent: correction beyond which RSI stops, deg or mm."""
 TIMEOUT = 10
-"""Late cycles that are borne where the Ethernet object says nothing."""
+"""Default of the Ethernet object's Timeout: tolerated number of late cycles."""
 
 
 class Mode(StrEnum):
-    """How a correction is meant (RSI_ON)."""
+    """Meaning of a correction (RSI_ON)."""
 
     ABSOLUTE = "absolute"
     RELATIVE = "relative"
 
 
 class Limits:
-    """A bound on the correction of each axis, ± deg or mm.
+    """Bounds on the correction of each axis, ± deg or mm.
 
     Args:
-        default: Of every axis that is not named.
-        own: By axis.
+        default: Bound of every axis that has none of its own.
+        own: Bounds by axis.
     """
 
     def __init__(self, default: float, own: Mapping[str, float] | None = None) -> None:
@@ -40,10 +40,10 @@ class Limits:
 
     @classmethod
     def from_text(cls, text: str, default: float) -> "Limits":
-        """``170`` for all axes, or ``A=170,E=2000,A6=350``: groups first, single axes after them.
+        """Read ``170`` (all axes) or ``A=170,E=2000,A6=350`` (groups first, then single axes).
 
         Raises:
-            KrcError: Anything else.
+            KrcError: The text has another form.
         """
         own: dict[str, float] = {}
         names: list[str] = []
@@ -75,16 +75,16 @@ def _positive(text: str) -> float | None:
 
 @dataclass(frozen=True)
 class Context:
-    """One RSI context.
+    """RSI context.
 
     Attributes:
-        mode: ABSOLUTE: a value is the whole offset. RELATIVE: it is added in every cycle.
-        precision: Decimals in telegrams. One is KUKA's default.
-        timeout: How many late cycles, counted since the start, are borne.
-        limits: AXISCORR: corrections beyond it are cut, and nobody is told.
+        mode: ABSOLUTE: a value is the whole offset. RELATIVE: a value is added in every cycle.
+        precision: Decimals in telegrams; KUKA's default is one.
+        timeout: Tolerated number of late cycles since the start.
+        limits: AXISCORR: corrections beyond it are cut without notice.
         monitor: AXISCORRMON: beyond it RSI stops.
-        aspos_moves: ASPos, ESPos and RSol follow the correction. On a real KR 16-2 they keep the programmed
-            position; some simulators move them.
+        aspos_moves: True if ASPos, ESPos and RSol follow the correction. On a real KR 16-2 they keep the
+            programmed position; some simulators move them.
     """
 
     mode: Mode = Mode.ABSOLUTE

@@ -1,8 +1,8 @@
-"""The controllers that can be stood in for, as data.
+"""Profiles: the emulated kinds of KUKA controllers, as data.
 
-Where there are public figures they are used: cycle, steps of the IPOC, the short first frame, the external
-axes' factor and the lag of 120 ms were seen with drivers and simulators. What nothing public says is assumed,
-and the attributes of ``Profile`` and ``Tolerance`` say so.
+Public figures are used if there are any: the cycle, the steps of the IPOC, the short first frame, the factor
+of external axes and the lag of 120 ms come from drivers and simulators. All other figures are assumed, and
+the attributes of ``Profile`` and ``Tolerance`` are marked so.
 """
 
 import math
@@ -14,20 +14,20 @@ from armgate.emulator.krc.errors import KrcError
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """What a profile's drives bear (assumed figures).
+    """Tolerance of a profile's drives (assumed figures).
 
-    A setpoint's velocity is held against the axis's speed. Its acceleration goes through a first-order
-    low-pass before it is held against the axis's, as a gear's torque would: motion within the axis's
-    figures never faults, and a step does when it is large enough. A robot that is held for one cycle T at the
-    speed v (a lost reply, HOLDON 1) sees a step of v, and bears it up to
+    The velocity of a setpoint is compared with the axis's speed. Its acceleration passes a first-order
+    low-pass before it is compared with the axis's acceleration, as the torque of a gear would. Motion within
+    the axis's figures therefore never causes a fault, and a large enough step does. A robot that is held for
+    one cycle T at the speed v (a lost reply, HOLDON 1) sees a step of v, and tolerates it up to
 
         v = acceleration · a · T / (1 − exp(−T / filter))
 
     with a the axis's acceleration.
 
     Attributes:
-        velocity: Largest velocity, in the axis's own speed.
-        acceleration: Largest filtered acceleration, in the axis's own.
+        velocity: Largest velocity, as a multiple of the axis's speed.
+        acceleration: Largest filtered acceleration, as a multiple of the axis's acceleration.
         filter: Time constant of the low-pass, s.
     """
 
@@ -36,7 +36,7 @@ class Tolerance:
     filter: float
 
     def step(self, acceleration: float, cycle: float) -> float:
-        """The largest step of velocity that a drive bears from steady motion; see the formula above."""
+        """Return the largest step of velocity that is tolerated in steady motion, by the formula above."""
         return self.acceleration * acceleration * cycle / -math.expm1(-cycle / self.filter)
 
 
@@ -45,25 +45,26 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: How it is asked for.
-        about: What it stands for.
-        cycle: s.
-        cycles: All cycles that it can run with, s.
-        ipoc_step: Per cycle of ``cycle``.
-        ipoc_bits: After how many bits it wraps (assumed for 32 bits).
-        ipoc_runs: Whether it is a time that runs on while nothing is sent, or counts telegrams.
-        root: The outer element's attribute.
-        short_first: Whether a frame with nothing but the IPOC comes first. Drivers drop it, so an answer is
-            taken but not expected (assumed).
-        linear_sent: Factor on the mm of linear external axes from the KRC; to the KRC they are always mm.
-        separate_external: Whether external axes are corrected by an object of its own (AXISCORREXT), which
-            is an error on a robot without them.
+        name: Name, as in ``--profile``.
+        about: Description.
+        cycle: Time of a cycle, s.
+        cycles: Possible times of a cycle, s.
+        ipoc_step: Increment of the IPOC in a cycle of ``cycle``.
+        ipoc_bits: Number of bits after which the IPOC wraps (assumed for 32 bits).
+        ipoc_runs: True if the IPOC is a time that advances while nothing is sent; false if it counts
+            telegrams.
+        root: Name and value of the outer element's attribute.
+        short_first: True if a frame with only the IPOC comes first. Drivers drop it, so an answer is accepted
+            but not expected (assumed).
+        linear_sent: Factor on the mm of linear external axes in telegrams; replies are always in mm.
+        separate_external: True if an object of its own corrects external axes (AXISCORREXT), which is an
+            error on a robot without such axes.
         lag: Time constant of the measured position, s.
-        lags: Time constants of axes that lag differently, by axis, s.
-        reply_within: Until when a reply counts, s after its telegram; at most the cycle.
-        late_in_a_row: So many late cycles in a row are borne (assumed); None: any number.
-        late_share: So large a share of late cycles in the last 100 is borne (assumed).
-        tolerance: Of the drives.
+        lags: Time constants of single axes that differ from ``lag``, by axis, s.
+        reply_within: Time after the telegram until which a reply is accepted, s; at most the cycle.
+        late_in_a_row: Tolerated number of consecutive late cycles (assumed); None: any number.
+        late_share: Tolerated share of late cycles among the last 100 (assumed).
+        tolerance: Tolerance of the drives.
     """
 
     name: str
@@ -89,10 +90,10 @@ class Profile:
         return self.lags.get(axis, self.lag)
 
     def in_cycle(self, cycle: float) -> "Profile":
-        """The same controller with another cycle: 12 ms is what #IPO gives on KRC4 and later.
+        """Return the same controller with another cycle: 12 ms is that of #IPO on KRC4 and later.
 
         Raises:
-            KrcError: It has no such cycle.
+            KrcError: The controller has no such cycle.
         """
         if cycle not in self.cycles:
             known = " or ".join(f"{1000 * one:g}" for one in self.cycles)
@@ -144,10 +145,10 @@ PROFILES = {profile.name: profile for profile in (_KRC2, _KRC4, _KRC5)}
 
 
 def profile_named(name: str) -> Profile:
-    """The profile of this name.
+    """Return the profile of this name.
 
     Raises:
-        KrcError: There is none.
+        KrcError: There is no such profile.
     """
     if name not in PROFILES:
         raise KrcError(f"there is no profile {name!r}; expected one of {', '.join(PROFILES)}")

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from armgate.cell.text import printable
+from armgate.cell.escaping import printable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from armgate.cell.cell import Cell, Robot
-    from armgate.cell.link_config import RsiLinkConfig
+    from armgate.cell.config.link import RsiLinkConfig
     from armgate.cell.placement import Placement
     from armgate.links.rsi.commissioning.axis_directions import FlangeInFoot
     from armgate.links.rsi.commissioning.survey import Survey
@@ -106,7 +106,7 @@ def check(
 
 
 def _rsi_link(robot: "Robot") -> "RsiLinkConfig":
-    from armgate.cell.link_config import RsiLinkConfig
+    from armgate.cell.config.link import RsiLinkConfig
 
     link = robot.config.link
     if not isinstance(link, RsiLinkConfig):

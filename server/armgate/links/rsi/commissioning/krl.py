@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from armgate.cell.link_config import RsiLinkConfig
+from armgate.cell.config.link import RsiLinkConfig
 from armgate.links.rsi.axes import A_AXES, E_AXES, Axis
 
 GENERATIONS = ("rsi2", "rsi3")

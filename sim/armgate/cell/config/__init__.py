@@ -1,0 +1,40 @@
+"""Configuration of a cell: models, units, strict YAML with overlays, and packing into one folder."""
+
+from armgate.cell.config.cell import CellConfig, SurroundingConfig, dump_config, load_config
+from armgate.cell.config.daemon import (
+    LockstepClockConfig,
+    MetricsConfig,
+    RecordingConfig,
+    ServerConfig,
+    SignalRuleConfig,
+    SocketConfig,
+    TlsConfig,
+    WallClockConfig,
+)
+from armgate.cell.config.robot import BodyConfig, FrameConfig, GantryConfig, JointConfig, RobotConfig
+from armgate.cell.config.shape import MeshConfig, MeshesConfig, MeshOptions, Pose, ShapeConfig
+
+__all__ = [
+    "BodyConfig",
+    "CellConfig",
+    "FrameConfig",
+    "GantryConfig",
+    "JointConfig",
+    "LockstepClockConfig",
+    "MeshConfig",
+    "MeshOptions",
+    "MeshesConfig",
+    "MetricsConfig",
+    "Pose",
+    "RecordingConfig",
+    "RobotConfig",
+    "ServerConfig",
+    "ShapeConfig",
+    "SignalRuleConfig",
+    "SocketConfig",
+    "SurroundingConfig",
+    "TlsConfig",
+    "WallClockConfig",
+    "dump_config",
+    "load_config",
+]

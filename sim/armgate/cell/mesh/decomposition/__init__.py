@@ -1,0 +1,1 @@
+"""Convex decomposition: a mesh is cut along planes, and the hull of each piece becomes a convex body."""

@@ -1,0 +1,1 @@
+"""Robot of a virtual KRC: axes, kinematics, corrections and drives, in deg and mm."""

@@ -1,0 +1,36 @@
+"""RSI objects AXISCORR and AXISCORRMON: the offset of each axis from received values."""
+
+from collections.abc import Sequence
+
+from armgate.emulator.krc.context import Context, Mode
+
+
+class Correction:
+    """Offset of each axis from the programmed position.
+
+    Args:
+        names: Names of the axes.
+        context: Mode and limits.
+    """
+
+    def __init__(self, names: Sequence[str], context: Context) -> None:
+        self._names = tuple(names)
+        self._relative = context.mode is Mode.RELATIVE
+        self._limits = tuple(context.limits[name] for name in names)
+        self._monitor = tuple(context.monitor[name] for name in names)
+        self.offset = (0.0,) * len(self._names)
+        """Offset of each axis, deg or mm."""
+
+    def apply(self, values: Sequence[float]) -> str | None:
+        """Apply the values of a cycle; return the message of AXISCORRMON if a limit is exceeded.
+
+        AXISCORR cuts without notice: a PC that asks for more sees a robot that does not follow.
+        """
+        wanted = [o + v for o, v in zip(self.offset, values, strict=True)] if self._relative else values
+        self.offset = tuple(
+            min(max(one, -limit), limit) for one, limit in zip(wanted, self._limits, strict=True)
+        )
+        for name, offset, limit in zip(self._names, self.offset, self._monitor, strict=True):
+            if abs(offset) > limit:
+                return f"{name} is corrected by {offset:g}, AXISCORRMON allows ±{limit:g}"
+        return None

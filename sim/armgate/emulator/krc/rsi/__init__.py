@@ -1,0 +1,1 @@
+"""RSI on the wire: the Ethernet file, telegrams, replies, IPOC, Delay and received values."""

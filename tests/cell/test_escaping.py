@@ -1,0 +1,38 @@
+"""Texts of others as they are shown."""
+
+import sys
+import unicodedata
+
+import pytest
+
+from armgate.cell.escaping import printable, printable_lines
+
+
+@pytest.mark.parametrize("text", ["", "plain", "A1 – 30°, δ ρ ×, 5 mm²", "ロボット", "naïve 𝕏", "\\n"])
+def test_visible_text_stays_as_it_is(text):
+    assert printable(text) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\x1b[2J\x1b]0;title\x07", "\\x1b[2J\\x1b]0;title\\x07"),
+        ("one\ntwo\r\tthree", "one\\ntwo\\r\\tthree"),
+        ("\x9b31m\x7f\x00", "\\x9b31m\\x7f\\x00"),
+        ("a\u202eb\u2066c\u200fd", "a\\u202eb\\u2066c\\u200fd"),
+        ("a\u200bb\ufeffc\u2028d\u2029e\xad", "a\\u200bb\\ufeffc\\u2028d\\u2029e\\xad"),
+        ("\ud800 \U000e0041 \ue000", "\\ud800 \\U000e0041 \\ue000"),
+    ],
+)
+def test_what_a_terminal_obeys_or_hides_is_escaped(text, shown):
+    assert printable(text) == shown
+
+
+def test_of_all_characters_none_controls_a_terminal():
+    shown = printable("".join(map(chr, (*range(0x10000), *range(0xE0000, 0xE1000), sys.maxunicode))))
+    assert {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"} == set()
+    shown.encode()
+
+
+def test_lines_stay_lines_if_they_are_meant():
+    assert printable_lines("one\n\x1btwo") == "one\n\\x1btwo"
