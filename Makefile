@@ -16,7 +16,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo lock sbom clean
+.PHONY: help install demo test test-all lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -32,16 +32,20 @@ install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the ce
 demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
-# Without clocks and processes of their own: these tests may share the machine. All others have it for themselves.
-PURE := $(addprefix tests/,cell control gate protocol recording)
+# Tests in these folders may share the machine; all others measure time, and have the machine to themselves.
+SHARING := $(addprefix tests/,cell control gate protocol recording)
+PYTEST := $(BIN)/python -m pytest
 
-test: $(VENV)/.tested  ## run the tests
+test: $(VENV)/.system $(VENV)/.tested  ## run the daily tests, some minutes; a browser is installed if there is none
 ifeq ($(strip $(ARGS)),)
-	@$(BIN)/python -m pytest -n 2 --dist worksteal $(PURE)
-	@$(BIN)/python -m pytest $(addprefix --ignore=,$(PURE))
+	@$(PYTEST) -m "not slow" -n 2 --dist worksteal $(SHARING)
+	@$(PYTEST) -m "not slow" $(addprefix --ignore=,$(SHARING))
 else
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(PYTEST) $(ARGS)
 endif
+
+test-all: test  ## run the daily tests and then the slow ones, a quarter of an hour
+	@$(PYTEST) -m slow
 
 lint: $(VENV)/.linted  ## check style, types and who imports whom
 	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \
@@ -54,7 +58,7 @@ lint: $(VENV)/.linted  ## check style, types and who imports whom
 spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)
 
-pictures: $(VENV)/.tested  ## draw the README's pictures: the viewer's page and the four experiments
+pictures: $(VENV)/.system $(VENV)/.tested  ## draw the README's pictures: the viewer's page and the four experiments
 	@$(BIN)/python -m tools.pictures docs
 
 fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
@@ -71,7 +75,7 @@ conformance: $(VENV)/.installed  ## try the daemon against its specification, by
 	@$(BIN)/armgate conformance --participants kit-a,kit-b $(ARGS) --start \
 		"$(BIN)/armgate serve configs/conformance.yaml configs/conformance-lockstep.yaml --port 0"
 
-coverage: $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
+coverage: $(VENV)/.system $(VENV)/.tested  ## run the tests and write what they cover to htmlcov/
 	@$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html $(ARGS)
 
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
@@ -101,7 +105,7 @@ bench-rsi: $(VENV)/.installed  ## measure a reply by RSI against a bare UDP echo
 bench-record: $(VENV)/.installed  ## measure what recording costs the daemon's loop and the disk
 	@$(BIN)/python benchmarks/bench_record.py $(ARGS)
 
-bench-view: $(VENV)/.tested  ## measure what a viewer with a browser costs the daemon, and what reaches the page
+bench-view: $(VENV)/.system $(VENV)/.tested  ## measure what a viewer with a browser costs the daemon, and what reaches the page
 	@$(BIN)/python benchmarks/bench_view.py $(ARGS)
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
@@ -149,6 +153,10 @@ $(VENV)/.viewed: $(VENV)/.installed
 $(VENV)/.tested: $(VENV)/.installed
 	@echo "armgate: installing what the tests need"
 	@$(PIP) install --editable ".[cell,plots,test]"
+	@touch $@
+
+$(VENV)/.system: $(VENV)/.made
+	@tools/system_needs.sh $(VENV)/browser
 	@touch $@
 
 $(VENV)/.fuzzed: $(VENV)/.tested

@@ -110,9 +110,10 @@ def browser():
     sys.path.insert(0, str(ROOT / "tests"))
     from support.browsers import chromium
 
-    with tempfile.TemporaryDirectory() as profile, chromium(Path(profile)) as made:
-        made.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _COUNTER})
-        yield made
+    with chromium() as made:
+        tab = made.tab()
+        tab.before_load(_COUNTER)
+        yield tab
 
 
 def measure(page) -> list[tuple[bool, int, int, float, dict]]:
@@ -120,12 +121,12 @@ def measure(page) -> list[tuple[bool, int, int, float, dict]]:
     blocks = []
     for number in range(BLOCKS):
         on = number % 2 == 1
-        page.execute_script(_JOIN if on else _CUT)
+        page.evaluate(_JOIN if on else _CUT)
         sleep(SETTLE)
-        before, begin, start = page.execute_script("return came"), monotonic_ns(), monotonic()
+        before, begin, start = page.evaluate("came"), monotonic_ns(), monotonic()
         sleep(BLOCK)
         end, length = monotonic_ns(), monotonic() - start
-        after = page.execute_script("return came")
+        after = page.evaluate("came")
         came = {
             "updates": after["updates"][len(before["updates"]) :],
             "pictures": after["pictures"] - before["pictures"],
@@ -157,7 +158,7 @@ def run(out: Path) -> list[tuple[bool, int, int, float, dict]]:
         child(*armgate("lockstep", "view", address, "--port", "0", "--no-meshes")) as url,
         browser() as page,
     ):
-        page.get(url)
+        page.open(url)
         sleep(LOADING)
         follow = subprocess.Popen(
             armgate("clock", "follow", address, "--robot", "FR", "--leader", "GR"),

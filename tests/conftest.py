@@ -1,10 +1,12 @@
-"""What holds for all tests."""
+"""Fixtures of all tests."""
 
 import signal
+from pathlib import Path
 
 import pytest
 
-from armgate.gate.clearance import compiled
+_WITHOUT_GATE = {"cell", "client", "control", "emulator", "protocol", "recording"}
+"""Folders of tests that neither use the gate nor start a daemon."""
 
 
 def _ignore(_signum: int, _frame: object) -> None:
@@ -18,8 +20,16 @@ for _signal in (signal.SIGHUP, signal.SIGINT):
         signal.signal(_signal, _ignore)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _kernels_in_the_cache():
-    """Compiles the gate's kernels once, so that no daemon that a test starts does it while the test waits."""
+@pytest.fixture(autouse=True)
+def _compiled_gate_if_used(request):
+    if request.path.relative_to(Path(__file__).parent).parts[0] not in _WITHOUT_GATE:
+        request.getfixturevalue("compiled_gate")
+
+
+@pytest.fixture(scope="session")
+def compiled_gate():
+    """Compile the gate's kernels once, so that no daemon of a test compiles them while the test waits."""
+    from armgate.gate.clearance import compiled
+
     if compiled.available():
         compiled.prepare()

@@ -214,17 +214,16 @@ def screenshot(file: Path) -> None:
         url = stack.enter_context(
             _armgate("view", address, "--port", "0", "--role", "operator", "--no-meshes")
         )
-        profile = stack.enter_context(TemporaryDirectory())
-        browser = stack.enter_context(chromium(Path(profile)))
-        browser.set_window_size(*WINDOW)
-        browser.get(url)
+        tab = stack.enter_context(chromium()).tab()
+        tab.resize(*WINDOW)
+        tab.open(url)
         sleep(5.0)
         stack.enter_context(_armgate("follow", address, "--robot", "FR", "--leader", "GR", wait=False))
         stack.enter_context(_armgate("lead", address, "--path", path, wait=False))
         # The note that there is no GPU is of no use to readers.
-        browser.execute_script("document.querySelector('.mantine-Notification-closeButton')?.click()")
+        tab.evaluate("document.querySelector('.mantine-Notification-closeButton')?.click()")
         _at_work(address)
-        shot = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+        shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
     shot.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
     sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
 

@@ -53,12 +53,6 @@ def viewing(address):
 
 
 @pytest.fixture(scope="package")
-def browser_of_all(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as made:
+def browser():
+    with chromium() as made:
         yield made
-
-
-@pytest.fixture(scope="module")
-def browser(browser_of_all):
-    yield browser_of_all
-    browser_of_all.get("about:blank")  # an open page costs a core

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from armgate.client import connect
-from support.browsers import keep
 from support.pages import PATIENCE, Page
 
 from .conftest import CONFIG, PLAIN, process
@@ -55,7 +54,9 @@ def eye(address):
 
 @pytest.fixture(scope="module")
 def page(browser, viewing):
-    return Page(browser, viewing)
+    page = Page(browser, viewing)
+    yield page
+    page.tab.close()  # an open page costs a core
 
 
 def take(page, robot="GR"):
@@ -91,7 +92,7 @@ def test_the_gizmo_moves_the_robot_while_it_is_held(page, eye):
     take(page)
     eye.entry(lambda entry: entry.holder == "view")
     start = drag_gizmo(page, eye)
-    keep(page.browser, "viewer-driving.png")
+    page.tab.keep("viewer-driving.png")
     page.let_go()
     end = eye.resting()
     assert np.abs(end - start).max() > 1e-3
@@ -134,7 +135,7 @@ def test_a_stop_while_dragging_ends_it_and_is_said(page, eye):
 def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, eye):
     take(page)
     drag_gizmo(page, eye)
-    page.browser.refresh()
+    page.tab.reload()
     eye.entry(lambda entry: entry.holder is None)
     rest = eye.resting()
     page.let_go()
@@ -159,14 +160,11 @@ def test_what_another_holds_is_not_taken_and_who_loses_it_is_told(page, eye):
 
 def test_of_two_pages_one_drives(page, eye):
     take(page)
-    first = page.browser.current_window_handle
-    page.browser.switch_to.new_window("window")
     other = Page(page.browser, page.url)
     other.press("Drive GR")
     other.until(lambda: "GR is driven from another page" in other.text, "who drives it")
     assert "Release GR" not in other.text
-    page.browser.close()
-    page.browser.switch_to.window(first)
+    other.tab.close()
     eye.entry(lambda entry: entry.holder == "view")
     drag_gizmo(page, eye)
     page.let_go()
@@ -192,3 +190,4 @@ def test_a_daemon_that_dies_while_dragging_is_told_and_the_page_goes_on_with_the
                 take(page)
                 viewer.terminate()
                 assert viewer.wait(30) == 0
+            page.tab.close()

@@ -8,22 +8,22 @@ import pytest
 
 from armgate.apps.view import colours
 from armgate.client import connect
-from support.browsers import keep
 from support.pages import Page
 from support.pictures import middle_of, where
 
 from .conftest import ARMGATE
 
-_CONNECT_ELSEWHERE = """
-const told = arguments[0];
-document.addEventListener('securitypolicyviolation', event => told(event.effectiveDirective));
+_CONNECT_ELSEWHERE = """() => new Promise(resolve => {
+document.addEventListener('securitypolicyviolation', event => resolve(event.effectiveDirective));
 new WebSocket('ws://127.0.0.1:9');
-"""
+})"""
 
 
 @pytest.fixture(scope="module")
 def page(browser, viewing):
-    return Page(browser, viewing)
+    page = Page(browser, viewing)
+    yield page
+    page.tab.close()  # an open page costs a core
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
     x, y, width, height = (int(value) for value in page.scene())
     changed = np.abs(seen - first).max(axis=2)[y : y + height, x : x + width] > 30
     assert changed.sum() > 200  # the robots in the 3-D view moved, too
-    keep(page.browser, "viewer-tracking.png")
+    page.tab.keep("viewer-tracking.png")
 
     page.press("STOP")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
@@ -91,20 +91,20 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
                 break  # at rest
     for child in tracking:
         assert child.wait(30) != 0  # they were told that their robots were stopped
-    keep(page.browser, "viewer-stopped.png")
+    page.tab.keep("viewer-stopped.png")
 
 
 def test_the_token_leaves_the_address_bar_and_the_page_connects_nowhere_else(page):
     assert "token" in page.url
-    assert "token" not in page.browser.current_url
-    directive = page.browser.execute_async_script(_CONNECT_ELSEWHERE)
+    assert "token" not in page.tab.url
+    directive = page.tab.evaluate(_CONNECT_ELSEWHERE)
     assert directive == "connect-src"
 
 
 def test_a_reload_disturbs_nothing_and_reset_lifts_the_stop(page, address):
     page.press("STOP")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
-    page.browser.refresh()
+    page.tab.reload()
     page.until(lambda: "STOP" in page.text and len(page.joints("GR")) == 9, "the page again")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page again")
     page.press("Reset")

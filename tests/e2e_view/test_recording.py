@@ -7,7 +7,6 @@ from itertools import count
 import numpy as np
 import pytest
 
-from support.browsers import keep
 from support.pages import Page
 
 from .conftest import ARMGATE, PLAIN, process
@@ -30,7 +29,9 @@ def recording(tmp_path_factory):
 @pytest.fixture
 def page(browser, recording):
     with process("view", recording, *PLAIN, says="armgate: view at ") as (url, viewer):
-        yield Page(browser, url, "Play")
+        page = Page(browser, url, "Play")
+        yield page
+        page.tab.close()  # an open page costs a core
         viewer.terminate()
         assert viewer.wait(30) == 0
 
@@ -61,7 +62,7 @@ def test_the_time_slider_leads_through_the_run(page):
     x, y, width, height = (int(value) for value in page.scene())
     page.until(lambda: changed(page, first, (x, y, width, height)) > 200, "robots that moved in the picture")
     assert "leader" in page.text
-    keep(page.browser, "viewer-recording.png")
+    page.tab.keep("viewer-recording.png")
     drag_time(page, 0.3)
     page.until(lambda: page.joints("GR") not in (start, later), "a third place")
     drag_time(page, 0.0)

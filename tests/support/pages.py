@@ -3,43 +3,41 @@
 import base64
 import io
 import re
+from time import monotonic, sleep
 
 import numpy as np
 from PIL import Image
-from selenium.common.exceptions import TimeoutException
-from selenium.webdriver.common.actions.action_builder import ActionBuilder
-from selenium.webdriver.support.ui import WebDriverWait
 
 from support.pictures import where
 
 PATIENCE = 60
 GIZMO_X = (255, 32, 96)
 # The camera's picture as the browser shows it: drawn from the page's own image element.
-_PICTURE = """
+_PICTURE = """() => {
 const image = [...document.querySelectorAll('img')].find(i => i.naturalWidth >= 320);
 if (!image) return null;
 const canvas = document.createElement('canvas');
 canvas.width = image.naturalWidth; canvas.height = image.naturalHeight;
 canvas.getContext('2d').drawImage(image, 0, 0);
 return canvas.toDataURL('image/png');
-"""
-_PRESS = """
-const button = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === arguments[0]);
+}"""
+_PRESS = """label => {
+const button = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === label);
 if (button) button.click();
 return !!button;
-"""
-_SCENE = """
+}"""
+_SCENE = """() => {
 const c = document.querySelector('canvas').getBoundingClientRect();
 return [c.x, c.y, c.width, c.height];
-"""
-_SLIDER = """
-const label = [...document.querySelectorAll('label')].find(l => l.innerText.trim() === arguments[0]);
+}"""
+_SLIDER = """name => {
+const label = [...document.querySelectorAll('label')].find(l => l.innerText.trim() === name);
 const track = label && document.getElementById(label.htmlFor);
 if (!track) return null;
 track.scrollIntoView({block: 'center'});
 const knob = track.querySelector('.mantine-Slider-thumb').getBoundingClientRect();
 return [knob.x + knob.width / 2, knob.y + knob.height / 2, track.getBoundingClientRect().width];
-"""
+}"""
 
 
 class Page:
@@ -47,20 +45,23 @@ class Page:
 
     def __init__(self, browser, url, has="STOP"):
         self.browser, self.url = browser, url
-        browser.get(url)
+        self.tab = browser.tab()
+        self.tab.open(url)
         self.until(lambda: has in self.text and "FR" in self.text, "the panel")
 
     def until(self, condition, what):
-        """Waits for something to be so, and gives it."""
-        try:
-            return WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1).until(lambda _: condition())
-        except TimeoutException:
-            raise AssertionError(f"not seen: {what}; the page: {self.text!r:.2000}") from None
+        """Wait for a condition, and return its value."""
+        end = monotonic() + PATIENCE
+        while not (found := condition()):
+            if monotonic() > end:
+                raise AssertionError(f"not seen: {what}; the page: {self.text!r:.2000}")
+            sleep(0.1)
+        return found
 
     @property
     def text(self):
         """All that can be read."""
-        return self.browser.execute_script("return document.body.innerText")
+        return self.tab.evaluate("document.body.innerText")
 
     def joints(self, robot):
         """The joint values that the panel shows for a robot, as written there."""
@@ -97,38 +98,34 @@ class Page:
 
     def pressed(self, label):
         """Press a button if it is there; return True if it was."""
-        return self.browser.execute_script(_PRESS, label)
+        return self.tab.evaluate(_PRESS, label)
 
     def picture(self):
         """Return the camera's picture (height, width, 3); None while the browser loads one."""
-        data = self.browser.execute_script(_PICTURE)
+        data = self.tab.evaluate(_PICTURE)
         if data is None:
             return None
         return np.array(Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))).convert("RGB"))
 
     def scene(self):
         """Left, top, width and height of the 3-D view in the window."""
-        return self.browser.execute_script(_SCENE)
+        return self.tab.evaluate(_SCENE)
 
     def screenshot(self):
         """What the browser shows, (height, width, 3)."""
-        return np.array(Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB"))
+        return np.array(Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB"))
 
     # --- a real pointer ------------------------------------------------------------------------------------
 
     def point(self, x, y, *, press=False):
         """Moves the pointer there; ``press`` holds its button down from then on."""
-        actions = ActionBuilder(self.browser, duration=30)
-        actions.pointer_action.move_to_location(round(x), round(y))
+        self.tab.move(round(x), round(y))
         if press:
-            actions.pointer_action.pointer_down()
-        actions.perform()
+            self.tab.button_down()
 
     def let_go(self):
-        """Lets the pointer's button go."""
-        actions = ActionBuilder(self.browser)
-        actions.pointer_action.pointer_up()
-        actions.perform()
+        """Release the pointer's button."""
+        self.tab.button_up()
 
     def gizmo(self):
         """A place in the window on the gizmo's first arrow; None if it is not seen."""
@@ -142,6 +139,6 @@ class Page:
 
     def slider(self, label):
         """The middle of a slider's knob in the window, and the length of its track, pixels."""
-        found = self.browser.execute_script(_SLIDER, label)
+        found = self.tab.evaluate(_SLIDER, label)
         assert found, f"no slider {label!r}"
         return found
