@@ -22,7 +22,7 @@ from armgate.gate.clearance.swept import Array
 from armgate.gate.robot import RobotState
 
 PAIR_SLACK = 2e-4
-"""How far a violated pair may fall below its floor, m."""
+"""Largest distance that a violated pair may fall below its floor, m."""
 
 _TURN_TICKS = 3
 """Number of ticks without a command to move after which a robot loses its turn."""

@@ -21,7 +21,7 @@ _SAME = 1e-9
 """Largest difference between the link's setpoint and the gate's own sum, rad or m: rounding only."""
 
 JOINT_SLACK = 1e-4
-"""How far a joint that starts outside its limits may fall back in all, rad or m."""
+"""Largest distance that a joint that starts outside its limits may fall back in all, rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Reserved:
 
 @dataclass(frozen=True, slots=True)
 class RobotView:
-    """What a state message reports of one robot; positions are empty until its first tick."""
+    """Contents of a state message about one robot; positions are empty until its first tick."""
 
     tick: int
     time: float
@@ -145,7 +145,7 @@ class RobotState:
 
     @property
     def view(self) -> RobotView:
-        """What a state message reports of the robot."""
+        """Contents of a state message about the robot."""
         furthest = self.next or self.main
         return RobotView(
             tick=max(self.tick, 0),

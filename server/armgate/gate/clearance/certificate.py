@@ -29,7 +29,7 @@ class Budget:
     left: int
 
     def take(self) -> bool:
-        """Take one evaluation; return False if none is left."""
+        """Take one evaluation; return False if the budget is used up."""
         self.left -= 1
         return self.left >= 0
 
@@ -92,7 +92,7 @@ class _Posed(NamedTuple):
 
 
 def _overlap(a: _Posed, b: _Posed, n: Array, lb: float, claimed: float) -> tuple[Array, float]:
-    """Return a better direction of overlapping bodies, with its bound; the given one if none is better."""
+    """Return a better direction of overlapping bodies, with its bound, or else the given one."""
     one, two = (a.row, a.R, a.t), (b.row, b.R, b.t)
     better, found = tried_direction(one, two, n)
     if claimed - max(found, lb) > GAP or _has_corners(a) or _has_corners(b):
