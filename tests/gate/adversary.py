@@ -1,9 +1,9 @@
-"""Adversaries: controllers that want to break things, and the long form of their attack.
+"""Adversaries: controllers that try to violate the invariant, and the long form of their attack.
 
     STEPS=1000000 SEED=0 JOBS=2 python tests/gate/adversary.py
 
-prints, last, ``violations: N`` with the acceptance rate and the smallest margin that the oracle saw, and
-exits with 1 on any violation.
+prints at the end ``violations: N`` with the acceptance rate and the smallest margin that the oracle found,
+and exits with 1 on any violation.
 """
 
 import multiprocessing
@@ -29,7 +29,7 @@ Vector = np.ndarray
 
 
 def full(rig: Rig, i: int) -> Vector:
-    """The largest increment of every joint."""
+    """Return the largest increment of every joint."""
     robot = rig.cell.robots[i]
     return robot.velocity * robot.period
 
@@ -38,27 +38,27 @@ def signs(rng: random.Random, n: int) -> Vector:
     return np.array([rng.choice((-1.0, 1.0)) for _ in range(n)])
 
 
-# Each attack gives a wish for one tick. ``mind`` is the robot's own memory, emptied when the attack changes.
+# Each attack returns an increment for one tick. ``mind`` is its memory per robot, cleared when it changes.
 
 
 def wild(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Anything, up to three times what is allowed."""
+    """Return any increment, up to three times the allowed one."""
     return full(rig, i) * np.array([rng.uniform(-3, 3) for _ in full(rig, i)])
 
 
 def jerky(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """A new direction at full speed every tick."""
+    """Return a new direction at full speed every tick."""
     return full(rig, i) * signs(rng, len(full(rig, i)))
 
 
 def steady(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """One direction at full speed."""
+    """Return one direction at full speed."""
     u = full(rig, i)
     return u * mind.setdefault("d", np.array([rng.uniform(-1, 1) for _ in u]))
 
 
 def greedy(rig: Rig, i: int, rng: random.Random, mind: dict, sign: float = 1.0) -> Vector:
-    """Of some directions the one that takes the robot's nearest pair closest."""
+    """Return, of some directions, the one that takes the robot's nearest pair closest."""
     u = full(rig, i)
     tries = [u * np.array([rng.uniform(-1, 1) for _ in u]) for _ in range(6)]
     tries.append(mind.get("u", tries[0]))
@@ -78,7 +78,7 @@ def _own(rig: Rig, i: int) -> Vector:
 
 
 def shy(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Back and forth at the boundary: toward the nearest body, away after a refusal, and again."""
+    """Move back and forth at the boundary: toward the nearest body, away after a refusal, and again."""
     verdict = rig.last_verdict[i]
     if verdict is not None and verdict.outcome == "refused":
         mind["away"] = rng.randrange(1, 6)
@@ -87,7 +87,7 @@ def shy(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
 
 
 def aimed(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Full speed at a place that another robot or nobody is at: two robots so meet in the middle."""
+    """Move at full speed toward the place of another robot or an empty one: two robots meet in the middle."""
     robot, player = rig.cell.robots[i], rig.players[i]
     if "goal" not in mind:
         mind["goal"] = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
@@ -98,7 +98,7 @@ def aimed(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
 
 
 def first_and_last(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """A1 with A6 at full speed: the fast wrist drags the slow axis through the stop."""
+    """Move A1 with A6 at full speed: the fast wrist drags the slow axis through the stop."""
     u = np.zeros(len(full(rig, i)))
     a, b = mind.setdefault("s", signs(rng, 2))
     if rng.random() < 0.05:
@@ -108,7 +108,7 @@ def first_and_last(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
 
 
 def limits(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Into the nearest limit of every joint, turning one joint round at random."""
+    """Move into the nearest limit of every joint, and reverse one joint at random."""
     robot, q = rig.cell.robots[i], np.array(rig.players[i].setpoint)
     d = mind.setdefault("d", np.where(q - robot.lower < robot.upper - q, -1.0, 1.0))
     if rng.random() < 0.3:
@@ -117,7 +117,7 @@ def limits(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
 
 
 def stretched(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Straight arm and wrist, then trembling: near singularities."""
+    """Straighten arm and wrist, then tremble near the singularity."""
     v = -np.array(rig.players[i].setpoint)
     v[0] = 0.0
     if np.max(np.abs(v)) < 0.1:
@@ -126,12 +126,12 @@ def stretched(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
 
 
 def tremble(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Less than anybody would notice: rounding must not add up."""
+    """Return tiny increments: rounding must not add up."""
     return full(rig, i) * 10.0 ** rng.uniform(-12, -2) * signs(rng, len(full(rig, i)))
 
 
 def creep(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Joints outside their limits come back by next to nothing, another one goes one way at full speed."""
+    """Move joints outside their limits back very slowly, and another joint in one direction at full speed."""
     robot, q, u = rig.cell.robots[i], np.array(rig.players[i].setpoint), full(rig, i)
     j, sign = mind.setdefault("d", (rng.choice((0, 0, rng.randrange(len(u)))), rng.choice((-1.0, 1.0))))
     d = sign * (np.arange(len(u)) == j)
@@ -147,7 +147,7 @@ ATTACKS: dict[str, Callable[..., Vector]] = {
 
 @dataclass
 class Adversary:
-    """Changes its attack now and then; leaves out a command now and then."""
+    """Controller that changes its attack at random, and leaves out commands at random."""
 
     rng: random.Random
     attacks: Sequence[str] = tuple(ATTACKS)
@@ -166,7 +166,7 @@ class Adversary:
 
 @dataclass(frozen=True)
 class Setting:
-    """One kind of run."""
+    """Settings of one kind of run."""
 
     scene: str
     lag: float | tuple[float, ...] = 0.0
@@ -174,16 +174,16 @@ class Setting:
     traffic: Traffic = PROMPT
     response: str = "stop"
     share: float = 1.0
-    lag_tube: float = 0.0
+    lag_spread: float = 0.0
     """Difference between the lags of two joints, declared and true, as a share of the lag."""
     resets: float = 0.0
-    """How often an operator begins to reset a robot again and again, as a share of grid steps."""
+    """Share of grid steps at which an operator begins a series of resets of a robot."""
     beyond: float = 0.0
-    """How far slides may start beyond their limits, m."""
+    """Largest distance of slides beyond their limits at the start, m."""
     attacks: tuple[str, ...] = ()
-    """What it attacks with; all if nothing is named."""
+    """Names of the attacks; all if empty."""
     pushes: bool = False
-    """A hand pushes the robot into walls, and nothing else happens."""
+    """True to push the robot into walls by hand, and do nothing else."""
 
 
 NEARER = ("greedy", "shy", "steady", "jerky")
@@ -204,10 +204,10 @@ SETTINGS = (
     Setting("demo", lag=0.03, share=0.5),
     Setting("mesh", lag=0.03, traffic=ROUGH),
     Setting("mesh", response="slow"),
-    Setting("duel", lag=(0.03, 0.12), lag_tube=0.3, traffic=ROUGH, share=0.3),
-    Setting("tree", lag=0.03, lag_tube=1.0, response="slow", share=0.3),
-    Setting("demo", lag=0.03, lag_tube=0.1, traffic=HARSH, share=0.3),
-    Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), lag_tube=0.2, traffic=JITTER, share=0.3),
+    Setting("duel", lag=(0.03, 0.12), lag_spread=0.3, traffic=ROUGH, share=0.3),
+    Setting("tree", lag=0.03, lag_spread=1.0, response="slow", share=0.3),
+    Setting("demo", lag=0.03, lag_spread=0.1, traffic=HARSH, share=0.3),
+    Setting("duel_delayed", lag=0.03, delay=(0.12, 0.0), lag_spread=0.2, traffic=JITTER, share=0.3),
     Setting("boom", response="slow", traffic=NOISY, resets=0.05, attacks=NEARER, share=0.5),
     Setting("boom_delayed", delay=0.12, traffic=NOISY, resets=0.03, attacks=NEARER, share=0.3),
     Setting("duel_noisy", lag=(0.0, 0.03), traffic=HARSH, response="slow", resets=0.03, share=0.3),
@@ -245,7 +245,7 @@ _MAKE = scenes.SCENES | {
 
 @dataclass
 class Arena:
-    """A cell and its oracle, used for many runs."""
+    """Cell and oracle, used for many runs."""
 
     cell: Cell
     oracle: Oracle
@@ -254,13 +254,13 @@ class Arena:
 
 def arena(setting: Setting) -> Arena:
     cell = _MAKE[setting.scene](response=setting.response)
-    if setting.lag_tube:
-        cell = scenes.lagging(cell, setting.lag, setting.lag_tube)
+    if setting.lag_spread:
+        cell = scenes.lagging(cell, setting.lag, setting.lag_spread)
     return Arena(cell, Oracle(cell))
 
 
 def start_of(rng: random.Random, robot: Robot, beyond: float) -> Vector:
-    """A start anywhere, up to 0.02 beyond the limits; slides at times by more."""
+    """Return a random start, up to 0.02 beyond the limits; slides at times by more."""
     q = np.array([rng.uniform(a - 0.02, b + 0.02) for a, b in zip(robot.lower, robot.upper, strict=True)])
     for j, joint in enumerate(robot.model.joints):
         if beyond and joint.kind == "prismatic" and rng.random() < 0.7:
@@ -272,7 +272,7 @@ def start_of(rng: random.Random, robot: Robot, beyond: float) -> Vector:
 def attack(
     place: Arena, setting: Setting, seed: int, commands: int, attacks: Sequence[str] = tuple(ATTACKS)
 ) -> Tally:
-    """One run: a fresh gate, at times from a start that violates the stop distance or a limit."""
+    """Run an attack on a new gate, at times from a start that violates the stop distance or a limit."""
     if setting.pushes:
         return pushed(place.cell, place.oracle, seed, commands)
     rng = random.Random(seed)
@@ -281,24 +281,24 @@ def attack(
         start = [start_of(rng, robot, setting.beyond) for robot in place.cell.robots]
     rig = Rig(
         place.cell, seed, setting.lag, setting.delay, setting.traffic, start, place.oracle,
-        lag_tube=setting.lag_tube,
+        lag_spread=setting.lag_spread,
     )  # fmt: skip
     if setting.resets:
         rig.operator = Operator(rng, setting.resets)
     return rig.run(Adversary(rng, setting.attacks or attacks), commands, limit=commands * 40)
 
 
-def say(text: str) -> None:
+def write_line(text: str) -> None:
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 LENGTH = 400
-"""Commands of one run."""
+"""Number of commands of one run."""
 
 
 def run_of(seed: int) -> tuple[int, Setting, Tally]:
-    """One run by its number, in whatever process: a seed decides everything."""
+    """Run an attack by its number, in any process: the seed determines everything."""
     setting = SETTINGS[seed % len(SETTINGS)]
     place = _ARENAS.setdefault(setting, None) or arena(setting)
     _ARENAS[setting] = place
@@ -309,7 +309,7 @@ _ARENAS: dict[Setting, Arena | None] = {}
 
 
 def main() -> int:
-    """Attacks in as many processes as there are cores, until so many commands are judged."""
+    """Attack in as many processes as there are cores, until so many commands are decided."""
     steps, seed = int(os.environ.get("STEPS", "20000")), int(os.environ.get("SEED", "0"))
     jobs = int(os.environ.get("JOBS", "0")) or os.cpu_count() or 1
     shares = [s.share for s in SETTINGS]
@@ -321,22 +321,26 @@ def main() -> int:
         runs_done = pool.imap_unordered(run_of, range(seed, seed + runs))
         for done, (number, setting, tally) in enumerate(runs_done, 1):
             for text in tally.violations[:5]:
-                say(f"seed {number}, {setting}: {text}")
+                write_line(f"seed {number}, {setting}: {text}")
             total.add(tally)
             if done % 50 == 0:
                 spent, broken = time.monotonic() - began, len(total.violations)
-                say(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
-    return tell(total, time.monotonic() - began, jobs)
+                write_line(f"{total.commands} commands, {spent:.0f} s, {broken} violations")
+    return print_result(total, time.monotonic() - began, jobs)
 
 
-def tell(total: Tally, spent: float, jobs: int) -> int:
-    """Says what came out, the violations last; returns the exit status."""
+def print_result(total: Tally, spent: float, jobs: int) -> int:
+    """Print the result, the violations last, and return the exit status."""
     outcomes = f"{total.admitted} admitted, {total.limited} limited, {total.refused} refused"
-    say(f"{total.commands} commands: {outcomes}; {total.commands / spent:.0f} a second in {jobs} processes")
+    write_line(
+        f"{total.commands} commands: {outcomes}; {total.commands / spent:.0f} a second in {jobs} processes"
+    )
     seen = f"{total.samples} positions executed, {total.stop_samples} of stops"
-    say(f"{seen}, every {1e3 * GRID:g} ms")
+    write_line(f"{seen}, every {1e3 * GRID:g} ms")
     least = f"{1e3 * total.least:.4f} mm over the stop distance"
-    say(f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  smallest clearance: {least}")
+    write_line(
+        f"violations: {len(total.violations)}  acceptance: {total.accepted:.3f}  smallest clearance: {least}"
+    )
     return 1 if total.violations else 0
 
 

@@ -1,8 +1,8 @@
-"""Random pairs of all shapes: what the gate certifies against the distance found by a second method.
+"""Certificates of the gate for random pairs of all shapes, against the distance found by a second method.
 
 The second method shares no code with the gate: Wolfe's algorithm for the point of least norm in the
 difference of two bodies. It ends with a point of either body, so the distance of these two points is an upper
-bound of the true one, whatever else went wrong; and it says itself how far from the truth it may be.
+bound of the true distance in any case. It also returns a bound of its own error.
 
 PAIRS=100000 python tests/gate/certificates.py
 """
@@ -54,7 +54,7 @@ def random_rotation(rng):
 
 
 def farthest(shape, d):
-    """A point of the shape, in its own frame, that is farthest along d."""
+    """Return a point of the shape, in its own frame, that is farthest along d."""
     length = math.sqrt(d @ d)
     level = math.hypot(d[0], d[1])
     rim = np.array([d[0], d[1], 0.0]) / level if level > 0 else np.zeros(3)
@@ -77,7 +77,7 @@ def farthest(shape, d):
 
 
 def least_distance(a, pose_a, b, pose_b, rounds=100, enough=1e-7):
-    """(upper, error): the bodies are at most ``upper`` apart, and that is at most ``error`` too much."""
+    """Return (upper, error): the distance is at most ``upper``, and at least ``upper`` less ``error``."""
 
     def extreme(d):
         R, t = pose_a
@@ -100,7 +100,7 @@ def least_distance(a, pose_a, b, pose_b, rounds=100, enough=1e-7):
 
 
 def _least_norm(points, weights):
-    """Wolfe's minor cycle: from these weights to the point of least norm in the hull of some points."""
+    """Run Wolfe's minor cycle: from these weights to the point of least norm in the hull of some points."""
     while True:
         P = np.array(points)
         n = len(points)
@@ -125,7 +125,7 @@ def _least_norm(points, weights):
 
 
 def scene(rng):
-    """Shapes of all kinds, and how the gate sees them: one certifier, all pairs of two standing sides."""
+    """Return shapes of all kinds, and the gate's certifier for all pairs of two standing sides."""
     kinds = [kind for kind in KINDS for _ in range(_EACH)]
     shapes = [random_shape(kind, rng) for kind in kinds]
     certifier = Certifier(SimpleNamespace(bodies=[SimpleNamespace(shape=shape) for shape in shapes]))
@@ -147,7 +147,7 @@ def standing(R, t):
 
 
 def compare(pairs, seed):
-    """Rows (kinds, certified, upper, error, slab) of random pairs; the share that needed a second engine."""
+    """Return rows (kinds, certified, upper, error, slab) of random pairs; the share with a second engine."""
     rng = np.random.default_rng(seed)
     rows, gaps = [], 0
     while len(rows) < pairs:
@@ -169,7 +169,7 @@ def compare(pairs, seed):
     return rows[:pairs], gaps / len(rows)
 
 
-def say(text):
+def write_line(text):
     sys.stdout.write(text + "\n")
 
 
@@ -179,7 +179,9 @@ def main():
     table = defaultdict(list)
     for kinds, certified, upper, error, _ in found:
         table[tuple(sorted(kinds))].append((certified, upper, error))
-    say(f"{'pair':22} {'count':>6} {'apart':>6} {'worst lb - truth':>17} {'largest truth - lb':>19}  m")
+    write_line(
+        f"{'pair':22} {'count':>6} {'apart':>6} {'worst lb - truth':>17} {'largest truth - lb':>19}  m"
+    )
     wrong = 0
     for kinds, rows in sorted(table.items()):
         certified, upper, error = np.array(rows).T
@@ -187,12 +189,12 @@ def main():
         loose = (upper - certified)[apart & (error < GAP / 10)]
         wrong += int(np.count_nonzero(certified > upper + ROUNDING))
         worst = (certified - upper).max()
-        say(
+        write_line(
             f"{' - '.join(kinds):22} {len(rows):6} {np.count_nonzero(apart):6} {worst:17.2e} "
             f"{loose.max(initial=0.0):19.2e}"
         )
-    say(f"pairs: {len(found)}, second opinions: {gaps:.4%}")
-    say(f"certificates above the truth: {wrong}")
+    write_line(f"pairs: {len(found)}, second opinions: {gaps:.4%}")
+    write_line(f"certificates above the truth: {wrong}")
     return 1 if wrong else 0
 
 

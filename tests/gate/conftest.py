@@ -1,7 +1,7 @@
-"""These tests run the form that users get: the compiled one. ARMGATE_NUMPY=1 runs all in the readable one."""
+"""Gate tests run the compiled form, as users do; ARMGATE_NUMPY=1 runs them all in numpy."""
 
 import os
 import sys
 
 if os.environ.get("ARMGATE_NUMPY"):
-    sys.modules["numba"] = None  # as where it is not installed
+    sys.modules["numba"] = None  # as if it were not installed

@@ -1,4 +1,4 @@
-"""Disturbances of an attack: an operator who resets again and again, links that lie, hands that push."""
+"""Disturbances of an attack: repeated resets by an operator, wrong ticks of links, pushes by hand."""
 
 import random
 
@@ -10,18 +10,18 @@ from gate.oracle import Oracle
 from gate.rig import GRID, Rig, Tally
 
 _NEAR = 0.05
-"""A robot this near to its limits is reset more often, m."""
+"""Margin below which a robot is reset more often, m."""
 
 _STANDS = 0.7
-"""A robot that stands for so long must be reset, s."""
+"""Longest time for which a standing robot may not be reset, s."""
 
 
 class Operator:
-    """Stops and resets a robot again and again, at rest and in motion, while it is measured as is worst.
+    """Operator with repeated stops and resets of a robot, at rest and in motion, under the worst noise.
 
     Args:
-        rng: Chance.
-        rate: The share of grid steps at which it begins with a robot that is near something.
+        rng: Random numbers.
+        rate: Share of grid steps at which a series begins with a robot that is near something.
     """
 
     def __init__(self, rng: random.Random, rate: float) -> None:
@@ -68,7 +68,7 @@ class Operator:
 
 
 def worst_noise(rig: Rig, i: int) -> np.ndarray:
-    """A measurement off by the tolerance in every joint, toward what is nearest."""
+    """Return a measurement error of the tolerance in every joint, toward the nearest body."""
     robot, here = rig.cell.robots[i], [d.q for d in rig.drives]
     n = robot.model.n
     qs = [np.tile(q, (2 * n, 1)) for q in here]
@@ -78,13 +78,13 @@ def worst_noise(rig: Rig, i: int) -> np.ndarray:
 
 
 def pushed(cell: Cell, oracle: Oracle, seed: int, commands: int) -> Tally:
-    """Pushes a cart deeper into walls by hand, with a retreat before, and asks for the straight way out.
+    """Push a cart deeper into walls by hand, after a retreat, and command the straight way out.
 
     Args:
         cell: One cart with a ball of 5 cm, and a wall across each of its first axes, its face at 0.5 m.
         oracle: Its oracle.
-        seed: Of chance.
-        commands: How many to judge.
+        seed: Seed of the random numbers.
+        commands: Number of commands.
     """
     rng, (robot,) = random.Random(seed), cell.robots
     walls = len(cell.surroundings)
@@ -119,7 +119,7 @@ def _push(rig: Rig, by: np.ndarray) -> None:
 
 
 def _ask(rig: Rig, inward: np.ndarray, edge: float) -> None:
-    """Deeper must be refused where something is too near, and out be admitted."""
+    """Check that motion deeper into a violation is refused, and motion out of it admitted."""
     deeper = float(np.max(rig.drives[0].q)) - edge
     for way, refused in ((3.0 * inward, True), (-inward, False)):
         for _ in range(rig.every[0]):

@@ -1,8 +1,8 @@
-"""An oracle that shares no code with the gate: what bodies do, how far apart they are, what joints may do.
+"""Oracle that shares no code with the gate: motion and distances of bodies, bounds of joints.
 
-Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first; what it
-says is bracketed by own figures, because it over-reports: from above by points that lie in the bodies (a
-closer pair of points proves a violation), from below by planes (they prove that there is none).
+Kinematics: numpy, many positions at once, from the robot's URDF text. Distance: python-fcl first. It
+over-reports, so its result is bracketed by the oracle's own bounds: from above by points that lie in the
+bodies (a closer pair of points proves a violation), from below by planes (they prove that there is none).
 """
 
 import xml.etree.ElementTree as ET
@@ -17,10 +17,10 @@ from armgate.cell.cell import Cell
 from gate.solids import Solid
 
 TINY = 2e-7
-"""What rounding in the kinematics, both engines and the figures below may come to, m."""
+"""Largest total rounding of the kinematics, both engines and the bounds below, m."""
 
 NEAR = 0.05
-"""Pairs farther from their limit than this are not looked at more closely, m."""
+"""Pairs farther from their limit than this are not examined further, m."""
 
 
 def rotation(rpy: Sequence[float]) -> np.ndarray:
@@ -70,7 +70,7 @@ class Arm:
                 self._places.append((link.get("name"), *_pose(c)))
 
     def _sorted(self) -> list[str]:
-        """Links from the base on, depth first, in the order of their joints' names."""
+        """Return the links from the base on, depth first, in the order of their joints' names."""
         (root,) = [n for n in self._links if n not in self._joints]
         order, stack = [], [root]
         while stack:
@@ -84,7 +84,7 @@ class Arm:
         return [self._joints[n].get("name") for n in self.moving]
 
     def place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """R (m, nb, 3, 3) and t (m, nb, 3) of the bodies at positions q (m, n)."""
+        """Return R (m, nb, 3, 3) and t (m, nb, 3) of the bodies at positions q (m, n)."""
         m = len(q)
         R, t = {}, {}
         for link in self._order:
@@ -118,7 +118,7 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def segments_apart(p, u, q, v) -> np.ndarray:
-    """Distance of segments p ± u and q ± v, (…, 3) each: least of free minimum and ends."""
+    """Return the distance of segments p ± u and q ± v, (…, 3) each: least of free minimum and ends."""
     w = q - p
     a, b, c = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
     d, e = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
@@ -135,7 +135,7 @@ def segments_apart(p, u, q, v) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Apart:
-    """How far two bodies are apart: ``low`` is proven by a plane, ``high`` by two points."""
+    """Distance of two bodies: ``low`` is proven by a plane, ``high`` by two points."""
 
     low: float
     high: float
@@ -159,7 +159,7 @@ class Oracle:
         placed = []
         for name, given in cell.config.surroundings.items():
             ((kind, size),) = [(k, v) for k, v in given.shape.model_dump().items() if v is not None]
-            if kind == "mesh":  # its parts are given: that they hold the mesh is another test's question
+            if kind == "mesh":  # its parts are given: another test checks that they contain the mesh
                 parts = [b for b in cell.bodies if b.robot is None and b.name.split("/")[0] == name]
                 for b in parts:
                     corners = np.array(b.shape.vertices)
@@ -188,7 +188,7 @@ class Oracle:
     # --- many positions at once ---------------------------------------------------------------------------
 
     def place(self, qs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """R (m, nb, 3, 3), t (m, nb, 3) of all bodies for q (m, n) of every robot."""
+        """Return R (m, nb, 3, 3), t (m, nb, 3) of all bodies for q (m, n) of every robot."""
         m = len(qs[0])
         parts = [arm.place(np.asarray(q, dtype=float)) for arm, q in zip(self.arms, qs, strict=True)]
         if self._fixed:
@@ -197,7 +197,7 @@ class Oracle:
         return np.concatenate([p[0] for p in parts], 1), np.concatenate([p[1] for p in parts], 1)
 
     def below(self, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Lower bounds of all pairs, (m, pairs): balls, for what is near the segments that hold it.
+        """Return lower bounds of all pairs, (m, pairs): of balls, and for near pairs of containing segments.
 
         The segments are exact for two balls or capsules.
         """
@@ -212,7 +212,7 @@ class Oracle:
         return low
 
     def least(self, qs: Sequence[np.ndarray], need: np.ndarray | None = None) -> "Least":
-        """The smallest distance over the positions, and every pair proven below its need."""
+        """Return the smallest distance over the positions, and every pair proven below its need."""
         need = self.limits if need is None else need
         R, t = self.place(qs)
         low = self.below(R, t)
@@ -224,7 +224,7 @@ class Oracle:
             if np.isfinite(margin[at]):
                 smallest, where = float(margin[at]), (int(at[0]), int(at[1]))
             broken += [(int(i), int(p), float(low[i, p])) for i, p in np.argwhere(margin < -TINY)]
-        # What a holding segment leaves open; the worst position of each pair is looked at first.
+        # Pairs left open by the containing segments; the worst position of each pair comes first.
         for p in (
             np.flatnonzero(np.min(np.where(sure, np.inf, low - need), axis=0) < NEAR) if low.size else ()
         ):
@@ -244,7 +244,7 @@ class Oracle:
     # --- one pair -----------------------------------------------------------------------------------------
 
     def apart(self, pair: int, R: np.ndarray, t: np.ndarray) -> Apart:
-        """Brackets the signed distance of one pair with the bodies placed at R (nb, 3, 3), t (nb, 3)."""
+        """Bracket the signed distance of one pair with the bodies placed at R (nb, 3, 3), t (nb, 3)."""
         a, b = self.pairs[pair]
         ends: list[tuple[np.ndarray, np.ndarray]] = []
         if self._fcl_distance(a, b, R, t, ends) > 0:
@@ -260,7 +260,7 @@ class Oracle:
         return self._deep(a, b, R, t, ends)
 
     def _deep(self, a, b, R, t, ends) -> Apart:
-        """In penetration no two points prove anything: the best plane of many is nearest to the truth."""
+        """Return the best plane of many: in penetration two points prove nothing."""
         depth, normal = self._coal_distance(a, b, R, t, ends)
         if depth > 0:
             return Apart(self._plane(a, b, R, t, normal), depth, normal)
@@ -282,7 +282,7 @@ class Oracle:
         return d - self.solids[a].round - self.solids[b].round
 
     def _thickened(self, a, b, p, q) -> tuple[np.ndarray, np.ndarray]:
-        """The points of two bodies at the ends of the way between the points of what the engine knows."""
+        """Return the points of two bodies on the line between the points of the engine's forms."""
         n = (q - p) / max(float(np.linalg.norm(q - p)), 1e-12)
         return p + self.solids[a].round * n, q - self.solids[b].round * n
 
@@ -295,13 +295,13 @@ class Oracle:
         return float(d) - self.solids[a].round - self.solids[b].round, np.array(result.normal)
 
     def _inside(self, a, b, R, t, p, q) -> bool:
-        """Both points are in their bodies: their distance is a true upper bound."""
+        """Return the distance of two points if both are in their bodies: a true upper bound."""
         return self.solids[a].holds(R[a].T @ (p - t[a]), TINY / 4) and self.solids[b].holds(
             R[b].T @ (q - t[b]), TINY / 4
         )
 
     def _plane(self, a, b, R, t, v) -> float:
-        """The room between two planes across v: never more than the signed distance."""
+        """Return the distance between two planes across v: never more than the signed distance."""
         length = np.linalg.norm(v)
         if not np.isfinite(length) or length < 1e-12:
             return -np.inf
@@ -311,14 +311,14 @@ class Oracle:
         )
 
     def _room(self, pair: int, R, t, n) -> np.ndarray:
-        """The same for one plane and many positions, R (m, nb, 3, 3) and t (m, nb, 3)."""
+        """Return the same for one plane and many positions, R (m, nb, 3, 3) and t (m, nb, 3)."""
         a, b = self.pairs[pair]
         n = n / max(np.linalg.norm(n), 1e-12)
         near = self.solids[a].reaches(n @ R[:, a])
         return (t[:, b] - t[:, a]) @ n - near - self.solids[b].reaches(-(n @ R[:, b])) - 1e-9
 
     def _improve(self, a, b, R, t, n, low, high) -> Apart:
-        """Where the engines disagree or leave a gap, turns the plane by hand for more room."""
+        """Turn the plane for more room if the engines disagree or leave a gap."""
         if high - low < 1e-6:
             return Apart(low, high, n)
         self.gaps += 1
@@ -326,7 +326,7 @@ class Oracle:
         return Apart(better, high, turned) if better > low else Apart(low, high, n)
 
     def _turned(self, a, b, R, t, tries: np.ndarray) -> tuple[float, np.ndarray]:
-        """Turns planes, (k, 3), step by step for more room; the best room and its plane."""
+        """Turn planes, (k, 3), step by step for more room; return the best room and its plane."""
         lengths = np.linalg.norm(tries, axis=1, keepdims=True)
         n = np.where(lengths > 1e-12, tries / np.maximum(lengths, 1e-12), np.array([0.0, 0.0, 1.0]))
         v, step = t[b] - t[a], np.full(len(n), 0.3)
@@ -337,7 +337,7 @@ class Oracle:
         best = room(n)
         turns = np.concatenate([R[a].T, -R[a].T])
         for _ in range(60):
-            if step.max() < 1e-8:  # what is left to win is of second order in it
+            if step.max() < 1e-8:  # the remaining gain is of second order in the step
                 break
             m = n[:, None, :] + step[:, None, None] * turns
             m = m / np.sqrt(np.einsum("kij,kij->ki", m, m))[:, :, None]
@@ -352,7 +352,7 @@ class Oracle:
 
 @dataclass(frozen=True)
 class Least:
-    """The smallest margin over the need, where (position, pair), and all violations (position, pair, m)."""
+    """Smallest margin over the need, its position and pair, and all violations (position, pair, m)."""
 
     margin: float
     where: tuple[int, int] | None
@@ -365,7 +365,7 @@ class Least:
 def step_faults(
     robot, last: Sequence[float], u: Sequence[float], setpoint: Sequence[float], outside: float = 0.0
 ) -> Iterable[str]:
-    """Says which of a robot's own bounds an increment breaks: speed, acceleration, deceleration, limits."""
+    """Return the robot's own bounds that an increment violates: speed, acceleration, deceleration, limits."""
     T, eps = robot.period, 1e-9
     for j, (x0, x, q) in enumerate(zip(last, u, setpoint, strict=True)):
         name = robot.model.joints[j].name

@@ -1,8 +1,8 @@
-"""A test bench around the gate in virtual time: drives that lag, links with plans, messages that go astray.
+"""Test bench around the gate in virtual time: drives that lag, links with plans, messages that get lost.
 
-Everything happens on a grid of time. The bench feeds the gate, keeps what the robots really did, between the
-ticks too, and asks the oracle about all of it. It is written from the description of plans, not from the code
-of the links.
+Everything happens on a grid of time. The bench feeds the gate, records the true positions of the robots, also
+between the ticks, and has the oracle check them all. It is written from the description of plans, not from
+the code of the links.
 """
 
 import copy
@@ -36,13 +36,13 @@ from armgate.gate import Gate
 from gate.oracle import Oracle, step_faults
 
 GRID = 0.002
-"""Time between two looks at the true positions, s."""
+"""Time between two samples of the true positions, s."""
 
 
 class Drive:
-    """The true position of a robot: first order behind its setpoint, or on a ramp to it, after a delay.
+    """True position of a robot: first order behind its setpoint, or on a ramp to it, after a delay.
 
-    Joints lag by ``lag`` and what ``apart`` adds for each.
+    Joint j lags by ``lag`` plus ``apart[j]``.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Drive:
         self._steps.append((time, np.array(setpoint, dtype=float)))
 
     def advance(self, time: float) -> None:
-        """Goes on to ``time``, one grid step later."""
+        """Advance to ``time``, one grid step later."""
         seen = time - self._delay
         while len(self._steps) > 2 and self._steps[1][0] <= seen - self._period - GRID:
             self._steps.popleft()
@@ -76,35 +76,35 @@ class Drive:
         return before + share * (target - before)
 
     def push(self, by: np.ndarray) -> None:
-        """A hand moves the robot; it stays there until it is commanded anew."""
+        """Push the robot; it stays there until it is commanded anew."""
         self.q = self.q + by
         self._steps.clear()
         self._steps.extend([(-1e9, self.q.copy()), (-1e8, self.q.copy())])
 
     def way_left(self, time: float) -> float:
-        """How far the setpoints that still count are from where it is, in the worst joint."""
+        """Return the largest distance, in any joint, of the setpoints that still count from the position."""
         seen = time - self._delay
         held = [k for k, (t, _) in enumerate(self._steps) if t <= seen + 1e-9][-1]
         return max(float(np.max(np.abs(s - self.q))) for _, s in list(self._steps)[held:])
 
     def resting(self) -> bool:
-        """All setpoints that still count are the same, and it is there."""
+        """Return True if all setpoints that still count are the same, and the robot is there."""
         target = self._steps[-1][1]
         return all(np.all(abs(s - target) < 1e-7) for s in (self.q, *(s for _, s in self._steps)))
 
 
 class Player:
-    """A link: holds one plan, takes another by compare-and-swap, plays one increment a tick.
+    """Link that holds one plan, accepts another by compare-and-swap, and plays one increment per tick.
 
     Args:
-        robot: The robot's name.
-        q: Where it stands.
-        keeps: At a rebase it keeps its setpoint, and the next tick says so: as a link to a robot controller
-            that cannot be told another one.
+        robot: Name of the robot.
+        q: Position of the robot.
+        keeps: True if it keeps its setpoint at a rebase and the next tick reports so, as a link to a robot
+            controller that accepts no other setpoint does.
 
     Attributes:
-        lie: What it plays instead of an increment of its plan, as a factor.
-        lied: True if the last increment differed from the plan by more than numbers do.
+        lie: Factor by which the played increment differs from the plan's.
+        lied: True if the last increment differed from the plan by more than rounding.
     """
 
     def __init__(self, robot: str, q: Sequence[float], keeps: bool = False) -> None:
@@ -148,7 +148,7 @@ class Player:
         )
 
     def _played(self, planned: Sequence[float]) -> tuple[float, ...]:
-        """A lie too small to be told from rounding is not one: then the plan is played."""
+        """Return the increment to play: the plan's if the difference is not distinguishable from rounding."""
         played = tuple(self.lie * u for u in planned)
         self.lied = max(abs(a - b) for a, b in zip(played, planned, strict=True)) > 1e-8
         return played if self.lied else tuple(planned)
@@ -162,17 +162,17 @@ class Player:
 
     @property
     def moves(self) -> bool:
-        """It has something to play, or a plan that it will play."""
+        """True if increments are left to play, or another plan will be played."""
         held = self.plan.increments[self.index + 1 :] if self.plan else ()
         return self.next is not None or any(map(any, held))
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """What happens to messages and measurements; times in periods, the rest as shares.
+    """Disturbances of messages and measurements; times in periods, the rest as shares.
 
-    ``jitter`` is how late a tick may be stamped; ``keeps`` is how links take a rebase, see `Player`; ``lies``
-    is the share of ticks at which a link plays something else than its plan.
+    ``jitter`` is the largest lateness of a time stamp; for ``keeps`` see `Player`; ``lies`` is the share of
+    ticks at which a link does not play its plan.
     """
 
     plan_late: float = 0.0
@@ -194,12 +194,12 @@ KEEPS = Traffic(plan_late=1.4, answer_late=3.0, answer_lost=0.2, noise=True, kee
 LIES = Traffic(lies=0.01)
 JITTER = Traffic(plan_late=0.9, answer_late=2.0, jitter=0.95)
 
-LimitedIncrement = Callable[["Rig", int], Sequence[float] | None]
+Controller = Callable[["Rig", int], Sequence[float] | None]
 
 
 @dataclass
 class Tally:
-    """What came out of a run."""
+    """Result of a run."""
 
     commands: int = 0
     admitted: int = 0
@@ -222,9 +222,9 @@ class Tally:
 
 
 class Rig:
-    """A gate with its robots. ``need`` is what every pair must keep, m; less for starts in violation.
+    """Gate with its robots. ``need`` is the distance of every pair to keep, m; less for starts in violation.
 
-    ``lag_tube`` is the difference between the lags of two joints of a robot, as a share of its lag.
+    ``lag_spread`` is the difference between the lags of two joints of a robot, as a share of its lag.
     """
 
     def __init__(
@@ -237,7 +237,7 @@ class Rig:
         start: Sequence[Sequence[float]] | None = None,
         oracle: Oracle | None = None,
         stops: float = 0.01,
-        lag_tube: float = 0.0,
+        lag_spread: float = 0.0,
     ) -> None:
         n = len(cell.robots)
         lags, delays = (x if isinstance(x, Sequence) else [x] * n for x in (lag, delay))
@@ -246,7 +246,7 @@ class Rig:
         self.gate = Gate(cell, "rig")
         q = [r.start for r in cell.robots] if start is None else start
         self.drives = [
-            Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, lag_tube * lags[i]))
+            Drive(q[i], r.period, lags[i], delays[i], self._apart(r.model.n, lag_spread * lags[i]))
             for i, r in enumerate(cell.robots)
         ]
         self.players = [Player(r.name, q[i], traffic.keeps) for i, r in enumerate(cell.robots)]
@@ -265,11 +265,11 @@ class Rig:
         self.expect_faults = False
         self.operator: Callable[[Rig], None] | None = None
         self.silent: set[int] = set()
-        """Robots that are not commanded."""
+        """Indices of robots that are not commanded."""
         self.noise: list[np.ndarray | None] = [None] * n
-        """How far each robot's measurement is off; None: as the traffic says."""
+        """Measurement error of each robot; None: by ``traffic``."""
         self.flying: list[list[Plan]] = [[] for _ in range(n)]
-        """Plans on their way to each link."""
+        """Plans under way to each link."""
         self.over = False
         self.outside = [self._beyond(i) for i in range(n)]
         self.need = self.needs()
@@ -279,7 +279,7 @@ class Rig:
             self.feed(LeaseChange(robot.name, 1))
 
     def _apart(self, joints: int, difference: float) -> list[float]:
-        """How far each joint's lag is from the middle: two of them by half the difference, to both sides."""
+        """Return each joint's distance from the middle lag: half the difference, to both sides, for two."""
         if difference == 0.0 or joints < 2:
             return []
         ends = [0.5 * difference, -0.5 * difference]
@@ -289,18 +289,18 @@ class Rig:
 
     # --- time ---------------------------------------------------------------------------------------------
 
-    def run(self, wish: LimitedIncrement, commands: int, limit: int = 1_000_000) -> Tally:
-        """Lets time pass until so many commands are judged; ``wish(rig, robot)`` gives the next or None."""
+    def run(self, controller: Controller, commands: int, limit: int = 1_000_000) -> Tally:
+        """Run until so many commands are decided; ``controller(rig, robot)`` returns the next one or None."""
         goal = self.tally.commands + commands
         for _ in range(limit):
             if self.tally.commands >= goal or self.over:
                 break
-            self.step(wish)
+            self.step(controller)
         self.check()
         return self.tally
 
-    def step(self, wish: LimitedIncrement | None = None) -> None:
-        """One grid step: motion, mail, ticks, commands, and now and then a look at a full stop."""
+    def step(self, controller: Controller | None = None) -> None:
+        """Run one grid step: motion, mail, ticks, commands, and at random a check of the full stop."""
         self._grid += 1
         self.now = self._grid * GRID
         for drive in self.drives:
@@ -310,8 +310,8 @@ class Rig:
         for i, every in enumerate(self.every):
             if self._grid % every == 0:
                 self._tick(i)
-                if wish is not None and i not in self.silent:
-                    dq = wish(self, i)
+                if controller is not None and i not in self.silent:
+                    dq = controller(self, i)
                     if dq is not None:
                         self.command(i, dq)
         if self.operator is not None:
@@ -322,7 +322,7 @@ class Rig:
             self.check()
 
     def rest(self, limit: int = 5000) -> None:
-        """Lets every robot play out its plan and come to rest."""
+        """Let every robot play its plan to the end and come to rest."""
         for _ in range(limit):
             self.step()
             if all(d.resting() for d in self.drives):
@@ -373,7 +373,7 @@ class Rig:
         return stopped.id
 
     def reset(self, stop: int) -> list[GateOutput]:
-        """Asks for a reset; one that is taken of a robot that is not at rest is a violation."""
+        """Send a reset; it is a violation if it is accepted for a robot that is not at rest."""
         names = next((s.robots for s in self.stopped if s.id == stop), ())
         robots = [self.cell.robot_index(name) for name in names]
         under_way = [i for i in robots if self.players[i].moves or self._coming(i)]
@@ -388,17 +388,17 @@ class Rig:
         return out
 
     def _coming(self, i: int) -> bool:
-        """A plan is on its way that the link will take."""
+        """Return True if a plan is under way that the link will accept."""
         return any(copy.copy(self.players[i]).offer(plan).accepted for plan in self.flying[i])
 
     def held(self, i: int) -> list[GateOutput]:
-        """A period passes in which a hand holds the robot where it is; returns what its tick brings."""
+        """Hold the robot by hand for a period; return the outputs of its tick."""
         self._grid += self.every[i]
         self.now = self._grid * GRID
         return self.feed(self.players[i].play(self.now, [float(x) for x in self.drives[i].q]))
 
     def ticked(self, i: int) -> bool:
-        """The robot's clock has ticked in this grid step."""
+        """Return True if the robot's clock has ticked in this grid step."""
         return self._grid % self.every[i] == 0
 
     def _tick(self, i: int) -> None:
@@ -425,7 +425,7 @@ class Rig:
         self.feed(tick)
 
     def _lie(self, tick: Tick) -> None:
-        """A tick at which the link played something else: it must be a fault at once; so the run ends."""
+        """Send a tick that differs from the plan: it must be a fault at once, and the run ends."""
         self.over = self.expect_faults = True
         out = self.feed(tick)
         if not any(isinstance(one, Stopped) and tick.robot in one.robots for one in out):
@@ -457,10 +457,10 @@ class Rig:
         self.players[i].rebase(order)
         self.drives[i].command(self.now, order.setpoint)
 
-    # --- judgement ----------------------------------------------------------------------------------------
+    # --- checks by the oracle ------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Asks the oracle about everything that the robots passed since the last look."""
+        """Check all positions since the last check by the oracle."""
         if not self._track:
             return
         qs = [np.stack(column) for column in zip(*self._track, strict=True)]
@@ -469,7 +469,7 @@ class Rig:
         self._ask(qs, "moving")
 
     def check_stop(self) -> None:
-        """Plays out a copy of every robot's plan to rest: at the same time, and with each at its own."""
+        """Play a copy of every robot's plan to rest and check it: together, and each at its own time."""
         ways = [self._way_to_rest(i) for i in range(len(self.drives))]
         longest = max(map(len, ways))
         together = [np.concatenate([w, np.repeat(w[-1:], longest - len(w), axis=0)]) for w in ways]
@@ -509,7 +509,7 @@ class Rig:
         self.tally.violations.append(text)
 
     def margins(self, qs: Sequence[np.ndarray]) -> np.ndarray:
-        """Lower bounds of all pairs less their limits at some positions, for those that seek the edge."""
+        """Return lower bounds of all pairs less their limits, for attacks along the boundary."""
         return self.oracle.below(*self.oracle.place(qs)) - self.oracle.limits
 
     def _beyond(self, i: int) -> float:
@@ -518,7 +518,7 @@ class Rig:
         return worst + 1e-4 if worst > 0 else 0.0
 
     def needs(self) -> np.ndarray:
-        """Limits; for pairs that start in violation the start's, less slack and tolerance."""
+        """Return limits; for pairs that start in violation the start's distance, less slack and tolerance."""
         need = self.oracle.limits.copy()
         R, t = self.oracle.place([d.q[None, :] for d in self.drives])
         for p in np.flatnonzero(self.oracle.below(R, t)[0] < need):

@@ -1,4 +1,4 @@
-"""Small hand-written cells beside the demo cell: each has something that the others lack."""
+"""Small hand-written cells for the tests: each has a feature that the others lack."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ def joint(
 
 
 def urdf(joints: list[dict[str, Any]], base: tuple[dict[str, Any], ...] = ()) -> str:
-    """A URDF whose joint k (``Jk``) carries link ``Lk``; a parent is −1 for the base or an earlier joint."""
+    """Return a URDF whose joint k (``Jk``) carries link ``Lk``; a parent is −1 (base) or an earlier joint."""
     links = ["".join(map(_collision, base))] + ["".join(map(_collision, j["bodies"])) for j in joints]
     names = ["base"] + [f"L{k}" for k in range(len(joints))]
     parts = [f'<link name="{name}">{inner}</link>' for name, inner in zip(names, links, strict=True)]
@@ -67,7 +67,7 @@ def _collision(b: dict[str, Any]) -> str:
 def build(
     robots: Mapping[str, dict[str, Any]], files: Mapping[str, bytes] | None = None, **cell: Any
 ) -> Cell:
-    """A cell of robots whose ``urdf`` is a text, with other files beside it."""
+    """Return a cell of robots whose ``urdf`` is a text, with other files in the same folder."""
     with tempfile.TemporaryDirectory() as folder:
         for name, data in (files or {}).items():
             (Path(folder) / name).write_bytes(data)
@@ -94,7 +94,7 @@ def _plain(x: Any) -> Any:
 
 
 def elbow(speed: float = 2.0) -> str:
-    """Four joints: turn, shoulder, elbow, wrist with a bar across; one of every shape."""
+    """Return four joints: turn, shoulder, elbow, wrist with a bar across; with a body of every shape."""
     along = (0.0, 1.5707963267948966, 0.0)
     return urdf(
         [
@@ -112,7 +112,7 @@ def elbow(speed: float = 2.0) -> str:
 
 
 def slide(wrist: float = 2.5) -> str:
-    """A prismatic joint behind a revolute one, and a wrist behind that."""
+    """Return a prismatic joint behind a revolute one, and a wrist behind that."""
     return urdf(
         [
             joint(-1, lower=-3.0, upper=3.0, bodies=(body("box", 0.3, 0.1, 0.1),)),
@@ -125,7 +125,7 @@ def slide(wrist: float = 2.5) -> str:
 
 
 def torso() -> str:
-    """A tree: two arms of two joints each on one turning trunk."""
+    """Return a tree: two arms of two joints each on one turning trunk."""
     along = (0.0, 1.5707963267948966, 0.0)
 
     def upper(y: float) -> dict[str, Any]:
@@ -139,7 +139,7 @@ def torso() -> str:
 
 
 def cart(*axes: tuple[float, float, float], speed: float = 1.0, shape=None) -> str:
-    """Prismatic joints that carry one body: straight ways, nothing turns."""
+    """Return prismatic joints that carry one body: straight paths without rotation."""
     shape = shape or body("sphere", 0.05)
     joints = [
         joint(k - 1, "prismatic", axis=a, lower=-2.0, upper=2.0, speed=speed) for k, a in enumerate(axes)
@@ -156,7 +156,7 @@ def demo(**changes: Any) -> Cell:
 
 
 def lagging(cell: Cell, lag: Sequence[float] | float, share: float) -> Cell:
-    """The same cell whose robots declare these lags, and a difference of this share between their axes."""
+    """Return the cell with these lags declared, and a difference of this share between the axes."""
     lags = lag if isinstance(lag, Sequence) else [lag] * len(cell.robots)
     robots = [
         replace(robot, lags=(own,) * robot.model.n, lag_difference=share * own)
@@ -172,7 +172,7 @@ def planar(**changes: Any) -> Cell:
 def duel(
     window=(0.0, 0.0), periods=(0.004, 0.012), gap: float = 1.5, tolerance: float = 1e-6, **changes: Any
 ) -> Cell:
-    """Two elbows face to face on clocks of their own, a post between them at the side."""
+    """Return two elbows face to face on clocks of their own, with a post between them at the side."""
     arms = {
         "A": {"urdf": elbow(), "base": {"xyz": [0, 0, 0.4]}, "start": [0.6, -0.8, 1.2, 0.0],
               "period": periods[0], "lag_window": window[0], "q_tolerance": tolerance},
@@ -188,7 +188,7 @@ def duel(
 
 
 def wire(**changes: Any) -> Cell:
-    """An elbow that can go over, under and around wires of 5 mm."""
+    """Return an elbow that can move over, under and around wires of 5 mm."""
     arm = {"urdf": elbow(3.0), "base": {"xyz": [0, 0, 0.5]}, "start": [0.5, -0.6, 1.0, 0.3]}
     around = {
         "upright": {"shape": {"cylinder": [0.0025, 2.0]}, "xyz": [0.55, 0, 0.8]},
@@ -204,7 +204,7 @@ def wire(**changes: Any) -> Cell:
 
 
 def corner(**changes: Any) -> Cell:
-    """A sliding arm whose bar turns past the corners of boxes."""
+    """Return a sliding arm whose bar turns past the corners of boxes."""
     arm = {"urdf": slide(), "base": {"xyz": [0, 0, 0.5]}, "start": [0.0, 0.2, 0.0], "lag_window": 0.0}
     around = {
         f"box_{k}": {"shape": {"box": [0.3, 0.3, 0.3]}, "xyz": xyz, "rpy": [0, 0, 0.4]}
@@ -214,14 +214,14 @@ def corner(**changes: Any) -> Cell:
 
 
 def tree(**changes: Any) -> Cell:
-    """Two arms on one trunk that can hit each other, and a pole."""
+    """Return two arms on one trunk that can hit each other, and a pole."""
     robot = {"urdf": torso(), "base": {"xyz": [0, 0, 0]}, "start": [0.0, 0.3, -0.2, -0.3, 0.2]}
     around = {"pole": {"shape": {"capsule": [0.05, 0.5]}, "xyz": [0.65, 0, 0.35]}}
     return build({"A": robot}, surroundings=around, **changes)
 
 
 def lane(period=0.012, response="stop", shape=None, window: float = 0.0, **changes: Any) -> Cell:
-    """One cart that runs straight at a wall."""
+    """Return one cart that moves straight toward a wall."""
     robot = {"urdf": cart((1, 0, 0), (0, 1, 0), shape=shape), "start": [-1.0, 0.0], "period": period,
              "lag_window": window, "q_tolerance": 0.0}  # fmt: skip
     wall = {"wall": {"shape": {"box": [0.2, 4.0, 1.0]}, "xyz": [0.6, 0, 0]}}
@@ -229,7 +229,7 @@ def lane(period=0.012, response="stop", shape=None, window: float = 0.0, **chang
 
 
 def crossing(window: float = 0.12, tolerance: float = 0.0, periods=(0.012, 0.004)) -> Cell:
-    """Two carts whose ways cross: a delayed one goes out and back while the other comes in."""
+    """Return two carts whose paths cross: a delayed one moves out and back while the other moves in."""
     fast = {
         "urdf": cart((1, 0, 0), (0, 1, 0), speed=1.0),
         "start": [-0.5, 0.0],
@@ -243,7 +243,7 @@ def crossing(window: float = 0.12, tolerance: float = 0.0, periods=(0.012, 0.004
 
 
 def head_on(apart: float = 1.2, periods=(0.004, 0.012), tolerance: float = 0.0, **changes: Any) -> Cell:
-    """Two carts with balls of 5 cm on one line; 2 cm must be kept between them."""
+    """Return two carts with balls of 5 cm on one line; 2 cm must be kept between them."""
     left, right = (
         {"urdf": cart((1, 0, 0), speed=1.0), "start": [x], "period": T, "q_tolerance": tolerance}
         for x, T in zip((-apart / 2, apart / 2), periods, strict=True)
@@ -252,7 +252,7 @@ def head_on(apart: float = 1.2, periods=(0.004, 0.012), tolerance: float = 0.0, 
 
 
 def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
-    """A boom of 2 m with a short wrist, measured with noise; bars on both sides and a ball in front."""
+    """Return a boom of 2 m with a short wrist, measured with noise; bars on both sides, a ball in front."""
     along = (0.0, 1.5707963267948966, 0.0)
     joints = [
         joint(-1, lower=-1.2, upper=1.2, speed=1.0,
@@ -270,7 +270,7 @@ def boom(tolerance: float = 1e-4, window: float = 0.0, **changes: Any) -> Cell:
 
 
 def lever(start: float = 0.2, tolerance: float = 0.0, **changes: Any) -> Cell:
-    """A slide of 0.8 m behind a turning joint, and balls that its tip reaches only if it is out too far."""
+    """Return a slide of 0.8 m behind a revolute joint, and balls that it reaches only beyond its limit."""
     robot = {"urdf": slide(0.3), "start": [0.0, start, 0.0], "q_tolerance": tolerance}
     around = {
         f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [1.7 * np.cos(a), 1.7 * np.sin(a), 0]}
@@ -280,7 +280,7 @@ def lever(start: float = 0.2, tolerance: float = 0.0, **changes: Any) -> Cell:
 
 
 def niche(**changes: Any) -> Cell:
-    """A cart with a ball of 5 cm that can go into a corner of three walls."""
+    """Return a cart with a ball of 5 cm that can move into a corner of three walls."""
     walls = {
         f"wall_{k}": {"shape": {"box": size}, "xyz": [0.6 * (k == j) for j in range(3)]}
         for k, size in enumerate(([0.2, 2, 2], [2, 0.2, 2], [2, 2, 0.2]))
@@ -290,7 +290,7 @@ def niche(**changes: Any) -> Cell:
 
 
 def claw() -> str:
-    """An arm of three joints with a forked mesh and a cone at its end."""
+    """Return an arm of three joints with a forked mesh and a cone at its end."""
     along = (0.0, 1.5707963267948966, 0.0)
     return urdf(
         [
@@ -306,17 +306,17 @@ def claw() -> str:
 
 
 def fork() -> tuple[np.ndarray, np.ndarray]:
-    """A U of 20 × 16 × 6 cm."""
+    """Return the mesh of a U of 20 × 16 × 6 cm."""
     return meshes.blocks(meshes.U, (-0.1, -0.06, 0.06, 0.1), (0.0, 0.1, 0.16), (0.0, 0.06))
 
 
 def frame() -> tuple[np.ndarray, np.ndarray]:
-    """A frame of 60 × 60 × 10 cm with a hole in its middle that an arm may reach into."""
+    """Return the mesh of a frame of 60 × 60 × 10 cm with a hole into which an arm may reach."""
     return meshes.blocks(meshes.FRAME, (-0.3, -0.2, 0.2, 0.3), (-0.3, -0.2, 0.2, 0.3), (-0.05, 0.05))
 
 
 def mesh(**changes: Any) -> Cell:
-    """An arm with a forked mesh, a mesh with a hole in front of it, and cones: nothing round is exact."""
+    """Return an arm with a forked mesh, before a mesh with a hole and cones."""
     arm = {"urdf": claw(), "base": {"xyz": [0, 0, 0.5]}, "start": [0.6, -0.9, 0.8]}
     around = {
         "frame": {

@@ -1,4 +1,4 @@
-"""A gate that is spoken to by hand."""
+"""Gate whose events a test writes one by one."""
 
 from armgate.events import Command, LeaseChange, LinkChange, LinkState, PlanAnswer, Tick
 from armgate.gate import Gate
@@ -9,7 +9,7 @@ STEP = 5e-5
 
 
 class ScriptedGate:
-    """A gate, its robots' links played by hand: nothing lags, nothing is lost unless the test says so."""
+    """Gate whose links are controlled by the test: no lag, and no losses unless the test makes them."""
 
     def __init__(self, cell, start=None, gate=None):
         self.gate, self.cell = gate or Gate(cell, "s"), cell
@@ -26,7 +26,7 @@ class ScriptedGate:
         return self.gate.view(self.names[i])
 
     def rest(self, i=0, q=None, count=1):
-        """Ticks without a plan."""
+        """Send ticks without a plan, with the robot measured at ``q``."""
         out = []
         for _ in range(count):
             self.tick[i] += 1
@@ -47,7 +47,7 @@ class ScriptedGate:
         return verdict
 
     def play(self, i=0, index=0):
-        """A tick that plays the held plan's increment."""
+        """Send a tick that plays the held plan's increment."""
         plan, before = self.held[i], self.q[i]
         u = plan.increments[index]
         self.tick[i] += 1

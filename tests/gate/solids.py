@@ -1,7 +1,7 @@
-"""The oracle's own bodies: how far each reaches, what it holds, and how the engines know it.
+"""Bodies of the oracle: their reach, the points that they contain, and their form in the engines.
 
-Written by hand for every kind, with nothing of the gate: a convex body is the hull of its corners, widened by
-a radius; whether it holds a point is decided by the point of the hull that is nearest to it.
+Written by hand for every kind, without code of the gate: a convex body is the hull of its corners, widened by
+a radius. It contains a point if the nearest point of the hull is within the radius.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A body: a kind with sizes (and corners), and a thick segment that holds it."""
+    """Body of a kind with sizes (and corners), and a thick segment that contains it."""
 
     name: str
     kind: str
@@ -24,16 +24,16 @@ class Solid:
 
     @property
     def exact(self) -> bool:
-        """Whether the body is the thick segment."""
+        """True if the body is the thick segment."""
         return self.kind in ("sphere", "capsule")
 
     @property
     def round(self) -> float:
-        """What the engines' form of the body lacks all around, m."""
+        """Radius that is missing around the engines' form of the body, m."""
         return self.size[0] if self.kind == "convex" else 0.0
 
     def hull(self) -> tuple[np.ndarray, float]:
-        """Half the segment, in the body's frame, and the thickness."""
+        """Return half the segment, in the body's frame, and the thickness."""
         s = self.size
         if self.kind == "sphere":
             return np.zeros(3), s[0]
@@ -47,7 +47,7 @@ class Solid:
         return half, float(np.linalg.norm(off, axis=1).max()) + s[0]
 
     def reach(self, v: np.ndarray) -> float:
-        """max v·x over the body, for v in its frame."""
+        """Return max v·x over the body, for v in its frame."""
         s, length = self.size, float(np.linalg.norm(v))
         if self.kind == "sphere":
             return s[0] * length
@@ -62,7 +62,7 @@ class Solid:
         return float(np.abs(v) @ np.array(s)) / 2
 
     def reaches(self, v: np.ndarray) -> np.ndarray:
-        """The same for many v of length one, (m, 3)."""
+        """Return the same for many v of length one, (m, 3)."""
         s, x = self.size, np.abs(v)
         if self.kind == "sphere":
             return np.full(len(v), s[0])
@@ -78,7 +78,7 @@ class Solid:
         return x @ np.array(s) / 2
 
     def holds(self, x: np.ndarray, slack: float) -> bool:
-        """Whether a point of the body's frame lies in the body."""
+        """Return True if a point of the body's frame lies in the body."""
         s = self.size
         if self.kind == "box":
             return bool(np.all(np.abs(x) <= np.array(s) / 2 + slack))
@@ -90,12 +90,12 @@ class Solid:
         if self.kind == "cylinder":
             return level <= s[0] + slack and high
         if self.kind == "cone":
-            side = math.hypot(s[0], s[1])  # off the slope, measured at a right angle to it
+            side = math.hypot(s[0], s[1])  # distance from the slope, perpendicular to it
             return high and (level * s[1] - s[0] * (s[1] / 2 - x[2])) / side <= slack
         return math.hypot(level, x[2] - min(max(x[2], -s[1] / 2), s[1] / 2)) <= s[0] + slack
 
     def for_fcl(self):
-        """The body without its roundness, for python-fcl."""
+        """Return the body without its radius, for python-fcl."""
         if self.kind == "convex":
             vertices, faces = hull_faces(self.corners)
             sides = np.column_stack([np.full(len(faces), 3), faces])
@@ -107,7 +107,7 @@ class Solid:
         return kinds[self.kind](*self.size)
 
     def for_coal(self):
-        """The same for coal."""
+        """Return the same for coal."""
         if self.kind == "convex":
             points = coal.StdVec_Vec3s()
             points.extend(list(self.corners))
@@ -120,7 +120,7 @@ class Solid:
 
 
 def nearest_in_hull(corners: np.ndarray, x: np.ndarray, enough: float = 1e-12) -> np.ndarray:
-    """The point of a hull that is nearest to x (Wolfe's algorithm); always a point of the hull."""
+    """Return the point of a hull that is nearest to x (Wolfe's algorithm); always a point of the hull."""
     points = corners - x
     active = [int(np.argmin(np.einsum("ki,ki->k", points, points)))]
     weights = np.ones(1)
@@ -135,7 +135,7 @@ def nearest_in_hull(corners: np.ndarray, x: np.ndarray, enough: float = 1e-12) -
 
 
 def _least_norm(points: np.ndarray, active: list[int], weights: np.ndarray):
-    """From these weights to the point of least norm of the hull of the active corners."""
+    """Move from these weights to the point of least norm of the hull of the active corners."""
     while True:
         P = points[active]
         ones = np.ones((len(active), 1))
@@ -156,7 +156,7 @@ def _least_norm(points: np.ndarray, active: list[int], weights: np.ndarray):
 
 
 def hull_faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of a hull and its faces as triangles, by trying every three: for few corners.
+    """Return the corners of a hull and its faces as triangles, by trying all triples of few corners.
 
     A face with more than three corners is cut into a fan around its first corner.
     """
@@ -180,7 +180,7 @@ def hull_faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(corners: np.ndarray, on: np.ndarray, outward: np.ndarray) -> list[int]:
-    """The corners of one face in their order around it, seen from outside against the clock."""
+    """Return the corners of one face in counterclockwise order, seen from outside."""
     middle = corners[on].mean(axis=0)
     u = corners[on[0]] - middle
     v = np.cross(outward, u)

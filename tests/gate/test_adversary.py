@@ -1,4 +1,4 @@
-"""Adversaries against the gate, judged by an oracle of their own; the long form is ``make adversary``."""
+"""Adversaries against the gate, checked by an independent oracle; the long form is ``make adversary``."""
 
 import random
 
@@ -34,8 +34,8 @@ def test_no_single_attack_breaks_the_invariant(name):
 
 
 @pytest.mark.parametrize("periods", [(0.004, 0.012), (0.012, 0.004), (0.004, 0.004)])
-def test_two_at_full_speed_at_each_other_stop_at_the_stop_distance(periods):
-    """Every position by hand, and whoever is not the first refused goes on to where it was promised to go."""
+def test_two_robots_at_full_speed_toward_each_other_stop_at_the_stop_distance(periods):
+    """Check every position by hand; the robot that is not refused first continues to the end of its stop."""
     rig = Rig(scenes.head_on(periods=periods), stops=0.0)
     fastest, promised, gaps = [0.0, 0.0], None, []
     for _ in range(700):
@@ -58,8 +58,8 @@ def test_two_at_full_speed_at_each_other_stop_at_the_stop_distance(periods):
 
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("answered", [True, False])
-def test_where_there_is_room_for_one_the_one_asked_first_has_it(first, answered):
-    """Both would end 1.5 increments nearer; the answers of the links need not have come."""
+def test_if_there_is_room_for_one_robot_the_one_commanded_first_moves(first, answered):
+    """Both would end 1.5 increments nearer; the links' plan answers may still be missing."""
     step = 5e-5
     cell = scenes.head_on(0.12 + 1.5 * step)
     traffic = Traffic() if answered else Traffic(answer_lost=1.0)
@@ -76,23 +76,23 @@ def test_where_there_is_room_for_one_the_one_asked_first_has_it(first, answered)
     assert rig.tally.violations == []
 
 
-def test_two_arms_at_full_speed_at_each_other_on_clocks_of_their_own():
-    """Both move, neither comes too near, and they do come near."""
+def test_two_arms_at_full_speed_toward_each_other_on_clocks_of_their_own():
+    """Both move and come near each other, and neither comes too near."""
     cell = scenes.duel(gap=1.2)
     rig = Rig(cell, 1, lag=0.03, oracle=Oracle(cell), stops=0.05)
 
-    def wish(rig, i):
+    def controller(rig, i):
         v = -rig.cell.robots[i].start * (0, 1, 1, 0) * 0.4 - rig.players[i].setpoint
         return v / max(1e-09, *(abs(v) / (rig.cell.robots[i].velocity * rig.cell.robots[i].period)))
 
-    tally = rig.run(wish, 600)
+    tally = rig.run(controller, 600)
     assert tally.violations == []
     assert tally.admitted + tally.limited > 50
     assert tally.least < 0.01
 
 
-def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch):
-    """The attack would be noticed: with needs of nothing the same run breaks the stop distance."""
+def test_the_oracle_finds_the_violations_of_a_gate_without_clearance(monkeypatch):
+    """The attack is effective: without required distances the same run violates the stop distance."""
     from armgate.gate.clearance import Clearance
 
     original = Clearance.__init__
@@ -108,9 +108,9 @@ def test_the_oracle_sees_what_a_gate_without_clearance_lets_through(monkeypatch)
 
 
 @pytest.mark.parametrize("violations", [[], ["A and B 19 mm, 20 needed"]])
-def test_the_long_form_says_the_violations_last_and_fails_on_any(violations, capsys):
+def test_the_long_form_prints_the_violations_last_and_fails_on_any(violations, capsys):
     total = Tally(commands=4, admitted=2, limited=1, refused=1, least=1e-4, violations=violations)
-    assert adversary.tell(total, 2.0, 1) == len(violations)
+    assert adversary.print_result(total, 2.0, 1) == len(violations)
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == (
         f"violations: {len(violations)}  acceptance: 0.750  "
@@ -119,7 +119,7 @@ def test_the_long_form_says_the_violations_last_and_fails_on_any(violations, cap
 
 
 class Machine(RuleBasedStateMachine):
-    """Hypothesis drives two robots, their stops and their messages."""
+    """Two robots, their stops and their messages, driven by Hypothesis."""
 
     place = None
 
@@ -129,22 +129,22 @@ class Machine(RuleBasedStateMachine):
             cell = scenes.duel(gap=1.1)
             Machine.place = Arena(cell, Oracle(cell))
         self.rig = Rig(self.place.cell, seed, (0.0, 0.03), 0.0, rough, oracle=self.place.oracle, stops=0.0)
-        self.wishes = [None, None]
+        self.increments = [None, None]
         self.standing = []
 
     @rule(i=st.integers(0, 1), u=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
     def want(self, i, u):
         robot = self.rig.cell.robots[i]
-        self.wishes[i] = robot.velocity * robot.period * u
+        self.increments[i] = robot.velocity * robot.period * u
 
     @rule(i=st.integers(0, 1))
     def fall_silent(self, i):
-        self.wishes[i] = None
+        self.increments[i] = None
 
     @rule(grids=st.integers(1, 40))
     def wait(self, grids):
         for _ in range(grids):
-            self.rig.step(lambda rig, i: self.wishes[i])
+            self.rig.step(lambda rig, i: self.increments[i])
 
     @rule(i=st.integers(0, 1))
     def stop(self, i):

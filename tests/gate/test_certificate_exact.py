@@ -1,4 +1,4 @@
-"""Certificates and engines by hand: balls whose distances anybody can write down, anywhere in space."""
+"""Certificates and engines by hand: balls with known distances, anywhere in space."""
 
 import math
 from types import SimpleNamespace
@@ -17,25 +17,25 @@ from armgate.gate.clearance.swept import Swept
 ENGINES = [CoalEngine, FclEngine]
 X = (1.0, 0.0, 0.0)
 TIPS = tuple(tuple(0.5 * sign * x for x in axis) for axis in np.eye(3).tolist() for sign in (-1.0, 1.0))
-"""Corners of a hull: of parallel faces FCL finds the distance for half of their corners' orders only."""
+"""Corners of a hull: for parallel faces FCL finds the distance for only half of the orders of the corners."""
 
 
-class Says:
-    """An engine with one answer; counts how often it is asked."""
+class FixedEngine:
+    """Engine with one answer that counts its queries."""
 
     def __init__(self, distance, normal=X, points=((0, 0, 0), (0, 0, 0))):
-        self.said = Suggestion(
+        self.answer = Suggestion(
             distance, np.array(normal, dtype=float), tuple(np.array(p, float) for p in points)
         )
-        self.asked = 0
+        self.queries = 0
 
     def suggest(self, *_):
-        self.asked += 1
-        return self.said
+        self.queries += 1
+        return self.answer
 
 
 def balls(monkeypatch, first, second, *radii):
-    """A certifier with these engines and a group of one pair, the first ball with the second."""
+    """Return a certifier with these engines and a group of one pair, the first ball with the second."""
     monkeypatch.setattr(certificate, "CoalEngine", lambda shapes: first)
     monkeypatch.setattr(certificate, "FclEngine", lambda shapes: second)
     shapes = [Sphere(r) for r in radii]
@@ -49,21 +49,21 @@ def balls(monkeypatch, first, second, *radii):
 
 
 def standing(*nodes):
-    """Bodies that stand at these places, node by node."""
+    """Return bodies at these positions, node by node."""
     t = np.array(nodes, dtype=float)
     none = np.zeros((t.shape[1], 0))
     R = np.broadcast_to(np.eye(3), (*t.shape[:2], 3, 3))
     return Swept(np.zeros((len(t), 0)), np.zeros(0), lambda: (R, t), none, none[:, :, None])
 
 
-def test_a_budget_gives_what_it_has():
+def test_a_budget_gives_as_many_evaluations_as_it_has():
     budget = Budget(2)
     assert [budget.take() for _ in range(4)] == [True, True, False, False]
     assert not Budget(0).take()
 
 
-def test_a_proof_is_of_the_nodes_asked_for(monkeypatch):
-    certifier, group = balls(monkeypatch, Says(0.0), Says(0.0), 0.5, 0.25)
+def test_a_proof_is_for_the_requested_nodes(monkeypatch):
+    certifier, group = balls(monkeypatch, FixedEngine(0.0), FixedEngine(0.0), 0.5, 0.25)
     mine = standing([(1, 2, 3), (0, 0, 0)], [(2, 2, 3), (0, 0, 0)], [(3, 2, 3), (0, 0, 0)])
     theirs = standing([(0, 0, 0), (9, 2, 3)], [(0, 0, 0), (8, 2, 3)], [(0, 0, 0), (6, 2, 3)])
     for i, j, centres in ((0, 0, 8.0), (0, 2, 5.0), (2, 0, 6.0), (1, 2, 4.0)):
@@ -71,33 +71,33 @@ def test_a_proof_is_of_the_nodes_asked_for(monkeypatch):
 
 
 @pytest.mark.parametrize(("off", "second"), [(0.5, 0), (1.0, 0), (1.5, 1), (-0.5, 0), (-1.5, 1)])
-def test_a_second_engine_is_asked_where_the_first_is_off_by_more_than_a_tenth_of_a_millimetre(
+def test_a_second_engine_is_queried_if_the_first_is_off_by_more_than_a_tenth_of_a_millimetre(
     off, second, monkeypatch
 ):
     """The balls touch, so that the proof is zero to the last bit."""
-    engines = Says(off * 1e-4), Says(0.0)
+    engines = FixedEngine(off * 1e-4), FixedEngine(0.0)
     certifier, group = balls(monkeypatch, *engines, 0.5, 0.5)
     assert (certifier.queries, certifier.gaps) == (0, 0)
     sides = standing([(3, 1, 0), (0, 0, 0)]), standing([(0, 0, 0), (4, 1, 0)])
     for count in (1, 2):
         assert certifier.prove(group, 0, *sides, (0, 0)).lb == 0.0
         assert (certifier.queries, certifier.gaps) == (count, count * second)
-    assert (engines[0].asked, engines[1].asked) == (2, 2 * second)
+    assert (engines[0].queries, engines[1].queries) == (2, 2 * second)
 
 
-def test_an_engine_that_is_right_is_believed_at_any_distance(monkeypatch):
-    first, second = Says(1.0), Says(0.0)
+def test_a_correct_engine_is_used_at_any_distance(monkeypatch):
+    first, second = FixedEngine(1.0), FixedEngine(0.0)
     certifier, group = balls(monkeypatch, first, second, 0.5, 0.5)
     proof = certifier.prove(group, 0, standing([(3, 1, 0)] * 2), standing([(5, 1, 0)] * 2), (0, 0))
-    assert (proof.lb, certifier.gaps, second.asked) == (1.0, 0, 0)
+    assert (proof.lb, certifier.gaps, second.queries) == (1.0, 0, 0)
 
 
 @pytest.mark.parametrize(
     ("normals", "lb", "point"),
     [((X, X), 1.0, 1.0), (((0, 1, 0), X), 1.0, 2.0), ((X, (0, 1, 0)), 1.0, 1.0)],
 )
-def test_the_better_proof_counts_and_of_equal_ones_the_first(normals, lb, point, monkeypatch):
-    engines = [Says(5.0, n, [(k, 0, 0)] * 2) for k, n in enumerate(normals, 1)]
+def test_the_better_proof_counts_and_of_equal_proofs_the_first(normals, lb, point, monkeypatch):
+    engines = [FixedEngine(5.0, n, [(k, 0, 0)] * 2) for k, n in enumerate(normals, 1)]
     certifier, group = balls(monkeypatch, *engines, 0.5, 0.5)
     proof = certifier.prove(group, 0, standing([(3, 1, 0)] * 2), standing([(5, 1, 0)] * 2), (0, 0))
     assert proof.lb == lb
@@ -112,10 +112,10 @@ def test_the_better_proof_counts_and_of_equal_ones_the_first(normals, lb, point,
     ("centres", "lb"),
     [(0.75, -0.25), (1.0, -1.5), (2.0, 0.0), (3.0, 0.5)],
 )
-def test_only_bodies_that_overlap_get_another_direction_than_that_of_the_engines(centres, lb, monkeypatch):
+def test_only_overlapping_bodies_get_another_direction_than_that_of_the_engines(centres, lb, monkeypatch):
     """Balls of 0.5 m; the engines return a direction 60 degrees off the line of the centres."""
     n = (0.5, math.sqrt(0.75), 0.0) if lb != -1.5 else (-0.5, math.sqrt(0.75), 0.0)
-    certifier, group = balls(monkeypatch, Says(lb, n), Says(lb, n), 0.5, 0.5)
+    certifier, group = balls(monkeypatch, FixedEngine(lb, n), FixedEngine(lb, n), 0.5, 0.5)
     sides = standing([(1, 0, 0)] * 2), standing([(1 + centres, 0, 0)] * 2)
     proof = certifier.prove(group, 0, *sides, (0, 0))
     assert proof.lb == pytest.approx(centres - 1.0 if lb < 0.0 else lb, abs=1e-12)
@@ -133,9 +133,9 @@ def posed(shape):
 @pytest.mark.parametrize(
     ("shapes", "claimed", "lb", "tried", "turned"),
     [
-        (("box", "box"), 0.0, -0.1, -0.01, True),  # the engine claims more than was proven
+        (("box", "box"), 0.0, -0.1, -0.01, True),  # the engine's distance exceeds the proof
         (("box", "box"), 0.0, -0.01, -0.1, True),
-        (("box", "box"), 2 * GAP, -1.0, GAP, False),  # the claim exceeds it by exactly the gap
+        (("box", "box"), 2 * GAP, -1.0, GAP, False),  # the distance exceeds it by exactly the gap
         (("box", "box"), -0.1, -0.1, -0.1, False),
         (("box", "box"), -0.1, -0.1, -0.2, False),
         (("box", "box"), -0.1, -0.2, -0.1, False),
@@ -146,7 +146,7 @@ def posed(shape):
         (("hull", "ball beside them"), -0.1, -0.1, -0.1, True),
     ],
 )
-def test_directions_are_turned_if_the_claim_is_not_met_or_a_body_has_corners(
+def test_directions_are_turned_if_the_proof_falls_short_or_a_body_has_corners(
     shapes, claimed, lb, tried, turned, monkeypatch
 ):
     asked = []
@@ -177,7 +177,7 @@ def at(*t):
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("n", [X, (0.0, -1.0, 0.0), (0.6, 0.0, -0.8)])
-def test_an_engine_tells_the_direction_and_the_points_of_two_balls(engine, n):
+def test_an_engine_returns_the_direction_and_the_points_of_two_balls(engine, n):
     n, a = np.array(n), np.array([3.0, 1.0, 2.0])
     found = engine((Sphere(0.5), Sphere(0.25))).suggest(0, at(*a), 1, at(*(a + 2.0 * n)))
     assert found.distance == pytest.approx(1.25, abs=1e-6)
@@ -187,8 +187,8 @@ def test_an_engine_tells_the_direction_and_the_points_of_two_balls(engine, n):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_an_answer_does_not_depend_on_the_question_before(engine):
-    """A result object that is reused may keep the least distance found so far, here that of an overlap."""
+def test_an_answer_does_not_depend_on_the_previous_query(engine):
+    """A reused result object may keep the least distance found so far, here that of an overlap."""
     asked = engine((Convex(TIPS, 0.0), Sphere(0.25)))
     asked.suggest(0, at(0, 0, 0), 1, at(0.25, 0, 0))
     for n, apart in ((X, 1.0), ((0.0, 1.0, 0.0), 3.0), ((0.0, 0.0, -1.0), 2.0)):
@@ -199,21 +199,21 @@ def test_an_answer_does_not_depend_on_the_question_before(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_bodies_that_overlap_have_a_direction_of_length_one(engine):
+def test_overlapping_bodies_have_a_direction_of_length_one(engine):
     found = engine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(2.5, 0, 0))
     assert found.normal == pytest.approx([-1, 0, 0], abs=1e-6)
     same = engine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(3, 0, 0))
     assert np.linalg.norm(same.normal) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_who_knows_no_direction_says_up():
+def test_without_a_direction_an_engine_returns_up():
     found = FclEngine((Sphere(0.5), Sphere(0.5))).suggest(0, at(3, 0, 0), 1, at(3, 0, 0))
     assert tuple(found.normal) == (0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("one", "other"), [(0.1, 0.0), (0.0, 0.1), (0.1, 0.2), (1.0, 1.0)])
-def test_what_a_hull_has_around_it_is_taken_off_on_its_side(engine, one, other):
+def test_the_radius_of_a_hull_is_subtracted_on_its_side(engine, one, other):
     asked = engine((Convex(TIPS, one), Convex(TIPS, other), Sphere(0.5)))
     for b in (1, 2):
         r = other if b == 1 else 0.0

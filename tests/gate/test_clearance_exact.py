@@ -1,4 +1,4 @@
-"""Kept bounds and the four stages, by hand: balls and boxes whose distances anybody can write down."""
+"""Kept bounds and the four stages, by hand: balls and boxes with known distances."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ PLENTY = 1000
 
 
 def ball(around, start=(0.0, 0.0, 0.0), shape=None):
-    """A ball of 5 cm that goes anywhere, among bodies that stand still: its clearance, held at its start."""
+    """Return the clearance of a freely moving ball of 5 cm among static bodies, held at its start."""
     robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), (0, 0, 1), shape=shape), "start": list(start)}
     clearance = Clearance(scenes.build({"A": robot}, surroundings=around), False)
     hold(clearance, 0, start)
@@ -22,7 +22,7 @@ def ball(around, start=(0.0, 0.0, 0.0), shape=None):
 
 
 def two(first=(-0.5, 0.0), second=(0.5, 0.0), shape=None):
-    """Two balls of 5 cm in a plane."""
+    """Return the clearance of two balls of 5 cm in a plane."""
     robots = {
         name: {"urdf": scenes.cart((1, 0, 0), (0, 1, 0), shape=shape), "start": list(start)}
         for name, start in (("A", first), ("B", second))
@@ -40,7 +40,7 @@ def hold(clearance, robot, *nodes):
 
 
 def judged(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
-    """What is found of a new way, and how many questions that cost."""
+    """Return the result for a new path, and the number of engine queries."""
     needs = np.full(len(clearance.pairs_of[robot]), need)
     step = None if step is None else np.array(step)
     left = Budget(budget)
@@ -52,16 +52,16 @@ def sphere(x, y=0.0, z=0.0, radius=0.05):
     return {"shape": {"sphere": radius}, "xyz": [x, y, z]}
 
 
-# --- what is kept -------------------------------------------------------------------------------------------
+# --- kept bounds --------------------------------------------------------------------------------------------
 
 
-def test_at_first_all_pairs_are_below_and_nothing_is_proven():
+def test_at_first_all_pairs_are_below_their_limits_and_nothing_is_proven():
     clearance = ball({"b": sphere(1.0), "c": sphere(2.0)})
     assert clearance.below(0) == [0, 1]
     assert np.all(np.isneginf(clearance.bound.of(0)))
 
 
-def test_a_survey_proves_balls_from_centre_to_centre_without_a_question():
+def test_balls_are_proven_from_centre_to_centre_without_an_engine_query():
     around = {f"b{k}": sphere(*(0.5 * np.array(v))) for k, v in enumerate(
         (x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)
     )}  # fmt: skip
@@ -73,8 +73,8 @@ def test_a_survey_proves_balls_from_centre_to_centre_without_a_question():
     assert clearance.below(0) == []
 
 
-def test_a_survey_keeps_the_directions_that_proved_most():
-    """The kept one for a wall, whose centre is far aside; that between the centres for a ball."""
+def test_the_directions_with_the_best_proofs_are_kept():
+    """For a wall, whose centre is far aside, the kept direction; for a ball that between the centres."""
     around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.5, 1.5, 1.0]}, "b": sphere(-0.3, -0.4)}
     clearance = ball(around)
     clearance._n[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -83,8 +83,8 @@ def test_a_survey_keeps_the_directions_that_proved_most():
     assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0], [-0.6, -0.8, 0.0]]), abs=1e-12)
 
 
-def test_a_survey_asks_about_near_pairs_only():
-    """From the side of a wide wall the line between the centres proves nothing."""
+def test_only_near_pairs_cost_engine_queries():
+    """Beside a wide wall the line between the centres proves nothing."""
     around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.2, 1.5, 1.0]}, "b": sphere(-0.9)}
     clearance = ball(around)
     clearance.prove_all(0)
@@ -93,7 +93,7 @@ def test_a_survey_asks_about_near_pairs_only():
     assert clearance.below(0) == []
 
 
-def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_it_is_proven_anew():
+def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_a_new_proof():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
@@ -109,7 +109,7 @@ def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_it_is_prov
 
 
 @pytest.mark.parametrize("tube", [np.nan, np.inf])
-def test_a_way_whose_width_is_not_a_number_proves_nothing(tube):
+def test_a_path_with_a_tube_that_is_not_a_number_proves_nothing(tube):
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
@@ -123,7 +123,7 @@ def test_a_way_whose_width_is_not_a_number_proves_nothing(tube):
     assert clearance.below(1) == [0]
 
 
-def test_directions_between_centres_are_of_length_one_and_up_where_they_are_none():
+def test_directions_between_centres_have_length_one_and_point_up_if_the_centres_coincide():
     around = {"here": sphere(0.5, -0.5), "there": sphere(0.8, -0.1), "near": sphere(0.501, -0.5)}
     clearance = ball(around, (0.5, -0.5, 0.0))
     (group,) = clearance.groups[0]
@@ -144,7 +144,7 @@ def test_directions_of_a_chain_are_in_the_frame_of_the_nearer_body():
         assert R[a] @ n[k] == pytest.approx(v / np.linalg.norm(v), abs=1e-12)
 
 
-def test_of_several_ways_that_are_held_the_worst_counts():
+def test_of_several_held_paths_the_worst_counts():
     clearance = ball({"b": sphere(1.0)})
     for order in ((0.0, 0.5), (0.5, 0.0)):
         clearance.hold(0, [way(clearance, 0, (x, 0.0, 0.0)) for x in order])
@@ -152,7 +152,7 @@ def test_of_several_ways_that_are_held_the_worst_counts():
         assert clearance.bound[0] == pytest.approx(0.4, abs=1e-8)
 
 
-def test_a_survey_looks_again_at_what_was_far():
+def test_pairs_that_were_far_are_compared_again_after_proving_all_anew():
     clearance = ball({"b": sphere(1.0)})
     clearance.prove_all(0)
     assert clearance.below(0) == []
@@ -160,10 +160,10 @@ def test_a_survey_looks_again_at_what_was_far():
     clearance.prove_all(0)
     assert clearance.below(0) == [0]
     clearance.bound[0] = LIMIT
-    assert clearance.below(0) == []  # at its limit it is not below it
+    assert clearance.below(0) == []  # a bound equal to its limit is not below it
 
 
-def test_a_pair_is_known_if_both_its_robots_are():
+def test_positions_of_a_pair_are_known_if_those_of_both_robots_are():
     clearance = two()
     assert not clearance.positions_known(0)
     hold(clearance, 0, (-0.5, 0.0))
@@ -176,7 +176,7 @@ def test_a_pair_is_known_if_both_its_robots_are():
     assert ball({"b": sphere(1.0)}).positions_known(0)
 
 
-def test_where_a_robot_would_stand_counts_against_all_that_the_other_may_pass():
+def test_a_point_bound_counts_against_everything_that_the_other_robot_may_pass():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     clearance.hold(1, [way(clearance, 1, (0.5, 0.0), (0.0, 0.0)), way(clearance, 1, (0.5, 0.5))])
@@ -185,10 +185,10 @@ def test_where_a_robot_would_stand_counts_against_all_that_the_other_may_pass():
     assert clearance.point_bound(0, 0, (-0.75, 0.0)) == pytest.approx(0.65, abs=1e-6)
 
 
-# --- a new way ----------------------------------------------------------------------------------------------
+# --- a new path ---------------------------------------------------------------------------------------------
 
 
-def test_what_another_robot_holds_is_known_to_the_slabs():
+def test_slabs_count_the_held_occupancies_of_other_robots():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
@@ -198,7 +198,7 @@ def test_what_another_robot_holds_is_known_to_the_slabs():
     assert found.lb == pytest.approx([0.15 - MARGIN], abs=1e-12)
 
 
-def test_of_a_robot_that_nobody_has_heard_of_nothing_can_be_proven():
+def test_nothing_can_be_proven_for_a_robot_of_unknown_position():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     found, asked = judged(clearance, (-0.5, 0.0))
@@ -206,7 +206,7 @@ def test_of_a_robot_that_nobody_has_heard_of_nothing_can_be_proven():
     assert (found.binding.pair, found.binding.need, found.binding.points, asked) == (0, LIMIT, None, 0)
 
 
-def test_without_a_budget_nothing_is_asked_and_nothing_found():
+def test_without_a_budget_no_engine_is_queried_and_nothing_is_found():
     clearance = ball({"b": sphere(0.5)})
     found, _ = judged(clearance, (0.0, 0.0, 0.0), budget=0)
     assert found.binding is not None
@@ -214,7 +214,7 @@ def test_without_a_budget_nothing_is_asked_and_nothing_found():
     assert clearance.certifier.queries == 0
 
 
-def test_one_question_finds_the_direction_and_the_next_way_needs_none():
+def test_one_query_finds_the_direction_and_the_next_path_needs_no_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
     found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.39)
     assert (found.binding, asked) == (None, 1)
@@ -224,7 +224,7 @@ def test_one_question_finds_the_direction_and_the_next_way_needs_none():
     assert (found.binding, asked) == (None, 0)
 
 
-def test_what_is_truly_too_near_costs_one_question():
+def test_a_pair_that_is_truly_too_near_costs_one_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
     found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.41)
     assert asked == 1
@@ -234,7 +234,7 @@ def test_what_is_truly_too_near_costs_one_question():
     assert q == pytest.approx([0.27, 0.36, 0.0], abs=1e-4)
 
 
-def test_what_the_tube_takes_is_too_near_too():
+def test_a_pair_that_is_too_near_because_of_the_tube_costs_one_query():
     clearance = ball({"b": sphere(0.5)})
     new = clearance.space.sweep_nodes(0, np.zeros((1, 3)), np.array([0.01, 0.0, 0.0]))
     for need, free in ((0.3899, True), (0.3901, False), (0.405, False)):
@@ -246,11 +246,11 @@ def test_what_the_tube_takes_is_too_near_too():
 
 
 BEND = ((-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
-"""A way around a corner; inside of it, no plane separates the whole way from a ball at (−0.15, 0.15)."""
+"""Return a path around a corner; no plane separates the whole path from a ball inside it at (−0.15, 0.15)."""
 
 
 @pytest.mark.parametrize(("need", "way_is_free"), [(0.0499, True), (0.0501, False)])
-def test_a_way_around_a_corner_is_proven_piece_by_piece(need, way_is_free):
+def test_a_path_around_a_corner_is_proven_cell_by_cell(need, way_is_free):
     clearance = ball({"b": sphere(-0.15, 0.15)})
     found, asked = judged(clearance, *BEND, need=need)
     assert (found.binding is None) == way_is_free
@@ -260,7 +260,7 @@ def test_a_way_around_a_corner_is_proven_piece_by_piece(need, way_is_free):
 
 
 @pytest.mark.parametrize("missing", [-1, 0, 1, 2, 5])
-def test_what_the_budget_does_not_reach_is_refused(missing):
+def test_a_pair_beyond_the_budget_is_refused(missing):
     clearance = ball({"b": sphere(-0.15, 0.15)})
     _, needed = judged(clearance, *BEND, need=0.04)
     assert clearance.certifier.queries == needed > 5
@@ -271,8 +271,8 @@ def test_what_the_budget_does_not_reach_is_refused(missing):
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_way_is_held_against_every_way_of_the_other(side):
-    """The other reserves two; the near one is the first or the second."""
+def test_a_path_is_checked_against_every_path_of_the_other_robot(side):
+    """The other robot reserves two paths; the near one is the first or the second."""
     for apart, free in ((0.031, True), (0.019, False)):
         clearance = two()
         hold(clearance, 0, (-0.5, 0.0))
@@ -284,8 +284,8 @@ def test_a_way_is_held_against_every_way_of_the_other(side):
 
 @pytest.mark.parametrize(("gap", "free"), [(0.05, True), (0.0195, False)])
 @pytest.mark.parametrize("robot", [0, 1])
-def test_two_ways_are_held_against_each_other_for_every_timing(gap, free, robot):
-    """Both go around corners, one inside of the other's; whoever is judged."""
+def test_two_paths_are_checked_against_each_other_for_every_timing(gap, free, robot):
+    """Both go around corners, one inside the other's corner; either is checked."""
     clearance = two()
     inner = ((-0.5, 0.0), (0.0, 0.0), (0.0, 0.5))
     edge = 0.1 + gap
@@ -297,11 +297,11 @@ def test_two_ways_are_held_against_each_other_for_every_timing(gap, free, robot)
     assert asked < 200
 
 
-# --- turning: what strays from the chords -------------------------------------------------------------------
+# --- rotation: deviation from the chords --------------------------------------------------------------------
 
 
 def bar(around):
-    """A bar of 0.8 m that turns about its end in the plane."""
+    """Return the clearance of a bar of 0.8 m that turns about its end in the plane."""
     along = (0.0, np.pi / 2, 0.0)
     arm = scenes.urdf(
         [scenes.joint(-1, bodies=(scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=along),))]
@@ -312,8 +312,8 @@ def bar(around):
 
 
 @pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
-def test_a_turning_bar_is_proven_in_halves(gap, free):
-    """Past a ball beyond its tip: between the ends of the turn the tip comes nearest."""
+def test_a_rotating_bar_is_proven_in_halves(gap, free):
+    """It passes a ball beyond its tip, which comes nearest between the ends of the rotation."""
     reach = 0.8 + 0.02 + gap + 0.05
     clearance = bar({"b": sphere(reach * np.cos(0.4), reach * np.sin(0.4))})
     found, asked = judged(clearance, (0.0,), (0.8,), budget=64)
@@ -324,9 +324,9 @@ def test_a_turning_bar_is_proven_in_halves(gap, free):
 
 
 def bars(apart, hub=None):
-    """Two bars that face each other, each turning about its end, ``apart`` between their tips' circles.
+    """Return two facing bars, each turning about its end, ``apart`` between the circles of their tips.
 
-    One of them may have a hub: a body that turning hardly moves.
+    One of them may have a hub: a body that the rotation hardly moves.
     """
     bar = scenes.body("capsule", 0.02, 0.8, xyz=(0.4, 0, 0), rpy=(0.0, np.pi / 2, 0.0))
     plain, hubbed = (
@@ -344,8 +344,8 @@ def bars(apart, hub=None):
 @pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
 @pytest.mark.parametrize("hub", [None, 0, 1])
 @pytest.mark.parametrize(("ways", "budget"), [((1.2, 0.02), 60), ((0.02, 1.2), 60), ((1.0, 1.0), 250)])
-def test_of_two_turning_bars_the_one_that_goes_farther_is_halved(gap, free, ways, budget, hub):
-    """With the other one halved no budget would do."""
+def test_of_two_rotating_bars_the_longer_path_is_halved(gap, free, ways, budget, hub):
+    """If the other path were halved, no budget would be enough."""
     clearance = bars(gap, hub)
     one, other = ways
     hold(clearance, 0, (0.0,))
@@ -354,11 +354,11 @@ def test_of_two_turning_bars_the_one_that_goes_farther_is_halved(gap, free, ways
     assert (found.binding is None) == free
 
 
-# --- pieces -------------------------------------------------------------------------------------------------
+# --- cells --------------------------------------------------------------------------------------------------
 
 
-def test_what_the_tubes_take_is_lost_for_good():
-    """Each side's tube, times how far each joint moves its body; no subdivision wins it back."""
+def test_the_distance_that_the_tubes_cost_is_not_regained():
+    """The loss is each side's tube times its motion bounds; no subdivision regains it."""
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
@@ -375,7 +375,7 @@ def test_what_the_tubes_take_is_lost_for_good():
 
 
 @pytest.mark.parametrize(("need", "free"), [(0.0399, True), (0.0401, False)])
-def test_a_tube_counts_in_every_piece(need, free):
+def test_a_tube_counts_in_every_cell(need, free):
     clearance = ball({"b": sphere(-0.15, 0.15)})
     tube = np.array([0.0, 0.01, 0.0])
     new = clearance.space.sweep_nodes(0, np.array(BEND), tube)
@@ -385,7 +385,7 @@ def test_a_tube_counts_in_every_piece(need, free):
     assert PLENTY - budget.left < 50
 
 
-def test_a_way_in_pieces():
+def test_a_path_in_cells():
     nodes = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 2.0)])
     first, second = segments(nodes)
     assert (first.tolist(), second.tolist()) == (nodes[:2].tolist(), nodes[1:].tolist())
@@ -397,7 +397,7 @@ def test_a_way_in_pieces():
     assert [half.tolist() for half in halves(still)] == [[[0.0, 0.0]]]
 
 
-def test_witness_points_are_told_in_the_order_of_their_pair():
+def test_witness_points_are_in_the_order_of_their_pair():
     clearance = two()
     points = ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
     assert in_pair_order(*clearance.find(0, 0), points) == points

@@ -1,4 +1,4 @@
-"""How a wish is reduced where something is in the way: one budget, few trials, and every number told."""
+"""Reduction of an increment before an obstacle: one budget, few trials, and every number reported."""
 
 import math
 from dataclasses import replace
@@ -16,18 +16,18 @@ from gate.rig import Rig
 from gate.scripted_gate import STEP, ScriptedGate
 
 
-def lane_hands(x, response="stop", **cell):
+def lane_scripted(x, response="stop", **cell):
     cell = scenes.lane(response=response, **cell)
     return ScriptedGate(cell, [(x, 0.0)])
 
 
-def queries(hands):
-    return hands.gate._clearance.certifier.queries
+def queries(scripted):
+    return scripted.gate._clearance.certifier.queries
 
 
 @pytest.mark.parametrize("response", ["stop", "slow"])
 def test_all_trials_of_a_command_share_one_budget(response, monkeypatch):
-    """An arm among wires at full speed: however many trials, never more questions than the budget."""
+    """An arm among wires at full speed: the queries of all trials together stay within the budget."""
     cell = scenes.wire(response=response)
     rng = np.random.default_rng(1)
     rig = Rig(cell, stops=0.0)
@@ -45,43 +45,43 @@ def test_all_trials_of_a_command_share_one_budget(response, monkeypatch):
     rig.check()
     assert rig.tally.violations == []
     assert bound > 0
-    assert 1 < most <= 5 + 1  # and one for the witness points of a refusal
+    assert 1 < most <= 5 + 1  # and one query for the witness points of a refusal
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
-def test_slow_takes_what_room_there_is(share):
-    wish = 0.00057
-    hands = lane_hands(0.4 - share * wish, "slow")
-    verdict = hands.ask((wish, 0.0))
+def test_slow_uses_the_available_room(share):
+    wanted = 0.00057
+    scripted = lane_scripted(0.4 - share * wanted, "slow")
+    verdict = scripted.ask((wanted, 0.0))
     assert verdict.outcome is Outcome.LIMITED
     assert 0.9 * share <= verdict.beta <= share
-    assert verdict.dq == (pytest.approx(verdict.beta * wish), 0.0)
+    assert verdict.dq == (pytest.approx(verdict.beta * wanted), 0.0)
     assert [r.cause for r in verdict.reasons] == [Cause.CLEARANCE]
-    assert verdict.reasons[0].value == pytest.approx(0.05 - (1.0 - share) * wish, abs=1e-6)
-    again = lane_hands(0.4 - share * wish, "stop").ask((wish, 0.0))
+    assert verdict.reasons[0].value == pytest.approx(0.05 - (1.0 - share) * wanted, abs=1e-6)
+    again = lane_scripted(0.4 - share * wanted, "stop").ask((wanted, 0.0))
     assert (again.outcome, again.beta, again.dq) == (Outcome.REFUSED, 0.0, (0.0, 0.0))
 
 
-def test_what_both_bounds_and_clearance_take_is_multiplied():
-    """The blend of the limits times that of clearance; the reasons in the order of the checks."""
-    hands = lane_hands(0.4 - 0.0002, "slow")
-    verdict = hands.ask((0.1, 0.0))
+def test_the_blends_of_limits_and_clearance_are_multiplied():
+    """The result is the limits' blend times that of clearance, with reasons in the order of the checks."""
+    scripted = lane_scripted(0.4 - 0.0002, "slow")
+    verdict = scripted.ask((0.1, 0.0))
     assert [r.cause for r in verdict.reasons] == [Cause.INCREMENT, Cause.ACCELERATION, Cause.CLEARANCE]
     assert 0.0 < verdict.dq[0] < 0.0002
     assert verdict.beta == pytest.approx(verdict.dq[0] / (4 * 0.012**2))
 
 
-def test_asking_for_less_than_the_braking_gives_the_braking():
-    hands = ScriptedGate(scenes.head_on(1.1, (0.004, 0.004)))
-    hands.ask((STEP,))
-    hands.play()
-    verdict = hands.ask((0.0,))
+def test_a_request_for_less_than_the_braking_gives_the_braking():
+    scripted = ScriptedGate(scenes.head_on(1.1, (0.004, 0.004)))
+    scripted.ask((STEP,))
+    scripted.play()
+    verdict = scripted.ask((0.0,))
     assert verdict.outcome is Outcome.ADMITTED
     assert verdict.dq == (0.0,)
 
 
-def test_a_refused_robot_brakes_on_along_its_plan():
-    """Full speed at the wall: what is refused plays the rest of the plan, increment by increment."""
+def test_a_refused_robot_continues_to_brake_along_its_plan():
+    """At full speed toward the wall, refusals play the rest of the plan, increment by increment."""
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-0.3, 0.0])])
     last = None
     for _ in range(2000):
@@ -98,7 +98,7 @@ def test_a_refused_robot_brakes_on_along_its_plan():
     assert last.outcome is Outcome.REFUSED
 
 
-def test_a_joint_outside_may_not_stay_there_whatever_else_moves_in_slow_either():
+def test_a_joint_outside_its_limits_must_move_back_also_with_slow_while_another_joint_moves():
     rig = Rig(scenes.lane(response="slow"), stops=0.0, start=[np.array([-1.0, 2.1])])
     verdict = rig.command(0, (-1e-4, 0.0))
     assert verdict.outcome is Outcome.REFUSED
@@ -106,22 +106,22 @@ def test_a_joint_outside_may_not_stay_there_whatever_else_moves_in_slow_either()
     assert verdict.beta == 0.0
 
 
-def test_one_proven_step_is_enough_for_the_next():
-    """The kept bound less the step: far from the wall no engine is asked, and the bound falls by the way."""
-    hands = lane_hands(-1.0)
-    before = queries(hands)
-    hands.ask((4 * 0.012**2 * 0.9, 0.0))
-    assert queries(hands) == before
+def test_the_proof_of_one_step_is_enough_for_the_next():
+    """Far from the wall no engine is queried, and the kept bound falls by the length of the step."""
+    scripted = lane_scripted(-1.0)
+    before = queries(scripted)
+    scripted.ask((4 * 0.012**2 * 0.9, 0.0))
+    assert queries(scripted) == before
 
 
-# --- less of a wish: where the margin would be used up ------------------------------------------------------
+# --- smaller increments: the secant of the margin -----------------------------------------------------------
 
 POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def bound_by(hands, margin):
-    """Bindings of the first pair, of which so much more than must be kept is proven as it is held."""
-    clearance = hands.gate._clearance
+def bound_by(scripted, margin):
+    """Return a binding of the first pair, whose kept bound exceeds its limit by ``held``."""
+    clearance = scripted.gate._clearance
     clearance.bound[0] = clearance.limits[0] + margin
     return lambda lb: Binding(0, clearance.limits[0] + lb, clearance.limits[0], POINTS)
 
@@ -132,70 +132,70 @@ def bound_by(hands, margin):
         (0.5, -0.5, 1.0, 0.98 * 0.5),
         (0.5, -0.5, 0.5, 0.98 * 0.25),
         (0.25, -0.75, 1.0, 0.98 * 0.25),
-        (0.5, -np.inf, 0.5, 0.25),  # nothing was proven: half of it
-        (0.0, -0.5, 0.5, 0.25),  # nothing is left that could be used up
+        (0.5, -np.inf, 0.5, 0.25),  # nothing was proven: half
+        (0.0, -0.5, 0.5, 0.25),  # the kept margin is zero
         (-0.5, -1.0, 0.5, 0.25),
-        (0.5, -0.5, 0.7, 0.98 * 0.35),  # more than half a step of the grid is cut off
+        (0.5, -0.5, 0.7, 0.98 * 0.35),  # more than half a grid step is rounded away
     ],
 )
-def test_less_is_tried_where_the_margin_would_be_used_up(held, tried, beta, found):
-    hands = lane_hands(-1.0, "slow")
-    binding = bound_by(hands, held)(tried)
-    assert hands.gate._decisions._secant(beta, binding) == math.floor(found * 2**20) / 2**20  # on a grid
+def test_a_smaller_blend_is_tried_at_the_point_where_the_margin_would_be_used_up(held, tried, beta, found):
+    scripted = lane_scripted(-1.0, "slow")
+    binding = bound_by(scripted, held)(tried)
+    assert scripted.gate._decisions._secant(beta, binding) == math.floor(found * 2**20) / 2**20  # on a grid
 
 
 @pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
-def test_what_is_never_proven_is_tried_three_times(response, trials):
-    hands = lane_hands(-1.0, response)
-    binding, asked = bound_by(hands, 0.5)(-0.5), []
+def test_an_unproven_increment_is_tried_three_times(response, trials):
+    scripted = lane_scripted(-1.0, response)
+    binding, asked = bound_by(scripted, 0.5)(-0.5), []
 
     def judge(robot, new, step, need, budget):
-        assert budget.left == 32 - len(asked)  # one for all trials, as the documentation has it
+        assert budget.left == 32 - len(asked)  # one budget for all trials, as documented
         assert budget.take()
         asked.append(new.nodes[-1][0])
         return ClearanceResult(need, binding)
 
-    hands.gate._clearance.check = judge
-    assert hands.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
+    scripted.gate._clearance.check = judge
+    assert scripted.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
     ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
     assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-5)
 
 
 @pytest.mark.parametrize(("upper", "outcome"), [(1.2, 0.75), (1.15, 0.0)])
-def test_less_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypatch):
-    """Both ends of a blend stay inside, and what is between them need not: it stops later than the one, and
-    is faster than the other."""
-    hands = lane_hands(0.0, "slow")
-    judge, s = hands.gate._decisions, hands.gate._robots[0]
+def test_a_smaller_blend_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypatch):
+    """Both ends of a blend stay inside, but an increment between them need not: it stops later than the one,
+    and is faster than the other."""
+    scripted = lane_scripted(0.0, "slow")
+    judge, s = scripted.gate._decisions, scripted.gate._robots[0]
     s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))
     s.held = Plan("A", PlanKey("s", 0, 1, -1), 1, ((1.0, 0.0),))
-    wish, binding = LimitedIncrement((0.5, 3.5), 1.0, ()), bound_by(hands, 0.5)(-0.5)
+    wanted, binding = LimitedIncrement((0.5, 3.5), 1.0, ()), bound_by(scripted, 0.5)(-0.5)
     answers = [ClearanceResult(np.zeros(1), binding), ClearanceResult(np.zeros(1), None)]
-    monkeypatch.setattr(hands.gate._clearance, "check", lambda *_: answers.pop(0))
+    monkeypatch.setattr(scripted.gate._clearance, "check", lambda *_: answers.pop(0))
     monkeypatch.setattr(judge, "_secant", lambda beta, binding: 0.75)
-    decision = judge._largest_clear(wish, s, judge._retreat.requirements(s, [s]))
+    decision = judge._largest_clear(wanted, s, judge._retreat.requirements(s, [s]))
     assert decision.beta == outcome
     assert len(answers) == (outcome == 0.0)
 
 
-def test_a_new_way_extends_the_held_one_by_the_difference_of_their_ends():
-    """If that is the only one: what is kept says nothing of how a new way extends several."""
-    hands = lane_hands(-1.0)
-    hands.ask((1e-4, 0.0))
-    hands.play()
-    s, judge = hands.gate._robots[0], hands.gate._decisions
+def test_a_new_path_extends_the_held_one_by_the_difference_of_their_ends():
+    """The kept bounds do not apply if several paths are held."""
+    scripted = lane_scripted(-1.0)
+    scripted.ask((1e-4, 0.0))
+    scripted.play()
+    s, judge = scripted.gate._robots[0], scripted.gate._decisions
     new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
     assert judge._extension(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
     s.next = s.main
     assert judge._extension(s, new) is None
 
 
-def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew():
-    """And a slower one by nothing: the kept bounds hold for the wider tube."""
-    hands = ScriptedGate(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
-    hands.ask((1e-4, 0.0))
-    hands.play()
-    s, judge = hands.gate._robots[0], hands.gate._decisions
+def test_a_faster_path_extends_the_held_one_by_the_growth_of_its_lag_tube():
+    """A slower path extends it by nothing: the kept bounds hold for the wider tube."""
+    scripted = ScriptedGate(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
+    scripted.ask((1e-4, 0.0))
+    scripted.play()
+    s, judge = scripted.gate._robots[0], scripted.gate._decisions
     share = s.hull_deviation.ticks + s.hull_deviation.between
     faster = s.occupancy_to(s.end, (3e-4, 5e-4))
     assert judge._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
@@ -207,9 +207,9 @@ def test_a_faster_way_extends_the_held_one_by_what_its_tube_for_unlike_lags_grew
 # --- reasons ------------------------------------------------------------------------------------------------
 
 
-def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
-    hands = lane_hands(-1.0)
-    judge, s = hands.gate._decisions, hands.gate._robots[0]
+def test_lengths_in_reasons_are_rounded_to_nanometres_and_bounds_rounded_down():
+    scripted = lane_scripted(-1.0)
+    judge, s = scripted.gate._decisions, scripted.gate._robots[0]
     points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
     reason = judge._reason(Binding(0, 0.01234567889, 0.05, points), s)
     assert reason.value == 0.012345678
@@ -217,7 +217,7 @@ def test_lengths_in_reasons_are_rounded_to_nanometres_and_the_bound_downwards():
     assert [math.copysign(1.0, x) for p in reason.points for x in p] == [1, -1, 1, 1, 1, 1]  # no minus zero
 
 
-# --- ways back ----------------------------------------------------------------------------------------------
+# --- retreats -----------------------------------------------------------------------------------------------
 
 
 def too_near(between=0.11):
@@ -227,32 +227,32 @@ def too_near(between=0.11):
 
 
 def test_a_robot_that_retreats_keeps_its_turn_for_three_ticks():
-    hands = too_near()
-    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
-    hands.play(0)
-    hands.rest(0)
-    hands.rest(1)
-    assert hands.ask((0.0, 2e-4), 1).outcome is Outcome.REFUSED
-    hands.rest(0, count=2)
-    hands.rest(1)
-    assert hands.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
+    scripted = too_near()
+    assert scripted.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    scripted.play(0)
+    scripted.rest(0)
+    scripted.rest(1)
+    assert scripted.ask((0.0, 2e-4), 1).outcome is Outcome.REFUSED
+    scripted.rest(0, count=2)
+    scripted.rest(1)
+    assert scripted.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
 
 
-def test_a_robot_found_nearer_after_a_fault_may_retreat_from_there():
-    """The clearance that it had reached before the fault is no longer required."""
-    hands = too_near()
+def test_a_robot_found_nearer_after_a_fault_may_retreat_from_that_position():
+    """The floor reached before the fault no longer applies."""
+    scripted = too_near()
     for _ in range(20):
-        hands.ask((0.0, -5e-4), 0)
-        hands.play(0)
-    hands.rest(0, count=5)
-    assert hands.q[0][1] < -0.002
-    (stop,) = (one.id for one in hands.rest(0, (0.0, 0.0)) if one.robots == ("fast",))
-    hands.rest(0, (0.0, 0.0), count=5)
-    answer, rebase = hands.gate.step(Reset(stop, "x"))
+        scripted.ask((0.0, -5e-4), 0)
+        scripted.play(0)
+    scripted.rest(0, count=5)
+    assert scripted.q[0][1] < -0.002
+    (stop,) = (one.id for one in scripted.rest(0, (0.0, 0.0)) if one.robots == ("fast",))
+    scripted.rest(0, (0.0, 0.0), count=5)
+    answer, rebase = scripted.gate.step(Reset(stop, "x"))
     assert (answer.accepted, rebase.setpoint) == (True, (0.0, 0.0))
-    for other in hands.view(1).stops:
-        hands.gate.step(Reset(other, "x"))
-    hands.q[0] = (0.0, 0.0)
-    hands.rest(0, count=2)
-    hands.rest(1, count=2)
-    assert hands.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    for other in scripted.view(1).stops:
+        scripted.gate.step(Reset(other, "x"))
+    scripted.q[0] = (0.0, 0.0)
+    scripted.rest(0, count=2)
+    scripted.rest(1, count=2)
+    assert scripted.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED

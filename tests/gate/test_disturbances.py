@@ -1,4 +1,4 @@
-"""What the adversary and its oracle find when a fix of the gate is taken out again, and nothing otherwise."""
+"""The adversary and its oracle find each fault of the gate whose fix is removed, and no others."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from gate.rig import LIES, Player, Rig
 
 
 def found(scene, tries=6, **given):
-    """The first violations that the setting of this scene finds, within so many runs; none of them else."""
+    """Return the first violations found in this scene within so many runs; empty if there are none."""
     (setting,) = [
         s for s in SETTINGS if s.scene == scene and all(getattr(s, key) == x for key, x in given.items())
     ]
@@ -26,13 +26,13 @@ def found(scene, tries=6, **given):
     return []
 
 
-def test_resets_that_follow_the_noise_are_found(monkeypatch):
+def test_resets_to_the_noisy_measurement_are_found(monkeypatch):
     monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
     monkeypatch.setattr(Reservations, "prove_setpoint", lambda *given: True)
     assert any("mm" in text for text in found("boom"))
 
 
-def test_resets_that_lead_out_of_the_limits_are_found(monkeypatch):
+def test_resets_that_move_the_setpoint_out_of_its_limits_are_found(monkeypatch):
     monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
     rig = Rig(scenes.boom(surroundings={}), start=[np.array([1.2, 0.0])], stops=0.0)
     rig.noise[0] = np.array([1e-4, 0.0])
@@ -43,19 +43,19 @@ def test_resets_that_lead_out_of_the_limits_are_found(monkeypatch):
     assert any("J0: setpoint" in text for text in rig.tally.violations)
 
 
-def test_motion_bounds_for_the_limits_alone_are_found(monkeypatch):
+def test_motion_bounds_that_hold_only_inside_the_limits_are_found(monkeypatch):
     monkeypatch.setattr(LeverRange, "fitted", lambda self, *given: self)
     assert any("ball" in text for text in found("lever", tries=12))
 
 
 @pytest.mark.parametrize("scene", ["lane", "niche"])
-def test_floors_that_a_fault_does_not_clear_are_found(monkeypatch, scene):
+def test_floors_that_survive_a_fault_are_found(monkeypatch, scene):
     monkeypatch.setattr(Retreat, "forget", lambda *given: None)
     assert any("too near" in text for text in found(scene))
 
 
 def test_floors_that_every_command_clears_are_found(monkeypatch):
-    """Then a controller gets in by the slack each time."""
+    """A controller then gets nearer by the slack each time."""
     demand = Retreat.requirements
 
     def forgetful(self, state, states):
@@ -68,7 +68,7 @@ def test_floors_that_every_command_clears_are_found(monkeypatch):
 
 
 @pytest.mark.parametrize(("scene", "given"), [("duel_noisy", {}), ("duel", {"resets": 0.03})])
-def test_a_reset_with_a_plan_under_way_is_found(monkeypatch, scene, given):
+def test_a_reset_with_a_pending_plan_is_found(monkeypatch, scene, given):
     resting = RobotState.resting.fget
 
     def hasty(self):
@@ -92,19 +92,19 @@ def test_a_moving_robot_that_is_reset_is_found(monkeypatch):
     assert any("left to go" in text for text in found("boom_delayed"))
 
 
-def test_a_link_that_plays_something_else_is_found(monkeypatch):
+def test_a_link_that_does_not_play_its_plan_is_found(monkeypatch):
     monkeypatch.setattr("armgate.gate.gate.contradiction", lambda *given: None)
     assert any("not its plan" in text for text in found("duel", traffic=LIES))
 
 
-def test_the_worst_noise_leads_to_what_is_nearest():
+def test_the_worst_noise_points_toward_the_nearest_body():
     rig = Rig(scenes.boom(), start=[np.array([-0.6, 0.0])], stops=0.0)
     assert worst_noise(rig, 0)[0] == -1e-4
     rig = Rig(scenes.boom(), start=[np.array([0.6, 0.0])], stops=0.0)
     assert worst_noise(rig, 0)[0] == 1e-4
 
 
-def test_a_link_that_keeps_its_setpoint_says_so_once():
+def test_a_link_that_keeps_its_setpoint_reports_it_once():
     player = Player("A", (0.0, 1.0), keeps=True)
     player.play(0.0, (0.0, 1.0))
     rig = Rig(scenes.lane(), stops=0.0)

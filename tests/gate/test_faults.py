@@ -1,4 +1,4 @@
-"""Faults, resets and delays: what the robots may still pass must stay reserved."""
+"""Faults, resets and delays: positions that the robots can still reach must stay reserved."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def centre_gap(rig, a=0, b=1):
 
 
 def toward(goal):
-    def wish(rig, i):
+    def controller(rig, i):
         if i not in goal:
             return None
         robot = rig.cell.robots[i]
@@ -35,11 +35,11 @@ def toward(goal):
         full = robot.velocity * robot.period
         return v / max(1.0, float(np.max(np.abs(v) / full)))
 
-    return wish
+    return controller
 
 
-def test_a_reset_before_a_delayed_robot_moved_keeps_its_way_reserved():
-    """A stop, a short way played already, the delayed robot still stands: it will go all the same."""
+def test_a_reset_before_a_delayed_robot_moves_keeps_its_path_reserved():
+    """After a stop, with a short path already played, the delayed robot still stands but will move."""
     start = [np.array([-0.5, 0.0]), np.array([-0.3, 0.3])]
     rig = Rig(scenes.crossing(window=0.8), delay=(0.8, 0.0), stops=0.0, start=start)
     for _ in range(120):
@@ -50,7 +50,7 @@ def test_a_reset_before_a_delayed_robot_moved_keeps_its_way_reserved():
     far = rig.players[0].setpoint[0]
     assert far > -0.36
     assert rig.drives[0].q[0] == -0.5
-    rig.reset(stop)  # refusing while the window still holds motion would be as good
+    rig.reset(stop)  # a refusal while the window still contains motion would be right too
     for _ in range(700):
         rig.step(toward({1: (far, 0.0)}))
     rig.check()
@@ -71,7 +71,7 @@ def test_a_reset_is_possible_once_a_delayed_robot_rests():
 
 
 def off_by(rig, i, dq):
-    """The robot is suddenly somewhere else than any plan of its leads."""
+    """Move the robot to a position that no plan of it reaches."""
     rig.expect_faults = True
     rig.drives[i].q = rig.drives[i].q + np.array(dq)
     player = rig.players[i]
@@ -79,7 +79,7 @@ def off_by(rig, i, dq):
 
 
 def approach_after_fault(acknowledge_late: bool) -> float:
-    """The fast cart is found 0.1 m off; the slow one then tries to reach it. Returns how near it came."""
+    """Find the fast cart 0.1 m off; the slow one then tries to reach it. Return the least distance."""
     cell = scenes.crossing(window=0.0)
     gate = Gate(cell, "s")
     q = {"fast": (-0.5, 0.0), "slow": (0.0, 0.5)}
@@ -117,13 +117,13 @@ def approach_after_fault(acknowledge_late: bool) -> float:
     return nearest
 
 
-def test_an_answer_after_a_fault_does_not_bring_back_what_was_proven_before_it():
+def test_a_plan_answer_after_a_fault_does_not_restore_bounds_proven_before_it():
     late = approach_after_fault(True)
     assert late == pytest.approx(approach_after_fault(False), abs=1e-3)
     assert late > 0.1
 
 
-def test_a_robot_off_its_way_is_stopped_alone_when_nobody_is_near():
+def test_a_robot_off_its_path_is_stopped_alone_if_no_robot_is_near():
     rig = Rig(scenes.crossing(window=0.0), stops=0.0)
     out = off_by(rig, 0, (0.0, 0.05))
     (stopped,) = [o for o in out if isinstance(o, Stopped)]
@@ -132,13 +132,13 @@ def test_a_robot_off_its_way_is_stopped_alone_when_nobody_is_near():
     assert rig.gate.view("slow").stops == ()
 
 
-def test_a_robot_off_its_way_stops_whom_it_may_meet():
+def test_a_robot_off_its_path_stops_the_robots_that_it_may_meet():
     rig = Rig(scenes.crossing(window=0.0), stops=0.0)
     out = off_by(rig, 0, (0.4, 0.4))
     assert [o.robots for o in out if isinstance(o, Stopped)] == [("fast",), ("slow",)]
 
 
-def test_after_a_fault_and_its_reset_the_robot_goes_on_from_where_it_is():
+def test_after_a_fault_and_its_reset_the_robot_continues_from_its_position():
     rig = Rig(scenes.crossing(window=0.0), stops=0.0)
     (stopped,) = [o for o in off_by(rig, 0, (0.0, 0.05)) if isinstance(o, Stopped)]
     rig.feed(rig.players[0].play(rig.now, [float(x) for x in rig.drives[0].q]))
@@ -150,30 +150,30 @@ def test_after_a_fault_and_its_reset_the_robot_goes_on_from_where_it_is():
 
 
 @pytest.mark.parametrize("late", [0.0, 0.02, 0.1])
-def test_a_delayed_robot_out_and_back_keeps_the_place_where_it_turned(late):
-    """Its setpoint is home again while it has yet to go out: the slow one must not enter meanwhile."""
+def test_a_delayed_robot_out_and_back_keeps_the_turning_point_reserved(late):
+    """Its setpoint is back before the robot has gone out: the slow one must not enter meanwhile."""
     rig = Rig(scenes.crossing(window=0.12), delay=(0.12, 0.0), stops=0.05)
 
-    def wish(rig, i):
+    def controller(rig, i):
         out = int(rig.now / 0.35 + late) % 2 == 0
         goal = {0: (0.3, 0.0) if out else (-0.5, 0.0), 1: (0.1, -0.5)}
         return toward(goal)(rig, i)
 
-    rig.run(wish, 500)
+    rig.run(controller, 500)
     assert rig.tally.violations == []
     assert rig.tally.accepted > 0.3
 
 
-def test_an_undeclared_delay_is_noticed_not_believed():
-    """The same robot without the declaration is soon found off its stop path and stopped."""
+def test_an_undeclared_delay_is_detected():
+    """Without the declaration the same robot is soon found off its stop path and stopped."""
     rig = Rig(scenes.crossing(window=0.0), delay=(0.12, 0.0), stops=0.0)
     rig.expect_faults = True
 
-    def wish(rig, i):
+    def controller(rig, i):
         return (0.012, 0.0) if i == 0 and int(rig.now / 0.1) % 2 == 0 else (-0.012, 0.004 * (i == 0))
 
     for _ in range(400):
-        rig.step(wish)
+        rig.step(controller)
     assert any(s.robots == ("fast",) and "off its stop path" in s.reason for s in rig.stopped)
 
 
@@ -183,12 +183,12 @@ def test_a_tree_robot_keeps_its_own_arms_apart():
     goal = np.array([0.0, -1.0, -1.5, 1.0, 1.5])
     rig.run(toward({0: goal}), 400)
     assert rig.tally.violations == []
-    assert rig.tally.least < 0.01  # they did meet
+    assert rig.tally.least < 0.01  # they did come near
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_start_outside_a_slide_behind_a_turning_joint_is_bounded_too(seed):
-    """Motion bounds hold inside the limits: far outside the arm is longer than they say."""
+def test_motion_bounds_cover_a_start_with_a_slide_outside_its_limits(seed):
+    """The bounds for positions inside the limits do not hold far outside, where the arm is longer."""
     robot = {
         "urdf": scenes.slide(),
         "base": {"xyz": [0, 0, 0.5]},
@@ -198,10 +198,10 @@ def test_a_start_outside_a_slide_behind_a_turning_joint_is_bounded_too(seed):
     wall = {"wall": {"shape": {"sphere": 0.1}, "xyz": [2.5 * np.cos(0.6), 2.5 * np.sin(0.6), 0.5]}}
     rig = Rig(scenes.build({"A": robot}, surroundings=wall), seed, stops=0.1)
 
-    def wish(rig, i):
+    def controller(rig, i):
         return (0.024, -1e-5, 0.0)
 
-    rig.run(wish, 150)
+    rig.run(controller, 150)
     assert rig.tally.violations == []
 
 
@@ -221,7 +221,7 @@ def one_cart(q=(0.0, 0.5)):
 
 
 @pytest.mark.parametrize("answer_first", [False, True])
-def test_a_plan_that_came_too_late_counts_once_whether_the_tick_or_the_answer_tells_first(answer_first):
+def test_a_late_plan_is_counted_once_whether_the_tick_or_the_answer_comes_first(answer_first):
     gate = one_cart()
     plan = asked(gate, "slow", 0, (0.0001, 0.0))
     unplayed = Tick("slow", 1, 0.004, (0.0, 0.5), (0.0, 0.5), (0.0, 0.0))
@@ -232,8 +232,8 @@ def test_a_plan_that_came_too_late_counts_once_whether_the_tick_or_the_answer_te
     assert asked(gate, "slow", 1, (0.0001, 0.0)).key.last_played == -1
 
 
-def test_a_reset_that_is_still_on_its_way_keeps_the_old_setpoint_reserved():
-    """The robot goes on to its old setpoint by a little while the link has not heard of the new one."""
+def test_a_rebase_that_is_still_under_way_keeps_the_old_setpoint_reserved():
+    """The robot moves on to its old setpoint a little until the link has received the new one."""
     setpoint, q = (0.0, 0.5), (9e-6, 0.5)
     gate = one_cart(q)
     (stopped,) = gate.step(Stop(("slow",), "why", "x"))
@@ -246,4 +246,4 @@ def test_a_reset_that_is_still_on_its_way_keeps_the_old_setpoint_reserved():
     assert gate.view("slow").stops == ()
     for k in range(10, 12):
         gate.step(Tick("slow", k, 0.004 * k, q, q, (0.0, 0.0)))
-    assert gate.step(Tick("slow", 12, 0.05, (0.0, 0.5), q, (0.0, 0.0))) != []  # and no longer than that
+    assert gate.step(Tick("slow", 12, 0.05, (0.0, 0.5), q, (0.0, 0.0))) != []  # but no longer than that

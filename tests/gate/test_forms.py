@@ -19,7 +19,7 @@ SCENES = ("corner", "duel", "wire", "tree", "mesh")
 
 
 def session(cell, seed):
-    """Events and answers of a compiled gate that an adversary drives; nothing is looked at by the oracle."""
+    """Return events and outputs of a compiled gate driven by an adversary, without checks by the oracle."""
     rig = Rig(cell, seed, lag=0.03, oracle=Oracle(cell), stops=0.0, traffic=HARSH if seed % 2 else ROUGH)
     rig.check = rig._track.clear
     rig.run(adversary.Adversary(random.Random(seed)), 100)
@@ -28,8 +28,8 @@ def session(cell, seed):
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("response", ["slow", "stop"])
-def test_both_forms_answer_every_event_alike(scene, response):
-    """Verdicts with their reasons, numbers and points, plans, stops: to the last bit."""
+def test_both_forms_return_the_same_outputs_for_every_event(scene, response):
+    """Verdicts with their reasons, numbers and points, plans and stops are equal to the last bit."""
     cell = scenes.SCENES[scene](response=response)
     bound = 0
     for seed in range(SESSIONS):

@@ -1,4 +1,4 @@
-"""The gate to the letter: ages, reservations, faults, counts and warnings, spoken to by hand."""
+"""Exact behaviour of the gate by hand: ages, reservations, faults, counts and warnings."""
 
 import numpy as np
 import pytest
@@ -24,74 +24,74 @@ from gate import scenes
 from gate.scripted_gate import STEP, ScriptedGate, T, pair
 
 
-def test_a_command_may_be_as_old_as_the_configuration_says_and_not_older():
-    hands = pair()
-    hands.rest(0, count=5)
-    oldest = hands.cell.config.max_age_ticks
-    assert hands.ask((0.0,), based_on=5 - oldest - 1).reasons[0].cause is Cause.STALE
-    assert hands.ask((0.0,), based_on=5 - oldest).outcome is Outcome.ADMITTED
-    hands.rest()
-    assert hands.ask((0.0,)).outcome is Outcome.ADMITTED
+def test_a_command_may_be_as_old_as_configured_and_not_older():
+    scripted = pair()
+    scripted.rest(0, count=5)
+    oldest = scripted.cell.config.max_age_ticks
+    assert scripted.ask((0.0,), based_on=5 - oldest - 1).reasons[0].cause is Cause.STALE
+    assert scripted.ask((0.0,), based_on=5 - oldest).outcome is Outcome.ADMITTED
+    scripted.rest()
+    assert scripted.ask((0.0,)).outcome is Outcome.ADMITTED
 
 
-def test_a_slot_is_free_again_at_its_tick():
-    hands = pair()
-    assert hands.ask((0.0,)).target == 1
-    assert hands.ask((0.0,)).reasons[0].cause is Cause.OCCUPIED
-    hands.rest()
-    assert hands.ask((0.0,)).target == 2
+def test_a_robot_can_be_commanded_again_after_its_tick():
+    scripted = pair()
+    assert scripted.ask((0.0,)).target == 1
+    assert scripted.ask((0.0,)).reasons[0].cause is Cause.OCCUPIED
+    scripted.rest()
+    assert scripted.ask((0.0,)).target == 2
 
 
-def test_a_way_away_is_believed_only_once_the_link_has_it():
-    """Before the answer the pair is as near as on the old way; after it as far as on the new one."""
-    hands = pair()
-    before = hands.kept()
-    plan = hands.ask((-STEP,), answer=None)
+def test_a_path_away_counts_only_after_the_link_has_accepted_it():
+    """Before the answer the pair is as near as on the old path; after it as far as on the new one."""
+    scripted = pair()
+    before = scripted.kept()
+    plan = scripted.ask((-STEP,), answer=None)
     assert plan.outcome is Outcome.ADMITTED
-    assert hands.kept() == hands.kept(1) <= before
-    hands.gate.step(PlanAnswer("left", hands.held[0].key, True))
-    assert before - 1.01 * STEP <= hands.kept() == hands.kept(1) <= before  # it still stands where it stood
-    hands.play()
-    hands.rest(0, count=2)
-    hands.ask((0.0,), i=1)
-    assert hands.view().setpoint == (hands.q[0][0],)
+    assert scripted.kept() == scripted.kept(1) <= before
+    scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
+    assert before - 1.01 * STEP <= scripted.kept() == scripted.kept(1) <= before  # it has not moved
+    scripted.play()
+    scripted.rest(0, count=2)
+    scripted.ask((0.0,), i=1)
+    assert scripted.view().setpoint == (scripted.q[0][0],)
 
 
-def test_a_way_toward_counts_from_the_verdict_on_and_until_it_is_refused_by_the_link():
-    hands = pair()
-    before = hands.kept()
-    assert hands.ask((STEP,), answer=None).outcome is Outcome.ADMITTED
-    assert hands.kept() == pytest.approx(before - STEP, abs=1e-8)
-    assert hands.kept(1) == hands.kept()
-    hands.gate.step(PlanAnswer("left", hands.held[0].key, True))
-    assert hands.kept() == pytest.approx(before - STEP, abs=1e-8)
+def test_a_path_toward_counts_from_the_verdict_until_the_link_refuses_it():
+    scripted = pair()
+    before = scripted.kept()
+    assert scripted.ask((STEP,), answer=None).outcome is Outcome.ADMITTED
+    assert scripted.kept() == pytest.approx(before - STEP, abs=1e-8)
+    assert scripted.kept(1) == scripted.kept()
+    scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
+    assert scripted.kept() == pytest.approx(before - STEP, abs=1e-8)
 
 
-def test_two_ways_toward_each_other_count_together_whoever_is_answered_first():
+def test_two_paths_toward_each_other_count_together_in_any_order_of_the_answers():
     for order in ((0, 1), (1, 0)):
-        hands = pair()
-        before = hands.kept()
-        hands.ask((STEP,), 0, answer=None)
-        hands.ask((-STEP,), 1, answer=None)
+        scripted = pair()
+        before = scripted.kept()
+        scripted.ask((STEP,), 0, answer=None)
+        scripted.ask((-STEP,), 1, answer=None)
         for i in order:
-            hands.gate.step(PlanAnswer(hands.names[i], hands.held[i].key, True))
-        assert hands.kept(0) == hands.kept(1) <= before - 2 * STEP + 1e-9
-        assert hands.kept() >= before - 2 * STEP - 1e-8
+            scripted.gate.step(PlanAnswer(scripted.names[i], scripted.held[i].key, True))
+        assert scripted.kept(0) == scripted.kept(1) <= before - 2 * STEP + 1e-9
+        assert scripted.kept() >= before - 2 * STEP - 1e-8
 
 
-def test_a_plan_dropped_is_free_for_the_other_again():
-    """Room for one: the first is refused by its link, and after a look the second may go."""
-    hands = pair(0.02 + 1.5 * STEP)
-    assert hands.ask((STEP,), 0, answer=None).outcome is Outcome.ADMITTED
-    assert hands.ask((-STEP,), 1).outcome is Outcome.REFUSED
-    hands.gate.step(PlanAnswer("left", hands.held[0].key, False, "late"))
-    hands.rest(0)
-    hands.rest(1)
-    assert hands.view().late == 1
-    assert hands.ask((-STEP,), 1).outcome is Outcome.ADMITTED
+def test_the_space_of_a_dropped_plan_is_free_for_the_other_robot():
+    """With room for one, the link refuses the first plan, and after a new proof the second robot may move."""
+    scripted = pair(0.02 + 1.5 * STEP)
+    assert scripted.ask((STEP,), 0, answer=None).outcome is Outcome.ADMITTED
+    assert scripted.ask((-STEP,), 1).outcome is Outcome.REFUSED
+    scripted.gate.step(PlanAnswer("left", scripted.held[0].key, False, "late"))
+    scripted.rest(0)
+    scripted.rest(1)
+    assert scripted.view().late == 1
+    assert scripted.ask((-STEP,), 1).outcome is Outcome.ADMITTED
 
 
-def test_of_three_each_keeps_away_from_both_others():
+def test_each_of_three_robots_keeps_clear_of_both_others():
     robots = {
         name: {"urdf": scenes.cart((1, 0, 0)), "start": [x], "period": p, "q_tolerance": 0.0}
         for name, x, p in (("a", -0.4, 0.004), ("b", 0.0, 0.012), ("c", 0.4, 0.008))
@@ -109,52 +109,52 @@ def test_of_three_each_keeps_away_from_both_others():
     assert np.all(gaps <= 0.04)
 
 
-def test_applied_is_what_was_played_and_not_what_was_judged():
-    hands = pair()
-    verdict = hands.ask((STEP,))
-    assert verdict.setpoint == (hands.q[0][0] + STEP,)
-    assert hands.view().applied_seq is None
-    hands.play()
-    assert hands.view().applied_seq == 1
-    assert (hands.view().tick, hands.view().time) == (1, T)
-    hands.ask((0.0,), answer=None)
-    hands.rest()
-    assert hands.view().applied_seq == 1
-    assert hands.view().late == 1
+def test_the_applied_sequence_number_is_that_of_the_played_command():
+    scripted = pair()
+    verdict = scripted.ask((STEP,))
+    assert verdict.setpoint == (scripted.q[0][0] + STEP,)
+    assert scripted.view().applied_seq is None
+    scripted.play()
+    assert scripted.view().applied_seq == 1
+    assert (scripted.view().tick, scripted.view().time) == (1, T)
+    scripted.ask((0.0,), answer=None)
+    scripted.rest()
+    assert scripted.view().applied_seq == 1
+    assert scripted.view().late == 1
 
 
 def test_verdicts_are_counted_by_outcome_and_last_cause():
-    hands = pair()
-    hands.ask((0.0,))
-    hands.rest()
-    hands.ask((1.0,))
-    hands.ask((0.0,))
-    hands.ask((0.0,))
-    assert hands.view().counts == {"admitted": 1, "limited:acceleration": 1, "refused:occupied": 2}
+    scripted = pair()
+    scripted.ask((0.0,))
+    scripted.rest()
+    scripted.ask((1.0,))
+    scripted.ask((0.0,))
+    scripted.ask((0.0,))
+    assert scripted.view().counts == {"admitted": 1, "limited:acceleration": 1, "refused:occupied": 2}
 
 
-def test_a_plan_out_of_order_is_a_fault():
-    hands = pair()
-    hands.ask((STEP,))
-    plan = hands.held[0]
-    wrong = Tick("left", 1, T, hands.q[0], (hands.q[0][0] + STEP,), (STEP,), plan.key, 1)
-    (stopped,) = hands.gate.step(wrong)
+def test_a_plan_played_out_of_order_is_a_fault():
+    scripted = pair()
+    scripted.ask((STEP,))
+    plan = scripted.held[0]
+    wrong = Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), plan.key, 1)
+    (stopped,) = scripted.gate.step(wrong)
     assert (stopped.robots, stopped.by) == (("left",), "gate")
     assert "has not given it" in stopped.reason
 
 
-def test_after_a_plan_out_of_order_the_rest_of_the_held_plan_stays_reserved():
-    hands = pair()
+def test_after_a_plan_played_out_of_order_the_rest_of_the_held_plan_stays_reserved():
+    scripted = pair()
     for k in range(1, 5):
-        hands.ask((k * 6e-5,))
-        hands.play()
-    plan, before = hands.held[0], hands.q[0][0]
+        scripted.ask((k * 6e-5,))
+        scripted.play()
+    plan, before = scripted.held[0], scripted.q[0][0]
     assert len(plan.increments) > 2
     (u,) = plan.increments[1]
-    number = hands.tick[0] + 1
-    hands.gate.step(Tick("left", number, number * T, (before,), (before + u,), (u,), plan.key, 7))
-    assert hands.gate._robots[0].played == 0
-    assert hands.view().stop_end[0] > before + u
+    number = scripted.tick[0] + 1
+    scripted.gate.step(Tick("left", number, number * T, (before,), (before + u,), (u,), plan.key, 7))
+    assert scripted.gate._robots[0].played == 0
+    assert scripted.view().stop_end[0] > before + u
 
 
 def test_a_fault_at_the_first_tick_widens_nothing():
@@ -165,30 +165,30 @@ def test_a_fault_at_the_first_tick_widens_nothing():
     assert gate._robots[0].main.occupied.tube == (0.0,)
 
 
-def test_a_setpoint_that_a_link_begins_anew_with_is_proven_anew():
-    """A link that is not ready may do so. The robot is then taken to move to that setpoint."""
-    hands = pair()
-    before, (x,) = hands.kept(), hands.q[0]
-    hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
-    assert hands.gate.step(Tick("left", 1, T, (x,), (x + 0.05,), (0.0,), rebased=True)) == []
-    assert hands.kept() == hands.kept(1) == pytest.approx(before - 0.05, abs=1e-8)
+def test_a_new_initial_setpoint_of_a_link_is_proven_anew():
+    """A link that is not ready may begin anew. The robot is then assumed to move to that setpoint."""
+    scripted = pair()
+    before, (x,) = scripted.kept(), scripted.q[0]
+    scripted.gate.step(LinkChange("left", LinkState.LOST, "gone"))
+    assert scripted.gate.step(Tick("left", 1, T, (x,), (x + 0.05,), (0.0,), rebased=True)) == []
+    assert scripted.kept() == scripted.kept(1) == pytest.approx(before - 0.05, abs=1e-8)
 
 
-def test_a_robot_whose_tick_is_unreadable_is_not_known_to_rest_until_its_next_tick():
-    hands = pair()
-    (stop,) = hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,)))
-    assert hands.gate.step(Tick("left", 1, T, (float("nan"),), hands.q[0], (0.0,))) == []
-    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
-    hands.rest(0)
-    assert hands.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
+def test_a_robot_with_an_unusable_tick_does_not_count_as_resting_until_its_next_tick():
+    scripted = pair()
+    (stop,) = scripted.gate.step(Tick("left", 1, T, (float("nan"),), scripted.q[0], (0.0,)))
+    assert scripted.gate.step(Tick("left", 1, T, (float("nan"),), scripted.q[0], (0.0,))) == []
+    assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
+    scripted.rest(0)
+    assert scripted.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
 
 
-def test_a_plan_of_nobody_is_a_fault():
-    hands = pair()
+def test_an_unknown_plan_is_a_fault():
+    scripted = pair()
     other = pair()
     other.ask((STEP,))
-    (stopped,) = hands.gate.step(
-        Tick("left", 1, T, hands.q[0], (hands.q[0][0] + STEP,), (STEP,), other.held[0].key, 0)
+    (stopped,) = scripted.gate.step(
+        Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), other.held[0].key, 0)
     )
     assert "has not given it" in stopped.reason
 
@@ -196,72 +196,72 @@ def test_a_plan_of_nobody_is_a_fault():
 @pytest.mark.parametrize(
     ("off", "fault"), [(0.5e-9, False), (1e-9, False), (1.001e-9, True), (2e-9, True), (-2e-9, True)]
 )
-def test_a_setpoint_that_does_not_add_up_is_a_fault(off, fault):
-    hands = ScriptedGate(scenes.head_on(1.0, (T, T)), [(0.0,), (0.6,)])
-    out = hands.gate.step(Tick("left", 1, T, hands.q[0], (hands.q[0][0] + off,), (0.0,)))
+def test_a_setpoint_other_than_the_sum_of_the_increments_is_a_fault(off, fault):
+    scripted = ScriptedGate(scenes.head_on(1.0, (T, T)), [(0.0,), (0.6,)])
+    out = scripted.gate.step(Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + off,), (0.0,)))
     assert (out != []) == fault
 
 
-def test_what_strayed_is_added_up_and_told():
-    hands = pair(1.0)
-    x = hands.q[0][0]
-    (stopped,) = hands.rest(0, (x + 0.03,))
+def test_the_distances_off_the_path_are_added_up_and_reported():
+    scripted = pair(1.0)
+    x = scripted.q[0][0]
+    (stopped,) = scripted.rest(0, (x + 0.03,))
     assert "0.03 rad or m off its stop path" in stopped.reason
-    state = hands.gate._robots[0]
+    state = scripted.gate._robots[0]
     assert state.off_path == pytest.approx(0.03)
-    assert hands.rest(0, (x + 0.1,)) == []  # once stopped it is not stopped again
+    assert scripted.rest(0, (x + 0.1,)) == []  # a stopped robot is not stopped again
     assert state.off_path == pytest.approx(0.03 + 0.07)
     assert all(e >= 0.03 for e in state.main.occupied.tube)
 
 
-def test_a_fault_stops_whom_it_may_meet_only_if_not_stopped_already():
-    hands = pair(0.1)
-    first = hands.gate.step(Stop(("right",), "x", "y"))[0].id
-    out = hands.rest(0, (hands.q[0][0] + 0.09,))
+def test_a_fault_stops_robots_that_it_may_meet_unless_they_are_stopped_already():
+    scripted = pair(0.1)
+    first = scripted.gate.step(Stop(("right",), "x", "y"))[0].id
+    out = scripted.rest(0, (scripted.q[0][0] + 0.09,))
     assert [o.robots for o in out] == [("left",)]
-    assert hands.view(1).stops == (first,)
+    assert scripted.view(1).stops == (first,)
 
 
-def test_a_fault_far_from_others_stops_nobody_else():
-    hands = pair(1.0)
-    out = hands.rest(0, (hands.q[0][0] + 0.09,))
+def test_a_fault_far_from_others_stops_no_other_robot():
+    scripted = pair(1.0)
+    out = scripted.rest(0, (scripted.q[0][0] + 0.09,))
     assert [o.robots for o in out] == [("left",)]
 
 
-def test_stops_are_numbered_and_a_reset_frees_all_that_it_stopped():
-    hands = pair()
-    (one,) = hands.gate.step(Stop(("left", "right"), "x", "y"))
-    (two,) = hands.gate.step(Stop(("right",), "x", "y"))
+def test_stops_are_numbered_and_a_reset_frees_all_stopped_robots():
+    scripted = pair()
+    (one,) = scripted.gate.step(Stop(("left", "right"), "x", "y"))
+    (two,) = scripted.gate.step(Stop(("right",), "x", "y"))
     assert (one.id, two.id) == (1, 2)
     assert isinstance(one, Stopped)
-    hands.rest(0)
-    hands.rest(1)
-    out = hands.gate.step(Reset(one.id, "x"))
+    scripted.rest(0)
+    scripted.rest(1)
+    out = scripted.gate.step(Reset(one.id, "x"))
     assert out[0] == ResetAnswer(one.id, True)
     assert [o.robot for o in out[1:] if isinstance(o, Rebase)] == ["left"]
-    assert (hands.view(0).stops, hands.view(1).stops) == ((), (2,))
+    assert (scripted.view(0).stops, scripted.view(1).stops) == ((), (2,))
 
 
-def test_a_reset_waits_for_all_that_it_frees():
-    hands = pair()
-    hands.ask((STEP,), 1)
-    (stop,) = hands.gate.step(Stop(("left", "right"), "x", "y"))
-    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
-    hands.play(1)
-    hands.rest(1, count=3)
-    assert hands.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
+def test_a_reset_needs_rest_of_all_robots_that_it_frees():
+    scripted = pair()
+    scripted.ask((STEP,), 1)
+    (stop,) = scripted.gate.step(Stop(("left", "right"), "x", "y"))
+    assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
+    scripted.play(1)
+    scripted.rest(1, count=3)
+    assert scripted.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
 
 
-def test_a_robot_whose_link_was_lost_is_not_known_to_rest_until_it_speaks():
-    hands = pair()
-    (stop,) = hands.gate.step(LinkChange("left", LinkState.LOST, "gone"))
-    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
-    hands.rest(0)
-    assert hands.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
-    assert hands.gate.step(LinkChange("right", LinkState.WAITING)) == []
+def test_a_robot_whose_link_was_lost_does_not_count_as_resting_until_its_next_tick():
+    scripted = pair()
+    (stop,) = scripted.gate.step(LinkChange("left", LinkState.LOST, "gone"))
+    assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
+    scripted.rest(0)
+    assert scripted.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
+    assert scripted.gate.step(LinkChange("right", LinkState.WAITING)) == []
 
 
-def test_who_has_not_spoken_keeps_all_others_waiting():
+def test_a_robot_without_a_tick_keeps_all_others_waiting():
     cell = scenes.head_on(1.0, (T, T))
     gate = Gate(cell, "s")
     gate.step(Tick("left", 0, 0.0, (-0.5,), (-0.5,), (0.0,)))
@@ -278,47 +278,47 @@ def test_who_has_not_spoken_keeps_all_others_waiting():
 
 
 @pytest.mark.parametrize(("gaps", "asked", "told"), [(0, 0, 0), (1, 1000, 0), (1, 999, 1), (3, 2999, 1)])
-def test_more_than_one_gap_in_a_thousand_is_told(gaps, asked, told):
-    hands = pair()
-    certifier = hands.gate._clearance.certifier
+def test_more_than_one_gap_in_a_thousand_queries_is_reported(gaps, asked, told):
+    scripted = pair()
+    certifier = scripted.gate._clearance.certifier
     certifier.gaps, certifier.queries = gaps, asked
-    assert len(hands.gate.warnings()) == told
-    assert all(f"{gaps} of {asked}" in text for text in hands.gate.warnings())
+    assert len(scripted.gate.warnings()) == told
+    assert all(f"{gaps} of {asked}" in text for text in scripted.gate.warnings())
 
 
 def test_the_least_clearance_is_the_least_of_all_ticks_to_others():
-    hands = pair(0.1)
-    hands.rest()
-    first = hands.view().least_clearance
+    scripted = pair(0.1)
+    scripted.rest()
+    first = scripted.view().least_clearance
     assert first == pytest.approx(0.1, abs=1e-6)
-    hands.ask((STEP,))
-    hands.play()
-    hands.rest()
-    least = hands.view().least_clearance
+    scripted.ask((STEP,))
+    scripted.play()
+    scripted.rest()
+    least = scripted.view().least_clearance
     assert least == pytest.approx(0.1 - STEP, abs=1e-6)
-    hands.ask((-STEP,))
-    hands.play()
-    hands.rest()
-    assert hands.view().least_clearance == least
+    scripted.ask((-STEP,))
+    scripted.play()
+    scripted.rest()
+    assert scripted.view().least_clearance == least
 
 
-def test_a_delayed_robot_keeps_its_window_of_setpoints():
-    """Each old setpoint counts until the window has passed since it was left."""
+def test_a_delayed_robot_keeps_the_setpoints_of_its_window_reserved():
+    """Each old setpoint counts until the window has passed since it was replaced."""
     cell = scenes.crossing(window=0.036, periods=(0.012, 0.004))
-    hands = ScriptedGate(cell)
-    hands.ask((5e-4, 0.0))
-    hands.play()
+    scripted = ScriptedGate(cell)
+    scripted.ask((5e-4, 0.0))
+    scripted.play()
     start = (-0.5, 0.0)
     seen = []
     for _ in range(5):
-        hands.rest(0, start)
-        seen.append(start in [q for _, q in hands.gate._robots[0].history])
+        scripted.rest(0, start)
+        seen.append(start in [q for _, q in scripted.gate._robots[0].history])
     assert seen == [True, True, True, False, False] or seen == [True, True, False, False, False]
-    state = hands.gate._robots[0]
+    state = scripted.gate._robots[0]
     assert max(until for until, _ in state.history) == pytest.approx(state.time)
 
 
-def test_before_its_first_tick_a_robot_has_no_place_and_after_it_its_nearest_pairs():
+def test_a_robot_has_no_position_before_its_first_tick_and_nearest_pairs_after_it():
     gate = Gate(scenes.lane(), "s")
     view = gate.view("A")
     assert (view.tick, view.time, view.q, view.setpoint, view.stop_end) == (0, 0.0, (), (), ())
@@ -329,17 +329,17 @@ def test_before_its_first_tick_a_robot_has_no_place_and_after_it_its_nearest_pai
     assert gate.view("A").least_clearance == near.distance
 
 
-def test_the_state_tells_the_three_nearest_pairs():
+def test_the_state_contains_the_three_nearest_pairs():
     around = {f"ball_{k}": {"shape": {"sphere": 0.1}, "xyz": [0.5 + 0.1 * k, 0, 0]} for k in range(5)}
     robot = {"urdf": scenes.cart((1, 0, 0)), "start": [-0.5]}
-    hands = ScriptedGate(scenes.build({"A": robot}, surroundings=around))
-    assert [n.pair[1] for n in hands.view().nearest] == ["ball_0", "ball_1", "ball_2"]
+    scripted = ScriptedGate(scenes.build({"A": robot}, surroundings=around))
+    assert [n.pair[1] for n in scripted.view().nearest] == ["ball_0", "ball_1", "ball_2"]
 
 
-def test_the_least_clearance_is_one_to_others_and_was_asked_of_the_engine():
-    """Its own arms are nearer to each other than anything else; bounds that nobody asked for are loose."""
-    hands = ScriptedGate(scenes.tree(), [(1.5, -0.3, 0.0, 0.3, 0.0)])
-    view = hands.view()
+def test_the_least_clearance_is_to_other_bodies_and_measured_by_the_engine():
+    """Its own arms are nearest to each other; bounds without an engine query are loose."""
+    scripted = ScriptedGate(scenes.tree(), [(1.5, -0.3, 0.0, 0.3, 0.0)])
+    view = scripted.view()
     own = [n for n in view.nearest if {x.split("/")[0] for x in n.pair} == {"A"}]
     others = [n for n in view.nearest if n not in own]
     assert min(n.distance for n in own) < min(n.distance for n in others)
@@ -347,37 +347,39 @@ def test_the_least_clearance_is_one_to_others_and_was_asked_of_the_engine():
 
 
 @pytest.mark.parametrize("way", ["first", "rebased", "reset"])
-def test_a_plan_after_none_replaces_none(way):
-    hands = pair()
+def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
+    scripted = pair()
     if way != "first":
-        hands.ask((STEP,))
-        hands.play()
+        scripted.ask((STEP,))
+        scripted.play()
     if way == "rebased":
-        hands.tick[0] += 1
-        now = hands.tick[0] * T
-        hands.gate.step(Tick("left", hands.tick[0], now, hands.q[0], hands.q[0], (0.0,), rebased=True))
+        scripted.tick[0] += 1
+        now = scripted.tick[0] * T
+        scripted.gate.step(
+            Tick("left", scripted.tick[0], now, scripted.q[0], scripted.q[0], (0.0,), rebased=True)
+        )
     if way == "reset":
-        hands.rest(0, count=2)
-        hands.ask((STEP,))
-        hands.play()
-        hands.rest(0)
-        (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
-        assert hands.gate.step(Reset(stop.id, "x"))[0].accepted
-    hands.ask((STEP,))
-    assert hands.held[0].key.last_played == -1
-    assert hands.held[0].key.resets == (way == "reset")
+        scripted.rest(0, count=2)
+        scripted.ask((STEP,))
+        scripted.play()
+        scripted.rest(0)
+        (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
+        assert scripted.gate.step(Reset(stop.id, "x"))[0].accepted
+    scripted.ask((STEP,))
+    assert scripted.held[0].key.last_played == -1
+    assert scripted.held[0].key.resets == (way == "reset")
 
 
 @pytest.mark.parametrize(("over", "outcome"), [(1e-13, Outcome.ADMITTED), (1e-11, Outcome.LIMITED)])
-def test_a_wish_that_is_over_a_bound_by_rounding_is_admitted(over, outcome):
+def test_an_increment_that_exceeds_a_bound_by_rounding_is_admitted(over, outcome):
     most = 4.0 * T * T
     verdict = pair(1.0).ask((most + over,))
     assert (verdict.outcome, bool(verdict.reasons)) == (outcome, outcome is not Outcome.ADMITTED)
     assert verdict.dq == (pytest.approx(most, abs=1e-15),)
 
 
-def test_a_robot_does_not_rest_while_any_joint_has_way_left():
-    hands = ScriptedGate(scenes.lane())
-    hands.ask((1e-4, 0.0))
-    (stop,) = hands.gate.step(Stop(("A",), "x", "y"))
-    assert hands.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
+def test_a_robot_does_not_rest_while_any_joint_still_moves():
+    scripted = ScriptedGate(scenes.lane())
+    scripted.ask((1e-4, 0.0))
+    (stop,) = scripted.gate.step(Stop(("A",), "x", "y"))
+    assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]

@@ -1,4 +1,4 @@
-"""Which cause is named, what outcomes do to the slot, stops and resets, plans without answers, replay."""
+"""Causes and the order of checks, slots, stops and resets, plans without answers, replay."""
 
 import math
 
@@ -36,7 +36,7 @@ def rig():
 
 
 class Bare:
-    """A gate with one cart at x, spoken to by hand."""
+    """Return a gate with one cart at x."""
 
     def __init__(self, x=-1.0, ready=True, lease=True, ticked=True, **cell):
         self.gate = Gate(scenes.lane(**cell), "s")
@@ -56,7 +56,7 @@ class Bare:
         return verdict
 
 
-# Each spoils one thing; the dict is merged from the back, so that the earlier one always counts.
+# Each entry breaks one check; entries are merged from the back, so that the earlier one counts.
 SPOILED = {
     Cause.LEASE: ({"lease": False}, {}),
     Cause.FENCE: ({}, {"fence": 6}),
@@ -93,7 +93,7 @@ def spoiled(*causes):
 
 
 @pytest.mark.parametrize("cause", SPOILED)
-def test_every_cause_before_the_gate_is_named_and_leaves_the_slot_free(cause):
+def test_every_check_before_geometry_is_named_and_leaves_the_slot_free(cause):
     bare, verdict = spoiled(cause)
     assert verdict.outcome is Outcome.REFUSED
     assert [r.cause for r in verdict.reasons] == [cause]
@@ -117,17 +117,17 @@ ORDER = list(SPOILED)
         not in ({Cause.LEASE, Cause.FENCE}, {Cause.AHEAD, Cause.STALE}, {Cause.LENGTH, Cause.NOT_FINITE})
     ],
 )
-def test_of_two_causes_the_earlier_is_named(first, second):
+def test_of_two_failing_checks_the_earlier_is_named(first, second):
     _, verdict = spoiled(first, second)
     assert [r.cause for r in verdict.reasons] == [first]
 
 
-def test_a_dq_of_wrong_length_with_nan_is_a_wrong_length():
+def test_a_dq_of_wrong_length_with_nan_is_refused_for_its_length():
     assert Bare().ask((math.nan,) * 3).reasons[0].cause is Cause.LENGTH
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_names_its_joint(x):
+def test_an_increment_that_is_not_finite_names_its_joint(x):
     (reason,) = Bare().ask((0.0, x)).reasons
     assert (reason.cause, reason.joint) == (Cause.NOT_FINITE, "J1")
 
@@ -150,7 +150,7 @@ def test_the_bounds_are_named_in_order():
     assert [r.cause for r in limit.reasons] == [Cause.JOINT_LIMIT]
 
 
-def test_clearance_refuses_with_numbers_and_uses_the_slot():
+def test_a_refusal_by_clearance_has_numbers_and_uses_the_slot():
     bare = Bare(0.4)
     verdict = bare.ask((0.0005, 0.0))
     (reason,) = verdict.reasons
@@ -163,22 +163,22 @@ def test_clearance_refuses_with_numbers_and_uses_the_slot():
     assert bare.ask((0.0, 0.0)).reasons[0].cause is Cause.OCCUPIED
 
 
-def test_asking_for_the_braking_itself_is_admitted():
+def test_a_request_for_the_braking_itself_is_admitted():
     assert Bare(0.4).ask((0.0, 0.0)).outcome is Outcome.ADMITTED
 
 
-def test_slow_lets_a_part_through_where_stop_refuses():
+def test_slow_admits_a_part_when_stop_refuses():
     slow, stop = Bare(0.3995, response="slow"), Bare(0.3995)
-    wish = (0.00057, 0.0)
-    assert stop.ask(wish).outcome is Outcome.REFUSED
-    verdict = slow.ask(wish)
+    dq = (0.00057, 0.0)
+    assert stop.ask(dq).outcome is Outcome.REFUSED
+    verdict = slow.ask(dq)
     assert verdict.outcome is Outcome.LIMITED
     assert 0.0 < verdict.beta < 1.0
     assert verdict.reasons[-1].cause is Cause.CLEARANCE
     assert verdict.dq[0] == pytest.approx(verdict.beta * 0.00057)
 
 
-def test_a_plan_ends_at_rest_and_begins_with_the_verdict(rig):
+def test_a_plan_begins_with_the_increment_of_the_verdict_and_ends_at_rest(rig):
     for _ in range(200):
         rig.step(lambda rig, i: (0.01, 0.0))
     plan = next(o for out in reversed(rig.outputs) for o in out if isinstance(o, Plan))
@@ -189,7 +189,7 @@ def test_a_plan_ends_at_rest_and_begins_with_the_verdict(rig):
 # --- stops ------------------------------------------------------------------------------------------------
 
 
-def test_a_stop_rests_the_robot_and_only_its_reset_frees_it(rig):
+def test_a_stop_brings_the_robot_to_rest_and_only_its_reset_frees_it(rig):
     for _ in range(100):
         rig.step(lambda rig, i: (0.01, 0.0))
     stop = rig.stop("A")
@@ -225,7 +225,7 @@ def test_a_lost_link_stops_its_robot(state):
     assert bare.ask().reasons[0].cause is Cause.STOPPED
 
 
-def test_a_rebased_link_starts_again_from_rest(rig):
+def test_a_rebased_robot_starts_again_from_rest(rig):
     for _ in range(100):
         rig.step(lambda rig, i: (0.01, 0.0))
     rig.feed(rig.players[0].play(rig.now, rig.players[0].setpoint, miss=True))
@@ -234,7 +234,7 @@ def test_a_rebased_link_starts_again_from_rest(rig):
     assert rig.stopped == []
 
 
-def test_a_link_that_plays_something_else_is_stopped():
+def test_a_robot_whose_link_does_not_play_its_plan_is_stopped():
     bare = Bare()
     (stopped,) = bare.gate.step(Tick("A", 1, 0.012, (-1.0, 0.0), (-0.999, 0.0), (0.0, 0.0)))
     assert "add up" in stopped.reason
@@ -243,7 +243,7 @@ def test_a_link_that_plays_something_else_is_stopped():
 # --- plans without answers --------------------------------------------------------------------------------
 
 
-def test_a_late_plan_is_counted_and_the_old_one_runs_out():
+def test_a_late_plan_is_counted_and_the_old_one_is_played_to_its_end():
     bare = Bare()
     _, plan = bare.gate.step(Command("A", 7, 1, 0, STEP))
     bare.gate.step(PlanAnswer("A", plan.key, False, "late"))
@@ -262,8 +262,8 @@ def test_an_answer_to_another_plan_changes_nothing():
 
 
 @pytest.mark.parametrize("answered", [True, None])
-def test_until_the_answer_both_ways_are_reserved(answered):
-    """The fast cart's wish out of the other's way is not answered: the old way stays closed, unless it is."""
+def test_until_the_answer_both_paths_are_reserved(answered):
+    """The plan of the fast cart away from the other is not answered: the old path stays reserved."""
     start = [(0.0, 0.0), (0.0, 0.1246)]
     cell = scenes.crossing(window=0.0, periods=(0.012, 0.012))
     gate = Gate(cell, "s")

@@ -1,4 +1,4 @@
-"""Support functions, slabs, certificates, nearest pairs and motion bounds, against samples and the oracle."""
+"""Support functions, slabs, certificates, nearest pairs and motion bounds against samples and the oracle."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ CELLS = {name: make() for name, make in scenes.SCENES.items() if name != "demo"}
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: s.kind)
-def test_a_support_function_reaches_as_far_as_the_body(shape):
+def test_a_support_function_is_the_reach_of_the_body(shape):
     rng = np.random.default_rng(0)
     solid = Solid("x", shape.kind, shape.size)
     points = rng.uniform(-0.4, 0.4, (40000, 3))
@@ -49,7 +49,7 @@ def random_occupancies(cell, rng, reach=0.25):
 
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_the_slab_is_below_the_distance_for_every_timing(name):
-    """Any direction, any two positions of both hulls: never closer than the slab says."""
+    """For any direction and any two positions in both hulls, the distance is at least the slab's bound."""
     cell, rng = CELLS[name], np.random.default_rng(1)
     clearance, oracle = Clearance(cell), Oracle(cell)
     for _ in range(12):
@@ -71,8 +71,8 @@ def test_the_slab_is_below_the_distance_for_every_timing(name):
 
 
 @pytest.mark.parametrize("name", sorted(CELLS))
-def test_what_is_judged_clear_is_clear(name):
-    """All four stages together: no binding means that no sampled timing is closer than needed."""
+def test_pairs_that_are_proven_clear_are_clear(name):
+    """All four stages together: without a binding pair no sampled timing is closer than needed."""
     cell, rng = CELLS[name], np.random.default_rng(2)
     oracle, cleared = Oracle(cell), 0
     for _ in range(25):
@@ -98,7 +98,7 @@ def test_what_is_judged_clear_is_clear(name):
 
 
 @pytest.mark.parametrize("name", sorted(CELLS))
-def test_growth_bounds_what_a_step_can_take_away(name):
+def test_growth_bounds_the_decrease_of_distance_by_a_step(name):
     cell, rng = CELLS[name], np.random.default_rng(3)
     clearance, oracle = Clearance(cell), Oracle(cell)
     for _ in range(30):
@@ -132,7 +132,7 @@ def test_the_nearest_pair_is_the_nearest_of_all(name):
             told = next(iter(found.values()))
             apart = {int(p): oracle.apart(int(p), R[0], t[0]) for p in clearance.pairs_of[i]}
             if min(a.high for a in apart.values()) <= 0:
-                continue  # in penetration neither side is exact
+                continue  # in penetration neither value is exact
             best = min(apart, key=lambda p: apart[p].high - cell.pairs[p].limit)
             margin = apart[best].high - cell.pairs[best].limit
             assert told.distance - told.limit <= margin + 1e-6
@@ -155,8 +155,8 @@ def test_the_start_clearances_are_in_order_and_true():
 
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 10**6))
-def test_every_proof_is_below_the_truth(seed):
-    """All combinations of shapes: no bound exceeds the distance of two points of the bodies."""
+def test_every_proof_is_below_the_true_distance(seed):
+    """For all combinations of shapes no bound exceeds the distance of two points of the bodies."""
     rng = np.random.default_rng(seed)
     bodies = [scenes.body(s.kind, *s.size) for s in (SHAPES[rng.integers(4)], SHAPES[rng.integers(4)])]
     start = [float(x) for x in rng.uniform(-0.3, 0.3, 2)]
@@ -171,7 +171,7 @@ def test_every_proof_is_below_the_truth(seed):
     R, t = oracle.place([np.array([start])])
     bound = clearance.point_bound(0, 0, tuple(start))
     apart = oracle.apart(0, R[0], t[0])
-    # In penetration the oracle's own figure is the engine's depth, exact to a millimetre only.
+    # In penetration the oracle uses the engine's depth, which is exact to a millimetre only.
     assert bound <= apart.high + (1e-7 if apart.high > 0.0 else 1e-3)
     if apart.high > 1e-3:
         assert bound >= apart.high - 1e-4

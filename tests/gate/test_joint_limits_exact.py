@@ -1,4 +1,4 @@
-"""Bounds to the last bit: what is just allowed goes through whole, what is just not is named with numbers."""
+"""Joint limits to the last bit: an increment at its bound is admitted, one just above it gets a reason."""
 
 import math
 
@@ -37,19 +37,19 @@ STILL = bounds(decel=math.inf)
         (-0.5 - 1e-11, -0.5, 0),
         (-ROUNDING, -1.0, None),
         (-1.5 * ROUNDING, -1.0, 0),
-        (0.0, 1.5, None),  # outside already, and not moving
+        (0.0, 1.5, None),  # already outside, and not moving
         (0.0, -1.5, None),
-        (0.1, -1.5, None),  # on the way back
+        (0.1, -1.5, None),  # moving back
         (-0.1, 1.5, None),
         (0.1, 1.5, 0),
         (-0.1, -1.5, 0),
     ],
 )
-def test_a_stop_may_end_at_a_limit_and_not_beyond(u, q, joint):
+def test_a_stop_may_end_at_a_limit_but_not_beyond(u, q, joint):
     assert stays_inside((u,), (q,), STILL) == joint
 
 
-def test_the_first_joint_that_leaves_is_named():
+def test_the_first_joint_that_leaves_its_limits_is_named():
     assert stays_inside((0.0, 0.5, 0.5), (0.0, 0.9, 0.9), bounds(joints=3)) == 1
 
 
@@ -64,11 +64,11 @@ def test_the_ends_of_a_blend_are_exact():
     [(0.0, (-0.3, 0.3)), (0.1, (-0.15, 0.4)), (0.2, (0.0, 0.5)), (0.5, (0.3, 0.8)), (-0.1, (-0.4, 0.15))],
 )
 def test_an_acceleration_box(last, box):
-    """Gains 0.3 away from zero, loses 0.2 toward it; through zero, what is left of the tick."""
+    """The joint gains 0.3 away from zero, loses 0.2 toward it, and past zero uses the rest of the tick."""
     assert acceleration_box(last, 0.3, 0.2) == pytest.approx(box, abs=1e-15)
 
 
-def test_a_reason_has_the_joint_the_wish_and_the_bound():
+def test_a_reason_has_the_joint_the_requested_increment_and_the_bound():
     shaped = limit_increment((-1.0,), (0.2,), (0.1,), (0.0,), bounds(speed=0.5, accel=0.3, decel=0.1), 1.0)
     speed, accel = shaped.reasons
     assert (speed.cause, speed.joint, speed.value, speed.bound) == (Cause.INCREMENT, "J0", -1.0, -0.5)
@@ -80,14 +80,14 @@ def test_a_reason_has_the_joint_the_wish_and_the_bound():
 
 
 @pytest.mark.parametrize(("dq", "named"), [(ROUNDING, False), (2 * ROUNDING, True)])
-def test_rounding_is_not_told(dq, named):
+def test_rounding_is_not_reported(dq, named):
     shaped = limit_increment((dq,), (0.0,), (0.0,), (0.0,), bounds(speed=0.0), 1.0)
     assert (shaped.u, bool(shaped.reasons)) == ((0.0,), named)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("q", [0.0, 0.9, 0.99, 1.0, 1.5])
-def test_a_joint_alone_takes_all_the_way_that_its_stop_leaves(q, sign):
+def test_a_joint_alone_uses_all_the_room_that_its_stop_leaves(q, sign):
     shaped = limit_increment((sign,), (0.0,), (0.0,), (sign * q,), bounds(decel=0.02), 1.0)
     assert shaped.u[0] == pytest.approx(sign * largest_stopping(max(1.0 - q, 0.0), 0.02), abs=1e-9)
     assert {r.cause for r in shaped.reasons} == {Cause.JOINT_LIMIT}
@@ -95,8 +95,8 @@ def test_a_joint_alone_takes_all_the_way_that_its_stop_leaves(q, sign):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_joints_share_the_longest_stop_and_the_free_one_keeps_its_way(sign):
-    """The second joint brakes for longer than the first would alone, so the first gets less."""
+def test_joints_share_the_longest_stop_and_the_free_joint_keeps_its_increment(sign):
+    """The second joint brakes longer than the first would alone, so the first gets less."""
     b = bounds(decel=0.02, joints=2)
     shaped = limit_increment((sign, 0.3), (0.0, 0.0), (0.0, 0.0), (0.95 * sign, 0.0), b, 1.0)
     reach = 1.0 + stop_share(ticks_to_rest(shaped.u, b.decel))
@@ -104,8 +104,8 @@ def test_joints_share_the_longest_stop_and_the_free_one_keeps_its_way(sign):
     assert shaped.u[0] * sign == pytest.approx(0.05 / reach, rel=1e-6)
 
 
-def test_what_braking_cannot_undo_is_blended_toward_the_held_path():
-    """A joint that may not lose its speed in one tick keeps what the held path gives it."""
+def test_an_increment_that_braking_cannot_contain_is_blended_toward_the_held_path():
+    """A joint that cannot lose its speed in one tick keeps the increment of the held path."""
     b = bounds(accel=0.05, decel=0.05, joints=2)
     last, brake, q = (0.2, 0.0), (0.15, 0.0), (0.7, 0.0)  # 0.15 + 0.1 + 0.05 ends at the limit
     shaped = limit_increment((0.2, 0.05), last, brake, q, b, 1.0)
@@ -116,7 +116,7 @@ def test_what_braking_cannot_undo_is_blended_toward_the_held_path():
     assert stays_inside(steep.u, (0.7, 0.0), b) is None
 
 
-def test_a_blend_names_the_joint_its_place_and_its_limit():
+def test_a_blend_names_the_joint_its_setpoint_and_its_limit():
     b = StepBounds(("a", "b"), (-1.0,) * 2, (1.0,) * 2, (1.0,) * 2, (1.0, 1.0), (0.01, 0.01))
     last = (0.0, 0.1)
     brake = stop_increments(last, b.decel)[1]
@@ -128,7 +128,7 @@ def test_a_blend_names_the_joint_its_place_and_its_limit():
     wanted = (
         largest_stopping(1.0, 0.01),
         0.09,
-    )  # the first joint's stop is longer, and the second must go along with it
+    )  # the first joint's stop is longer, and the second shares it
     assert shaped.u == pytest.approx(blend(brake, wanted, shaped.beta))
     assert stays_inside(blend(brake, wanted, shaped.beta + 1e-6), (0.0, 0.55), b) == 1
 
@@ -136,7 +136,7 @@ def test_a_blend_names_the_joint_its_place_and_its_limit():
 # --- braking ------------------------------------------------------------------------------------------------
 
 
-def test_braking_by_hand():
+def test_braking_increments_by_hand():
     assert ticks_to_rest((0.1, -0.3), (0.1, 0.1)) == pytest.approx(3.0)
     assert ticks_to_rest((), ()) == 0.0
     assert stop_share(0.5) == 0.0
@@ -144,7 +144,7 @@ def test_braking_by_hand():
     assert stop_share(2.5) == pytest.approx(2 - 6 / 5)
     steps = stop_increments((0.3,), (0.1,))
     assert [u for (u,) in steps] == pytest.approx([0.3, 0.2, 0.1])
-    assert stop_increments((0.1,), (0.1,)) == ((0.1,),)  # m = 1: nothing is left after it, not even zeros
+    assert stop_increments((0.1,), (0.1,)) == ((0.1,),)  # m = 1: nothing remains after it, not even zeros
     assert largest_stopping(0.5, math.inf) == 0.5
     assert largest_stopping(0.6, 0.1) == pytest.approx(0.3)
     assert largest_stopping(0.0, 0.1) == 0.0
@@ -152,8 +152,8 @@ def test_braking_by_hand():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("q", [0.25, -0.25])
-def test_a_joint_that_shares_a_stop_gets_what_that_stop_leaves_it(sign, q):
-    """b's stop is five times as long, so a gets a sixth of its way; b keeps all that it asked for."""
+def test_a_joint_that_shares_a_stop_gets_the_room_that_the_stop_leaves(sign, q):
+    """b's stop is five times as long, so a gets a sixth of its room; b keeps its whole increment."""
     b = StepBounds(("a", "b"), (q - 0.06, -9.0), (q + 0.06, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
     wide = 0.22
     reach = 1.0 + stop_share(wide / 0.02)
@@ -182,12 +182,12 @@ def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
         (None, 0.25, "0.25"),
     ],
 )
-def test_reasons_have_units_are_rounded_and_know_no_minus_zero(kind, value, text):
+def test_reasons_have_units_and_are_rounded_without_minus_zero(kind, value, text):
     b = StepBounds(("a",), (-1.0,), (1.0,), (1.0,), (1.0,), (1.0,), (kind,) if kind else ())
     assert b.amount(0, value) == text
 
 
-def test_a_finger_at_its_end_is_told_in_millimetres():
+def test_reasons_of_prismatic_joints_are_in_millimetres():
     b = StepBounds(("slide",), (0.0,), (0.04,), (0.0016,), (1.0,), (1.0,), ("prismatic",))
     found = limit_increment((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
     assert [reason.text for reason in found.reasons] == [
@@ -198,8 +198,8 @@ def test_a_finger_at_its_end_is_told_in_millimetres():
 @pytest.mark.parametrize("dq", [0.0, 5.0, -5.0, math.inf])
 @pytest.mark.parametrize("last", [3.0, -3.0, 1.5])
 @pytest.mark.parametrize("upper", [100.0, 1.2])
-def test_no_increment_exceeds_the_speed_bound_whatever_was_played_last(dq, last, upper):
-    wish = limit_increment(
+def test_no_increment_exceeds_the_speed_bound_after_any_last_increment(dq, last, upper):
+    wanted = limit_increment(
         (dq,), (last,), (0.0,), (0.0,), bounds(accel=0.3, decel=0.2, lower=-upper, upper=upper), 1.0
     )
-    assert abs(wish.u[0]) <= 1.0
+    assert abs(wanted.u[0]) <= 1.0

@@ -1,4 +1,4 @@
-"""Axes that lag differently: the tube for it against simulated drives, and what the gate makes of it."""
+"""Axes that lag differently: the lag tube against simulated drives, and its effect in the gate."""
 
 import math
 import random
@@ -19,19 +19,19 @@ from gate.scripted_gate import ScriptedGate
 DEMO = scenes.CONFIGS / "demo.yaml"
 
 
-def lag_tube(difference, lag=0.03, **keys):
-    """The demo cell with a declared difference of its robots' lags, s."""
+def lagging_demo(difference, lag=0.03, **keys):
+    """Return the demo cell with a declared difference of its robots' lags, s."""
     config = load_config([DEMO])
     keys |= {"lag_difference": difference, "link": EmulatedLinkConfig(lag=lag)}
     robots = {name: own.model_copy(update=keys) for name, own in config.robots.items()}
     return build_cell(config.model_copy(update={"robots": robots}))
 
 
-# --- the tube ---------------------------------------------------------------------------------------------
+# --- the lag tube -----------------------------------------------------------------------------------------
 
 
 class Lagging:
-    """Joints that follow one stream of setpoints, each with a lag of its own, in closed form."""
+    """Return positions of joints that follow the same setpoints with lags of their own, in closed form."""
 
     def __init__(self, q, lags):
         self.q, self.lags = np.array(q), lags
@@ -45,7 +45,7 @@ class Lagging:
 
 
 def setpoints(rng, joints, period, ticks):
-    """Bang-bang, zig-zag, slow and standing stretches, all of them within 1 rad/s a joint."""
+    """Return bang-bang, zig-zag, slow and standing stretches, all within 1 rad/s per joint."""
     out, q, u = [], np.zeros(joints), np.zeros(joints)
     while len(out) < ticks:
         if rng.random() < 0.2:
@@ -60,7 +60,7 @@ def setpoints(rng, joints, period, ticks):
 
 
 def strays(rng, lag, difference, period, share, ticks=120):
-    """By how much joints stray from their companion, at the ticks and in between, over the largest increment.
+    """Return the deviation of joints from their companion, at and between ticks, over the largest increment.
 
     The companion has one lag for all joints, and so stays in the hull of setpoints and its start: it is at a
     weighted mean of them. At each tick it is moved anywhere within ``share`` of the largest increment.
@@ -86,43 +86,45 @@ def strays(rng, lag, difference, period, share, ticks=120):
     [(0.03, 0.0015, 0.012), (0.03, 0.03, 0.012), (0.12, 0.06, 0.012),
      (0.03, 0.003, 0.004), (0.001, 0.0005, 0.012), (0.004, 0.008, 0.012)],
 )  # fmt: skip
-def test_no_position_strays_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period):
-    stray = hull_deviation_of(lag_tube(difference, lag=lag, period=period).robot("FR"))
+def test_no_position_deviates_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period):
+    deviation = hull_deviation_of(lagging_demo(difference, lag=lag, period=period).robot("FR"))
     rng = np.random.default_rng(int(1e6 * (lag + difference)))
-    at_ticks, between = np.max([strays(rng, lag, difference, period, stray.ticks) for _ in range(6)], axis=0)
-    assert at_ticks <= stray.ticks + 1e-9
-    whole = stray.ticks + stray.between
+    at_ticks, between = np.max(
+        [strays(rng, lag, difference, period, deviation.ticks) for _ in range(6)], axis=0
+    )
+    assert at_ticks <= deviation.ticks + 1e-9
+    whole = deviation.ticks + deviation.between
     assert 0.3 * whole <= max(at_ticks, between) <= whole + 1e-9
 
 
-def test_axes_that_lag_alike_need_no_tube():
-    assert hull_deviation_of(lag_tube(0.0).robot("FR")) is None
+def test_axes_that_lag_alike_need_no_lag_tube():
+    assert hull_deviation_of(lagging_demo(0.0).robot("FR")) is None
 
 
-def test_a_joint_strays_by_its_share_of_the_largest_increment_and_the_noise_of_its_measurement():
-    stray = hull_deviation_of(lag_tube(0.006, q_tolerance=1e-5).robot("FR"))
+def test_a_joint_deviates_by_its_share_of_the_largest_increment_and_its_measurement_noise():
+    deviation = hull_deviation_of(lagging_demo(0.006, q_tolerance=1e-5).robot("FR"))
     x = 0.012 / 0.027
-    assert stray.ticks == pytest.approx(0.25)
-    assert stray.between == pytest.approx(0.25 * (x / (1 - math.exp(-x)) - 1))
-    assert stray.noise == pytest.approx(1e-5 * (2 / (1 - math.exp(-0.4)) - 1))
-    whole, between = stray.of((0.01, 0.0))
-    assert between == pytest.approx((0.01 * stray.between, 0.0))
-    assert whole == pytest.approx((0.0025 + 0.01 * stray.between + stray.noise, 0.0))
+    assert deviation.ticks == pytest.approx(0.25)
+    assert deviation.between == pytest.approx(0.25 * (x / (1 - math.exp(-x)) - 1))
+    assert deviation.noise == pytest.approx(1e-5 * (2 / (1 - math.exp(-0.4)) - 1))
+    whole, between = deviation.of((0.01, 0.0))
+    assert between == pytest.approx((0.01 * deviation.between, 0.0))
+    assert whole == pytest.approx((0.0025 + 0.01 * deviation.between + deviation.noise, 0.0))
 
 
 @pytest.mark.parametrize("difference", [0.06, 0.2])
 def test_a_joint_without_lag_may_be_an_increment_ahead_between_the_ticks(difference):
-    stray = hull_deviation_of(lag_tube(difference).robot("FR"))
-    assert (stray.ticks, stray.between) == (difference / 0.024, 1.0)
+    deviation = hull_deviation_of(lagging_demo(difference).robot("FR"))
+    assert (deviation.ticks, deviation.between) == (difference / 0.024, 1.0)
 
 
-def test_an_increment_counts_for_twenty_lags_and_the_window():
-    assert memory(lag_tube(0.006).robot("FR")) == math.ceil(20 * 0.033 / 0.012) + 1 == 56
-    assert memory(lag_tube(0.006, lag_window=0.024).robot("FR")) == 58
+def test_an_increment_counts_for_twenty_lags_and_the_lag_window():
+    assert memory(lagging_demo(0.006).robot("FR")) == math.ceil(20 * 0.033 / 0.012) + 1 == 56
+    assert memory(lagging_demo(0.006, lag_window=0.024).robot("FR")) == 58
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 4, 7, 40])
-def test_the_largest_increments_are_kept_for_their_time_and_a_quarter_more(ticks):
+def test_the_largest_increments_are_kept_for_their_time_plus_at_most_a_quarter(ticks):
     most, rng, given = LargestIncrements(ticks, 2), random.Random(ticks), []
     for _ in range(6 * ticks + 10):
         given.append((rng.uniform(-1, 1) * rng.choice((0.01, 1.0)), rng.uniform(-1, 1)))
@@ -134,7 +136,7 @@ def test_the_largest_increments_are_kept_for_their_time_and_a_quarter_more(ticks
 
 
 @pytest.mark.parametrize("ticks", [4, 8, 20])
-def test_what_lasts_counts_at_the_next_tick_too(ticks):
+def test_lasting_increments_still_count_at_the_next_tick(ticks):
     most, rng = LargestIncrements(ticks, 2), random.Random(ticks)
     assert (most.largest, most.lasting) == ((0.0, 0.0), (0.0, 0.0))
     kept = []
@@ -143,19 +145,19 @@ def test_what_lasts_counts_at_the_next_tick_too(ticks):
         assert np.all(np.array(lasting) <= most.largest)
         kept.append(lasting == most.largest)
         most.add((rng.uniform(-1, 1) * 0.9**k, rng.uniform(-1, 1)))
-        assert np.all(np.array(lasting) <= most.largest)  # of what was added before, it is a lower bound
+        assert np.all(np.array(lasting) <= most.largest)  # a lower bound of the increments added before
     assert not all(kept)
 
 
 @pytest.mark.parametrize("us", [(5.0, 4.0, 3.0, 2.0), (1.0, 2.0, 3.0, 4.0)])
-def test_every_part_lasts_until_the_next_tick_takes_one_away(us):
+def test_every_part_lasts_until_the_next_tick_removes_one(us):
     most = LargestIncrements(4, 1)
     for count, u in enumerate(us, 1):
         most.add((u,))
         assert most.largest == most.lasting == (max(us[:count]),)
 
 
-def test_all_parts_but_the_one_that_goes_last():
+def test_all_parts_last_except_the_one_removed_next():
     most = LargestIncrements(4, 1)
     for u in (5.0, 4.0, 3.0, 2.0, 1.0):
         most.add((u,))
@@ -165,16 +167,16 @@ def test_all_parts_but_the_one_that_goes_last():
 
 
 def test_the_middle_lag_is_between_the_shortest_and_the_longest():
-    robot = replace(lag_tube(0.006).robot("FR"), lags=(0.02, 0.03, 0.04, 0.02, 0.02, 0.02))
-    assert hull_deviation_of(robot) == hull_deviation_of(lag_tube(0.006).robot("FR"))
-    assert memory(robot) == memory(lag_tube(0.006).robot("FR"))
+    robot = replace(lagging_demo(0.006).robot("FR"), lags=(0.02, 0.03, 0.04, 0.02, 0.02, 0.02))
+    assert hull_deviation_of(robot) == hull_deviation_of(lagging_demo(0.006).robot("FR"))
+    assert memory(robot) == memory(lagging_demo(0.006).robot("FR"))
 
 
 # --- the gate ---------------------------------------------------------------------------------------------
 
 
 def full_speed(rig, i):
-    """There and back at full speed, all joints together, at times in part of them."""
+    """Return increments forth and back at full speed, for all joints and at times for some of them."""
     robot, player = rig.cell.robots[i], rig.players[i]
     goal = robot.start + 0.4 * np.array(rig.goals[i])
     v = goal - np.array(player.setpoint)
@@ -184,8 +186,8 @@ def full_speed(rig, i):
     return v / max(1e-9, np.max(np.abs(v) / full))
 
 
-def runs(cell, lag_tube, seconds, seed=1, lag=0.03):
-    rig = Rig(cell, seed, lag=lag, lag_tube=lag_tube)
+def runs(cell, lag_spread, seconds, seed=1, lag=0.03):
+    rig = Rig(cell, seed, lag=lag, lag_spread=lag_spread)
     rig.goals = [[rig.rng.uniform(-1, 1) for _ in r.start] for r in cell.robots]
     rig.run(full_speed, int(seconds / 0.012) * len(cell.robots))
     return rig
@@ -193,15 +195,15 @@ def runs(cell, lag_tube, seconds, seed=1, lag=0.03):
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
 def test_a_robot_whose_lags_differ_is_faulted_unless_the_difference_is_declared(share):
-    assert any("off its stop path" in text for text in runs(lag_tube(0.0), share, 1.0).tally.violations)
-    tally = runs(lag_tube(share * 0.03), share, 3.0).tally
+    assert any("off its stop path" in text for text in runs(lagging_demo(0.0), share, 1.0).tally.violations)
+    tally = runs(lagging_demo(share * 0.03), share, 3.0).tally
     assert tally.violations == []
     assert tally.accepted > 0.9
 
 
-def test_the_tube_does_not_cost_a_robot_at_full_speed_its_way():
-    """5 % declared: no more commands are refused than without a difference, but for a few."""
-    without, declared = (runs(lag_tube(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
+def test_the_lag_tube_does_not_stop_a_robot_at_full_speed():
+    """With 5 % declared, only a few more commands are refused than without a difference."""
+    without, declared = (runs(lagging_demo(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
     assert declared.accepted > without.accepted - 0.03
 
 
@@ -211,23 +213,23 @@ R = 1e-4
 
 
 def crept(step, way, difference=0.1, ticks=60):
-    """How far across its way a robot creeps, by ``step`` a tick, before it is faulted; None if never."""
+    """Return how far a robot creeps across its path, by ``step`` per tick, before its fault; else None."""
     cell = scenes.crossing(window=0.0, tolerance=R, periods=(0.012, 0.012))
-    hands = ScriptedGate(scenes.lagging(cell, 0.03, difference) if difference else cell)
+    scripted = ScriptedGate(scenes.lagging(cell, 0.03, difference) if difference else cell)
     off = 0.0
     for k in range(ticks):
-        before, u, key, index = hands.q[0], (0.0, 0.0), None, -1
+        before, u, key, index = scripted.q[0], (0.0, 0.0), None, -1
         if any(way):
             share = min(1.0, 0.2 * (k + 1))
-            assert hands.ask(tuple(share * x for x in way)).outcome == "admitted"
-            plan = hands.held[0]
+            assert scripted.ask(tuple(share * x for x in way)).outcome == "admitted"
+            plan = scripted.held[0]
             u, key, index = plan.increments[0], plan.key, 0
-        hands.tick[0] += 1
-        hands.q[0] = tuple(a + b for a, b in zip(before, u, strict=True))
+        scripted.tick[0] += 1
+        scripted.q[0] = tuple(a + b for a, b in zip(before, u, strict=True))
         off += step if k >= 10 else 0.0
         q = (before[0], before[1] + off)
-        number = hands.tick[0]
-        if hands.gate.step(Tick("fast", number, 0.012 * number, q, hands.q[0], u, key, index)):
+        number = scripted.tick[0]
+        if scripted.gate.step(Tick("fast", number, 0.012 * number, q, scripted.q[0], u, key, index)):
             return abs(off)
     return None
 
@@ -235,24 +237,24 @@ def crept(step, way, difference=0.1, ticks=60):
 @pytest.mark.parametrize("step", [0.3, 0.9, 1.9, -0.5, -1.9])
 @pytest.mark.parametrize("way", [(0.0, 0.0), (2e-3, 0.0)])
 @pytest.mark.parametrize("difference", [0.0, 0.1])
-def test_a_joint_at_rest_that_creeps_is_noticed_beyond_two_tolerances(step, way, difference):
+def test_a_joint_at_rest_that_creeps_is_detected_beyond_two_tolerances(step, way, difference):
     off = crept(step * R, way, difference)
     assert 2.0 * R < off < (2.0 + abs(step)) * R + 1e-9
 
 
 @pytest.mark.parametrize("step", [1.0, 1.9, -1.9])
-def test_a_robot_that_creeps_off_its_way_while_all_its_joints_move_is_noticed(step):
+def test_a_robot_that_creeps_off_its_path_while_all_its_joints_move_is_detected(step):
     off = crept(step * R, (2e-3, 2e-3))
     assert off is not None
     assert off < 40.0 * R
 
 
-# --- stamps -----------------------------------------------------------------------------------------------
+# --- time stamps ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_late_stamps_fault_no_robot_whose_delay_is_declared(seed):
-    """15 ms of delay in periods of 12 ms, ticks stamped up to 0.8 periods late, ways with corners."""
+def test_late_time_stamps_fault_no_robot_with_a_declared_delay(seed):
+    """The delay is 15 ms, the period 12 ms, stamps are up to 0.8 periods late, and paths have corners."""
     cell = scenes.crossing(window=0.015, periods=(0.012, 0.012))
     rig = Rig(cell, seed, delay=(0.015, 0.0), traffic=Traffic(jitter=0.8), stops=0.0)
     way = np.zeros(2)

@@ -1,4 +1,4 @@
-"""The range of positions for which motion bounds hold, to the letter."""
+"""Range of positions for which motion bounds hold."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ROOM = 1e-3
 
 
 def slide(start=0.2, tolerance=0.0):
-    """A turning joint within ±3 rad, a slide behind it within 0 and 0.8 m, and a wrist."""
+    """Return a robot with a revolute joint (±3 rad), a slide behind it (0 to 0.8 m), and a wrist."""
     return scenes.lever(start, tolerance).robots[0]
 
 
@@ -32,7 +32,7 @@ def ends(own, j=1):
         (("revolute", "prismatic", "revolute", "prismatic"), (-1, -1, 1, 2), (3,)),  # a tree
     ],
 )
-def test_slides_that_a_turning_joint_turns_count_and_no_others(kinds, parents, levers):
+def test_only_slides_behind_a_revolute_joint_count(kinds, parents, levers):
     ball = (scenes.body("sphere", 0.05),)
     joints = [scenes.joint(p, kind, bodies=ball) for kind, p in zip(kinds, parents, strict=True)]
     robot = {"urdf": scenes.urdf(joints), "start": [0.0] * len(kinds)}
@@ -50,7 +50,7 @@ def test_slides_that_a_turning_joint_turns_count_and_no_others(kinds, parents, l
         (-0.5, 0.0, -0.5 - ROOM, 0.8 + ROOM),
     ],
 )
-def test_a_range_begins_as_the_limits_and_the_configured_start_with_some_room(start, tolerance, low, high):
+def test_a_range_begins_as_the_limits_and_the_configured_start_plus_some_room(start, tolerance, low, high):
     assert ends(LeverRange.of(slide(start, tolerance))) == pytest.approx((low, high), abs=1e-12)
 
 
@@ -67,7 +67,7 @@ def at(x, other=0.0):
 
 
 @pytest.mark.parametrize("x", [0.0, 0.4, 0.8, 0.8 + 0.4e-3, -0.4e-3])
-def test_inside_nothing_changes(x):
+def test_a_position_inside_changes_nothing(x):
     own = LeverRange.of(slide())
     assert own.fitted([at(x), at(0.3)], 0.5e-3) is own
 
@@ -104,13 +104,13 @@ def test_only_levers_count():
         ([0.8 + 0.6e-3], 0.5e-3, -ROOM, 0.8 + 1.1e-3 + 0.1),
     ],
 )
-def test_outside_it_is_widened_to_what_is_needed_and_a_step_more(places, room, low, high):
+def test_outside_the_range_is_widened_by_what_is_needed_plus_a_step(places, room, low, high):
     fitted = LeverRange.of(slide()).fitted([at(x) for x in places], room)
     assert ends(fitted) == pytest.approx((low, high), abs=1e-12)
     assert fitted.levers == (1,)
 
 
-def test_a_wider_one_stays_while_it_is_needed_and_suffices():
+def test_a_wider_range_stays_while_it_is_needed_and_sufficient():
     own = LeverRange.of(slide())
     wide = own.fitted([at(1.0)], 0.0)
     assert wide.fitted([at(1.1)], 0.0) is wide
@@ -121,7 +121,7 @@ def test_a_wider_one_stays_while_it_is_needed_and_suffices():
     assert back.fitted([at(0.7)], 0.0) is back
 
 
-def test_motion_bounds_are_computed_anew_only_outside_of_the_range():
+def test_motion_bounds_are_computed_anew_only_outside_the_range():
     space = Space(scenes.lever())
     motion, bend = space.motion[0], space.bend[0]
     assert not space.fit(0, [at(0.4)], 0.0)
@@ -133,10 +133,10 @@ def test_motion_bounds_are_computed_anew_only_outside_of_the_range():
     assert not space.fit(0, [at(2.0)], 0.0)
 
 
-# --- what a robot may be at -------------------------------------------------------------------------------
+# --- positions that a robot can have ----------------------------------------------------------------------
 
 
-def test_a_robot_may_be_where_it_is_measured_commanded_and_was_commanded():
+def test_reachable_points_are_measured_commanded_and_formerly_commanded_positions():
     state = RobotState.of(scenes.crossing(0.5, tolerance=0.25).robots[0], 0)
     state.measured, state.q, state.setpoint = (0.1, 0.0), (0.2, 0.0), (0.3, 0.0)
     state.history.append((1.0, (0.4, 0.0)))
@@ -146,7 +146,7 @@ def test_a_robot_may_be_where_it_is_measured_commanded_and_was_commanded():
     assert state.reachable_margin == 0.75 + JOINT_SLACK
 
 
-def test_a_robot_whose_axes_lag_differently_may_be_off_by_its_fastest_increment_or_a_larger_jump():
+def test_the_reachable_margin_of_axes_that_lag_differently_covers_the_fastest_increment_or_a_larger_jump():
     cell = scenes.lagging(scenes.lever(), 0.03, 0.5)
     state = RobotState.of(cell.robots[0], 0)
     usual = state.robot.q_tolerance + JOINT_SLACK

@@ -1,4 +1,4 @@
-"""Not a wall: what is safe is let through, and robots come as near as they may."""
+"""Availability: safe motion is admitted, and robots come as near as they may."""
 
 import random
 
@@ -11,38 +11,38 @@ from gate.oracle import Oracle
 from gate.rig import Rig
 
 
-def test_free_motion_is_admitted_always():
+def test_free_motion_is_always_admitted():
     rig = Rig(scenes.lane(), stops=0.0, lag=0.03)
     robot = rig.cell.robots[0]
     rng, goal = random.Random(1), {}
 
-    def wish(rig, i):
+    def controller(rig, i):
         q = np.array(rig.players[i].setpoint)
         if rng.random() < 0.05 or not goal:
             goal[0] = np.array([rng.uniform(-1.9, -0.5), rng.uniform(-1.9, 1.9)])
         return bounded(robot, rig.players[i].last, (goal[0] - q) * 0.05)
 
-    rig.run(wish, 400)
+    rig.run(controller, 400)
     assert rig.tally.admitted == rig.tally.commands
     assert rig.tally.violations == []
 
 
 def bounded(robot, last, u):
-    """A well-behaved controller keeps its own bounds."""
+    """Return increments of a controller that keeps the robot's bounds by itself."""
     T = robot.period
     v, a = robot.velocity * T, np.minimum(robot.acceleration, robot.deceleration) * T * T
     return np.clip(np.clip(u, np.array(last) - 0.9 * a, np.array(last) + 0.9 * a), -v, v)
 
 
-def test_free_motion_of_the_demo_cell_is_admitted_always():
+def test_free_motion_of_the_demo_cell_is_always_admitted():
     rig = Rig(scenes.demo(), stops=0.0, lag=0.03)
 
-    def wish(rig, i):
+    def controller(rig, i):
         robot = rig.cell.robots[i]
         aim = robot.start + 0.15 * np.sin(1.3 * rig.now + np.arange(robot.model.n))
         return bounded(robot, rig.players[i].last, (aim - np.array(rig.players[i].setpoint)) * 0.05)
 
-    rig.run(wish, 150)
+    rig.run(controller, 150)
     assert rig.tally.admitted == rig.tally.commands
     assert rig.tally.violations == []
 
@@ -59,7 +59,7 @@ SHAPES = {
     [(0.012, "stop", 2.5e-3), (0.004, "stop", 0.5e-3), (0.012, "slow", 0.2e-3), (0.004, "slow", 0.2e-3)],
 )
 @pytest.mark.parametrize("shape", sorted(SHAPES))
-def test_a_straight_approach_at_full_speed_rests_near_the_stop_distance(period, response, reach, shape):
+def test_a_straight_approach_at_full_speed_ends_near_the_stop_distance(period, response, reach, shape):
     start = [np.array([-0.1, 0.0])]
     rig = Rig(scenes.lane(period, response, SHAPES[shape]), stops=0.0, lag=0.01, start=start)
     for _ in range(500):
@@ -72,12 +72,12 @@ def test_a_straight_approach_at_full_speed_rests_near_the_stop_distance(period, 
 
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.8])
 def test_two_robots_working_apart_are_never_refused(share):
-    """0.3 m between them at the nearest: each turns and bends on its own side."""
+    """They are at least 0.3 m apart: each turns and bends on its own side."""
     rig = Rig(scenes.duel(gap=1.9), stops=0.0, lag=0.03)
     center = {0: np.array([0.0, -0.3, 0.6, 0.0]), 1: np.array([0.0, -0.3, 0.6, 0.0])}
     refused = []
 
-    def wish(rig, i):
+    def controller(rig, i):
         robot = rig.cell.robots[i]
         wave = 0.12 * np.sin(np.array([6.0, 4.5, 6.5, 8.0]) * rig.now + i)
         v = center[i] + wave - np.array(rig.players[i].setpoint)
@@ -87,7 +87,7 @@ def test_two_robots_working_apart_are_never_refused(share):
     near, fastest = np.inf, 0.0
     between = [k for k, p in enumerate(rig.cell.pairs) if p.kind == "robots"]
     for k in range(1500 if share < 0.2 else 500):
-        rig.step(wish)
+        rig.step(controller)
         for robot, player in zip(rig.cell.robots, rig.players, strict=True):
             fastest = max(fastest, float(np.max(np.abs(player.last) / (robot.velocity * robot.period))))
         if k % 10 == 0:
@@ -110,8 +110,8 @@ def violated(cell, oracle, q):
     return out
 
 
-def test_retreat_admits_what_truly_widens():
-    """From starts up to some cm too deep; all violated margins grow, no new one appears."""
+def test_a_retreat_admits_increments_that_truly_widen():
+    """From starts up to some cm too deep, all violated margins grow and no new violation appears."""
     cell = scenes.planar()
     oracle, rng = Oracle(cell), random.Random(5)
     robot = cell.robots[0]
@@ -134,8 +134,8 @@ def test_retreat_admits_what_truly_widens():
 
 
 @pytest.mark.parametrize("scene", ["planar", "wire"])
-def test_a_retreat_gets_out(scene):
-    """Pushing along the way that widens most, most starts in violation come clear."""
+def test_a_retreat_leaves_the_violation(scene):
+    """Most starts in violation come clear by moving in the direction that widens most."""
     cell = scenes.SCENES[scene]()
     oracle, rng, robot = Oracle(cell), random.Random(2), cell.robots[0]
     tried = out = 0
@@ -148,7 +148,7 @@ def test_a_retreat_gets_out(scene):
         tried += 1
         rig = Rig(cell, tried, stops=0.0, start=[q], oracle=oracle)
 
-        def wish(rig, i, pair=pair):
+        def controller(rig, i, pair=pair):
             x = np.array(rig.players[i].setpoint)
             steps = np.concatenate([np.eye(len(x)), -np.eye(len(x))]) * 1e-3
             R, t = oracle.place([np.concatenate([x[None, :], x + steps])])
@@ -157,7 +157,7 @@ def test_a_retreat_gets_out(scene):
             return 0.3 * robot.velocity * robot.period * slope / max(np.max(np.abs(slope)), 1e-12)
 
         for _ in range(300):
-            rig.step(wish)
+            rig.step(controller)
             if not violated(cell, oracle, [np.array(rig.players[0].setpoint)[None, :]]):
                 out += 1
                 break

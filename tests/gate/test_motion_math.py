@@ -1,4 +1,4 @@
-"""Braking, bounds per tick and occupancy: pure arithmetic, held against brute force and samples."""
+"""Braking, bounds per tick and occupancy: pure arithmetic against brute force and samples."""
 
 import itertools
 import math
@@ -35,7 +35,7 @@ def test_the_whole_stop_is_a_straight_segment(move):
 
 @settings(deadline=None)
 @given(moves())
-def test_no_joint_is_braked_harder_than_it_may_be(move):
+def test_no_joint_brakes_harder_than_its_deceleration_allows(move):
     u, d = move
     steps = [*stop_increments(u, d), (0.0,) * len(u)]
     for a, b in itertools.pairwise(steps):
@@ -46,7 +46,7 @@ def test_no_joint_is_braked_harder_than_it_may_be(move):
 
 @settings(deadline=None)
 @given(moves())
-def test_what_remains_after_some_increments_is_the_stop_of_the_next(move):
+def test_the_rest_of_a_stop_is_the_stop_of_its_next_increment(move):
     u, d = move
     steps = stop_increments(u, d)
     for k in range(1, len(steps)):
@@ -72,7 +72,7 @@ def test_the_largest_stopping_increment_just_fits(room, decel):
 
 @settings(deadline=None)
 @given(st.floats(-0.3, 0.3), st.floats(1e-3, 0.2), st.floats(1e-3, 0.2), st.floats(-1, 1))
-def test_the_acceleration_box_is_what_a_joint_can_do_in_a_tick(last, accel, decel, u):
+def test_the_acceleration_box_holds_the_increments_possible_in_a_tick(last, accel, decel, u):
     low, high = acceleration_box(last, accel, decel)
     assert low <= last <= high
     if u * last < 0:
@@ -88,7 +88,7 @@ def test_the_acceleration_box_is_what_a_joint_can_do_in_a_tick(last, accel, dece
 
 @st.composite
 def situations(draw):
-    """A robot on its way inside its limits, and anything wished for."""
+    """Return a robot that moves inside its limits, and any requested increment."""
     n = draw(st.integers(1, 6))
 
     def row(elements):
@@ -103,8 +103,8 @@ def situations(draw):
         u = limit_increment(row(st.floats(-0.3, 0.3)), last, brake_of(last, decel), setpoint, bounds, 1.0).u
         assume(stays_inside(u, setpoint, bounds) is None)
         setpoint, last = tuple(q + x for q, x in zip(setpoint, u, strict=True)), u
-    wish = row(st.one_of(st.floats(-0.3, 0.3), st.sampled_from([0.0, 1e-15, -1e-9, 1e300, -5e-324])))
-    return wish, last, setpoint, bounds
+    requested = row(st.one_of(st.floats(-0.3, 0.3), st.sampled_from([0.0, 1e-15, -1e-9, 1e300, -5e-324])))
+    return requested, last, setpoint, bounds
 
 
 def brake_of(last, decel):
@@ -114,31 +114,31 @@ def brake_of(last, decel):
 
 @settings(max_examples=300, deadline=None)
 @given(situations(), st.floats(0.05, 1.0))
-def test_a_shaped_wish_is_always_possible(situation, share):
-    wish, last, setpoint, bounds = situation
+def test_a_limited_increment_is_always_possible(situation, share):
+    requested, last, setpoint, bounds = situation
     brake = brake_of(last, bounds.decel)
-    shaped = limit_increment(wish, last, brake, setpoint, bounds, share)
-    assert 0.0 <= shaped.beta <= 1.0
-    for j, x in enumerate(shaped.u):
+    limited = limit_increment(requested, last, brake, setpoint, bounds, share)
+    assert 0.0 <= limited.beta <= 1.0
+    for j, x in enumerate(limited.u):
         assert abs(x) <= bounds.speed[j] + 1e-12
         low, high = acceleration_box(last[j], bounds.accel[j], bounds.decel[j])
         assert low - 1e-9 <= x <= high + 1e-9
     ends = np.array(setpoint) + np.sum(
-        stop_increments(shaped.u, bounds.decel) or [(0.0,) * len(last)], axis=0
+        stop_increments(limited.u, bounds.decel) or [(0.0,) * len(last)], axis=0
     )
     assert np.all(np.abs(ends) <= 1.0 + 1e-9)
-    if not shaped.reasons:
-        assert np.allclose(shaped.u, wish, atol=1e-11)
+    if not limited.reasons:
+        assert np.allclose(limited.u, requested, atol=1e-11)
 
 
 def test_one_joint_at_its_limit_does_not_freeze_the_others():
     bounds = StepBounds(("a", "b"), (-1.0, -1.0), (1.0, 1.0), (0.1, 0.1), (0.05, 0.05), (0.05, 0.05))
-    shaped = limit_increment((0.05, 0.05), (0.0, 0.0), (0.0, 0.0), (1.0, 0.0), bounds, 1.0)
-    assert shaped.u == (0.0, 0.05)
-    assert [r.cause for r in shaped.reasons] == ["joint_limit"]
+    limited = limit_increment((0.05, 0.05), (0.0, 0.0), (0.0, 0.0), (1.0, 0.0), bounds, 1.0)
+    assert limited.u == (0.0, 0.05)
+    assert [r.cause for r in limited.reasons] == ["joint_limit"]
 
 
-def test_a_lease_may_be_slower():
+def test_a_lease_may_lower_the_speed_bound():
     bounds = StepBounds(("a",), (-1.0,), (1.0,), (0.1,), (1.0,), (1.0,))
     assert limit_increment((0.1,), (0.0,), (0.0,), (0.0,), bounds, 0.25).u == (0.025,)
 
@@ -155,7 +155,7 @@ points = st.integers(1, 5).flatmap(
 
 
 def within(q, one):
-    """Whether a position is in polyline ⊕ tube: the line is walked in small steps."""
+    """Return True if a position is in polyline ⊕ tube, by sampling the polyline in small steps."""
     nodes = np.array(one.nodes)
     if len(nodes) == 1:
         nodes = np.repeat(nodes, 2, axis=0)
@@ -167,7 +167,7 @@ def within(q, one):
 
 @settings(max_examples=300, deadline=None)
 @given(points)
-def test_everything_between_is_inside_the_cover(given_points):
+def test_every_position_of_the_hull_is_inside_the_cover(given_points):
     (a, b, c), history, weights = given_points
     one = occupancy(a, b, c, history, 0.0)
     everything = np.array([a, b, c, *history])
@@ -179,7 +179,7 @@ def test_everything_between_is_inside_the_cover(given_points):
 
 @settings(deadline=None)
 @given(points)
-def test_a_measurement_on_the_way_is_taken_as_it_is(given_points):
+def test_a_measurement_on_the_path_is_not_changed(given_points):
     (a, b, c), history, weights = given_points
     one = occupancy(a, b, c, history, 1e-4)
     on = tuple(x + weights[0] * (y - x) for x, y in zip(a, b, strict=True))
@@ -189,7 +189,7 @@ def test_a_measurement_on_the_way_is_taken_as_it_is(given_points):
 
 @settings(deadline=None)
 @given(points)
-def test_a_measurement_far_off_is_not_explained(given_points):
+def test_a_measurement_far_off_the_path_is_not_explained(given_points):
     (a, b, c), _, _ = given_points
     one = occupancy(a, b, c, [], 1e-4)
     assert settle_measured(tuple(5.0 + x for x in a), [one], 1e-4) is None
@@ -198,8 +198,8 @@ def test_a_measurement_far_off_is_not_explained(given_points):
 
 @settings(max_examples=400, deadline=None)
 @given(points, st.lists(st.floats(-1.0, 1.0), min_size=20, max_size=20))
-def test_rounding_never_hides_where_the_robot_is(given_points, noise):
-    """The true position is on the way; measured with an error, the one gone on with is no farther off."""
+def test_rounding_never_hides_the_true_position(given_points, noise):
+    """The true position is on the path; the position taken from an inexact measurement is no farther off."""
     (a, b, c), history, weights = given_points
     tolerance = 1e-2
     rounded = occupancy(a, b, c, history, tolerance)

@@ -1,4 +1,4 @@
-"""The nearest pairs that the state tells, against all pairs asked one by one."""
+"""Nearest pairs of the state, against engine queries for all pairs."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from gate.oracle import Oracle
 
 @pytest.mark.parametrize("name", ["duel", "tree", "mesh"])
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_told_are_the_lowest_bounds_and_both_nearest_are_true(name, count):
-    """In small steps and in leaps; with others means: not with the robot itself, its base included."""
+def test_the_lowest_bounds_are_reported_and_both_nearest_are_true(name, count):
+    """In small steps and in leaps. Others are bodies that are neither the robot itself nor its base."""
     cell, rng = scenes.SCENES[name](), np.random.default_rng(count)
     oracle = Oracle(cell)
     nearest = NearestPairs(Clearance(cell, False))
@@ -44,7 +44,7 @@ def test_told_are_the_lowest_bounds_and_both_nearest_are_true(name, count):
                 assert np.linalg.norm(a - b) == pytest.approx(found[at].distance, abs=1e-5)
 
 
-def test_a_robot_that_nobody_has_heard_of_has_no_distance():
+def test_a_robot_of_unknown_position_has_no_distance():
     cell = scenes.head_on(1.1)
     nearest = NearestPairs(Clearance(cell, False))
     assert nearest.find(0, [(-0.55,), None], 3) == {}
@@ -55,7 +55,7 @@ def test_a_robot_that_nobody_has_heard_of_has_no_distance():
     assert found.distance == pytest.approx(0.95, abs=1e-6)
 
 
-def test_who_stands_still_is_asked_for_once():
+def test_a_robot_that_stands_still_is_placed_once():
     cell = scenes.head_on(1.1)
     clearance = Clearance(cell, False)
     nearest = NearestPairs(clearance)
@@ -67,7 +67,7 @@ def test_who_stands_still_is_asked_for_once():
     assert clearance.certifier.queries <= asked + 1
 
 
-def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
+def test_the_lowest_few_are_in_order_and_of_equal_values_the_first_count():
     margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
     for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
         assert _first(margin, count).tolist() == expected
@@ -79,21 +79,21 @@ def test_the_lowest_few_are_in_order_and_of_equal_ones_the_first():
             assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
 
 
-def test_directions_that_are_found_are_kept_for_all():
+def test_found_directions_are_kept_for_all_users():
     clearance = Clearance(scenes.lane(), False)
     NearestPairs(clearance).find(0, [(0.0, 1.5)], 1)
     assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-4)
 
 
-def test_what_stands_still_is_told_though_a_robot_is_unknown():
+def test_distances_to_static_bodies_are_reported_though_a_robot_is_unknown():
     cell = scenes.head_on(1.1, surroundings={"b": {"shape": {"sphere": 0.1}, "xyz": [-0.55, 0.5, 0]}})
     (found,) = NearestPairs(Clearance(cell, False)).find(0, [(-0.55,), None], 3).values()
     assert found.pair[1] == "b"
     assert found.distance == pytest.approx(0.35, abs=1e-6)
 
 
-def test_a_leap_among_many_bodies_costs_a_few_questions():
-    """All bounds are used up at once: one slab for all tells which few are worth a question."""
+def test_a_leap_among_many_bodies_costs_few_queries():
+    """All bounds are used up at once: one slab for all selects the few pairs that are worth a query."""
     rng = np.random.default_rng(5)
     around = {
         f"b{k}": {"shape": {"box": [0.02, 0.03, 0.04]}, "xyz": [float(x) for x in rng.uniform(-2, 2, 3)]}
@@ -117,7 +117,7 @@ def test_a_leap_among_many_bodies_costs_a_few_questions():
 
 
 @pytest.mark.parametrize("name", ["duel", "mesh"])
-def test_start_clearances_hold_every_nearest_pair(name):
+def test_start_clearances_contain_every_nearest_pair(name):
     cell = scenes.SCENES[name]()
     oracle = Oracle(cell)
     R, t = oracle.place([np.array([r.start]) for r in cell.robots])
@@ -132,7 +132,7 @@ def test_start_clearances_hold_every_nearest_pair(name):
 
 
 def around(*gaps):
-    """Return a cell of one ball at the origin and balls around it at these distances."""
+    """Return a cell with one ball at the origin and balls around it at these distances."""
     angles = np.linspace(0.0, 2.0 * np.pi, len(gaps), endpoint=False)
     places = [
         ((0.15 + gap) * np.cos(a), (0.15 + gap) * np.sin(a), 0.0) for gap, a in zip(gaps, angles, strict=True)
@@ -149,7 +149,7 @@ def around(*gaps):
         ((0.5, 0.3, 0.4, 0.2), 2, [0.2, 0.3]),
         ((0.5, 0.3, 0.4, 0.2), 3, [0.2, 0.3, 0.4]),
         ((0.5, 0.3, 0.4, 0.2), 9, [0.2, 0.3, 0.4, 0.5]),
-        ((0.5, 0.01, 0.005, 0.2), 1, [0.005, 0.01]),  # all below their limits
+        ((0.5, 0.01, 0.005, 0.2), 1, [0.005, 0.01]),  # all are below their limits
         ((0.5, 0.01, 0.005, 0.2), 3, [0.005, 0.01, 0.2]),
     ],
 )

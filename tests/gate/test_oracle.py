@@ -1,4 +1,4 @@
-"""The oracle itself: its kinematics against pinocchio's, its distances against brute force."""
+"""The oracle: its kinematics against pinocchio's, its distances against brute force."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from gate.solids import Solid, hull_faces, nearest_in_hull
 
 
 @pytest.mark.parametrize("name", sorted(scenes.SCENES))
-def test_its_kinematics_agree_with_the_model(name):
+def test_kinematics_agree_with_the_model(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(0)
     oracle = Oracle(cell)
     qs = [rng.uniform(r.lower, r.upper, (5, r.model.n)) for r in cell.robots]
@@ -35,7 +35,7 @@ def test_segments_are_as_far_apart_as_their_nearest_points():
 
 
 @pytest.mark.parametrize("name", ["duel", "corner", "wire", "tree", "mesh"])
-def test_its_brackets_are_tight_and_below_holds(name):
+def test_brackets_are_tight_and_lower_bounds_hold(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(2)
     oracle = Oracle(cell)
     qs = [rng.uniform(r.lower, r.upper, (40, r.model.n)) for r in cell.robots]
@@ -53,8 +53,8 @@ def test_its_brackets_are_tight_and_below_holds(name):
 BLOCK = np.array([(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.05, 0.05)])
 
 
-def test_a_convex_body_holds_what_its_corners_and_radius_say():
-    """A block by its corners, and a box of the same sizes; then rounded."""
+def test_a_convex_body_contains_its_corners_and_radius():
+    """A block by its corners against a box of the same size; then both rounded."""
     rng = np.random.default_rng(3)
     sharp, rounded = Solid("a", "convex", (0.0,), BLOCK), Solid("b", "convex", (0.02,), BLOCK)
     box = Solid("c", "box", (0.2, 0.4, 0.1))
@@ -66,7 +66,7 @@ def test_a_convex_body_holds_what_its_corners_and_radius_say():
         assert sharp.reach(x) == pytest.approx(box.reach(x))
 
 
-def test_a_cone_holds_what_is_between_its_tip_and_its_base():
+def test_a_cone_contains_the_points_between_its_tip_and_its_base():
     cone = Solid("a", "cone", (0.1, 0.4))
     for level, z, inside in ((0.0, 0.2, 1), (0.0, 0.201, 0), (0.1, -0.2, 1), (0.101, -0.2, 0),
                              (0.0, -0.201, 0), (0.05, 0.0, 1), (0.052, 0.0, 0), (0.049, 0.0, 1)):  # fmt: skip
@@ -78,13 +78,13 @@ def test_a_cone_holds_what_is_between_its_tip_and_its_base():
 
 def test_faces_of_a_hull_close_around_it():
     vertices, faces = hull_faces(np.concatenate([BLOCK, np.zeros((1, 3))]))
-    assert (len(vertices), len(faces)) == (8, 12)  # the point inside is none of it
+    assert (len(vertices), len(faces)) == (8, 12)  # the inner point is not a corner
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     assert np.einsum("ki,ki->k", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(0.2 * 0.4 * 0.1)
 
 
-def test_the_parts_of_its_mesh_scene_hold_the_meshes():
-    """So that whoever keeps away from the parts keeps away from the meshes, which nobody shows an engine."""
+def test_the_parts_of_the_mesh_scene_contain_the_meshes():
+    """A robot clear of the parts is then clear of the meshes, which no engine gets."""
     cell, rng = scenes.mesh(), np.random.default_rng(4)
     oracle = Oracle(cell)
     bodies = {b.name: (np.array(b.placement.R), np.array(b.placement.t)) for b in cell.bodies}
@@ -102,7 +102,7 @@ def test_the_parts_of_its_mesh_scene_hold_the_meshes():
             assert any(solid.holds(R.T @ (x - t), 1e-7) for solid, R, t in parts)
 
 
-def test_it_finds_the_one_bad_position_among_many():
+def test_the_one_bad_position_among_many_is_found():
     cell = scenes.lane()
     oracle = Oracle(cell)
     xs = np.linspace(-1.0, 0.39, 200)
@@ -116,7 +116,7 @@ def test_it_finds_the_one_bad_position_among_many():
     assert d == pytest.approx(0.0498, abs=1e-6)
 
 
-def test_it_names_what_a_joint_may_not():
+def test_violated_joint_bounds_are_named():
     robot = scenes.lane().robots[0]
     a = 4 * 0.012**2
     q = (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Slabs written out in plain sums, with the oracle's kinematics and bodies, against the groups' own."""
+"""Slabs written out in plain sums, with the oracle's kinematics and bodies, against those of the groups."""
 
 import numpy as np
 import pytest
@@ -14,21 +14,21 @@ CELLS = ("corner", "tree", "duel", "mesh")
 
 
 class Written:
-    """One pair's slab as the text has it, body by body and node by node."""
+    """Return one pair's slab by the documented formula, body by body and node by node."""
 
     def __init__(self, cell):
         self.cell, self.oracle = cell, Oracle(cell)
         self.at = {name: k for k, name in enumerate(self.oracle.names)}
 
     def placed(self, robot, q):
-        """R and t of every body with one robot at q, the others anywhere."""
+        """Return R and t of every body with one robot at q, the others anywhere."""
         qs = [np.array([r.start]) for r in self.cell.robots]
         qs[robot] = np.array([q])
         R, t = self.oracle.place(qs)
         return R[0], t[0]
 
     def reach(self, robot, body, n, occupied, motion, bend):
-        """The largest n·x of a body, with all that it strays, over an occupancy; n in the world."""
+        """Return the largest n·x of a body over an occupancy, with its deviation; n in the world frame."""
         k, most = self.at[body], -np.inf
         for q in occupied.nodes:
             R, t = self.placed(robot, q)
@@ -36,7 +36,7 @@ class Written:
         return most + stray(occupied, motion, bend)
 
     def chained(self, robot, near, tip, n, occupied, motion, bend):
-        """The room between two bodies of one chain; n in the frame of the nearer one."""
+        """Return the slab of two bodies of one chain; n in the frame of the nearer one."""
         a, b, room = self.at[near], self.at[tip], np.inf
         for q in occupied.nodes:
             R, t = self.placed(robot, q)
@@ -67,7 +67,7 @@ def some_occupancy(robot, rng, nodes):
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
 @pytest.mark.parametrize("name", CELLS)
-def test_a_slab_is_what_the_text_says(name, nodes):
+def test_a_slab_equals_the_documented_formula(name, nodes):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(nodes)
     clearance, written = Clearance(cell, False), Written(cell)
     space = clearance.space
@@ -138,7 +138,7 @@ def _moves(cell, body):
     return body.robot is not None and cell.robots[body.robot].model.bodies[body.index].joint >= 0
 
 
-def test_placements_are_asked_for_once_and_only_when_somebody_looks():
+def test_placements_are_computed_once_and_only_at_the_first_access():
     cell = scenes.corner()
     space = Clearance(cell, False).space
     asked = []
@@ -156,12 +156,12 @@ def test_placements_are_asked_for_once_and_only_when_somebody_looks():
         _ = space.still(0, (0.3, 0.1, 0.01 * k)).t
     _ = space.still(0, (0.3, 0.1, 0.08)).t
     assert len(asked) == 12
-    _ = space.still(0, a).t  # forgotten by now
+    _ = space.still(0, a).t  # no longer kept
     assert len(asked) == 13
 
 
 def test_bounds_keep_a_margin_for_rounding():
-    """Two balls on one line: the slab along it is the distance, less what rounding may come to."""
+    """Two balls on one line: the slab along it is the distance less the rounding margin."""
     cell = scenes.head_on(1.1)
     clearance = Clearance(cell, False)
     for i, q in enumerate(((-0.55,), (0.55,))):
@@ -172,7 +172,7 @@ def test_bounds_keep_a_margin_for_rounding():
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_the_nodes_told_are_those_where_a_plane_separates_least(name):
+def test_the_returned_nodes_are_those_at_which_a_plane_separates_least(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(7)
     clearance = Clearance(cell, False)
     space = clearance.space
@@ -205,8 +205,8 @@ def test_the_nodes_told_are_those_where_a_plane_separates_least(name):
                 assert np.min(separations, axis=0) == pytest.approx(np.choose(far, separations), abs=1e-12)
 
 
-def test_only_bodies_of_which_one_carries_the_other_are_of_one_chain():
-    """On a trunk with two arms: those of one arm, or of an arm and the trunk, and not those of both arms."""
+def test_only_bodies_of_which_one_carries_the_other_form_a_chain():
+    """On a trunk with two arms: bodies of one arm, or of an arm and the trunk, but not of both arms."""
     cell = scenes.tree()
     clearance = Clearance(cell, False)
     found = {}
@@ -226,7 +226,7 @@ def test_only_bodies_of_which_one_carries_the_other_are_of_one_chain():
 
 @pytest.mark.parametrize(("start", "reach"), [(0.2, 1.0), (0.8, 1.0), (1.5, 1.5), (-1.75, 1.75)])
 def test_motion_is_bounded_over_the_limits_and_the_start(start, reach):
-    """A ball on a slide behind a turning joint: turning moves it as far as the slide can be out."""
+    """For a ball on a slide behind a revolute joint the bound is the largest extension of the slide."""
     joints = [
         scenes.joint(-1),
         scenes.joint(

@@ -1,4 +1,4 @@
-"""Bounds of bodies that overlap: against a dense search over all directions, and by hand."""
+"""Bounds of overlapping bodies, against a dense search over all directions and by hand."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def some_shape(rng):
 
 
 def overlapping(rng):
-    """A pair near each other; every third one are two capsules that cross in one plane."""
+    """Return a pair near each other; every third pair are two capsules that cross in one plane."""
     if rng.integers(3):
         shapes = some_shape(rng), some_shape(rng)
         poses = (rotation(rng), np.zeros(3)), (rotation(rng), 0.1 * rng.normal(size=3))
@@ -42,7 +42,7 @@ def overlapping(rng):
 
 
 def searched(a, b, rng):
-    """The signed distance by trying 4000 directions and shaking the best of them."""
+    """Return the signed distance by trying 4000 directions and perturbing the best of them."""
 
     def room(n):
         n = n / np.linalg.norm(n, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def searched(a, b, rng):
     return best
 
 
-def test_overlapping_pairs_are_bounded_to_some_millimetres():
+def test_bounds_of_overlapping_pairs_are_within_some_millimetres():
     rng, off, engine_off = np.random.default_rng(11), [], []
     while len(off) < PAIRS:
         shapes, a, b = overlapping(rng)
@@ -86,13 +86,13 @@ def test_overlapping_pairs_are_bounded_to_some_millimetres():
         engine_off.append(truth - lb)
     assert max(off) < 2e-3
     assert np.mean(off) < 1e-4
-    assert max(engine_off) > 0.05  # without it some are far too low
+    assert max(engine_off) > 0.05  # without the search some are far too low
 
 
 @pytest.mark.parametrize("angle", [0.2, 1.0, np.pi / 2, 2.5])
 @pytest.mark.parametrize("off", [0.0, 0.05])
 def test_crossing_capsules_come_apart_across_both_axes(angle, off):
-    """Both axes in one plane, or ``off`` beside each other: the radii, less that."""
+    """The depth is the sum of the radii less ``off``, the distance of the axes' planes."""
     rows = support_table((Capsule(0.06, 0.8), Capsule(0.04, 0.8)))
     c, s = np.cos(angle), np.sin(angle)
     turned = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
@@ -123,7 +123,7 @@ def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("first", [True, False])
-def test_a_ball_comes_out_of_a_box_to_either_side(axis, sign, first):
+def test_a_ball_leaves_a_box_to_either_side(axis, sign, first):
     """The ball's frame is turned, so that only the axes of the box are normals of its faces."""
     rows, off = support_table((Box(0.4, 0.4, 0.4), Sphere(0.1))), np.full(3, 0.05)
     off[axis] = sign * 0.1
@@ -135,7 +135,7 @@ def test_a_ball_comes_out_of_a_box_to_either_side(axis, sign, first):
         assert found == pytest.approx((sign if first else -sign) * np.eye(3)[axis])
 
 
-def test_of_directions_that_prove_the_same_the_given_one_is_kept():
+def test_of_directions_with_equal_proofs_the_given_one_is_kept():
     rows = support_table((Sphere(0.3), Sphere(0.2)))
     a, b = (rows[0], np.eye(3), SHIFT), (rows[1], np.eye(3), SHIFT)
     for direction in (tried_direction, turned_direction):
@@ -150,7 +150,7 @@ def test_of_directions_that_prove_the_same_the_given_one_is_kept():
     [(FIRST, SECOND, 2.0), (FIRST, SECOND, 2.9), (np.eye(3), SECOND, 1.2), (SECOND, FIRST, 2.0)],
 )
 def test_turning_finds_the_side_of_a_cone_to_hundredths_of_a_millimetre(cone, ball, angle):
-    """A ball in a cone comes out through its side, whose normal is none of the directions tried."""
+    """A ball in a cone leaves through its side, whose normal is not among the directions tried."""
     radius, length, of_ball = 0.2, 0.5, 0.03
     rows, side = support_table((Cone(radius, length), Sphere(of_ball))), np.hypot(radius, length)
     out = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -162,8 +162,8 @@ def test_turning_finds_the_side_of_a_cone_to_hundredths_of_a_millimetre(cone, ba
     assert tried_direction(a, b, cone @ UP)[1] < truth - 5e-3
 
 
-def test_turning_finds_what_no_axis_shows():
-    """Two hulls whose faces stand at no axis of theirs."""
+def test_turning_finds_directions_that_are_no_axis():
+    """Two hulls whose face normals are not their axes."""
     rng = np.random.default_rng(3)
     corners = [tuple(map(tuple, (rng.normal(size=(9, 3)) * 0.1).tolist())) for _ in range(2)]
     rows = support_table([Convex(x, 0.0) for x in corners])

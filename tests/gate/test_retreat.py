@@ -1,4 +1,4 @@
-"""Ways back: several violations at once, joints outside, two robots one at a time in the configured order."""
+"""Retreats: several violations at once, joints outside, two robots one at a time in the configured order."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ AWAY = {"fast": np.array([0.0, -0.0005]), "slow": np.array([0.0, 0.0005])}
 
 
 def near(first=(0.0, 0.0), second=(0.0, 0.11)):
-    """Two balls of 5 cm, 1 cm apart where 2 cm must be kept; ``fast`` stands first in the configuration."""
+    """Return two balls of 5 cm, 1 cm apart with 2 cm to be kept; ``fast`` is first in the configuration."""
     return Rig(scenes.crossing(window=0.0, periods=(0.012, 0.012)), stops=0.0,
                start=[np.array(first), np.array(second)])  # fmt: skip
 
@@ -23,16 +23,16 @@ def ask(rig, *order):
     return [rig.command(i, (AWAY["fast"], AWAY["slow"])[i]) for i in order]
 
 
-def test_of_two_the_first_in_the_configuration_goes_first_whoever_is_asked_first():
+def test_of_two_robots_the_first_in_the_configuration_goes_first_in_any_order_of_commands():
     rig = near()
     ask(rig, 1)
     (early,) = ask(rig, 1)
-    assert early.outcome is not Outcome.REFUSED  # nobody else wants to move
+    assert early.outcome is not Outcome.REFUSED  # no other robot is commanded
     (waiting,) = ask(rig, 0)
-    assert waiting.outcome is Outcome.REFUSED  # the other one is on its way
+    assert waiting.outcome is Outcome.REFUSED  # the other one is moving
     assert waiting.reasons[-1].cause is Cause.CLEARANCE
     (yielding,) = ask(rig, 1)
-    assert yielding.outcome is Outcome.REFUSED  # and gives way
+    assert yielding.outcome is Outcome.REFUSED  # gives way
     for _ in range(12):
         rig.step()
     first, second = ask(rig, 0, 1)
@@ -43,7 +43,7 @@ def test_of_two_the_first_in_the_configuration_goes_first_whoever_is_asked_first
     assert second.outcome is Outcome.REFUSED
 
 
-def test_both_come_clear_and_then_move_at_once():
+def test_both_robots_come_clear_and_then_move_at_once():
     rig = near()
     for _ in range(30):
         ask(rig, 1, 0)
@@ -54,7 +54,7 @@ def test_both_come_clear_and_then_move_at_once():
 
 
 @pytest.mark.parametrize("why", ["rests", "no lease", "stopped", "no way out"])
-def test_the_second_goes_if_the_first_does_not(why):
+def test_the_second_robot_moves_if_the_first_does_not(why):
     rig = near()
     assert ask(rig, 0)[0].outcome is not Outcome.REFUSED
     for _ in range(6):
@@ -75,7 +75,7 @@ def test_the_second_goes_if_the_first_does_not(why):
 
 
 def corner(distance=0.012):
-    """A ball of 5 cm in a corner, too near to the floor and to both walls."""
+    """Return a ball of 5 cm in a corner, too near to the floor and to both walls."""
     edge = 0.05 + distance + 0.1
     walls = {
         f"wall_{k}": {"shape": {"box": size}, "xyz": [edge * (k == j) for j in range(3)]}
@@ -95,7 +95,7 @@ def corner(distance=0.012):
         ((-1, -1, 1), False),
     ],
 )
-def test_of_several_violations_none_may_get_worse_and_one_must_get_better(u, way):
+def test_no_violation_may_get_worse_and_one_must_get_better(u, way):
     rig = corner()
     verdict = rig.command(0, 5e-4 * np.array(u))
     assert (verdict.outcome is not Outcome.REFUSED) == way
@@ -112,7 +112,7 @@ def test_of_several_violations_none_may_get_worse_and_one_must_get_better(u, way
 
 
 def test_a_floor_only_rises():
-    """Out by some millimetres, then back: not even as far in as it began."""
+    """Some millimetres out, then back: the robot does not get as near as it began."""
     rig = corner()
     for _ in range(60):
         rig.step(lambda rig, i: (-2e-4, -2e-4, -2e-4))
@@ -126,7 +126,7 @@ def test_a_floor_only_rises():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_joint_outside_its_limits_may_only_come_back(side):
+def test_a_joint_outside_its_limits_may_only_move_back(side):
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-1.0, 2.1 * side])])
     rig.feed(LinkChange("A", LinkState.READY))
     out = rig.command(0, (-1e-4, 0.0))
@@ -141,7 +141,7 @@ def test_a_joint_outside_its_limits_may_only_come_back(side):
 
 
 @pytest.mark.parametrize(("silent", "waits"), [(0, True), (3, True), (4, False)])
-def test_the_first_goes_first_for_three_ticks_after_it_was_asked(silent, waits):
+def test_the_first_robot_keeps_its_turn_for_three_ticks_after_its_command(silent, waits):
     rig = near()
     ask(rig, 0)
     for _ in range(48):
@@ -152,15 +152,15 @@ def test_the_first_goes_first_for_three_ticks_after_it_was_asked(silent, waits):
 
 
 @pytest.mark.parametrize(("down", "way"), [(1.5e-4, True), (2.5e-4, False)])
-def test_a_violated_pair_may_fall_by_a_fifth_of_a_millimetre_while_another_widens(down, way):
-    """Out along two walls, in to the third: its floor less 0.2 mm is the end of it."""
+def test_a_violated_pair_may_lose_a_fifth_of_a_millimetre_while_another_widens(down, way):
+    """Out along two walls and toward the third, up to its floor less 0.2 mm."""
     rig = corner()
     verdict = rig.command(0, (-5e-4, -5e-4, down))
     assert (verdict.outcome is not Outcome.REFUSED) == way
 
 
-def test_what_may_fall_may_fall_in_all_and_not_again_each_time():
-    """Many small steps in to the third wall end where one would."""
+def test_the_slack_counts_in_all_and_not_per_command():
+    """Many small steps toward the third wall end where one would."""
     rig = corner()
     for _ in range(60):
         rig.step(lambda rig, i: (-2e-5, -2e-5, 2e-5))
@@ -168,8 +168,8 @@ def test_what_may_fall_may_fall_in_all_and_not_again_each_time():
     assert 0.0 < rig.drives[0].q[2] <= 2e-4 + 1e-9
 
 
-def test_nothing_new_may_become_violated_on_the_way_out():
-    """Away from the near wall there is another one, just at its stop distance."""
+def test_no_new_violation_is_allowed_during_a_retreat():
+    """In the direction away from the near wall there is another wall, just at its stop distance."""
     walls = {
         "near": {"shape": {"box": [0.2, 2, 2]}, "xyz": [0.05 + 0.012 + 0.1, 0, 0]},
         "far": {"shape": {"box": [0.2, 2, 2]}, "xyz": [-(0.05 + 0.0203 + 0.1), 0, 0]},
@@ -183,7 +183,7 @@ def test_nothing_new_may_become_violated_on_the_way_out():
     assert rig.command(0, (-2e-4, 0.0)).outcome is not Outcome.REFUSED
 
 
-def test_a_floor_is_gone_once_its_pair_is_clear():
+def test_a_floor_is_removed_when_its_pair_is_clear():
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
     floors = rig.gate._decisions._retreat._floor
     assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
@@ -195,7 +195,7 @@ def test_a_floor_is_gone_once_its_pair_is_clear():
 
 
 def test_a_retreat_begins_at_rest():
-    """A body that appears in the way of a moving robot: it brakes first."""
+    """If a body appears in the path of a moving robot, the robot brakes first."""
     rig = corner()
     rig.command(0, (-5e-4, -5e-4, -5e-4))
     for _ in range(8):
@@ -208,15 +208,15 @@ def test_a_retreat_begins_at_rest():
 
 
 @pytest.mark.parametrize(("out", "kept"), [(0.5e-4, 0.5e-4), (5e-4, 1e-4)])
-def test_a_joint_outside_may_fall_back_by_a_little_while_another_comes_back(out, kept):
-    """0.1 mrad in all, however much is asked for."""
+def test_a_joint_outside_its_limits_may_lose_a_little_while_another_moves_back(out, kept):
+    """At most 0.1 mrad in all, for any command."""
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-2.1, 2.1])])
     verdict = rig.command(0, (5e-4, out))
     assert verdict.outcome is not Outcome.REFUSED
     assert verdict.dq == (5e-4, pytest.approx(kept, rel=1e-6))
 
 
-def test_a_joint_that_came_back_inside_is_held_to_its_limit_again():
+def test_a_joint_that_is_back_inside_has_its_limit_again():
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([-1.0, 2.0003])])
     rig.command(0, (0.0, -5e-4))
     for _ in range(18):
@@ -226,12 +226,12 @@ def test_a_joint_that_came_back_inside_is_held_to_its_limit_again():
     assert verdict.dq[1] == pytest.approx(2.0 - rig.players[0].setpoint[1])
 
 
-# --- whose turn it is, to the tick and to the micrometre ----------------------------------------------------
+# --- turns, exact to the tick and the micrometre ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("why", ["no lease", "stopped", "no way out"])
-def test_who_went_first_gives_way_at_once(why):
-    """Not only once its patience has run out."""
+def test_the_robot_that_went_first_gives_way_at_once(why):
+    """It does not keep its turn for three more ticks."""
     rig = near()
     rig.step()
     for _ in range(5):
@@ -251,7 +251,7 @@ def test_who_went_first_gives_way_at_once(why):
     assert rig.command(1, AWAY["slow"]).outcome is not Outcome.REFUSED
 
 
-def test_who_may_not_go_yet_for_it_still_moves_does_not_go_first():
+def test_a_robot_that_may_not_retreat_because_it_still_moves_does_not_go_first():
     rig = near()
     rig.step()
     for _ in range(5):
@@ -266,13 +266,13 @@ def test_who_may_not_go_yet_for_it_still_moves_does_not_go_first():
     ("u", "way"),
     [((-1.5e-7, 0.0), True), ((-0.5e-7, 0.0), False), ((0.0, 1e-4), False), ((0.5e-7, 0.0), False)],
 )
-def test_a_way_out_widens_by_a_tenth_of_a_micrometre(u, way):
+def test_a_retreat_widens_by_at_least_a_tenth_of_a_micrometre(u, way):
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
     assert (rig.command(0, u).outcome is not Outcome.REFUSED) == way
 
 
-def test_a_robot_that_came_clear_and_is_found_too_near_again_begins_anew():
-    """What it had reached before counts no more: it could never keep that where it is now."""
+def test_a_robot_found_too_near_again_after_it_was_clear_gets_a_new_floor():
+    """The floor reached before no longer counts: the robot could never keep it at its present position."""
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.42, 0.0])])
     rig.expect_faults = True
 
@@ -295,8 +295,8 @@ def test_a_robot_that_came_clear_and_is_found_too_near_again_begins_anew():
     assert rig.command(0, (-1e-4, 0.0)).outcome is not Outcome.REFUSED
 
 
-def test_what_is_proven_piece_by_piece_to_be_just_enough_is_no_violation():
-    """Pieces prove what must be kept, to the bit, and not more: nothing may fall below that."""
+def test_a_pair_proven_by_cells_to_keep_exactly_its_limit_is_not_violated():
+    """Cells prove the distance needed to the bit, and no more: the bound must not fall below it."""
     around = {"b": {"shape": {"sphere": 0.05}, "xyz": [-0.125, 0.125, 0.0]}}
     robot = {"urdf": scenes.cart((1, 0, 0), (0, 1, 0)), "start": [-0.5, 0.0]}
     rig = Rig(scenes.build({"A": robot}, surroundings=around), stops=0.0)
@@ -313,8 +313,8 @@ def test_what_is_proven_piece_by_piece_to_be_just_enough_is_no_violation():
 
 
 @pytest.mark.parametrize("window", [0.0, 0.024])
-def test_the_first_floor_after_a_fault_is_that_of_the_place_where_the_robot_was_found(window):
-    """It is pushed 3 mm out of a violation of 1 cm, and its old setpoint still counts after the reset."""
+def test_the_first_floor_after_a_fault_is_that_of_the_position_where_the_robot_was_found(window):
+    """The robot is pushed 3 mm out of a violation of 1 cm; its old setpoint still counts after the reset."""
     cell = scenes.crossing(window=window, periods=(0.012, 0.012))
     rig = Rig(cell, stops=0.0, start=[np.array((0.0, 0.0)), np.array((0.0, 0.11))])
     rig.expect_faults = True

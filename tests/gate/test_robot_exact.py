@@ -1,4 +1,4 @@
-"""One robot, to the letter: its rest, its limits where it starts outside, its lag window."""
+"""State of one robot: rest, limits after a start outside, lag window."""
 
 import math
 
@@ -12,7 +12,7 @@ NOT = (0.0, 0.0)
 
 
 def cart(window=0.0, tolerance=0.0):
-    """A cart of two joints within ±2 m, its clock silent yet."""
+    """Return the state of a cart of two joints within ±2 m before its first tick."""
     return RobotState.of(scenes.crossing(window, tolerance).robots[0], 0)
 
 
@@ -27,7 +27,7 @@ def tick(state, setpoint, q=None, time=None):
     [(0.0, 0.5e-6, True), (0.0, 1e-6, True), (0.0, 1.5e-6, False),
      (0.25, 0.25, True), (0.25, 0.25 + 0.9e-6, True), (0.25, 0.25 + 1.1e-6, False)],
 )  # fmt: skip
-def test_it_rests_if_it_is_measured_within_the_tolerance_of_its_setpoint(tolerance, off, rests):
+def test_a_robot_rests_if_it_is_measured_within_the_tolerance_of_its_setpoint(tolerance, off, rests):
     state = cart(tolerance=tolerance)
     tick(state, NOT, (0.0, 0.5))
     assert not state.resting
@@ -35,14 +35,14 @@ def test_it_rests_if_it_is_measured_within_the_tolerance_of_its_setpoint(toleran
     assert state.resting == rests
 
 
-def test_it_rests_where_it_stands_off_its_setpoint():
+def test_a_robot_can_rest_off_its_setpoint():
     state = cart()
     for off, rests in ((0.5, False), (0.5, True), (0.4, False), (0.4 + 1e-6, True)):
         tick(state, NOT, (0.0, off))
         assert state.resting == rests
 
 
-def test_it_does_not_rest_at_the_tick_that_moves_its_setpoint():
+def test_a_robot_does_not_rest_at_the_tick_that_moves_its_setpoint():
     state = cart()
     tick(state, NOT)
     state.take_tick(Tick("fast", 1, 0.012, NOT, (1e-7, 0.0), (1e-7, 0.0)), NOT)
@@ -52,8 +52,8 @@ def test_it_does_not_rest_at_the_tick_that_moves_its_setpoint():
 
 
 @pytest.mark.parametrize(("since", "rests"), [(0.3, False), (0.499, False), (0.5, True), (0.6, True)])
-def test_a_delayed_robot_rests_once_its_window_has_passed(since, rests):
-    """Out and back: it is measured at its setpoint, and has yet to go out."""
+def test_a_delayed_robot_rests_after_its_window_has_passed(since, rests):
+    """Out and back: the robot is measured at its setpoint before it has gone out."""
     state = cart(window=0.5)
     tick(state, NOT, time=0.0)
     tick(state, (1.0, 0.0), NOT, time=0.9)
@@ -62,15 +62,15 @@ def test_a_delayed_robot_rests_once_its_window_has_passed(since, rests):
     assert state.resting == rests
 
 
-def test_it_rests_at_its_first_tick_where_its_setpoint_is():
+def test_a_robot_rests_at_its_first_tick_at_its_setpoint():
     for window in (0.0, 0.5):
         state = cart(window)
         tick(state, (0.5, 0.0))
         assert state.resting
 
 
-def test_it_does_not_rest_with_a_plan_under_way():
-    """The link may take the plan at any time: a reset now would leave it playing what nobody knows of."""
+def test_a_robot_does_not_rest_with_a_pending_plan():
+    """The link may accept the plan at any time; after a reset it would play a plan unknown to the gate."""
     state = cart()
     tick(state, NOT)
     assert state.resting
@@ -78,7 +78,7 @@ def test_it_does_not_rest_with_a_plan_under_way():
     assert not state.resting
 
 
-def test_it_does_not_rest_while_any_joint_has_way_left():
+def test_a_robot_does_not_rest_before_all_joints_have_arrived():
     state = cart()
     tick(state, NOT)
     state.held = Plan("fast", PlanKey("s", 0, 1, -1), 1, (NOT, (0.0, 1e-3)))
@@ -95,7 +95,7 @@ def test_it_does_not_rest_while_any_joint_has_way_left():
         ((2.5, -2.25), (0.0, 0.25), (0.5, 0.0)),
     ],
 )
-def test_limits_are_widened_where_it_starts_outside_and_nowhere_else(start, low, high):
+def test_limits_are_widened_only_for_joints_that_start_outside(start, low, high):
     state = cart()
     tick(state, start)
     assert state.outside == (low, high)
@@ -106,7 +106,7 @@ def test_limits_are_widened_where_it_starts_outside_and_nowhere_else(start, low,
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_limits_come_in_with_it_and_never_go_out_again(side):
+def test_widened_limits_shrink_with_the_joint_and_never_grow_again(side):
     state = cart()
     for place, outside in ((2.5, 0.5), (2.25, 0.25), (2.375, 0.25), (2.0, 0.0), (2.125, 0.0)):
         tick(state, (0.0, side * place))
@@ -115,7 +115,7 @@ def test_limits_come_in_with_it_and_never_go_out_again(side):
     assert state.limits_now() == state.bounds
 
 
-def test_who_is_inside_has_the_limits_of_the_configuration():
+def test_a_robot_inside_has_the_configured_limits():
     state = cart()
     tick(state, (2.0, -2.0))
     assert state.limits_now() == state.bounds
@@ -153,21 +153,21 @@ def test_a_joint_keeps_its_setpoint_unless_it_stands_off_by_more_than_the_tolera
     [
         (False, 1.5, 2.005, 2.0),  # the limit is 2.0, the tolerance 0.01
         (False, 1.5, 2.5, 2.0),
-        (False, 2.25, 2.5, 2.25),  # outside already: not farther
+        (False, 2.25, 2.5, 2.25),  # already outside: not farther
         (False, 2.25, 2.125, 2.125),
         (True, 1.5, 2.005, 2.0),
         (True, 1.5, 2.5, 2.5),  # pushed there
         (True, 1.5, 1.75, 1.75),
     ],
 )
-def test_a_reset_leads_no_joint_out_of_its_limits(faulted, setpoint, q, stands, side):
+def test_a_reset_moves_no_joint_out_of_its_limits(faulted, setpoint, q, stands, side):
     state = cart(tolerance=0.01)
     state.faulted = faulted
     tick(state, (0.0, side * setpoint), (0.0, side * q))
     assert state.setpoint_after_reset() == (0.0, side * stands)
 
 
-def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that():
+def test_a_robot_that_faulted_is_reset_at_its_measured_position():
     state = cart()
     tick(state, (2.5, 0.0))
     tick(state, (2.25, 0.0))
@@ -178,8 +178,8 @@ def test_a_robot_that_faulted_is_reset_where_it_was_measured_and_is_held_to_that
     assert (state.q, state.off_path, state.outside) == ((2.75, 0.0), 0.0, (NOT, (0.75, 0.0)))
 
 
-def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
-    """To the rounding of times, and no longer: a clock may be faster than its period says."""
+def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_replaced():
+    """To the rounding of times, and no longer: a clock may be faster than its configured period."""
     state = cart(window=0.012)
     tick(state, (1.0, 0.0))
     edge = 1.0 - 0.012 - 1e-9
@@ -191,14 +191,14 @@ def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_left():
 
 
 @pytest.mark.parametrize(("window", "ticks"), [(0.001, 2), (0.012, 2), (0.015, 3), (0.024, 3), (0.025, 4)])
-def test_a_setpoint_counts_for_the_ticks_of_the_window_and_one_more_whenever_they_are_stamped(window, ticks):
+def test_a_setpoint_counts_for_the_ticks_of_the_window_and_one_more_with_any_time_stamps(window, ticks):
     state = cart(window=window)
     for k in range(8):
         tick(state, (0.1 * k, 0.0), time=10.0 * k)
     assert [q[0] for _, q in state.history] == pytest.approx([0.1 * k for k in range(7)][-ticks:])
 
 
-def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoint():
+def test_after_a_reset_a_delayed_robot_may_still_move_to_the_old_setpoint():
     state = cart(window=0.5)
     tick(state, NOT, time=0.0)
     tick(state, (1.0, 0.0), NOT, time=0.25)
@@ -207,12 +207,12 @@ def test_after_a_reset_a_delayed_robot_may_still_be_on_its_way_to_the_old_setpoi
     assert (math.inf, (1.0, 0.0)) in state.history
     assert state.occupancy_to(NOT, NOT).nodes == ((1.0, 0.0), NOT)
     tick(state, NOT, time=0.5)
-    assert (0.5, (1.0, 0.0)) in state.history  # as long as the window from the tick that heard of it
+    assert (0.5, (1.0, 0.0)) in state.history  # for the window after the tick that reports the reset
 
 
 @pytest.mark.parametrize("window", [0.0, 0.1])
-def test_a_robot_that_stood_long_before_its_setpoint_changed_does_not_rest_for_that(window):
-    """It has yet to begin: it lags, or its delay has just passed."""
+def test_standstill_before_a_change_of_the_setpoint_does_not_count_as_rest(window):
+    """The robot has not begun to move yet: it lags, or its delay has just passed."""
     state = cart(window, tolerance=1e-3)
     for k in range(200):
         tick(state, NOT, time=0.01 * k)
@@ -244,8 +244,8 @@ def test_a_setpoint_that_changes_at_the_second_tick_has_changed():
 @pytest.mark.parametrize(
     ("faulted", "lag_tube", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
 )
-def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted, lag_tube, stands):
-    """After a fault nothing explains the difference; axes that lag differently begin at a companion."""
+def test_the_setpoint_after_a_reset_is_the_measured_or_the_settled_position(faulted, lag_tube, stands):
+    """After a fault nothing explains the difference; axes that lag differently start from a companion."""
     cell = scenes.crossing()
     robot = (scenes.lagging(cell, 0.03, lag_tube) if lag_tube else cell).robots[0]
     state = RobotState.of(robot, 0)
@@ -254,8 +254,8 @@ def test_it_stands_where_it_was_measured_or_where_rounding_is_taken_off(faulted,
     assert state.setpoint_after_reset() == (stands, 0.0)
 
 
-def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for_those():
-    """At the first tick, the increment is the way from the measured position to the setpoint."""
+def test_the_largest_increments_are_kept_only_for_axes_that_lag_differently():
+    """At the first tick the increment is the distance from the measured position to the setpoint."""
     lag_tube = RobotState.of(scenes.lagging(scenes.crossing(), 0.03, 0.5).robots[0], 0)
     for state, counts in ((lag_tube, 1.0), (cart(), 0.0)):
         tick(state, (1.0, 1.0), (0.5, 0.75))
@@ -266,8 +266,8 @@ def test_the_largest_increments_count_for_axes_that_lag_differently_and_only_for
 
 
 @pytest.mark.parametrize(("ticks", "rests"), [(1, False), (2, True)])
-def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_whatever_their_stamps(ticks, rests):
-    """A robot that stands elsewhere, with a lag window of two ticks, stamped eight periods apart."""
+def test_a_robot_off_its_setpoint_rests_after_the_ticks_of_its_window_with_any_time_stamps(ticks, rests):
+    """The robot stands elsewhere, with a lag window of two ticks, stamped eight periods apart."""
     state = cart(window=0.024)
     tick(state, NOT, time=0.0)
     for k in range(1, ticks + 2):
@@ -283,8 +283,8 @@ def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
 
 
 @pytest.mark.parametrize("wrong", [1e9, -1e9])
-def test_a_wrong_stamp_makes_a_change_neither_last_for_ever_nor_over_at_once(wrong):
-    """A lag window of 24 ms, ticks of 12 ms, and another setpoint at the tick whose stamp is wrong."""
+def test_after_a_wrong_time_stamp_a_change_ends_neither_never_nor_at_once(wrong):
+    """The lag window is 24 ms, the period 12 ms; the setpoint changes at the tick with the wrong stamp."""
     state = cart(window=0.024)
     tick(state, NOT)
     assert state.resting

@@ -1,4 +1,4 @@
-"""The compiled screen against the readable one and the groups' own slabs, over random states."""
+"""The compiled screen against the numpy screen and the slabs of the groups, over random states."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None 
 FORMS = [False] if numba is None else [False, True]
 CELLS = {name: make() for name, make in scenes.SCENES.items()}
 TOLERANCE = 1e-12
-"""Sums in another order differ by rounding, m; each bound is lowered by a thousand times more."""
+"""Tolerance for sums in another order, m; each bound is lowered by a thousand times more."""
 
 
 def random_occupancy(robot, rng, nodes=3):
@@ -36,7 +36,7 @@ def held(clearance, occupied):
 
 
 def states(cell, count, seed=0):
-    """What all robots hold (sometimes much), an occupancy to judge, a step, kept bounds and directions."""
+    """Yield held occupancies of all robots, an occupancy to check, a step, kept bounds and directions."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         occupied = [
@@ -53,8 +53,8 @@ def states(cell, count, seed=0):
 
 @pytest.mark.parametrize("name", sorted(CELLS))
 @pytest.mark.parametrize("compiled", FORMS)
-def test_bounds_are_those_of_the_groups(name, compiled):
-    """Kept bound or slab, pair by pair, as the formulas of the groups have it."""
+def test_bounds_equal_those_of_the_groups(name, compiled):
+    """Kept bound or slab, pair by pair, by the formulas of the groups."""
     cell = CELLS[name]
     clearance = Clearance(cell, compiled)
     assert type(clearance.screen) is (CompiledScreen if compiled else Screen)
@@ -107,7 +107,7 @@ def test_a_robot_of_unknown_position_leaves_its_pairs_open(compiled):
 @pytest.mark.parametrize("compiled", FORMS)
 @pytest.mark.parametrize("what", ["tube", "first node", "middle node", "last node", "kept bound"])
 def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name):
-    """Whatever must be kept: nothing is proven by NaN."""
+    """NaN proves nothing, for any distance needed."""
     clearance = Clearance(CELLS[name], compiled)
     for occupied, robot, one, _, (_, n) in states(CELLS[name], 4, seed=3):
         held(clearance, occupied)
@@ -127,7 +127,7 @@ def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name)
 
 @pytest.mark.skipif(numba is None, reason="compares with the compiled form")
 @pytest.mark.parametrize("name", sorted(CELLS))
-def test_compiled_placements_are_pinocchios(name):
+def test_compiled_placements_equal_those_of_pinocchio(name):
     cell, rng = CELLS[name], np.random.default_rng(1)
     readable, compiled = Clearance(cell, False).space, Clearance(cell, True).space
     for i, robot in enumerate(cell.robots):
@@ -139,8 +139,8 @@ def test_compiled_placements_are_pinocchios(name):
 
 
 @pytest.mark.skipif(numba is None, reason="compares with the compiled form")
-def test_nothing_is_compiled_in_a_tick():
-    """Arguments of another kind would start the compiler: they are an error instead."""
+def test_no_tick_compiles_anything():
+    """Arguments of another type would start the compiler: they are an error instead."""
     clearance = Clearance(CELLS["demo"], True)
     new = clearance.space.still(0, tuple(map(float, CELLS["demo"].robots[0].start)))
     new = replace(new, tube=new.tube.astype(np.float32))
@@ -148,7 +148,7 @@ def test_nothing_is_compiled_in_a_tick():
         clearance.screen.run(0, new, None, clearance.limits_of[0], (clearance.bound.of(0), clearance._n))
 
 
-def test_without_numba_the_gate_is_the_readable_one():
+def test_without_numba_the_gate_uses_numpy():
     code = (
         "import sys; sys.modules['numba'] = None\n"
         "from armgate.gate.clearance.compiled import available, screen_of\n"
@@ -163,8 +163,8 @@ def test_without_numba_the_gate_is_the_readable_one():
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_pairs_soon_open_are_tried_with_those_that_are_and_only_of_their_sides(compiled):
-    """Eight steps ahead; while no pair is open none is tried."""
+def test_pairs_that_will_be_open_soon_are_tried_with_open_pairs_of_their_side_only(compiled):
+    """Eight steps ahead; if no pair is open, no pair is tried."""
     cell = CELLS["duel"]
     clearance = Clearance(cell, compiled)
     for i, r in enumerate(cell.robots):
@@ -194,7 +194,7 @@ def test_pairs_soon_open_are_tried_with_those_that_are_and_only_of_their_sides(c
     assert tried == [[open_, soon]]
 
 
-def test_a_robot_without_pairs_has_nothing_to_judge():
+def test_a_robot_without_pairs_has_nothing_to_check():
     none = robot_pairs([], 3)
     assert [len(x) for x in (none.ids, none.mine, none.theirs, none.sign, none.side)] == [0] * 5
     assert none.growth.shape == (0, 3)
@@ -202,7 +202,7 @@ def test_a_robot_without_pairs_has_nothing_to_judge():
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_a_slab_that_is_just_enough_leaves_nothing_open(compiled):
+def test_a_slab_equal_to_the_distance_needed_leaves_no_pair_open(compiled):
     cell = CELLS["duel"]
     clearance = Clearance(cell, compiled)
     starts = [tuple(map(float, r.start)) for r in cell.robots]
@@ -219,8 +219,8 @@ def test_a_slab_that_is_just_enough_leaves_nothing_open(compiled):
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_a_kept_bound_that_is_just_enough_is_not_looked_at_again(compiled):
-    """Two balls, 2 m apart: 1.25 m were proven, a step takes a quarter, and 1 m must be kept."""
+def test_a_kept_bound_equal_to_the_distance_needed_is_not_tried_again(compiled):
+    """Two balls 2 m apart: 1.25 m were proven, a step takes 0.25 m, and 1 m must be kept."""
     clearance = Clearance(scenes.head_on(2.1), compiled)
     for i, x in enumerate((-1.05, 1.05)):
         clearance.hold(i, [clearance.space.still(i, (x,))])
@@ -233,8 +233,8 @@ def test_a_kept_bound_that_is_just_enough_is_not_looked_at_again(compiled):
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_what_was_judged_and_not_held_counts_for_nobody_else(compiled):
-    """The left one is judged for a way to the right: the right one is held against where it stands still."""
+def test_an_occupancy_that_was_checked_but_not_held_does_not_count_for_other_robots(compiled):
+    """The left robot is checked for a path to the right; the right robot uses its held position."""
     clearance = Clearance(scenes.head_on(1.1), compiled)
     for i, x in enumerate((-0.55, 0.55)):
         clearance.hold(i, [clearance.space.still(i, (x,))])

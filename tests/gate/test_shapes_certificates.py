@@ -1,4 +1,4 @@
-"""Certificates of all pairs of shapes against a second method; the long form is ``make certificates``."""
+"""Certificates for all pairs of shapes against a second method; the long form is ``make certificates``."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from gate.certificates import (
 )
 
 
-def test_no_certificate_is_above_the_truth_and_all_are_close_to_it():
+def test_no_certificate_is_above_the_true_distance_and_all_are_close_to_it():
     rows, gaps = compare(2500, seed=5)
     assert {frozenset(kinds) for kinds, *_ in rows} == {frozenset((a, b)) for a in KINDS for b in KINDS}
     for kinds, certified, upper, error, slab in rows:
@@ -32,8 +32,8 @@ def test_no_certificate_is_above_the_truth_and_all_are_close_to_it():
     assert gaps < 0.01
 
 
-def test_the_second_method_finds_distances_that_are_known():
-    """It judges the certificates, so it has to be judged by hand."""
+def test_the_second_method_finds_known_distances():
+    """The certificates are checked by it, so it is checked by hand."""
     here, there = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.0, 0.0, 2.0]))
     tip = Cone(0.3, 1.0)
     for a, b, distance in (
@@ -48,7 +48,7 @@ def test_the_second_method_finds_distances_that_are_known():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_support_is_the_farthest_point(kind):
+def test_support_is_the_reach_of_the_farthest_point(kind):
     rng = np.random.default_rng(KINDS.index(kind))
     shapes = [random_shape(kind, rng) for _ in range(20)]
     table = support_table(shapes)
@@ -59,8 +59,8 @@ def test_support_is_the_farthest_point(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_body_alone_has_the_same_support(kind):
-    """The certificates ask for one body at a time; a cell of primitives alone tells it by its row."""
+def test_support_of_one_body_equals_its_entry_of_the_table(kind):
+    """Certificates query one body at a time; in a cell of primitives only, its row is enough."""
     rng = np.random.default_rng(KINDS.index(kind))
     shapes = [random_shape(kind, rng) for _ in range(20)]
     table, v = support_table(shapes), rng.normal(size=(20, 3))
@@ -71,7 +71,7 @@ def test_one_body_alone_has_the_same_support(kind):
     assert [support_of_one(table[k], v[k]) for k in range(20)] == support(table, v).tolist()
 
 
-def test_mixed_tables_answer_for_selections_and_single_bodies():
+def test_mixed_tables_support_selections_and_single_bodies():
     rng = np.random.default_rng(1)
     shapes = [random_shape(kind, rng) for kind in KINDS for _ in range(3)]
     table = support_table(shapes)
@@ -88,12 +88,12 @@ def test_mixed_tables_answer_for_selections_and_single_bodies():
     assert support(table[np.array([], dtype=np.intp)], v[:0]).shape == (0,)
 
 
-def test_cells_of_primitives_are_told_by_rows_alone():
+def test_cells_of_primitives_need_only_rows():
     assert isinstance(support_table([Sphere(1.0), Box(1, 1, 1), Cylinder(1, 1), Capsule(1, 1)]), np.ndarray)
 
 
 @pytest.mark.parametrize("engine", [CoalEngine, FclEngine])
-def test_engines_know_the_sides_of_cones_and_hulls(engine):
+def test_engines_find_the_sides_of_cones_and_hulls(engine):
     corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
     hull, (x, y, z) = Convex.centred(corners, radius=0.1)
     shapes = (Cone(0.2, 1.0), hull, Sphere(0.01))
@@ -113,7 +113,7 @@ def test_engines_know_the_sides_of_cones_and_hulls(engine):
     assert found.points[1] == pytest.approx([0.2, 0.2, -0.49], abs=1e-4)
 
 
-def test_hulls_inside_of_rounded_bodies_that_touch_still_have_a_direction():
+def test_hulls_inside_rounded_bodies_that_touch_still_have_a_direction():
     cube = tuple((x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
     shapes = (Convex(cube, 0.05), Convex(cube, 0.05))
     far = (np.eye(3), np.array([0.25, 0.0, 0.0]))
@@ -123,7 +123,7 @@ def test_hulls_inside_of_rounded_bodies_that_touch_still_have_a_direction():
 
 
 class Mistaken:
-    """An engine that says anything at all."""
+    """Engine with an arbitrary answer."""
 
     def __init__(self, distance, normal):
         self.said = Suggestion(distance, np.array(normal, dtype=float), (np.zeros(3), np.zeros(3)))
@@ -133,8 +133,8 @@ class Mistaken:
 
 
 @pytest.mark.parametrize("distance", [5.0, -1.7976931348623157e308])
-def test_an_engine_that_is_wrong_is_found_out_and_the_other_one_asked(distance, monkeypatch):
-    """Either way: too far, or the number coal gives where it gave up on bodies that overlap."""
+def test_a_wrong_engine_is_detected_and_the_other_one_queried(distance, monkeypatch):
+    """The distance is too large, or the number that coal returns when it gives up on overlapping bodies."""
     rng = np.random.default_rng(2)
     monkeypatch.setattr(certificate, "CoalEngine", lambda shapes: Mistaken(distance, [0, 0, 1]))
     _, shapes, certifier, group = scene(rng)

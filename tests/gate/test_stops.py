@@ -1,4 +1,4 @@
-"""Repeated stops are one stop, and their number is bounded, whatever is stopped by whom and how often."""
+"""Repeated stops are one stop, and the number of stops is bounded for any sequence of stops."""
 
 import pytest
 from hypothesis import given
@@ -18,7 +18,7 @@ def asked(why="w", by="a"):
     return StopCause(by, why)
 
 
-def test_a_stop_repeated_replaces_the_one_before_and_every_id_names_it():
+def test_a_repeated_stop_replaces_the_one_before_and_every_id_names_it():
     stops = Stops()
     assert [stops.raise_((0,), asked()) for _ in range(3)] == [(1, None), (2, 1), (3, 2)]
     assert stops.of(0) == [3]
@@ -47,7 +47,7 @@ def test_restarts_of_a_robot_server_leave_one_stop():
     assert stops.of(0) == [44]
 
 
-def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_else_the_newest():
+def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_or_else_the_newest():
     stops = Stops()
     for number in range(OF_CLIENTS - 2):
         stops.raise_((0,), asked(why=f"{number}"))
@@ -56,10 +56,10 @@ def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_else_the_newest(
     assert again == (OF_CLIENTS + 1, mine)
     assert stops.raise_((0,), asked(by="d")) == (OF_CLIENTS + 2, again[0])
     assert last in stops.of(0)
-    assert stops.raise_((0,), FAULT)[1] is None  # the gate's own stops need no room of the clients
+    assert stops.raise_((0,), FAULT)[1] is None  # the gate's own stops do not count for the clients' bound
 
 
-def test_only_so_many_replaced_ids_are_remembered():
+def test_the_number_of_remembered_replaced_ids_is_bounded():
     stops = Stops()
     for _ in range(REMEMBERED + 10):
         newest, _ = stops.raise_((0,), asked())
@@ -75,7 +75,7 @@ def test_the_bound_holds_and_each_robot_stays_stopped_until_the_last_reset(actio
     stops, model = (
         Stops(),
         {},
-    )  # the model: the robots of each id told, until a reset that names one of its kin
+    )  # the model: the robots of each reported id, until a reset that names an id of the same stop
     for action in actions:
         if isinstance(action, int):
             found = stops.find(action)

@@ -1,4 +1,4 @@
-"""Every binding reason has its numbers; those of clearance can be checked from the verdict alone."""
+"""Every reason has its numbers; those of clearance can be checked from the verdict alone."""
 
 import random
 
@@ -45,7 +45,7 @@ def test_every_reason_of_an_attack_is_complete_and_true(scene, response):
 
 @pytest.mark.parametrize("response", ["stop", "slow"])
 def test_witness_points_lie_on_their_bodies_in_the_world(response):
-    """A ball that is 0.4 mm from its limit: both points, the pair in its order, and the distance, by hand."""
+    """A ball 0.4 mm from its limit: both points, the pair in its order, and the distance by hand."""
     rig = Rig(scenes.lane(response=response), stops=0.0, start=[np.array([0.3996, 0.25])])
     verdict = rig.command(0, (0.0057, 0.0))
     reason = verdict.reasons[-1]
@@ -58,7 +58,7 @@ def test_witness_points_lie_on_their_bodies_in_the_world(response):
     assert 0.0485 < reason.value < 0.05
 
 
-def test_points_are_told_though_the_budget_is_used_up(monkeypatch):
+def test_witness_points_are_reported_even_if_the_budget_is_used_up(monkeypatch):
     monkeypatch.setattr("armgate.gate.decision.BUDGET", 0)
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.3999, 0.0])])
     (reason,) = rig.command(0, (0.0005, 0.0)).reasons
