@@ -200,7 +200,7 @@ class Leases:
         return [self._lose(robot, LeaseEvent.DROP, "the holder's connection ended") for robot in robots]
 
     def stop(self, robots: Iterable[str], reason: str) -> list[Loss]:
-        """End the leases of stopped robots; none is granted until ``resume``."""
+        """End the leases of stopped robots; no lease is granted until ``resume``."""
         losses = []
         for robot in robots:
             if robot in self._grants:
