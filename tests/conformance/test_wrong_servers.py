@@ -11,19 +11,21 @@ import pytest
 
 from armgate import events
 from armgate.conformance.verdicts import Outcome
-from armgate.daemon.core import core as core_module
 from armgate.daemon.core import description as description_module
 from armgate.daemon.core import wording
-from armgate.daemon.core.core import RIGHTS, Core
+from armgate.daemon.core.core import Core
+from armgate.daemon.core.interfaces import Client
 from armgate.daemon.core.leasing import Leasing
-from armgate.daemon.core.peer import Subscription
+from armgate.daemon.core.rights import RIGHTS
 from armgate.daemon.core.signals import Signals
+from armgate.daemon.core.states import Subscription
+from armgate.daemon.core.stopping import Stopping
 from armgate.daemon.lifecycle import daemon as daemon_module
-from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.daemon.pace.barrier import Barrier
-from armgate.daemon.sessions import session as session_module
-from armgate.daemon.sessions.peer_socket import TcpPeerSocket as ClientSocket
+from armgate.daemon.sessions.peer_socket import TcpPeerSocket
 from armgate.daemon.sessions.session import Session
+from armgate.daemon.sessions.welcome import Greeter
+from armgate.daemon.sessions.writing import WriterBatch
 from armgate.gate import Gate, command_checks
 from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
@@ -44,50 +46,51 @@ def without(patch, check):
 
 
 def two_verdicts(patch):
-    def tell(self, told, asker, request):
-        right(self, told, asker, request)
-        if isinstance(told, events.Verdict):
-            right(self, told, asker, request)
+    def report(self, output, asker, request):
+        right(self, output, asker, request)
+        if isinstance(output, events.Verdict):
+            right(self, output, asker, request)
 
-    right = Core._tell
-    patch.setattr(Core, "_tell", tell)
+    right = Core._report
+    patch.setattr(Core, "_report", report)
 
 
 def no_verdict_of_refusals(patch):
-    def tell(self, told, asker, request):
-        if not (isinstance(told, events.Verdict) and told.outcome is events.Outcome.REFUSED):
-            right(self, told, asker, request)
+    def report(self, output, asker, request):
+        if not (isinstance(output, events.Verdict) and output.outcome is events.Outcome.REFUSED):
+            right(self, output, asker, request)
 
-    right = Core._tell
-    patch.setattr(Core, "_tell", tell)
+    right = Core._report
+    patch.setattr(Core, "_report", report)
 
 
 def verdicts_out_of_order(patch):
     held = []
 
-    def tell(self, told, asker, request):
-        if isinstance(told, events.Verdict):
-            held.append((told, asker, request))
+    def report(self, output, asker, request):
+        if isinstance(output, events.Verdict):
+            held.append((output, asker, request))
             if len(held) == 2:
                 for one in reversed(held):
                     right(self, *one)
                 held.clear()
         else:
-            right(self, told, asker, request)
+            right(self, output, asker, request)
 
-    right = Core._tell
-    patch.setattr(Core, "_tell", tell)
+    right = Core._report
+    patch.setattr(Core, "_report", report)
 
 
 def verdicts_to_everybody(patch):
-    def tell(self, told, asker, request):
-        if isinstance(told, events.Verdict):
-            self.broadcast(wording.verdict(told))
+    def report(self, output, asker, request):
+        if isinstance(output, events.Verdict):
+            for peer in self.peers.values():
+                peer.send(wording.verdict(output))
         else:
-            right(self, told, asker, request)
+            right(self, output, asker, request)
 
-    right = Core._tell
-    patch.setattr(Core, "_tell", tell)
+    right = Core._report
+    patch.setattr(Core, "_report", report)
 
 
 def says_refused_and_moves(patch):
@@ -148,7 +151,7 @@ def refusals_take_the_slot(patch):
 
 
 def fence_ignored(patch):
-    def fence(self, peer, command, now):
+    def fence(self, peer, command):
         grant = self._leases.holder(command.robot)
         return -1 if grant is None else grant.fence
 
@@ -156,12 +159,10 @@ def fence_ignored(patch):
 
 
 def any_fence_of_the_holder(patch):
-    def fence(self, peer, command, now):
-        self.expire(now)
+    def fence(self, peer, command):
         grant = self._leases.holder(command.robot)
-        return (
-            grant.fence if grant is not None and grant.session == peer.id else right(self, peer, command, now)
-        )
+        holds = grant is not None and grant.session == peer.client.id
+        return grant.fence if holds else right(self, peer, command)
 
     right = Leasing.fence
     patch.setattr(Leasing, "fence", fence)
@@ -224,7 +225,7 @@ def leases_kept_after_loss(patch):
 
 
 def losses_not_told(patch):
-    patch.setattr(Leasing, "_tell", lambda self, loss: None)
+    patch.setattr(Leasing, "_notice_of", lambda self, loss: [])
 
 
 def release_by_anybody(patch):
@@ -239,21 +240,22 @@ def release_by_anybody(patch):
 def stop_ignored(patch):
     def stop(self, peer, request):
         robots = self.robots if request.robot is None else (request.robot,)
-        fields = {"stop": 1, "robots": robots, "reason": request.reason, "by": peer.name}
-        peer.say(core_module.answer(m.Stopped, request, **fields))
+        fields = {"stop": 1, "robots": robots, "reason": request.reason, "by": peer.client.name}
+        peer.send(wording.answer(m.Stopped, request, **fields))
 
     patch.setattr(Core, "_stop", stop)
 
 
 def stop_told_to_the_asker_only(patch):
-    def stopped(self, stopped, asker, request):
-        everybody = self.peers
-        self.peers = {} if asker is None else {asker.id: asker}
-        right(self, stopped, asker, request)
-        self.peers = everybody
+    def announce_stop(self, stopped, asker, request):
+        everybody = self._peers
+        self._peers = {} if asker is None else {asker.client.id: asker}
+        reason = right(self, stopped, asker, request)
+        self._peers = everybody
+        return reason
 
-    right = Core._stopped
-    patch.setattr(Core, "_stopped", stopped)
+    right = Stopping.announce_stop
+    patch.setattr(Stopping, "announce_stop", announce_stop)
 
 
 def stop_of_one_stops_all(patch):
@@ -266,7 +268,7 @@ def stop_of_one_stops_all(patch):
 
 
 def stop_leaves_the_lease(patch):
-    patch.setattr(Leasing, "stop", lambda self, robots, reason: None)
+    patch.setattr(Leasing, "stop", lambda self, robots, reason: [])
 
 
 def stops_pile_up(patch):
@@ -298,7 +300,7 @@ def overtaken_resets_lift(patch):
 
 
 def replaced_stops_lifted(patch):
-    patch.setattr(Core, "_in_force", lambda self, stop: True)
+    patch.setattr(Stopping, "_in_force", lambda self, stop: True)
 
 
 def first_reason_only(patch):
@@ -318,7 +320,8 @@ def signals_outlive_sessions(patch):
 
 
 def signals_belong_to_all(patch):
-    around(patch, Signals, "set", lambda right: lambda self, session, *more: right(self, "all", *more))
+    everybody = Client("all", "all", "operator")
+    around(patch, Signals, "set", lambda right: lambda self, client, *more: right(self, everybody, *more))
 
 
 def every_ignored(patch):
@@ -356,7 +359,7 @@ def another_hash(patch):
 
 def versions_not_echoed(patch):
     around(
-        patch, Daemon, "_welcome",
+        patch, Greeter, "welcome",
         lambda right: lambda self, *a: right(self, *a).model_copy(update={"client_versions": (1,)}),
     )  # fmt: skip
 
@@ -392,20 +395,20 @@ def garbage_skipped(patch):
 
 
 def bye_not_answered(patch):
-    def hear(self, item):
+    def process(self, item):
         if isinstance(item, m.Bye):
-            self._leave("bye")
+            self._ending.leave("bye")
             self.abort()
         else:
             right(self, item)
 
-    right = Session._hear
-    patch.setattr(session_module.Session, "_hear", hear)
+    right = Session._process
+    patch.setattr(Session, "_process", process)
 
 
 def pong_rounds(patch):
     around(
-        patch, core_module, "answer",
+        patch, wording, "answer",
         lambda right: lambda model, request, **fields: right(
             model, request, **(fields | {"time": round(fields["time"], 3)} if model is m.Pong else fields)
         ),
@@ -422,7 +425,7 @@ class Gossip(m.Signaled):
 
 def types_of_its_own(patch):
     around(
-        patch, core_module, "answer",
+        patch, wording, "answer",
         lambda right: lambda model, *a, **more: right(Gossip if model is m.Signaled else model, *a, **more),
     )  # fmt: skip
 
@@ -435,7 +438,7 @@ def distances_too_large(patch):
 
 
 def states_queue_up(patch):
-    patch.setattr(ClientSocket, "has_room", lambda self: True)
+    patch.setattr(TcpPeerSocket, "is_read", lambda self: True)
 
 
 def stops_not_named(patch):
@@ -448,8 +451,8 @@ def stops_not_named(patch):
 
 
 def strangers_wait_for_the_step(patch):
-    def judge(self, peer, command):
-        if self._lockstep and peer.name not in ("kit-a", "kit-b"):
+    def command(self, peer, command):
+        if self._description.description.lockstep and peer.client.name not in ("kit-a", "kit-b"):
             self._late = [*getattr(self, "_late", ()), (peer, command)]
         else:
             right(self, peer, command)
@@ -460,8 +463,8 @@ def strangers_wait_for_the_step(patch):
             right(self, *item)
         right_tick(self, *a)
 
-    right, right_tick = Core.judge, Core.tick
-    patch.setattr(Core, "judge", judge)
+    right, right_tick = Core.command, Core.tick
+    patch.setattr(Core, "command", command)
     patch.setattr(Core, "tick", tick)
 
 
@@ -475,11 +478,11 @@ def done_no_longer(patch):
 
 
 def states_in_another_order(patch):
-    def show(self, *states):
+    def send_states(self, *states):
         return right(self, *reversed(states))
 
-    right = Session.show
-    patch.setattr(Session, "show", show)
+    right = Session.send_states
+    patch.setattr(Session, "send_states", send_states)
 
 
 def behind_hello_nothing(patch):
@@ -496,7 +499,7 @@ def behind_hello_nothing(patch):
 
 
 def states_wait_for_what_was_said_ahead(patch):
-    patch.setattr(Session, "flush", lambda self: None)
+    patch.setattr(WriterBatch, "flush", lambda self: None)
 
 
 def who_is_faster_is_seen(patch):

@@ -133,7 +133,7 @@ def test_a_state_that_is_recorded_again_when_a_link_changes_is_no_violation(tmp_
     recorder = Recorder(tmp_path / "run", limit=1 << 30)
     watched = Watched(demo(ARM), tmp_path, recorder=recorder)
     watched.rest(5)
-    recorder.show(*watched.shown)
+    recorder.show(watched.shown)
     watched.rest(5)
     recorder.close()
     status, out, _ = monitor(tmp_path / "run")

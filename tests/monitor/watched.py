@@ -18,6 +18,7 @@ from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.daemon.core import wording
 from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
@@ -117,8 +118,8 @@ class Watched:
         if self.lie is not None:
             entries = {name: self.lie(entry) for name, entry in entries.items()}
         if self.recorder is not None:
-            self.shown = (ticks, list(entries.values()), {}, (), None)
-            self.recorder.show(*self.shown)
+            self.shown = Snapshot(ticks, tuple(entries.values()), {}, ())
+            self.recorder.show(self.shown)
         new = []
         samples = [sample_of(entry) for entry in entries.values()]
         for sample in samples:

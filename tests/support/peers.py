@@ -1,10 +1,13 @@
 """A core with a real gate and emulated arms, and clients that are lists."""
 
 import io
+from dataclasses import replace
 
 from armgate.cell.cell import build_cell
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
+from armgate.daemon.core.interfaces import Client
+from armgate.daemon.core.leasing import LeaseTime
 from armgate.gate import Gate
 from armgate.links.emulated import EmulatedLink
 from armgate.links.log import Log
@@ -14,39 +17,34 @@ from armgate.protocol import messages as m
 class Peer:
     """A client whose messages are kept."""
 
-    def __init__(self, id_, name, role="controller", capabilities=()):
-        self.id, self.name, self.role = id_, name, role
-        self.capabilities = frozenset(capabilities)
-        self.identity, self.token_name, self.address = "here", None, "127.0.0.1:4711"
-        self.known_as = None
-        self.robots = self.subscription = None
+    def __init__(self, id_, name, role="controller"):
+        self.client = Client(id_, name, role, identity="here", address="127.0.0.1:4711")
         self.heard = []
         self.ended = False
-        self.holds = 0
+        self.batches = 0
 
-    def hold(self):
-        self.holds += 1
+    def change(self, **fields):
+        """Give the client other rights."""
+        self.client = replace(self.client, **fields)
 
-    def let_go(self):
-        self.holds -= 1
-
-    def flush(self):
-        pass
+    def batch(self):
+        self.batches += 1
+        return Batch(self)
 
     def drop_states(self):
         pass
 
-    def say(self, message, frame=None):
+    def send(self, message, frame=None):
         self.heard.append(message)
 
-    def show(self, *states):
+    def send_states(self, *states):
         self.heard += [state.state for state in states]
 
     def expel(self, error):
-        self.end(error.message())
+        self.close(error.message())
 
-    def end(self, message):
-        self.say(message)
+    def close(self, message):
+        self.send(message)
         self.ended = True
 
     def take(self, model=None):
@@ -59,6 +57,19 @@ class Peer:
         """The one message of this model since the last time."""
         (found,) = self.take(model)
         return found
+
+
+class Batch:
+    """An open batch of a peer, which counts them."""
+
+    def __init__(self, peer):
+        self.peer = peer
+
+    def close(self):
+        self.peer.batches -= 1
+
+    def flush(self):
+        pass
 
 
 class Time:
@@ -74,18 +85,27 @@ class Time:
 class Bench:
     """A core, its time, and clients."""
 
-    def __init__(self, config, lockstep=False, judge=None, defer=None):
+    def __init__(self, config, lockstep=False, gate=None, defer=None, now=None):
         self.cell = build_cell(config)
         self.log = io.StringIO()
         self.time = Time()
-        links = [
+        self.links = [
             EmulatedLink(robot.name, "d1", robot.start.tolist(), robot.period, robot.config.link.lag)
             for robot in self.cell.robots
         ]
-        self.gate = Gate(self.cell, "d1") if judge is None else judge
+        self.gate = Gate(self.cell, "d1") if gate is None else gate
         self.events = []
-        runner = GateRunner(self.gate, {link.robot: link for link in links}, self._tap)
-        self.core = Core(self.cell, runner, links, self.time, lockstep, Log(self.log), defer=defer)
+        runner = GateRunner(self.gate, {link.robot: link for link in self.links}, self._tap)
+        self.core = Core(
+            self.cell,
+            runner,
+            self.links,
+            now or self.time,
+            Log(self.log),
+            lockstep=lockstep,
+            lease_time=(lambda: LeaseTime(0.0, 0.0)) if lockstep else None,
+            defer=defer,
+        )
         self.count = 0
 
     def _tap(self, event, outputs):
@@ -93,14 +113,22 @@ class Bench:
 
     def start(self):
         self.core.start()
-        self.core.tick(0.0, range(len(self.cell.robots)))
+        self.due(0.0, range(len(self.links)))
         return self
+
+    def due(self, time, robots, step=None):
+        """Let some robots tick."""
+        self.core.tick([self.links[index].advance(time) for index in robots], step)
 
     def tick(self, count=1):
         """Let all robots tick."""
         for _ in range(count):
             self.time.now += self.cell.robots[0].period
-            self.core.tick(self.time.now, range(len(self.cell.robots)))
+            self.due(self.time.now, range(len(self.links)))
+
+    def last(self, robot):
+        """The last tick of a robot."""
+        return self.core._motion.ticks[robot]
 
     def client(self, name, role="controller"):
         self.count += 1
@@ -116,6 +144,6 @@ class Bench:
 
     def command(self, peer, robot, fence, seq, dq=(0.001, 0.0, 0.0), tick=None):
         """Send a command; the messages that answer it."""
-        tick = self.core._runner.view(robot).tick if tick is None else tick
+        tick = self.gate.view(robot).tick if tick is None else tick
         self.core.handle(peer, m.Command(robot=robot, fence=fence, seq=seq, tick=tick, dq=dq))
         return peer.take()

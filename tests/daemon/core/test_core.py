@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from armgate import events
-from armgate.daemon.core.core import RIGHTS
-from armgate.daemon.core.leasing import NOBODY
+from armgate.daemon.core.leasing import NO_LEASE
+from armgate.daemon.core.rights import RIGHTS
 from armgate.gate.clearance.engines import CoalEngine
 from armgate.protocol import messages as m
 from support.cells import arms_config
@@ -38,9 +38,9 @@ def test_an_increment_goes_all_the_way(bench):
     peer, fence = bench.holder("wave", "A")
     (verdict,) = bench.command(peer, "A", fence, 7, (0.001, 0.0, -0.001))
     assert (verdict.seq, verdict.outcome, verdict.tick, verdict.target) == (7, "admitted", 0, 1)
-    before = bench.core._ticks["A"].setpoint
+    before = bench.last("A").setpoint
     bench.tick()
-    after = bench.core._ticks["A"]
+    after = bench.last("A")
     assert after.setpoint == pytest.approx([b + d for b, d in zip(before, (0.001, 0.0, -0.001), strict=True)])
     assert after.setpoint == pytest.approx(verdict.setpoint)
 
@@ -90,9 +90,9 @@ def test_a_guessed_fence_gives_nobody_a_robot(bench, role):
     (verdict,) = bench.command(thief, "A", fence, 1)
     assert verdict.outcome == "refused"
     assert verdict.reasons[0].cause in ("lease", "fence")
-    assert bench.events[-1][0].fence == NOBODY
+    assert bench.events[-1][0].fence == NO_LEASE
     bench.tick()
-    assert bench.core._ticks["A"].increment == (0.0, 0.0, 0.0)
+    assert bench.last("A").increment == (0.0, 0.0, 0.0)
 
 
 def test_a_former_holders_fence_is_refused(bench):
@@ -114,7 +114,7 @@ def test_without_commands_the_robot_plays_its_plan_to_rest(bench):
     assert not bench.core.at_rest
     bench.tick(200)
     assert bench.core.at_rest
-    tick = bench.core._ticks["A"]
+    tick = bench.last("A")
     assert tick.plan is None
     assert tick.q == tick.setpoint
 
@@ -251,7 +251,7 @@ def test_a_reset_is_the_operators_names_a_stop_and_waits_for_rest(bench):
     (verdict,) = bench.command(peer, "A", fence, 100)
     assert verdict.outcome == "admitted"
     bench.tick()
-    assert bench.core._ticks["A"].setpoint == pytest.approx(verdict.setpoint)
+    assert bench.last("A").setpoint == pytest.approx(verdict.setpoint)
 
 
 def test_a_robot_under_two_stops_is_free_after_the_second_reset(bench):
@@ -273,7 +273,7 @@ def test_a_robot_under_two_stops_is_free_after_the_second_reset(bench):
 
 def test_a_client_that_knows_of_replaced_stops_lifts_only_the_stop_that_it_names(bench):
     boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
-    boss.capabilities = frozenset({"stop.replaces"})
+    boss.change(capabilities=frozenset({"stop.replaces"}))
     for _ in range(2):
         bench.core.handle(eye, m.Stop(robot="A"))
     bench.tick()
@@ -324,10 +324,9 @@ def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_tell(ben
 
 def test_while_ending_nothing_is_reset(bench):
     boss = bench.client("boss", "operator")
-    bench.core.stop_all("the daemon is ending")
+    bench.core.end("the daemon is ending")
     stopped = boss.last(m.Stopped)
     assert stopped.by == "daemon"
-    bench.core.ending = True
     bench.core.handle(boss, m.Reset(stop=stopped.stop))
     error(boss, "shutting_down")
 
@@ -403,7 +402,7 @@ def test_the_state_tells_holder_stops_verdict_and_signals(bench):
     assert peer.last(m.Signaled).re == 6
     bench.command(peer, "A", fence, 5, (math.nan, 0.0, 0.0))
     eye = bench.client("eye", "observer")
-    bench.core.warnings["late"] = "2 ticks came late"
+    bench.core.warn("late", "2 ticks came late")
     bench.tick()
     bench.core.handle(eye, m.Subscribe(robots=("A",)))
     state = eye.last(m.State)
@@ -438,7 +437,7 @@ def test_an_engine_that_misjudges_is_told_in_the_state(config, monkeypatch):
 
 
 def test_every_message_has_its_roles_and_every_role_its_refusals():
-    assert set(RIGHTS) == set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye, m.Pass}
+    assert set(RIGHTS) == set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye}
     assert all("operator" in roles for roles in RIGHTS.values())
 
 
@@ -510,7 +509,7 @@ def test_bodies_are_described_in_their_links_frame(bench):
 # --- who is shown states when -----------------------------------------------------------------------------
 
 
-class FairScheduler:
+class Turns:
     """The turns of the peers, one by one."""
 
     def __init__(self):
@@ -528,7 +527,7 @@ class FairScheduler:
 @pytest.fixture
 def crowd(config):
     """A bench by turns, a holder, and twenty who look on."""
-    turns = FairScheduler()
+    turns = Turns()
     bench = Bench(config, defer=turns).start()
     eyes = [bench.client(f"eye{number}", "observer") for number in range(20)]
     holder, _ = bench.holder("wave", "A")
@@ -578,7 +577,7 @@ def test_an_onlooker_that_becomes_a_holder_is_shown_what_waited_first(crowd):
     bench.core.handle(eyes[0], m.Subscribe(robots=("B",), every=2))
     bench.tick(2)
     eyes[0].take()
-    eyes[0].role = "controller"
+    eyes[0].change(role="controller")
     bench.core.handle(eyes[0], m.Acquire(robot="B"))
     bench.tick(2)
     assert [state.tick for state in eyes[0].take(m.State)] == [4]
@@ -602,14 +601,14 @@ def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(cro
 
 def test_a_robot_that_the_token_does_not_name_is_not_given(bench):
     peer = bench.client("lab")
-    peer.robots = frozenset({"A"})
+    peer.change(robots=frozenset({"A"}))
     bench.core.handle(peer, m.Acquire(robot="B", id=3))
     refused = error(peer, "forbidden")
     assert (refused.re, refused.about) == (3, "acquire")
     bench.core.handle(peer, m.Acquire(robot="A"))
     assert peer.last(m.Lease).state == "held"
     boss = bench.client("boss", "operator")
-    boss.robots = frozenset({"B"})
+    boss.change(robots=frozenset({"B"}))
     bench.core.handle(boss, m.Acquire(robot="A", takeover=True))
     error(boss, "forbidden")
 
@@ -621,7 +620,7 @@ def test_a_robot_that_has_just_played_its_last_increment_is_not_yet_at_rest(benc
     bench.command(peer, "A", fence, 1, (0.0001, 0.0, 0.0))
     while not bench.core.at_rest:
         bench.tick()
-    last = bench.core._ticks["A"]
+    last = bench.last("A")
     assert last.q == pytest.approx(last.setpoint, abs=1e-6)
     assert last.increment == (0.0, 0.0, 0.0)
 
@@ -629,7 +628,7 @@ def test_a_robot_that_has_just_played_its_last_increment_is_not_yet_at_rest(benc
 @pytest.mark.parametrize(("off", "rests"), [(0.99e-6, True), (1.01e-6, False)])
 def test_noise_within_the_tolerance_is_no_motion(bench, off, rests):
     bench.tick(3)
-    tick = bench.core._ticks["A"]
+    tick = bench.last("A")
     for k in range(4):
-        bench.core.note(replace(tick, q=tuple(x + off * (-1.0) ** k for x in tick.q)))
+        bench.core.note([replace(tick, q=tuple(x + off * (-1.0) ** k for x in tick.q))])
     assert bench.core.at_rest == rests

@@ -5,7 +5,8 @@ from random import Random
 import pytest
 
 from armgate.daemon.core import wording
-from armgate.daemon.core.core import Core
+from armgate.daemon.core.states import States
+from armgate.daemon.core.stopping import Stopping
 from armgate.daemon.pace.barrier import Barrier
 from armgate.gate.stops import Stops
 from armgate.protocol import messages as m
@@ -84,22 +85,22 @@ def done_no_longer(patch):
 
 
 def an_answer_too_many(patch):
-    right = Core._subscribe
+    right = States.subscribe
 
     def subscribe(self, peer, request):
         right(self, peer, request)
         right(self, peer, request)
 
-    patch.setattr(Core, "_subscribe", subscribe)
+    patch.setattr(States, "subscribe", subscribe)
 
 
 def replaced_not_told(patch):
-    right = Core._stopped
+    right = Stopping.announce_stop
 
-    def stopped(self, given, asker, request):
-        right(self, type(given)(given.id, given.robots, given.reason, given.by), asker, request)
+    def announce_stop(self, given, asker, request):
+        return right(self, type(given)(given.id, given.robots, given.reason, given.by), asker, request)
 
-    patch.setattr(Core, "_stopped", stopped)
+    patch.setattr(Stopping, "announce_stop", announce_stop)
 
 
 @pytest.mark.parametrize(

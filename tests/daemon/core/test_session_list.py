@@ -19,22 +19,22 @@ def code(peer):
 def test_an_operator_sees_all_sessions_in_order(bench):
     holder, _ = bench.holder("wave", "B")
     boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
-    boss.token_name = "alice"
+    boss.change(token="alice")
     bench.core.handle(boss, m.Sessions(id=3))
     listed = boss.last(m.SessionList)
     assert listed.re == 3
     assert [(s.session, s.name, s.role, s.token, s.robots) for s in listed.sessions] == [
-        (holder.id, "wave", "controller", None, ("B",)),
-        (boss.id, "boss", "operator", "alice", ()),
-        (eye.id, "eye", "observer", None, ()),
+        (holder.client.id, "wave", "controller", None, ("B",)),
+        (boss.client.id, "boss", "operator", "alice", ()),
+        (eye.client.id, "eye", "observer", None, ()),
     ]
 
 
 def test_an_operator_ends_a_session(bench):
     holder, _ = bench.holder("wave", "B")
     boss = bench.client("boss", "operator")
-    bench.core.handle(boss, m.Kick(session=holder.id, reason="too fast", id=4))
-    assert boss.last(m.Kicked) == m.Kicked(re=4, session=holder.id)
+    bench.core.handle(boss, m.Kick(session=holder.client.id, reason="too fast", id=4))
+    assert boss.last(m.Kicked) == m.Kicked(re=4, session=holder.client.id)
     error = holder.last(m.Error)
     assert (error.code, error.fatal, error.text) == ("kicked", True, "boss ended this session: too fast")
     assert holder.ended
@@ -62,4 +62,4 @@ def test_what_a_session_holds_is_looked_up_once(bench, monkeypatch):
         bench.core.leasing, "held_by", lambda session: asked.append(session) or held_by(session)
     )
     bench.core.handle(boss, m.Sessions())
-    assert asked.count(boss.id) == 1
+    assert asked.count(boss.client.id) == 1

@@ -3,7 +3,8 @@
 import pytest
 
 from armgate.cell.errors import ConfigError
-from armgate.daemon.core.signals import KEPT, Reserved, Sharer, Signals
+from armgate.daemon.core.interfaces import Client
+from armgate.daemon.core.signals import KEPT, Reserved, Signals
 from armgate.protocol import RemoteProtocolError
 from support.cells import arms_config
 
@@ -17,9 +18,9 @@ def code_of(signals, *arguments):
 
 def test_values_are_kept_by_name_with_their_owner():
     signals = Signals(200.0)
-    signals.set(Sharer("s2", "zoom", "controller"), "operator.distance", (1.5,), 0.1)
-    signals.set(Sharer("s1", "leader", "controller"), "lead.progress", (0.2,), 0.2)
-    signals.set(Sharer("s1", "leader", "controller"), "lead.progress", (0.3,), 0.3)
+    signals.set(Client("s2", "zoom", "controller"), "operator.distance", (1.5,), 0.1)
+    signals.set(Client("s1", "leader", "controller"), "lead.progress", (0.2,), 0.2)
+    signals.set(Client("s1", "leader", "controller"), "lead.progress", (0.3,), 0.3)
     assert list(signals.values) == ["lead.progress", "operator.distance"]
     value = signals.values["lead.progress"]
     assert (value.owner, value.value, value.time) == ("leader", (0.3,), 0.3)
@@ -27,19 +28,19 @@ def test_values_are_kept_by_name_with_their_owner():
 
 def test_a_signal_has_one_owner_until_its_session_ends():
     signals = Signals(200.0)
-    signals.set(Sharer("s1", "leader", "controller"), "x", (1.0,), 0.0)
-    assert code_of(signals, Sharer("s2", "other", "controller"), "x", (2.0,), 0.0) == "signal_owned"
+    signals.set(Client("s1", "leader", "controller"), "x", (1.0,), 0.0)
+    assert code_of(signals, Client("s2", "other", "controller"), "x", (2.0,), 0.0) == "signal_owned"
     signals.drop("s1")
     assert signals.values == {}
-    signals.set(Sharer("s2", "other", "controller"), "x", (2.0,), 0.0)
+    signals.set(Client("s2", "other", "controller"), "x", (2.0,), 0.0)
     assert signals.values["x"].owner == "other"
 
 
 def test_values_handed_out_do_not_change():
     signals = Signals(200.0)
-    signals.set(Sharer("s1", "leader", "controller"), "x", (1.0,), 0.0)
+    signals.set(Client("s1", "leader", "controller"), "x", (1.0,), 0.0)
     before = signals.values
-    signals.set(Sharer("s1", "leader", "controller"), "y", (2.0,), 0.0)
+    signals.set(Client("s1", "leader", "controller"), "y", (2.0,), 0.0)
     signals.drop("s1")
     assert list(before) == ["x"]
 
@@ -47,31 +48,31 @@ def test_values_handed_out_do_not_change():
 def test_too_many_names_are_refused_and_the_known_ones_still_taken():
     signals = Signals(1000.0, limit=3)
     for number in range(3):
-        signals.set(Sharer("s1", "a", "controller"), f"x{number}", (0.0,), 0.0)
-    assert code_of(signals, Sharer("s1", "a", "controller"), "x3", (0.0,), 0.0) == "too_many_signals"
-    signals.set(Sharer("s1", "a", "controller"), "x2", (1.0,), 0.0)
+        signals.set(Client("s1", "a", "controller"), f"x{number}", (0.0,), 0.0)
+    assert code_of(signals, Client("s1", "a", "controller"), "x3", (0.0,), 0.0) == "too_many_signals"
+    signals.set(Client("s1", "a", "controller"), "x2", (1.0,), 0.0)
 
 
 def test_a_session_that_sends_too_fast_is_throttled_and_others_are_not():
     signals = Signals(rate=10.0)
     for _ in range(10):
-        signals.set(Sharer("s1", "a", "controller"), "x", (0.0,), 5.0)
-    assert code_of(signals, Sharer("s1", "a", "controller"), "x", (0.0,), 5.0) == "signal_rate"
-    signals.set(Sharer("s2", "b", "controller"), "y", (0.0,), 5.0)
-    signals.set(Sharer("s1", "a", "controller"), "x", (0.0,), 5.11)
-    assert code_of(signals, Sharer("s1", "a", "controller"), "x", (0.0,), 5.12) == "signal_rate"
+        signals.set(Client("s1", "a", "controller"), "x", (0.0,), 5.0)
+    assert code_of(signals, Client("s1", "a", "controller"), "x", (0.0,), 5.0) == "signal_rate"
+    signals.set(Client("s2", "b", "controller"), "y", (0.0,), 5.0)
+    signals.set(Client("s1", "a", "controller"), "x", (0.0,), 5.11)
+    assert code_of(signals, Client("s1", "a", "controller"), "x", (0.0,), 5.12) == "signal_rate"
     for _ in range(10):
         signals.set(
-            Sharer("s1", "a", "controller"), "x", (0.0,), 100.0
+            Client("s1", "a", "controller"), "x", (0.0,), 100.0
         )  # no more than one second's worth is saved up
-    assert code_of(signals, Sharer("s1", "a", "controller"), "x", (0.0,), 100.0) == "signal_rate"
+    assert code_of(signals, Client("s1", "a", "controller"), "x", (0.0,), 100.0) == "signal_rate"
 
 
 # --- authority --------------------------------------------------------------------------------------------
 
 
 def sharer(name="a", role="controller", session=None, known_as=None):
-    return Sharer(session or name, name, role, known_as)
+    return Client(session or name, name, role, known_as=known_as)
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ from armgate.cell.cell import build_cell
 from armgate.daemon.auth.access import Keys
 from armgate.daemon.auth.tokens import Tokens
 from armgate.daemon.lifecycle.daemon import Daemon
+from armgate.daemon.lifecycle.phase import TRANSITIONS, Lifetime, Phase, PhaseEvent
+from armgate.daemon.sessions.connection_limits import ConnectionLimits
 from armgate.gate import Gate
 from armgate.links.log import Log
 from armgate.protocol import messages as m
@@ -84,13 +86,25 @@ class Running:
 
     @property
     def link(self):
-        return self.daemon._links[0]
+        return self.daemon._ticking._links[0]
 
 
 def config_of(tmp_path, **more):
     server = {"port": 0, "handshake_timeout": 5.0} | more.pop("server", {})
     body = ", ".join(f"{key}: {value}" for key, value in server.items())
     return arms_config(tmp_path, server=f"{{{body}}}", **more)
+
+
+def test_a_daemon_that_is_over_stays_over_and_every_other_phase_can_end():
+    for phase in Phase:
+        events = {event for event in PhaseEvent if (phase, event) in TRANSITIONS}
+        assert (PhaseEvent.END in events) == (phase is not Phase.OVER)
+    life = Lifetime()
+    assert not life.advance(PhaseEvent.REST)
+    assert [life.advance(event) for event in (PhaseEvent.FAIL, PhaseEvent.FAIL, PhaseEvent.REST)] == [
+        True, False, True,
+    ]  # fmt: skip
+    assert (life.phase, life.advance(PhaseEvent.END)) == (Phase.OVER, False)
 
 
 async def test_told_to_end_it_stops_rests_says_bye_and_ends(tmp_path):
@@ -255,19 +269,20 @@ async def test_a_reader_that_never_reads_delays_nobody(tmp_path):
 async def test_told_to_end_it_stops_the_robots_though_it_cannot_stop_listening(tmp_path, monkeypatch):
     async with Running(config_of(tmp_path)) as running:
         eye = await Raw.hello(running.port, "eye", "observer")
-        close, told = running.daemon._listener.close, []
+        sessions, told = running.daemon._sessions, []
+        close = sessions.stop_listening
 
         def broken():
             close()
-            told.append(running.daemon._core.ending)
+            told.append(running.daemon._life.phase)
             raise PermissionError(13, "no")
 
-        monkeypatch.setattr(running.daemon._listener, "close", broken)
+        monkeypatch.setattr(sessions, "stop_listening", broken)
         with pytest.raises(PermissionError):
             running.daemon.end()
         assert [x.by for x in await eye.rest() if isinstance(x, m.Stopped)] == ["daemon"]
         assert await running.status() == 0
-        assert told == [True]
+        assert told == [Phase.RESTING]
 
 
 FEW = {"login_failures": 3, "login_failures_per_address": 3}
@@ -289,7 +304,7 @@ async def test_connections_that_are_never_welcomed_leave_a_bounded_log(tmp_path)
 
 async def test_other_refusals_are_logged_up_to_a_number(tmp_path, monkeypatch):
     async with Running(config_of(tmp_path, server=FEW)) as running:
-        monkeypatch.setattr(running.daemon._room, "admit", lambda *_: "there is no room")
+        monkeypatch.setattr(ConnectionLimits, "admit", lambda *_: "there is no room")
         for _ in range(10):
             wire = await Raw.open(running.port)
             wire.send(m.Hello(versions=(1,), name="stranger"))

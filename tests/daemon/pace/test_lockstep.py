@@ -20,25 +20,21 @@ class Stage:
     """A lock-step run with list clients, and a wall clock to be set."""
 
     def __init__(self, config, participants=("a", "b")):
-        self.bench = Bench(config, lockstep=True)
-        self.core = self.bench.core
         self.wall = 0.0
-        periods = [robot.period for robot in self.bench.cell.robots]
         self.instants = []
-        self.run = LockstepPace(
-            periods, participants, 10.0, self.instant, Log(io.StringIO()), lambda: self.wall
-        )
-        self.bench.core._now = self.run.now
-        self.core.start()
-        self.run.start(self.core)
+        periods = [robot.period for robot in config.robots.values()]
+        self.run = LockstepPace(periods, participants, 10.0, Log(io.StringIO()), lambda: self.wall)
+        self.bench = Bench(config, lockstep=True, now=self.run.now)
+        self.core = self.bench.core
+        self.run.start(self.core, self)
 
-    def instant(self, instant):
-        self.instants.append(instant)
-        self.core.tick(instant.time, instant.due, self.run.step_of(instant))
+    def due(self, time, robots, step):
+        self.instants.append((step, robots))
+        self.bench.due(time, robots, step)
 
     @property
     def step(self):
-        return self.instants[-1].number
+        return self.instants[-1][0]
 
     def client(self, name, role="controller"):
         peer = Peer(self.run.session_id(name, 77), name, role)
@@ -53,7 +49,7 @@ class Stage:
         return peer
 
     def command(self, peer, robot, dq=(0.0005, 0.0, 0.0), seq=None):
-        tick = self.core._runner.view(robot).tick
+        tick = self.bench.gate.view(robot).tick
         seq = self.step if seq is None else seq
         self.run.handle(peer, m.Command(robot=robot, fence=1, seq=seq, tick=tick, dq=dq))
 
@@ -83,16 +79,16 @@ async def test_no_time_passes_before_all_have_spoken(stage):
 async def test_who_is_done_is_woken_by_the_next_state_alone(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.run.handle(a, m.Signal(name="x", value=(1.0,)))
-    assert a.holds == 0
+    assert a.batches == 0
     stage.command(a, "A")
-    assert (a.holds, b.holds) == (1, 0)
+    assert (a.batches, b.batches) == (1, 0)
     stage.command(b, "B")
-    assert (a.holds, b.holds) == (0, 0)
+    assert (a.batches, b.batches) == (0, 0)
     stage.command(a, "A")
     stage.run.handle(a, m.Signal(name="y", value=(1.0,)))  # ahead: it counts in the next step
     stage.run.handle(a, m.Pass(step=stage.step + 1))
     stage.command(b, "B")
-    assert (stage.step, a.holds, b.holds) == (2, 1, 0)
+    assert (stage.step, a.batches, b.batches) == (2, 1, 0)
 
 
 async def test_commands_are_judged_in_the_order_of_the_robots(stage):
@@ -163,7 +159,7 @@ async def test_who_leaves_is_not_waited_for_and_who_was_done_leaves_after_the_st
     assert stage.core.leasing.holder("A") == "a"
     stage.command(b, "B")
     assert stage.step == 1
-    assert stage.core._ticks["A"].increment[0] > 0.0
+    assert stage.bench.last("A").increment[0] > 0.0
     assert stage.core.leasing.holder("A") is None
     stage.command(b, "B")
     assert stage.step == 2
@@ -198,7 +194,7 @@ async def test_a_silent_participant_is_dropped_and_the_run_has_failed(stage):
     assert stage.run.failed
     assert stage.step == 1
     stage.command(b, "B")
-    assert "participant a was silent for 10 s in step 0" in b.take(m.State)[-1].warnings[0]
+    assert "participant a sent nothing for 10 s in step 0" in b.take(m.State)[-1].warnings[0]
     stage.run.leave(a)  # its connection closes now
     stage.command(b, "B")
     assert stage.step == 3
@@ -241,7 +237,7 @@ async def test_mixed_periods_ask_only_those_whose_robot_ticked(tmp_path):
         stage.command(b, "B")
     # a's robot ticks at 0 and 12 ms: it is waited for again after b's third step.
     assert stage.step == 3
-    assert [i.due for i in stage.instants] == [(0, 1), (1,), (1,), (0, 1)]
+    assert [robots for _, robots in stage.instants] == [(0, 1), (1,), (1,), (0, 1)]
     stage.command(a, "A")
     assert stage.step == 6
     stage.run.close()

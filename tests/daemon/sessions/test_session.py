@@ -4,14 +4,13 @@ import asyncio
 import itertools
 import socket
 from time import monotonic
-from unittest.mock import Mock
 
 import msgpack
 import pytest
 
-from armgate.daemon.auth.tokens import make
-from armgate.daemon.core.peer import Encoded
-from armgate.daemon.sessions.listener import Slot
+from armgate.daemon.core.interfaces import Client, Encoded
+from armgate.daemon.sessions.connection_limits import Slot
+from armgate.daemon.sessions.peer_socket import TcpPeerSocket
 from armgate.daemon.sessions.rate_limits import RateLimit, RateLimits, Rates
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
@@ -67,22 +66,23 @@ class Transport(asyncio.Transport):
         self.aborted = True
 
 
-class SessionOwner:
-    """Welcomes everybody, and keeps what it is told."""
+class Host:
+    """Welcomes every client, and keeps what it receives."""
 
     def __init__(self):
-        self.told = []
+        self.received = []
         self.fail_on = None
         self.privilege = False
+        self.serving = True
 
     def opened(self, session):
-        self.told.append("opened")
+        self.received.append("opened")
 
     def hello(self, session, hello):
-        session.id, session.name = "s1", hello.name
-        session.allow(None)
+        session.identify(Client("s1", hello.name, "controller", identity=session.slot.origin), self)
+        session.stay()
         limits = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
-        session.say(
+        session.send(
             m.Welcome(
                 version=1,
                 versions=(1,),
@@ -95,33 +95,33 @@ class SessionOwner:
             )
         )
 
-    def said(self, session, message):
+    def handle(self, session, message):
         if message.type == self.fail_on:
             raise RuntimeError("broken")
-        self.told.append(message)
+        self.received.append(message)
         if isinstance(message, m.Signal):
-            session.say(m.Signaled(name=message.name))
+            session.send(m.Signaled(name=message.name))
 
-    def gone(self, session, reason):
-        self.told.append(f"gone: {reason}")
+    def left(self, session, reason):
+        self.received.append(f"left: {reason}")
 
     def closed(self, session):
-        self.told.append("closed")
+        self.received.append("closed")
 
     def failed(self, error):
-        self.told.append(error)
+        self.received.append(error)
 
     def privileged(self, session):
         return self.privilege
 
 
-class TcpPeerSocket:
+class Wire:
     """A session with its desk, its transport, and the client's end."""
 
-    def __init__(self, send_buffer=1000, allowance=None, clock=lambda: 0.0):
-        self.desk = SessionOwner()
+    def __init__(self, send_buffer=1000, limit=None, clock=lambda: 0.0):
+        self.host = Host()
         self.session = Session(
-            self.desk, 1, Slot("127.0.0.1"), send_buffer, FairScheduler(clock), allowance=allowance
+            self.host, 1, Slot("127.0.0.1"), send_buffer, FairScheduler(clock), limit=limit
         )
         self.transport = Transport()
         self.session.connection_made(self.transport)
@@ -143,18 +143,18 @@ class TcpPeerSocket:
 @pytest.fixture
 async def line():
     """A line on whose clock no time passes: all that waits is done in one turn."""
-    line = TcpPeerSocket()
+    line = Wire()
     yield line
-    line.session.allow(None)
+    line.session.stay()
     line.transport.socket.close()
 
 
 @pytest.fixture
 async def slow():
     """A line on whose clock each piece of work takes a whole turn."""
-    line = TcpPeerSocket(clock=itertools.count().__next__)
+    line = Wire(clock=itertools.count().__next__)
     yield line
-    line.session.allow(None)
+    line.session.stay()
     line.transport.socket.close()
 
 
@@ -166,7 +166,7 @@ def state(robot="A", tick=0):
 async def test_messages_reach_the_desk_in_order(line):
     line.hello()
     line.send(m.Ping(time=1.0), m.Ping(time=2.0))
-    assert [x.time for x in line.desk.told[1:]] == [1.0, 2.0]
+    assert [x.time for x in line.host.received[1:]] == [1.0, 2.0]
     assert line.session.address == "127.0.0.1:4711"
 
 
@@ -174,7 +174,7 @@ async def test_byte_by_byte_is_the_same(line):
     line.hello()
     for byte in line.client.send(m.Ping(time=1.0)):
         line.session.data_received(bytes([byte]))
-    assert line.desk.told[-1].time == 1.0
+    assert line.host.received[-1].time == 1.0
 
 
 async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts(line):
@@ -183,7 +183,7 @@ async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts
     error = line.received()[0]
     assert (error.code, error.fatal, error.re) == ("invalid_message", False, 3)
     line.send(m.Ping(time=1.0))
-    assert line.desk.told[-1].time == 1.0
+    assert line.host.received[-1].time == 1.0
 
 
 async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_read(line):
@@ -194,9 +194,9 @@ async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_
     assert (error.code, error.fatal) == ("frame_too_large", True)
     assert line.transport.eof
     assert not line.transport.aborted
-    assert line.desk.told[-1].startswith("gone: frame_too_large")
+    assert line.host.received[-1].startswith("left: frame_too_large")
     line.session.connection_lost(None)
-    assert line.desk.told[-1] == "closed"
+    assert line.host.received[-1] == "closed"
 
 
 async def test_an_unknown_version_is_told_before_the_end(line):
@@ -227,13 +227,13 @@ async def test_bye_is_answered(line):
     line.send(m.Bye(reason="done"))
     assert isinstance(line.received()[0], m.Bye)
     assert line.transport.eof
-    assert line.desk.told[-1] == "gone: bye: done"
-    line.session.say(m.Pong(time=0.0, received=0.0, sent=0.0))
+    assert line.host.received[-1] == "left: bye: done"
+    line.session.send(m.Pong(time=0.0, received=0.0, sent=0.0))
     assert line.received() == []
 
 
 async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowly(line):
-    line.hello().session.end(m.Bye())
+    line.hello().session.close(m.Bye())
     assert line.transport.reading
     line.session.data_received(bytes(1000))
     assert not line.transport.reading
@@ -245,8 +245,8 @@ async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowl
 
 
 async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monkeypatch):
-    monkeypatch.setattr("armgate.daemon.sessions.session._DISCARD", 0.01)
-    line.session.end(m.Bye())
+    monkeypatch.setattr("armgate.daemon.sessions.reading._DISCARD", 0.01)
+    line.session.close(m.Bye())
     line.session.data_received(b"x" * 100)
     line.transport.reading = False
     line.transport.close()
@@ -257,24 +257,24 @@ async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monk
 async def test_a_client_that_closes_is_gone_once(line):
     line.hello()
     line.session.eof_received()
-    line.session.show(state())
+    line.session.send_states(state())
     line.session.connection_lost(None)
-    assert [x for x in line.desk.told if str(x).startswith("gone")] == ["gone: closed by the client"]
+    assert [x for x in line.host.received if str(x).startswith("left")] == ["left: closed by the client"]
 
 
 async def test_a_frame_cut_off_is_told_to_the_log(line):
     line.hello()
     line.session.data_received(b"\x00\x00\x00\x09abc")
     line.session.eof_received()
-    assert "truncated" in line.desk.told[-1]
+    assert "truncated" in line.host.received[-1]
 
 
 async def test_a_slow_client_gets_the_newest_state_only(line):
     line.hello()
     line.session.pause_writing()
     for tick in range(5):
-        line.session.show(state("A", tick))
-        line.session.show(state("B", tick))
+        line.session.send_states(state("A", tick))
+        line.session.send_states(state("B", tick))
     assert line.received() == []
     line.session.resume_writing()
     assert [(s.robot, s.tick) for s in line.received()] == [("A", 4), ("B", 4)]
@@ -284,17 +284,19 @@ async def test_unread_verdicts_end_the_connection_and_the_robot_rests(line):
     line.hello()
     line.session.pause_writing()
     for number in range(100):
-        line.session.say(m.Error(code="x", text=f"{number}", fatal=False))
+        line.session.send(m.Error(code="x", text=f"{number}", fatal=False))
     assert line.transport.aborted
-    assert not [x for x in line.desk.told if str(x).startswith("gone")]  # others may be being told just now
+    assert not [
+        x for x in line.host.received if str(x).startswith("left")
+    ]  # others may be being told just now
     line.session.connection_lost(None)
-    assert [x for x in line.desk.told if str(x).startswith("gone: overflow")]
+    assert [x for x in line.host.received if str(x).startswith("left: overflow")]
 
 
 async def test_what_waits_is_written_before_the_end_is(line):
     line.hello()
     line.session.pause_writing()
-    line.session.end(m.Bye(reason="over"))
+    line.session.close(m.Bye(reason="over"))
     assert not line.transport.eof
     line.session.resume_writing()
     assert line.received()[0].reason == "over"
@@ -305,8 +307,8 @@ async def test_no_state_follows_the_last_message(line):
     line.hello()
     line.session.pause_writing()
     state = m.State(robot="A", tick=1, time=0.0, entries=())
-    line.session.show(Encoded(state, encode(state)))
-    line.session.end(m.Bye(reason="over"))
+    line.session.send_states(Encoded(state, encode(state)))
+    line.session.close(m.Bye(reason="over"))
     line.session.resume_writing()
     assert [x.type for x in line.received()] == ["bye"]
     assert line.transport.eof
@@ -322,28 +324,28 @@ async def test_answers_to_what_came_as_one_go_as_one(line):
 
 async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
     line.hello()
-    line.session.hold()
-    line.session.hold()
-    line.session.say(m.Signaled(name="a"))
-    line.session.let_go()
-    line.session.show(state("A", 1))
+    first, second = line.session.batch(), line.session.batch()
+    line.session.send(m.Signaled(name="a"))
+    first.close()
+    first.close()
+    line.session.send_states(state("A", 1))
     assert line.received() == []
-    line.session.let_go()
+    second.close()
     assert [x.type for x in line.received()] == ["signaled", "state"]
 
 
 async def test_what_may_not_wait_goes_at_once_with_what_waits_before_it(line):
     line.hello()
-    line.session.hold()
-    line.session.say(m.Signaled(name="a"))
-    line.session.say(m.Stopped(stop=1, robots=("A",), reason="", by="x"))
+    line.session.batch()
+    line.session.send(m.Signaled(name="a"))
+    line.session.send(m.Stopped(stop=1, robots=("A",), reason="", by="x"))
     assert [x.type for x in line.received()] == ["signaled", "stopped"]
 
 
 async def test_what_is_held_is_written_before_the_end_is(line):
     line.hello()
-    line.session.hold()
-    line.session.end(m.Bye(reason="over"))
+    line.session.batch()
+    line.session.close(m.Bye(reason="over"))
     assert line.received()[0].reason == "over"
     assert line.transport.eof
 
@@ -351,7 +353,7 @@ async def test_what_is_held_is_written_before_the_end_is(line):
 async def test_a_client_that_does_not_read_the_end_is_cut_off(line, monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.session._LINGER", 0.0)
     line.hello()
-    line.session.end(m.Bye())
+    line.session.close(m.Bye())
     await until(lambda: line.transport.aborted)
 
 
@@ -366,9 +368,9 @@ async def test_a_client_that_closes_its_end_and_reads_nothing_is_cut_off(line, m
 
 async def test_a_defect_of_ours_is_told_and_not_raised(line):
     line.hello()
-    line.desk.fail_on = "ping"
+    line.host.fail_on = "ping"
     line.send(m.Ping(time=1.0))
-    assert isinstance(line.desk.told[-1], RuntimeError)
+    assert isinstance(line.host.received[-1], RuntimeError)
 
 
 # --- how much is read -------------------------------------------------------------------------------------
@@ -379,7 +381,7 @@ def pings(line, count):
 
 
 def heard(line):
-    return [message.time for message in line.desk.told if isinstance(message, m.Ping)]
+    return [message.time for message in line.host.received if isinstance(message, m.Ping)]
 
 
 async def test_a_flood_is_read_a_few_messages_at_each_turn(slow):
@@ -413,14 +415,14 @@ async def test_while_a_turn_is_waited_for_no_more_is_read_than_a_bound(slow):
 async def bounded():
     """A session that is read at 100 messages per second."""
     rates = Rates(client=100.0, identity=1e6, address=1e6, in_all=1e6)
-    line = TcpPeerSocket(allowance=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
+    line = Wire(limit=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
     yield line
     line.session.connection_lost(None)
     line.transport.socket.close()
 
 
 def stops(line):
-    return [message.reason for message in line.desk.told if isinstance(message, m.Stop)]
+    return [message.reason for message in line.host.received if isinstance(message, m.Stop)]
 
 
 async def test_a_stop_overtakes_the_pings_before_it(bounded):
@@ -443,12 +445,14 @@ async def test_a_stop_that_overtook_a_reset_is_the_last_word(bounded):
     )
     await until(lambda: len(heard(line)) == 9)
     await until(lambda: any(isinstance(message, m.Error) for message in line.received()))
-    assert [type(message) for message in line.desk.told if isinstance(message, m.Stop | m.Reset)] == [m.Stop]
+    assert [type(message) for message in line.host.received if isinstance(message, m.Stop | m.Reset)] == [
+        m.Stop
+    ]
 
 
 async def test_a_stop_does_not_wait_for_an_allowance_that_others_have_used_up():
     allowances = RateLimits(Rates(client=1e6, identity=100.0, address=1e6, in_all=1e6), monotonic)
-    line = TcpPeerSocket(allowance=RateLimit(allowances, "127.0.0.1")).hello()
+    line = Wire(limit=RateLimit(allowances, "127.0.0.1")).hello()
     RateLimit(allowances, "127.0.0.1").spend(1000.0, privileged=False)
     line.send(m.Ping(time=0.0), m.Stop(reason="now"))
     await until(lambda: stops(line) == ["now"], turns=100)
@@ -480,7 +484,7 @@ async def test_a_request_for_much_takes_a_whole_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
     slow.session.data_received(slow.client.send(m.Describe()) * 3)
-    asked = lambda: sum(isinstance(message, m.Describe) for message in slow.desk.told)  # noqa: E731
+    asked = lambda: sum(isinstance(message, m.Describe) for message in slow.host.received)  # noqa: E731
     assert asked() == 1
     await asyncio.sleep(0)
     assert asked() == 2
@@ -512,9 +516,9 @@ async def test_a_client_that_closes_after_a_flood_is_heard_to_the_end(line):
     assert line.session.eof_received() is True
     await until(lambda: line.transport.closed)
     assert heard(line) == [*range(30)]
-    assert line.desk.told[-1] == "gone: closed by the client"
+    assert line.host.received[-1] == "left: closed by the client"
     line.session.connection_lost(None)
-    assert line.desk.told[-1] == "closed"
+    assert line.host.received[-1] == "closed"
 
 
 async def test_after_the_end_of_a_stream_of_tls_the_rest_is_heard_in_turns_too(line, monkeypatch):
@@ -524,9 +528,9 @@ async def test_after_the_end_of_a_stream_of_tls_the_rest_is_heard_in_turns_too(l
     assert line.session.eof_received() is False
     line.session.connection_lost(None)
     assert len(heard(line)) == 8
-    await until(lambda: line.desk.told[-1] == "closed")
+    await until(lambda: line.host.received[-1] == "closed")
     assert heard(line) == [*range(30)]
-    assert line.desk.told[-2:] == ["gone: closed by the client", "closed"]
+    assert line.host.received[-2:] == ["left: closed by the client", "closed"]
 
 
 async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(line, monkeypatch):
@@ -536,20 +540,20 @@ async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(li
     line.session.eof_received()
     line.session.connection_lost(None)
     line.session.abort()
-    await until(lambda: line.desk.told[-1] == "closed")
-    assert line.desk.told[-2].startswith("gone: ")
+    await until(lambda: line.host.received[-1] == "closed")
+    assert line.host.received[-2].startswith("left: ")
 
 
 async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_heard(monkeypatch):
-    monkeypatch.setattr("armgate.daemon.sessions.session._WATCH", 0.0)
-    line = TcpPeerSocket().hello()
+    monkeypatch.setattr("armgate.daemon.sessions.peer_socket._WATCH", 0.0)
+    line = Wire().hello()
     watched = []
-    monkeypatch.setattr(line.session, "_line", Mock(vanished=lambda: watched.append(1)))
+    monkeypatch.setattr(TcpPeerSocket, "is_unreachable", lambda self: watched.append(1))
     line.session.data_received(pings(line, 30))
     line.session.eof_received()
     line.session.connection_lost(None)
     line.transport.socket.close()
-    await until(lambda: line.desk.told[-1] == "closed")
+    await until(lambda: line.host.received[-1] == "closed")
     await asyncio.sleep(0.01)
     assert not watched
 
@@ -565,7 +569,7 @@ async def test_a_bye_in_a_flood_is_the_last_that_is_heard(line):
 
 async def test_more_messages_than_the_rate_allows_wait():
     rates = Rates(client=40.0, identity=1e6, address=1e6, in_all=1e6)
-    line = TcpPeerSocket(allowance=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
+    line = Wire(limit=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
     line.hello()
     line.session.data_received(pings(line, 30))
     for _ in range(3):
@@ -591,41 +595,41 @@ async def test_the_end_of_a_stream_that_has_no_half_is_its_close(line, monkeypat
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     monkeypatch.setattr(line.transport, "close", lambda: closed.append(True), raising=False)
     line.hello()
-    line.session.end(m.Bye())
+    line.session.close(m.Bye())
     assert closed == [True]
     assert not line.transport.eof
 
 
 @pytest.mark.parametrize("peername", ["a", "/run/a", b"\x00a", b"\x00abc", "", None, ("x", "y", 0)])
 async def test_a_client_of_the_unix_socket_may_choose_any_peer_name(peername):
-    desk, transport = SessionOwner(), Transport()
-    session = Session(desk, 1, Slot("uid 1000", 1000), 1000, FairScheduler(lambda: 0.0))
+    host, transport = Host(), Transport()
+    session = Session(host, 1, Slot("uid 1000", 1000), 1000, FairScheduler(lambda: 0.0))
     transport.peername = peername
     session.connection_made(transport)
-    assert (session.address, desk.told) == ("uid 1000", ["opened"])
+    assert (session.address, host.received) == ("uid 1000", ["opened"])
     session.connection_lost(None)
     transport.socket.close()
 
 
 async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
-    desk, transport = SessionOwner(), Transport()
+    host, transport = Host(), Transport()
     transport.socket.close()
-    session = Session(desk, 1, Slot("127.0.0.1"), 1000, FairScheduler(lambda: 0.0))
+    session = Session(host, 1, Slot("127.0.0.1"), 1000, FairScheduler(lambda: 0.0))
     session.connection_made(transport)
     assert transport.aborted
     session.connection_lost(None)
-    assert desk.told == ["gone: connection lost", "closed"]
+    assert host.received == ["left: connection lost", "closed"]
 
 
 async def test_a_hello_does_not_wait_for_what_others_of_its_address_send():
     allowances = RateLimits(Rates(client=2000.0, identity=1.0, address=1.0, in_all=1.0), lambda: 0.0)
     RateLimit(allowances, "127.0.0.1").spend(1e6, privileged=False)
-    line = TcpPeerSocket(allowance=RateLimit(allowances, "127.0.0.1"))
-    assert line.session.guest.silent
+    line = Wire(limit=RateLimit(allowances, "127.0.0.1"))
+    assert line.session.slot.silent
     line.hello()
-    assert not line.session.guest.silent
+    assert not line.session.slot.silent
     line.send(m.Ping(time=1.0))
-    assert not line.desk.told[1:]  # what follows waits
+    assert not line.host.received[1:]  # what follows waits
     line.session.connection_lost(OSError("closed"))
     line.transport.socket.close()
 
@@ -634,16 +638,5 @@ async def test_a_hello_does_not_wait_for_what_others_of_its_address_send():
 async def test_messages_with_large_answers_count_more(line, message):
     line.hello()
     line.session._connection.push(line.client.send(message))
-    cost, _ = line.session._hear_some()
+    cost, _ = line.session._reader._receive_some()
     assert cost >= 20
-
-
-@pytest.mark.parametrize(
-    ("uid", "token", "known_as"),
-    [(None, None, None), (1000, None, "uid 1000"), (1000, "lab", "lab"), (None, "lab", "lab")],
-)
-def test_a_client_is_known_by_its_token_or_its_user(uid, token, known_as):
-    guest = Slot("192.0.2.1" if uid is None else f"uid {uid}", uid)
-    session = Session(SessionOwner(), 1, guest, 1000, FairScheduler(lambda: 0.0))
-    session.token = token and make(token, "observer", None).token
-    assert session.known_as == known_as

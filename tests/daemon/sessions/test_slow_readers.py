@@ -6,9 +6,8 @@ import socket
 
 import pytest
 
-from armgate.daemon.core.peer import Encoded
-from armgate.daemon.sessions import peer_socket as line_module
-from armgate.daemon.sessions import session as session_module
+from armgate.daemon.core.interfaces import Client, Encoded
+from armgate.daemon.sessions import peer_socket as peer_socket_module
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
@@ -24,24 +23,26 @@ FEW = 64
 """States of 1.5 KB that a client may find: what fits into the receive window of its own system."""
 
 
-class SessionOwner:
+class Host:
     """Welcomes every client."""
 
+    serving = True
+
     def __init__(self):
-        self.gone_because = []
+        self.reasons = []
 
     def hello(self, session, hello):
-        session.id, session.name = "s1", hello.name
+        session.identify(Client("s1", hello.name, "controller"), self)
         limits = m.Limits(inbound=1, outbound=1, max_age_ticks=3, lease_ttl=1.0, signals=1, signal_rate=1.0)
-        session.say(
+        session.send(
             m.Welcome(
                 version=1, versions=(1,), client_versions=(1,), start="d1", session="s1", name="c",
                 role="controller", limits=limits,
             )
         )  # fmt: skip
 
-    def gone(self, session, reason):
-        self.gone_because.append(reason)
+    def left(self, session, reason):
+        self.reasons.append(reason)
 
     def privileged(self, session):
         return False
@@ -60,7 +61,7 @@ class Server:
     """A session on a real socket that is shown a state every few milliseconds."""
 
     def __init__(self, size):
-        self.desk = SessionOwner()
+        self.host = Host()
         self.session = None
         self.tick = 0
         near = m.Nearest(pair=("a" * 64, "b" * 64), distance=1.0, limit=1.0, points=((0.0,) * 3,) * 2)
@@ -74,7 +75,7 @@ class Server:
         self.port = self.server.sockets[0].getsockname()[1]
 
     def _session(self):
-        self.session = Session(self.desk, 1, Slot("127.0.0.1"), 1 << 20, FairScheduler())
+        self.session = Session(self.host, 1, Slot("127.0.0.1"), 1 << 20, FairScheduler())
         return self.session
 
     async def show(self, seconds):
@@ -82,7 +83,7 @@ class Server:
         for _ in range(round(seconds / PERIOD)):
             self.tick += 1
             state = m.State(robot="A", tick=self.tick, time=0.0, entries=self.entries, warnings=self.warnings)
-            self.session.show(Encoded(state, encode(state)))
+            self.session.send_states(Encoded(state, encode(state)))
             await asyncio.sleep(PERIOD)
 
 
@@ -143,11 +144,11 @@ async def test_a_client_that_paused_gets_the_newest_state_and_few_old_ones(pause
 @pytest.mark.parametrize("paused", [(1500, None), (140_000, None), (140_000, 4096)], indirect=True)
 async def test_a_client_that_reads_nothing_is_not_cut_off_for_unread_states(paused, monkeypatch):
     """States of 140 kB do not fit into its window: the window is closed, and its system answers probes."""
-    monkeypatch.setattr(line_module, "_GIVE_UP", min(0.5, PAUSE / 3))
-    monkeypatch.setattr(session_module, "_WATCH", 0.1)
+    monkeypatch.setattr(peer_socket_module, "_GIVE_UP", min(0.5, PAUSE / 3))
+    monkeypatch.setattr(peer_socket_module, "_WATCH", 0.1)
     server, reader = paused
     await server.show(PAUSE)
-    assert server.desk.gone_because == []
+    assert server.host.reasons == []
     newest = server.tick
     await asyncio.gather(reader.read(newest + 10), server.show(0.5))
 
@@ -163,11 +164,11 @@ async def test_a_client_that_reads_gets_every_state(paused):
 async def test_answers_that_are_not_read_still_have_a_bound(paused):
     server, _ = paused
     for _ in range(100):
-        server.session.say(m.Error(code="x", text="y" * 500, fatal=False))
-        server.session.say(m.Chunk(hash="0" * 64, offset=0, total=1, data=b"z" * 200_000))
+        server.session.send(m.Error(code="x", text="y" * 500, fatal=False))
+        server.session.send(m.Chunk(hash="0" * 64, offset=0, total=1, data=b"z" * 200_000))
         await asyncio.sleep(0)
-    await until(lambda: server.desk.gone_because)
-    assert server.desk.gone_because[0].startswith("overflow")
+    await until(lambda: server.host.reasons)
+    assert server.host.reasons[0].startswith("overflow")
 
 
 async def test_a_system_that_answers_nothing_is_told_from_one_that_only_does_not_read(monkeypatch):
@@ -178,16 +179,18 @@ async def test_a_system_that_answers_nothing_is_told_from_one_that_only_does_not
             pass
 
         def getsockopt(self, level, option, size):
-            return line_module._HEAD.pack(*self.head)
+            return peer_socket_module._HEAD.pack(*self.head)
 
-    line = line_module.TcpPeerSocket(Socket())
-    Socket.head[line_module._LAST_ACK] = Socket.head[line_module._LAST_DATA] = 60_000
-    Socket.head[line_module._UNACKED] = 1
-    assert [line.vanished() for _ in range(3)] == [False] * 3  # answered, and no probe was due for so long
-    Socket.head[line_module._PROBES] = 1
-    assert [line.vanished() for _ in range(2)] == [False, True]
-    Socket.head[line_module._PROBES] = 0
-    assert not line.vanished()
-    Socket.head[line_module._LAST_DATA] = 30_000
-    assert [line.vanished() for _ in range(2)] == [False, True]
-    assert line.has_room()  # an older kernel does not tell of the window
+    line = peer_socket_module.TcpPeerSocket(Socket())
+    Socket.head[peer_socket_module._LAST_ACK] = Socket.head[peer_socket_module._LAST_DATA] = 60_000
+    Socket.head[peer_socket_module._UNACKED] = 1
+    assert [line.is_unreachable() for _ in range(3)] == [
+        False
+    ] * 3  # answered, and no probe was due for so long
+    Socket.head[peer_socket_module._PROBES] = 1
+    assert [line.is_unreachable() for _ in range(2)] == [False, True]
+    Socket.head[peer_socket_module._PROBES] = 0
+    assert not line.is_unreachable()
+    Socket.head[peer_socket_module._LAST_DATA] = 30_000
+    assert [line.is_unreachable() for _ in range(2)] == [False, True]
+    assert line.is_read()  # an older kernel does not tell of the window

@@ -2,17 +2,22 @@
 
 import io
 import itertools
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import LockstepClockConfig
-from armgate.daemon.core.core import RIGHTS, Core
+from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.peer import Encoded, Subscription, answer
+from armgate.daemon.core.interfaces import Batch, ClientRequest, Encoded
+from armgate.daemon.core.interfaces import Client as CoreClient
+from armgate.daemon.core.leasing import LeaseTime
+from armgate.daemon.core.rights import RIGHTS
+from armgate.daemon.core.wording import answer
 from armgate.daemon.pace.lockstep import LockstepPace
-from armgate.emulator import Instant, VirtualClock
+from armgate.emulator import VirtualClock
 from armgate.gate import Gate
 from armgate.links.emulated import EmulatedLink
 from armgate.links.log import Log
@@ -36,16 +41,9 @@ class Client:
     """A client and the server's end of its connection."""
 
     def __init__(self, rig: "Rig", number: int, name: str, role: m.Role) -> None:
-        self.id = ""
-        self.name: str = name
+        self.name = name
         self.role: m.Role = role
-        self.identity = "memory"
-        self.capabilities: frozenset[str] = frozenset()
-        self.token_name: str | None = None
-        self.known_as: str | None = None
-        self.address = "memory"
-        self.robots: frozenset[str] | None = None
-        self.subscription: Subscription | None = None
+        self.client = CoreClient("", name, role, identity="memory", address="memory")
         self.expects = Expectations(rig.knowledge(), exact=True)
         self.generator = MessageGenerator(rig.rng, self.expects.known).only(rig.types)
         self.gone = False
@@ -54,38 +52,37 @@ class Client:
 
     # --- the server's end: a Peer -------------------------------------------------------------------------
 
-    def say(self, message: m.Message, frame: bytes | None = None) -> None:
+    def identify(self, session: str) -> None:
+        """Take the id of its session."""
+        self.client = replace(self.client, id=session)
+
+    def send(self, message: m.Message, frame: bytes | None = None) -> None:
         """Send a message to the client, which holds it against the specification at once."""
         if not self.gone:
             self._deliver(self._there.send(message, frame))
 
-    def show(self, *states: Encoded) -> None:
+    def send_states(self, *states: Encoded) -> None:
         """Send states."""
         for state in states:
             if not self.gone:
                 self._deliver(self._there.send(state.state, state.frame))
 
-    def hold(self) -> None:
-        """Do nothing: here everything is sent at once."""
-
-    def let_go(self) -> None:
-        """Do nothing."""
+    def batch(self) -> Batch:
+        """Return a batch that holds nothing back: here everything is sent at once."""
+        return NoBatch()
 
     def drop_states(self) -> None:
         """Do nothing."""
 
-    def flush(self) -> None:
-        """Do nothing."""
-
-    def end(self, message: m.Message) -> None:
+    def close(self, message: m.Message) -> None:
         """Send a last message; the session has ended."""
-        self.say(message)
+        self.send(message)
         self.gone = True
 
     def expel(self, error: RemoteProtocolError) -> None:
         """End the session on behalf of an operator."""
         if not self.gone:
-            self.end(error.message())
+            self.close(error.message())
             self._rig.leave(self)
 
     def _deliver(self, frame: bytes) -> None:
@@ -96,8 +93,8 @@ class Client:
 
     # --- the client's end ---------------------------------------------------------------------------------
 
-    def send(self, message: m.Message) -> None:
-        """Send a message; the server acts on it at once."""
+    def request(self, message: m.Message) -> None:
+        """Send a message to the server, which acts on it at once."""
         self.expects.note_sent(message)
         for item in self._there.receive(self._here.send(message)):
             if isinstance(item, Refusal):
@@ -115,7 +112,7 @@ class Client:
 
     def join(self) -> None:
         """Say hello."""
-        self.send(m.Hello(id=0, versions=(1,), name=self.name, role=self.role))
+        self.request(m.Hello(id=0, versions=(1,), name=self.name, role=self.role))
 
     @property
     def number(self) -> int:
@@ -123,19 +120,35 @@ class Client:
         return self._number
 
 
+class NoBatch:
+    """A batch that holds nothing back."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+    def __enter__(self) -> "NoBatch":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
 class Wall:
     """Pace of a daemon by the clock, whose time the search sets forward."""
 
-    def __init__(self, periods: list[float], on_instant: Callable[[Instant], None]) -> None:
+    def __init__(self, periods: list[float], handler: "Rig") -> None:
         self._clock = VirtualClock(periods)
-        self._on_instant = on_instant
+        self._handler = handler
         self.time = 0.0
 
     def tick(self) -> None:
         """Let those robots tick whose time has come next."""
         instant = self._clock.advance()
         self.time = instant.time
-        self._on_instant(instant)
+        self._handler.due(instant.time, instant.due, None)
 
 
 class Rig:
@@ -149,33 +162,35 @@ class Rig:
         lockstep: Let time pass in lock-step.
     """
 
-    types = frozenset(RIGHTS) | {m.Pass}
+    types = frozenset(RIGHTS)
     """Messages that the core answers."""
 
     def __init__(self, folder: Path, rng: Random, robots: int, joints: int, *, lockstep: bool) -> None:
         self.rng = rng
         self.lockstep = lockstep
         self.cell: Cell = build_cell(cells.make(folder, rng, robots, joints, lockstep=lockstep))
-        links = [
+        self.links = [
             EmulatedLink(r.name, "s", r.start.tolist(), r.period, r.config.link.lag) for r in self.cell.robots
         ]
-        runner = GateRunner(Gate(self.cell, "s"), {link.robot: link for link in links})
+        self.gate = Gate(self.cell, "s")
+        runner = GateRunner(self.gate, {link.robot: link for link in self.links})
         periods = [robot.period for robot in self.cell.robots]
         log = Log(io.StringIO())
         clock = self.cell.config.clock
         if isinstance(clock, LockstepClockConfig):
-            self.pace: LockstepPace | Wall = LockstepPace(
-                periods, clock.participants, 1e9, self._instant, log
-            )
+            self.pace: LockstepPace | Wall = LockstepPace(periods, clock.participants, 1e9, log)
         else:
-            self.pace = Wall(periods, self._instant)
-        self.core = Core(self.cell, runner, links, self._now, lockstep, log)
+            self.pace = Wall(periods, self)
+        lease_time = (lambda: LeaseTime(0.0, 0.0)) if lockstep else None
+        self.core = Core(
+            self.cell, runner, self.links, self._now, log, lockstep=lockstep, lease_time=lease_time
+        )
         self.clients: list[Client] = []
         self._numbers = itertools.count(1)
-        self.core.start()
         if isinstance(self.pace, LockstepPace):
-            self.pace.start(self.core)
+            self.pace.start(self.core, self)
         else:
+            self.core.start()
             self.pace.tick()
 
     def knowledge(self) -> Knowledge:
@@ -192,6 +207,16 @@ class Rig:
             self._turn()
         self._recover()
 
+    def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
+        """Let some robots tick."""
+        self.core.tick([self.links[index].advance(time) for index in robots], step)
+
+    def received(self, event: object) -> None:
+        """Do nothing: no robot is its own clock."""
+
+    def idle(self, time: float) -> None:
+        """Do nothing."""
+
     def heard(self, client: Client, message: m.Message) -> None:
         """Act on a message as the daemon does."""
         match message:
@@ -199,7 +224,9 @@ class Rig:
                 self._welcome(client, message)
             case m.Bye():
                 self.leave(client)
-                client.say(m.Bye())
+                client.send(m.Bye())
+            case _ if not isinstance(message, ClientRequest):
+                raise ViolationError(f"{message.type} is no message of a client")
             case _ if isinstance(self.pace, LockstepPace):
                 self.pace.handle(client, message)
             case _:
@@ -211,9 +238,6 @@ class Rig:
     def _now(self) -> float:
         return self.pace.now() if isinstance(self.pace, LockstepPace) else self.pace.time
 
-    def _instant(self, instant: Instant) -> None:
-        self.core.tick(instant.time, instant.due, instant.number if self.lockstep else None)
-
     def _turn(self) -> None:
         self.clients = [client for client in self.clients if not client.gone]
         if len(self.clients) < _CLIENTS and (not self.clients or self.rng.random() < 0.1):
@@ -221,11 +245,11 @@ class Rig:
             return
         client = self.rng.choice(self.clients)
         if self.rng.random() < _LEAVE:
-            client.send(m.Bye(reason="x" * self.rng.choice((0, 512))))
+            client.request(m.Bye(reason="x" * self.rng.choice((0, 512))))
             client.gone = True
             self._closed(client)
             return
-        client.send(client.generator.next())
+        client.request(client.generator.next())
         if isinstance(self.pace, Wall) and self.rng.random() < _TICK:
             self.pace.tick()
 
@@ -243,9 +267,9 @@ class Rig:
 
     def _welcome(self, client: Client, hello: m.Hello) -> None:
         if isinstance(self.pace, LockstepPace):
-            client.id = self.pace.session_id(client.name, client.number)
+            client.identify(self.pace.session_id(client.name, client.number))
         else:
-            client.id = f"s{client.number}"
+            client.identify(f"s{client.number}")
         try:
             if isinstance(self.pace, LockstepPace):
                 self.pace.join(client)
@@ -253,9 +277,9 @@ class Rig:
                 self.core.join(client)
         except RemoteProtocolError as error:
             error.re = hello.id
-            client.end(error.message())
+            client.close(error.message())
             return
-        client.say(self._greeting(client, hello))
+        client.send(self._greeting(client, hello))
 
     def _greeting(self, client: Client, hello: m.Hello) -> m.Welcome:
         limits = m.Limits(
@@ -264,7 +288,8 @@ class Rig:
         )  # fmt: skip
         return answer(
             m.Welcome, hello, version=1, versions=(1,), client_versions=hello.versions, start="s",
-            session=client.id, name=client.name, role=client.role, lockstep=self.lockstep, limits=limits,
+            session=client.client.id, name=client.name, role=client.role, lockstep=self.lockstep,
+            limits=limits,
         )  # fmt: skip
 
     def leave(self, client: Client) -> None:
@@ -276,7 +301,7 @@ class Rig:
 
     def _closed(self, client: Client) -> None:
         if not self.lockstep:
-            require(client.id not in self.core.peers, "a session that said bye is still there")
+            require(client.client.id not in self.core.peers, "a session that said bye is still there")
 
     def _recover(self) -> None:
         """An operator lifts every stop, and a controller gets every robot: the server works as before."""
@@ -287,20 +312,20 @@ class Rig:
         assert isinstance(self.pace, Wall)
         for _ in range(400):
             self.pace.tick()
-        operator.send(m.Subscribe(fields=("stops",)))
-        stops = {stop for robot in self.core.robots for stop in self.core._runner.view(robot).stops}
+        operator.request(m.Subscribe(fields=("stops",)))
+        stops = {stop for robot in self.core.robots for stop in self.gate.view(robot).stops}
         for stop in sorted(stops):
-            operator.send(m.Reset(id=stop, stop=stop))
-        left = {robot: self.core._runner.view(robot).stops for robot in self.core.robots}
+            operator.request(m.Reset(id=stop, stop=stop))
+        left = {robot: self.gate.view(robot).stops for robot in self.core.robots}
         require(not any(left.values()), f"stops cannot be lifted: {left}")
         for number, robot in enumerate(self.core.robots):
-            operator.send(m.Acquire(id=2**30 + number, robot=robot))
+            operator.request(m.Acquire(id=2**30 + number, robot=robot))
         require(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
 
     def _part(self) -> None:
         for client in self.clients:
             if not client.gone:
-                client.send(m.Bye())
+                client.request(m.Bye())
                 client.gone = True
         self.clients = []
 

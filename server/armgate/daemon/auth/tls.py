@@ -1,5 +1,6 @@
 """The server's side of TLS, from the configuration."""
 
+import asyncio
 import ssl
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,6 +69,13 @@ def _no_password() -> str:
 
 def _told(error: Exception) -> str:
     return getattr(error, "reason", None) or getattr(error, "strerror", None) or str(error)
+
+
+def peer_certificate(transport: asyncio.BaseTransport) -> bytes | None:
+    """Return the certificate that a client has shown over TLS, in DER; None without one."""
+    tls = transport.get_extra_info("ssl_object")
+    certificate: bytes | None = None if tls is None else tls.getpeercert(binary_form=True)
+    return certificate
 
 
 # --- the purpose of a certificate -------------------------------------------------------------------------

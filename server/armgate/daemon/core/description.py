@@ -1,8 +1,9 @@
-"""What the daemon tells of its cell: the description, and the assets that it names by their hash."""
+"""Description of a cell for clients, and the assets that it names by their hash."""
 
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +17,16 @@ from armgate.protocol import messages as m
 _LARGEST_ID = 2**31 - 1
 
 STOP_REPLACES = "stop.replaces"
-"""The capability of servers in which a repeated stop takes the place of the one that it repeats.
+"""Capability of servers in which a repeated stop replaces the stop that it repeats.
 
-A client that names it too lifts no stop by the id of one that was replaced.
+A client that names it too cannot reset a stop by the id of a stop that was replaced.
 """
 
 SESSIONS = "sessions"
-"""The capability of servers that list sessions and end one of them for operators."""
+"""Capability of servers that list sessions, and end one of them, for operators."""
 
 BODY_EXACT = "body.exact"
-"""The capability that says that bodies may be something else than the primitives around them."""
+"""Capability of servers whose bodies may have an exact shape inside the primitive that contains it."""
 
 
 class CellDescription:
@@ -33,12 +34,12 @@ class CellDescription:
 
     Attributes:
         description: The description, without the ``re`` of a request.
-        frame: Its frame: a large one takes longer to encode than ticks may wait.
-        assets: What it names, by hash.
+        frame: Its frame, encoded once: a large one takes longer to encode than a tick may be delayed.
+        assets: Assets that it names, by hash.
 
     Args:
         cell: The cell.
-        lockstep: Whether its time passes in lock-step.
+        lockstep: True if time passes in lock-step.
 
     Raises:
         ConfigError: The cell is larger than a description may be; the text names file, line and key.
@@ -75,18 +76,20 @@ class CellDescription:
             return self.description, self.frame
         return self.description.model_copy(update={"re": re}), answering(self.frame, re)
 
-    def chunk(self, hash_: str, offset: int, length: int) -> m.Chunk:
-        """A piece of an asset.
+    def chunk(self, hash_: str, offset: int, length: int, re: int | None = None) -> m.Chunk:
+        """Return a piece of an asset, as the answer to request ``re``.
 
         Raises:
-            RemoteProtocolError: ``unknown_asset``: none has this hash, or it ends before ``offset``.
+            RemoteProtocolError: ``unknown_asset``: no asset has this hash, or it ends before ``offset``.
         """
         data = self.assets.get(hash_)
         if data is None:
-            raise _unknown(f"no asset {hash_}; the description names those that there are")
+            raise _unknown(f"no asset {hash_}; the description names those that exist")
         if offset > len(data):
-            raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; asked for was {offset}")
-        return m.Chunk(hash=hash_, offset=offset, total=len(data), data=data[offset : offset + length])
+            raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; requested was byte {offset}")
+        fields: dict[str, Any] = {} if re is None else {"re": re}
+        piece = data[offset : offset + length]
+        return m.Chunk(hash=hash_, offset=offset, total=len(data), data=piece, **fields)
 
 
 def _check_counts(cell: Cell) -> None:
@@ -152,7 +155,7 @@ def _body(cell: Cell, body: Body, meshes: Mapping[Convex, str]) -> m.Body:
         return _wire_body((body.name, None, None), body.shape, body.placement, meshes)
     robot = cell.robots[body.robot]
     own = robot.model.bodies[body.index]
-    # Told in the frame of the link that the URDF names; the position does not matter.
+    # Described in the frame of the link that the URDF names; any position of the joints gives the same.
     R, t = robot.model.body_placements(robot.start)
     link = robot.model.frame(robot.start, own.link)
     in_link = link.inverse() @ Placement(R[body.index], t[body.index])
@@ -167,21 +170,21 @@ def _wire_body(
         name=name,
         robot=robot,
         link=link,
-        shape=_around(shape),
+        shape=_containing(shape),
         xyz=_point(place.t.tolist()),
         xyzw=place.xyzw(),
         exact=_exact(shape, meshes),
     )
 
 
-def _around(shape: Shape) -> m.Shape:
-    """The primitive in the same frame that contains a shape: itself, if it is one that all clients know."""
+def _containing(shape: Shape) -> m.Shape:
+    """Return a primitive in the same frame that contains a shape: the shape itself if all clients know it."""
     match shape:
         case Cone(radius=radius, length=length):
-            return _around(Cylinder(radius, length))
+            return _containing(Cylinder(radius, length))
         case Convex():
             x, y, z = (2.0 * half for half in shape.half_sides)
-            return _around(Box(x, y, z))
+            return _containing(Box(x, y, z))
         case _:
             return m.Shape(kind=shape.kind, size=shape.size)
 
@@ -197,7 +200,7 @@ def _exact(shape: Shape, meshes: Mapping[Convex, str]) -> m.Exact | None:
 
 
 def _obj(shape: Convex) -> str:
-    """A convex hull as Wavefront OBJ, its triangles wound outward."""
+    """Return a convex hull as Wavefront OBJ, with its triangles wound outward."""
     hull = hull_of(np.array(shape.vertices))
     middle = hull.vertices.mean(axis=0)
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull.vertices.tolist()]

@@ -1,60 +1,70 @@
-"""Leases in force: told to the gate and to those who lose one."""
+"""Leases in force: what happens when a lease is acquired, taken over, released, lost or expires.
+
+`Leases` of the protocol decides who holds which robot. This module words the result: each method returns its
+effects in order, a `LeaseChange` for the gate or a `Notice` for a client, and the core carries them out.
+A robot whose lease ends plays its plan to rest, because the gate admits no command without a lease.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from armgate.daemon.core.peer import Peer, answer
+from armgate.daemon.core.interfaces import Peer
+from armgate.daemon.core.wording import answer
 from armgate.events import LeaseChange
-from armgate.protocol import Denial, ErrorCode, Leases, Loss, RemoteProtocolError
+from armgate.protocol import Denial, ErrorCode, Grant, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m
+
+NO_LEASE = -1
+"""A fence that no lease has: a command with it is refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaseTime:
-    """Time for leases.
+    """The two times by which leases are kept.
 
     Attributes:
-        now: Daemon time, s: leases are renewed from here.
-        heard: Everything that clients had sent by then has been read: leases end by this.
+        now: Daemon time, s; leases are renewed from here.
+        read: Everything that clients had sent by then has been read, s; leases expire by this.
     """
 
     now: float
-    heard: float
+    read: float
 
 
-NOBODY = -1
-"""A fence that no lease has: a command with it is refused."""
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A message about a lease to one client."""
+
+    peer: Peer
+    message: m.Lease
+
+
+Effect = LeaseChange | Notice
 
 
 class Leasing:
-    """Who may command which robot.
+    """Leases of all robots.
 
     Args:
-        leases: The lease machine.
-        peers: The sessions by id.
-        change: Tells the gate of a change.
+        leases: The state machine.
+        peers: Sessions by id.
         stops: Returns the stops in force for a robot.
     """
 
     def __init__(
-        self,
-        leases: Leases,
-        peers: Mapping[str, Peer],
-        change: Callable[[LeaseChange], None],
-        stops: Callable[[str], Sequence[int]],
+        self, leases: Leases, peers: Mapping[str, Peer], stops: Callable[[str], Sequence[int]]
     ) -> None:
         self._leases = leases
         self._peers = peers
-        self._change = change
         self._stops = stops
 
     def holder(self, robot: str) -> str | None:
-        """Name of the holder, None if the robot is free."""
+        """Return the name of the holder; None if the robot is free."""
         grant = self._leases.holder(robot)
-        return None if grant is None else self._peers[grant.session].name
+        return None if grant is None else self._peers[grant.session].client.name
 
     def held_by(self, session: str) -> set[str]:
-        """The robots that a session holds."""
+        """Return the robots that a session holds."""
         return {grant.robot for grant in self._leases.held_by(session)}
 
     def holds(self, session: str) -> bool:
@@ -66,68 +76,90 @@ class Leasing:
         """The sessions that hold a robot."""
         return self._leases.sessions
 
-    def acquire(self, peer: Peer, request: m.Acquire, time: LeaseTime) -> None:
-        """Give the lease and answer, or raise the error to answer."""
+    def fence(self, peer: Peer, command: m.Command) -> int:
+        """Return the fence by which to check a command: its own, but only if the client holds the robot.
+
+        A guessed fence gives no other client control of a robot. Call `expire` first.
+        """
+        return command.fence if command.robot in self.held_by(peer.client.id) else NO_LEASE
+
+    def renew(self, peer: Peer, time: LeaseTime) -> None:
+        """Renew the leases of a session: its client sent something."""
+        self._leases.renew(peer.client.id, time.now, time.read)
+
+    # --- changes ------------------------------------------------------------------------------------------
+
+    def acquire(self, peer: Peer, request: m.Acquire, time: LeaseTime) -> list[Effect]:
+        """Grant a lease.
+
+        Raises:
+            RemoteProtocolError: The lease is denied.
+        """
         granted = self._leases.acquire(
             request.robot,
-            peer.id,
-            peer.role,
+            peer.client.id,
+            peer.client.role,
             takeover=request.takeover,
             speed=request.speed,
             now=time.now,
-            heard=time.heard,
+            heard=time.read,
         )
         if isinstance(granted, Denial):
             raise RemoteProtocolError(granted.code, self._denied(request.robot, granted), about="acquire")
-        if granted.displaced is not None:
-            self._tell(granted.displaced)
-        self._change(LeaseChange(granted.robot, granted.fence, granted.speed))
-        peer.say(self._lease(request, granted.robot, granted.fence, "held", speed=granted.speed))
+        return [*self._notices(granted), self._change(granted), self._held(peer, request, granted)]
 
-    def release(self, peer: Peer, request: m.Release, time: LeaseTime) -> None:
-        """Take the lease back and answer, or raise the error to answer."""
-        ended = self._leases.release(request.robot, peer.id, request.fence, time.heard)
+    def release(self, peer: Peer, request: m.Release, time: LeaseTime) -> list[Effect]:
+        """End a lease on behalf of its holder.
+
+        Raises:
+            RemoteProtocolError: The session does not hold the robot by this fence.
+        """
+        ended = self._leases.release(request.robot, peer.client.id, request.fence, time.read)
         if isinstance(ended, Denial):
             raise RemoteProtocolError(ended.code, ended.text, about="release")
-        self._change(LeaseChange(request.robot, None))
-        peer.say(self._lease(request, request.robot, request.fence, "released"))
+        released = self._lease(request, request.robot, request.fence, "released")
+        return [LeaseChange(request.robot, None), Notice(peer, released)]
 
-    def fence(self, peer: Peer, command: m.Command, time: LeaseTime) -> int:
-        """The fence to judge a command by: the one that it names, but only from the robot's holder.
+    def expire(self, time: LeaseTime) -> list[Effect]:
+        """End the leases whose holders sent nothing for the time to live."""
+        return self._lost(self._leases.expire(time.read))
 
-        A guessed number gives nobody a robot.
-        """
-        self.expire(time)
-        return command.fence if command.robot in self.held_by(peer.id) else NOBODY
+    def leave(self, peer: Peer) -> list[Effect]:
+        """End the leases of a session that has ended."""
+        return self._lost(self._leases.drop(peer.client.id))
 
-    def renew(self, peer: Peer, time: LeaseTime) -> None:
-        """The session gave a sign of life."""
-        self._leases.renew(peer.id, time.now, time.heard)
-
-    def expire(self, time: LeaseTime) -> None:
-        """End the leases whose holders were silent for too long."""
-        self._lost(self._leases.expire(time.heard))
-
-    def leave(self, peer: Peer) -> None:
-        """The session is gone: its robots are free."""
-        self._lost(self._leases.drop(peer.id))
-
-    def stop(self, robots: Iterable[str], reason: str) -> None:
-        """The robots were stopped: nobody holds them until ``resume``."""
-        self._lost(self._leases.stop(robots, reason))
+    def stop(self, robots: Iterable[str], reason: str) -> list[Effect]:
+        """End the leases of stopped robots; they cannot be acquired until `resume`."""
+        return self._lost(self._leases.stop(robots, reason))
 
     def resume(self, robots: Iterable[str]) -> None:
-        """The robots are free again."""
+        """Make robots available again whose last stop was reset."""
         self._leases.resume(robots)
 
-    def _lost(self, losses: Iterable[Loss]) -> None:
-        for loss in losses:
-            self._change(LeaseChange(loss.robot, None))
-            self._tell(loss)
+    # --- wording ------------------------------------------------------------------------------------------
 
-    def _tell(self, loss: Loss) -> None:
-        if (peer := self._peers.get(loss.session)) is not None:
-            peer.say(self._lease(None, loss.robot, loss.fence, "lost", reason=loss.reason))
+    def _lost(self, losses: Iterable[Loss]) -> list[Effect]:
+        effects: list[Effect] = []
+        for loss in losses:
+            effects.append(LeaseChange(loss.robot, None))
+            effects += self._notice_of(loss)
+        return effects
+
+    def _notices(self, granted: Grant) -> list[Notice]:
+        return [] if granted.displaced is None else self._notice_of(granted.displaced)
+
+    def _notice_of(self, loss: Loss) -> list[Notice]:
+        peer = self._peers.get(loss.session)
+        if peer is None:
+            return []
+        return [Notice(peer, self._lease(None, loss.robot, loss.fence, "lost", reason=loss.reason))]
+
+    @staticmethod
+    def _change(granted: Grant) -> LeaseChange:
+        return LeaseChange(granted.robot, granted.fence, granted.speed)
+
+    def _held(self, peer: Peer, request: m.Acquire, granted: Grant) -> Notice:
+        return Notice(peer, self._lease(request, granted.robot, granted.fence, "held", speed=granted.speed))
 
     def _lease(
         self, request: m.Request | None, robot: str, fence: int, state: str, **more: object
@@ -135,9 +167,11 @@ class Leasing:
         return answer(m.Lease, request, robot=robot, fence=fence, state=state, ttl=self._leases.ttl, **more)
 
     def _denied(self, robot: str, denial: Denial) -> str:
-        if denial.code is ErrorCode.STOPPED:
-            ids = ", ".join(str(stop) for stop in reversed(self._stops(robot)))
-            return f"{robot} is stopped (stop {ids}): an operator must reset it, then acquire it again"
-        if denial.code is not ErrorCode.LEASED:
-            return denial.text
-        return f"{robot} is held by {self.holder(robot)}; wait, or take it over as an operator"
+        match denial.code:
+            case ErrorCode.STOPPED:
+                ids = ", ".join(str(stop) for stop in reversed(self._stops(robot)))
+                return f"{robot} is stopped (stop {ids}): an operator must reset it, then acquire it again"
+            case ErrorCode.LEASED:
+                return f"{robot} is held by {self.holder(robot)}; wait, or take it over as an operator"
+            case _:
+                return denial.text

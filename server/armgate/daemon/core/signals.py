@@ -1,15 +1,17 @@
-"""Named values that clients share with each other; the gate never reads them."""
+"""Signals: named values that clients share with each other. The gate never reads them."""
 
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from armgate.cell.config import ServerConfig, SignalRuleConfig
+from armgate.daemon.core.interfaces import Client
 from armgate.daemon.token_bucket import TokenBucket
 from armgate.protocol import ErrorCode, RemoteProtocolError
-from armgate.protocol.messages import MAX_SIGNALS, Role, SignalValue
+from armgate.protocol.messages import MAX_SIGNALS, SignalValue
 
 KEPT = 16
-"""Places of the table that are kept for names under a reserved prefix."""
+"""Places of the table that are reserved for names under a reserved prefix."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,46 +20,24 @@ class Reserved:
 
     Attributes:
         operator: True if only operators may.
-        clients: Names of tokens, or ``uid N`` for users on the Unix socket; names of clients that have
-            neither. None: all.
+        clients: Names of tokens, ``uid N`` for users on the Unix socket, or names of clients that have
+            neither; None: all.
     """
 
     operator: bool
     clients: frozenset[str] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Sharer:
-    """A client that shares signals.
-
-    Attributes:
-        session: Id of its session, which owns what it sets.
-        name: Its name, as states show it.
-        role: Its role.
-        known_as: Name of its token, or ``uid N`` on the Unix socket; None if the daemon only knows its name.
-    """
-
-    session: str
-    name: str
-    role: Role
-    known_as: str | None = None
-
-    @property
-    def account(self) -> str:
-        """What its signals count for: all sessions of a token or a user together, else this session."""
-        return f"session {self.session}" if self.known_as is None else f"client {self.known_as}"
-
-
 class Signals:
-    """The newest value of every signal, one owner each.
+    """Latest value of every signal, one owner each.
 
-    A signal belongs to the session that set it first, until that session ends; then it is gone.
+    A signal belongs to the session that set it first. It is removed when that session ends.
 
     Args:
-        rate: How many values a session may set per second on average.
-        per_client: How many signals a client may have.
-        reserved: Who may set the signals under a prefix; the longest prefix of a name counts.
-        limit: How many signals there may be.
+        rate: Values that a session may set per second on average.
+        per_client: Signals that a client may have.
+        reserved: Clients that may set the signals under a prefix; the longest prefix of a name counts.
+        limit: Signals in all.
     """
 
     def __init__(
@@ -72,58 +52,58 @@ class Signals:
         self._per_client = per_client
         self._limit = limit
         self._reserved = sorted((reserved or {}).items(), key=lambda item: -len(item[0]))
-        self._owners: dict[str, Sharer] = {}
+        self._owners: dict[str, Client] = {}
         self._values: dict[str, SignalValue] = {}
         self._buckets: dict[str, TokenBucket] = {}
 
-    def set(self, sharer: Sharer, name: str, value: tuple[float, ...], now: float) -> None:
-        """Take a value over.
+    def set(self, client: Client, name: str, value: tuple[float, ...], now: float) -> None:
+        """Set a signal.
 
         Args:
-            sharer: The client that shares it.
-            name: The signal.
+            client: The client that sets it.
+            name: Name of the signal.
             value: A scalar or a short vector.
             now: Daemon time, s.
 
         Raises:
             RemoteProtocolError: ``signal_rate``, ``forbidden``, ``signal_owned`` or ``too_many_signals``;
-                nothing has changed.
+                no value has changed.
         """
-        self._spend(sharer.session, now)
-        self._authorize(sharer, name)
+        self._spend(client.id, now)
+        self._authorize(client, name)
         owner = self._owners.get(name)
         if owner is None:
-            self._check_room(sharer, name)
-        elif owner.session != sharer.session:
+            self._check_room(client, name)
+        elif owner.id != client.id:
             text = f"signal {name} belongs to {self._values[name].owner}; use another name"
             raise RemoteProtocolError(ErrorCode.SIGNAL_OWNED, text, about="signal")
-        self._owners[name] = sharer
-        # A new dict, in the order of the names: states that were handed out do not change, and do not depend
-        # on who came first.
-        values = {**self._values, name: SignalValue(owner=sharer.name, value=value, time=now)}
+        self._owners[name] = client
+        # A new dict in the order of the names: states that were handed out do not change, and their order
+        # does not depend on the order in which clients set signals.
+        values = {**self._values, name: SignalValue(owner=client.name, value=value, time=now)}
         self._values = dict(sorted(values.items()))
 
     def drop(self, session: str) -> None:
         """Remove the signals of a session that has ended."""
         self._buckets.pop(session, None)
-        gone = {name for name, owner in self._owners.items() if owner.session == session}
+        gone = {name for name, owner in self._owners.items() if owner.id == session}
         if gone:
             self._owners = {name: owner for name, owner in self._owners.items() if name not in gone}
             self._values = {name: value for name, value in self._values.items() if name not in gone}
 
     @property
     def values(self) -> dict[str, SignalValue]:
-        """All signals by name, ascending; not to be changed."""
+        """All signals by name, ascending; do not modify."""
         return self._values
 
-    def _authorize(self, sharer: Sharer, name: str) -> None:
+    def _authorize(self, client: Client, name: str) -> None:
         found = self._rule(name)
         if found is None:
             return
         prefix, rule = found
-        if rule.operator and sharer.role != "operator":
+        if rule.operator and client.role != "operator":
             text = f"signal {name}: names under {prefix} are for operators; connect as operator"
-        elif rule.clients is not None and (sharer.known_as or sharer.name) not in rule.clients:
+        elif rule.clients is not None and (client.known_as or client.name) not in rule.clients:
             text = f"signal {name}: names under {prefix} are for {', '.join(sorted(rule.clients))}"
         else:
             return
@@ -132,11 +112,11 @@ class Signals:
     def _rule(self, name: str) -> tuple[str, Reserved] | None:
         return next(((prefix, rule) for prefix, rule in self._reserved if name.startswith(prefix)), None)
 
-    def _check_room(self, sharer: Sharer, name: str) -> None:
-        own = Counter(owner.account for owner in self._owners.values())[sharer.account]
+    def _check_room(self, client: Client, name: str) -> None:
+        own = Counter(_account(owner) for owner in self._owners.values())[_account(client)]
         free = sum(self._rule(other) is None for other in self._owners)
         if own >= self._per_client:
-            text = f"you share {own} signals already, and a client may share no more; share fewer"
+            text = f"you share {own} signals already, the most that a client may; share fewer"
         elif len(self._owners) >= self._limit:
             text = f"there are {self._limit} signals already; share fewer"
         elif self._reserved and self._rule(name) is None and free >= self._limit - KEPT:
@@ -152,3 +132,18 @@ class Signals:
         if not bucket.take(now):
             text = f"more than {self._rate:g} signals per second; this one was dropped"
             raise RemoteProtocolError(ErrorCode.SIGNAL_RATE, text, about="signal")
+
+
+def signals_of(server: ServerConfig) -> Signals:
+    """Return the signals of a daemon as it is configured; names under ``operator.`` are for operators."""
+    rules = {"operator.": SignalRuleConfig(role="operator")} | server.signals
+    reserved = {
+        prefix: Reserved(rule.role == "operator", None if rule.clients is None else frozenset(rule.clients))
+        for prefix, rule in rules.items()
+    }
+    return Signals(server.signal_rate, server.signals_per_client, reserved)
+
+
+def _account(client: Client) -> str:
+    """Return the account of a client's signals: shared by all sessions of its token or user, else its own."""
+    return f"session {client.id}" if client.known_as is None else f"client {client.known_as}"

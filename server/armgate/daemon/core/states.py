@@ -1,9 +1,16 @@
-"""The newest state of every robot, for those who ask now and those who subscribed."""
+"""States: the latest state of every robot, the subscriptions to states, and the order of sending.
 
-from collections.abc import Sequence
+A client that holds a robot is sent a state at once, because it answers before the next tick. Every other
+client is sent it in its turn, so that a command in between does not wait for all of them. If the turn of a
+client has not come when the next state of a robot is due, the newer state replaces the older one.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from armgate.daemon.core.peer import Encoded, Subscription
+from armgate.daemon.core import wording
+from armgate.daemon.core.interfaces import Encoded, Peer
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError, encode
 from armgate.protocol import messages as m
@@ -11,18 +18,57 @@ from armgate.protocol import messages as m
 FIELDS: tuple[str, ...] = tuple(
     name for name in m.Entry.model_fields if name not in ("robot", "tick", "time")
 )
-"""What an entry may hold beside robot, tick and time, in the order of the message."""
+"""Fields of an entry beside robot, tick and time, in the order of the message."""
+
+Defer = Callable[[Peer, Callable[[], None]], None]
+"""Calls a function on behalf of a client, in the turn of that client."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Ticks at one moment, and the content of the states at these ticks.
+
+    Attributes:
+        ticks: Ticks of the robots that ticked.
+        entries: Entries of all robots that have ticked so far.
+        signals: Signals by name.
+        warnings: Warnings, at most as many as a state may hold.
+        step: Number of the instant in lock-step, else None.
+    """
+
+    ticks: Sequence[Tick]
+    entries: tuple[m.Entry, ...]
+    signals: dict[str, m.SignalValue]
+    warnings: tuple[str, ...]
+    step: int | None = None
+
+
+Observer = Callable[[Snapshot], None]
+"""Receives every instant, such as a recorder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """Every n-th state of some robots, with some fields of the entries."""
+
+    every: int
+    robots: frozenset[str]
+    fields: tuple[str, ...]
+
+    def wants(self, robot: str, tick: int) -> bool:
+        """Return True if the state at this tick is subscribed."""
+        return robot in self.robots and tick % self.every == 0
 
 
 class LatestState:
-    """One robot's newest state; each set of fields is encoded once for all clients."""
+    """Latest state of one robot; each set of fields is encoded once for all clients."""
 
     def __init__(self, state: m.State) -> None:
         self._state = state
         self._encoded: dict[tuple[str, ...], Encoded] = {}
 
     def of(self, fields: tuple[str, ...]) -> Encoded:
-        """The state with these fields."""
+        """Return the state with these fields."""
         known = self._encoded.get(fields)
         if known is None:
             state = self._state if fields == FIELDS else _selected(self._state, fields)
@@ -30,58 +76,123 @@ class LatestState:
         return known
 
 
-class LatestStates:
-    """Keeps the newest states.
+class States:
+    """Latest states, and the clients that subscribe to them.
 
     Args:
         robots: Names, in the order of the configuration.
+        defer: Calls a function in the turn of a client; None: every client is sent states at once.
+        observers: Receive every instant, before the clients do.
     """
 
-    def __init__(self, robots: Sequence[str]) -> None:
+    def __init__(
+        self, robots: Sequence[str], defer: Defer | None = None, observers: Iterable[Observer] = ()
+    ) -> None:
         self._robots = tuple(robots)
-        self._newest: dict[str, LatestState] = {}
+        self._defer = defer
+        self._observers = tuple(observers)
+        self._latest: dict[str, LatestState] = {}
+        self._subscriptions: dict[str, Subscription] = {}
+        self._unsent: dict[str, dict[str, LatestState]] = {}
 
-    def subscription(self, request: m.Subscribe) -> Subscription:
-        """The subscription that a request asks for.
+    # --- subscriptions ------------------------------------------------------------------------------------
+
+    def subscribe(self, peer: Peer, request: m.Subscribe) -> None:
+        """Replace the subscription of a client, and send it the latest states.
 
         Raises:
-            RemoteProtocolError: ``unknown_robot`` or ``unknown_field``; the text lists what there is.
+            RemoteProtocolError: ``unknown_robot`` or ``unknown_field``; the text lists those that exist.
         """
+        wanted = self._subscription(request)
+        self.leave(peer)
+        peer.drop_states()
+        robots = tuple(robot for robot in self._robots if robot in wanted.robots)
+        peer.send(
+            wording.answer(m.Subscribed, request, every=request.every, robots=robots, fields=wanted.fields)
+        )
+        if wanted.every:
+            self._subscriptions[peer.client.id] = wanted
+            latest = map(self._latest.get, robots)
+            peer.send_states(*(state.of(wanted.fields) for state in latest if state is not None))
+
+    def leave(self, peer: Peer) -> None:
+        """Drop the subscription of a client, and the states that wait for its turn."""
+        self._subscriptions.pop(peer.client.id, None)
+        self._unsent.pop(peer.client.id, None)
+
+    def _subscription(self, request: m.Subscribe) -> Subscription:
         robots = self._robots if request.robots is None else request.robots
         fields = FIELDS if request.fields is None else request.fields
-        _all_known("robot", robots, self._robots, ErrorCode.UNKNOWN_ROBOT)
-        _all_known("field", fields, FIELDS, ErrorCode.UNKNOWN_FIELD)
+        _check_known("robot", robots, self._robots, ErrorCode.UNKNOWN_ROBOT)
+        _check_known("field", fields, FIELDS, ErrorCode.UNKNOWN_FIELD)
         return Subscription(request.every, frozenset(robots), tuple(f for f in FIELDS if f in fields))
 
-    def subscribed_robots(self, subscription: Subscription) -> tuple[str, ...]:
-        """The robots of a subscription, in the order of the configuration."""
-        return tuple(robot for robot in self._robots if robot in subscription.robots)
+    # --- states -------------------------------------------------------------------------------------------
 
-    def put(
-        self,
-        tick: Tick,
-        entries: tuple[m.Entry, ...],
-        signals: dict[str, m.SignalValue],
-        warnings: tuple[str, ...],
-        step: int | None,
-    ) -> None:
-        """Note the state at a tick."""
-        # The parts are validated already: a second look at each would cost more than all the rest.
-        fields: dict[str, Any] = {} if step is None else {"step": step}
-        state = m.State.model_construct(
-            robot=tick.robot,
-            tick=tick.tick,
-            time=tick.time,
-            entries=entries,
-            signals=signals,
-            warnings=warnings,
-            **fields,
-        )
-        self._newest[tick.robot] = LatestState(state)
+    def put(self, snapshot: Snapshot) -> None:
+        """Keep the states at the ticks of an instant."""
+        for observer in self._observers:
+            observer(snapshot)
+        for tick in snapshot.ticks:
+            self._latest[tick.robot] = LatestState(_state(snapshot, tick))
 
-    def newest(self, robot: str) -> LatestState | None:
-        """Return the newest state at a tick of ``robot``; None before its first."""
-        return self._newest.get(robot)
+    def publish(self, ticks: Sequence[Tick], peers: Mapping[str, Peer], holders: set[str]) -> None:
+        """Send the states at these ticks to the clients that subscribe to them.
+
+        Args:
+            ticks: The ticks.
+            peers: Sessions by id.
+            holders: Ids of the sessions that hold a robot; they are sent states at once.
+        """
+        for session, peer in tuple(peers.items()):
+            if wanted := self._wanted(session, ticks):
+                if self._defer is None or session in holders:
+                    self._send(peer, _newer(self._unsent.pop(session, {}), wanted))
+                else:
+                    self._send_later(self._defer, peer, wanted)
+
+    def _wanted(self, session: str, ticks: Sequence[Tick]) -> dict[str, LatestState]:
+        """Return the states at these ticks that a session subscribes to, by robot."""
+        subscription = self._subscriptions.get(session)
+        if subscription is None:
+            return {}
+        return {
+            tick.robot: latest
+            for tick in ticks
+            if subscription.wants(tick.robot, tick.tick)
+            and (latest := self._latest.get(tick.robot)) is not None
+        }
+
+    def _send_later(self, defer: Defer, peer: Peer, wanted: dict[str, LatestState]) -> None:
+        session = peer.client.id
+        waiting = self._unsent.get(session)
+        self._unsent[session] = _newer(waiting or {}, wanted)
+        if waiting is None:
+            defer(peer, lambda: self._send(peer, self._unsent.pop(session, {})))
+
+    def _send(self, peer: Peer, wanted: dict[str, LatestState]) -> None:
+        subscription = self._subscriptions.get(peer.client.id)
+        if subscription is not None and wanted:
+            peer.send_states(*(state.of(subscription.fields) for state in wanted.values()))
+
+
+def _state(snapshot: Snapshot, tick: Tick) -> m.State:
+    # The parts are valid already: to validate them again would cost more than everything else here.
+    fields: dict[str, Any] = {} if snapshot.step is None else {"step": snapshot.step}
+    return m.State.model_construct(
+        robot=tick.robot,
+        tick=tick.tick,
+        time=tick.time,
+        entries=snapshot.entries,
+        signals=snapshot.signals,
+        warnings=snapshot.warnings,
+        **fields,
+    )
+
+
+def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> dict[str, LatestState]:
+    """Replace waiting states by newer ones of the same robots; return them in the order of time."""
+    return {robot: state for robot, state in waiting.items() if robot not in newer} | newer
 
 
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
@@ -92,7 +203,7 @@ def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
     return state.model_copy(update={"entries": entries})
 
 
-def _all_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:
+def _check_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:
     strange = [name for name in given if name not in known]
     if strange:
         text = f"no {what} {', '.join(strange)}; there are {', '.join(known)}"

@@ -1,19 +1,32 @@
-"""Translation of what gate and daemon report into the protocol's messages, within the protocol's bounds.
+"""Translation of the results of gate and daemon into messages of the protocol, within the protocol's bounds.
 
-Texts and lists that may be longer than a message allows are cut here and nowhere else: ``text``, ``reasons``,
-``stops``, ``warnings``, ``entry``. What was left out is counted in the last text that is kept.
+Texts and lists that may be longer than a message allows are shortened here and nowhere else: ``text``,
+``reasons``, ``stops``, ``warnings``, ``entry``. The last text that is kept counts what was left out.
 """
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from armgate import events
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
 
+A = TypeVar("A", bound=m.Answer)
+
+
+def answer(model: type[A], request: m.Request | None, **fields: object) -> A:
+    """Return an answer to ``request``, or an unsolicited message for None.
+
+    ``re`` is set only if the request has an id to repeat.
+    """
+    if request is not None and request.id is not None:
+        fields["re"] = request.id
+    return model.model_validate(fields)
+
 
 def verdict(given: events.Verdict) -> m.Verdict:
-    """A verdict for the one who sent the command."""
+    """Return a verdict as its sender receives it."""
     return m.Verdict(
         robot=given.robot,
         seq=given.seq,
@@ -28,7 +41,7 @@ def verdict(given: events.Verdict) -> m.Verdict:
 
 
 def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
-    """All that the state tells of one robot."""
+    """Return everything that a state reports of one robot."""
     return m.Entry(
         robot=robot,
         tick=view.tick,
@@ -49,7 +62,7 @@ def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
 
 
 def text(given: str, end: str = "") -> str:
-    """Return ``given`` and ``end``, with ``given`` cut so that both fit in a message."""
+    """Return ``given`` and ``end``, with ``given`` shortened so that both fit in a message."""
     room = m.MAX_TEXT - len(end)
     return (given if len(given) <= room else given[: room - 1] + "…") + end
 
@@ -57,7 +70,7 @@ def text(given: str, end: str = "") -> str:
 def reasons(given: Sequence[events.Reason]) -> tuple[m.Reason, ...]:
     """Return as many reasons as a verdict may hold: the first of each cause, then the first of all.
 
-    The text of the last one counts those left out.
+    The text of the last reason counts those left out.
     """
     if len(given) <= m.MAX_REASONS:
         return tuple(_reason(reason) for reason in given)
@@ -110,5 +123,5 @@ def _nearest(nearest: events.Nearest) -> m.Nearest:
 
 
 def _finite(value: float | None) -> float | None:
-    """A command may have asked for NaN; the wire tells numbers only."""
+    """Return None for NaN and infinity: a command may contain them, a message may not."""
     return value if value is not None and math.isfinite(value) else None

@@ -1,7 +1,7 @@
-"""Figures of the daemon's health for Prometheus, served on this machine only.
+"""Metrics of the daemon's health for Prometheus, served on this machine only.
 
-The event loop leaves the newest state here, and observes durations; all else is read when somebody asks, in
-the server's own thread, from values that do not change.
+The event loop stores the latest state here, and observes durations. Everything else is read on request, in
+the thread of the HTTP server, from immutable values.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,21 +18,22 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from armgate.daemon.core.gate_runner import Judge
+from armgate.daemon.core.interfaces import Gate
+from armgate.daemon.core.states import Snapshot
 from armgate.daemon.metrics.http_server import MetricsServer
-from armgate.events import Command, GateEvent, GateOutput
+from armgate.events import Command, GateEvent, GateOutput, LinkState
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
 
 _SECONDS = (50e-6, 100e-6, 250e-6, 500e-6, 1e-3, 2e-3, 4e-3, 8e-3, 12e-3, 25e-3, 50e-3, 0.1)
-_LINKS = ("waiting", "ready", "lost", "faulted")
+"""Upper bounds of the buckets of histograms, s."""
 
 
 class Metrics(Collector):
-    """The figures of one daemon.
+    """Metrics of one daemon.
 
     Args:
-        queues: What waits, by name; asked when somebody looks.
+        queues: Returns the lengths of queues by name; called on request.
     """
 
     def __init__(self, queues: Callable[[], dict[str, int]]) -> None:
@@ -40,47 +41,48 @@ class Metrics(Collector):
         self._entries: Sequence[m.Entry] = ()
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self._registry = CollectorRegistry()
-        self._late = self._histogram("armgate_tick_lateness_seconds", "How late ticks were heard of")
-        self._decision = self._histogram("armgate_decision_seconds", "What judging a command took")
+        self._late = self._histogram(
+            "armgate_tick_lateness_seconds", "Lateness of ticks when they are processed"
+        )
+        self._decision = self._histogram(
+            "armgate_decision_seconds", "Time that the gate took to judge a command"
+        )
         self._registry.register(self)
-        self._exposition: MetricsServer | None = None
+        self._server: MetricsServer | None = None
 
     def _histogram(self, name: str, text: str) -> Histogram:
         return Histogram(name, text, registry=self._registry, buckets=_SECONDS)
 
     def serve(self, port: int) -> int:
-        """Serve on 127.0.0.1.
-
-        Returns:
-            The port.
+        """Serve on 127.0.0.1; return the port.
 
         Raises:
-            OSError: It cannot be listened on.
+            OSError: The port cannot be listened on.
         """
-        exposition = MetricsServer(lambda: generate_latest(self._registry), CONTENT_TYPE_LATEST)
-        port = exposition.open(port)
-        self._exposition = exposition
+        server = MetricsServer(lambda: generate_latest(self._registry), CONTENT_TYPE_LATEST)
+        port = server.open(port)
+        self._server = server
         return port
 
     def close(self) -> None:
-        """Serve no more."""
-        if self._exposition is not None:
-            self._exposition.close()
+        """Stop serving."""
+        if self._server is not None:
+            self._server.close()
 
-    def show(self, entries: Sequence[m.Entry]) -> None:
-        """Take the newest state."""
-        self._entries = entries
+    def show(self, snapshot: Snapshot) -> None:
+        """Store the latest state."""
+        self._entries = snapshot.entries
 
     def late(self, seconds: float) -> None:
-        """A tick was heard of so late."""
+        """Observe the lateness of a tick, s."""
         self._late.observe(seconds)
 
-    def timed(self, judge: Judge) -> Judge:
-        """The same judge; the time of its decisions is observed."""
-        return _Timed(judge, self._decision)
+    def timed(self, gate: Gate) -> Gate:
+        """Return the same gate; the time of its decisions is observed."""
+        return _TimedGate(gate, self._decision)
 
     def collect(self) -> Iterator[CounterMetricFamily | GaugeMetricFamily]:
-        """What is told of the newest state."""
+        """Yield the metrics of the latest state."""
         entries = self._entries
         yield _verdicts(entries)
         nearest = {e.robot: min(n.distance for n in e.nearest) for e in entries if e.nearest}
@@ -91,34 +93,36 @@ class Metrics(Collector):
         yield _gauge("armgate_stops", "Stops in force", stopped)
         late = CounterMetricFamily("armgate_late_commands", "Plans that came too late", labels=["robot"])
         ticks = CounterMetricFamily("armgate_ticks", "Ticks of the robot's clock", labels=["robot"])
-        link = GaugeMetricFamily("armgate_link", "State of the link (1: this one)", labels=["robot", "state"])
+        link = GaugeMetricFamily(
+            "armgate_link", "State of the link (1: current state)", labels=["robot", "state"]
+        )
         for entry in entries:
             late.add_metric([entry.robot], entry.late_commands or 0)
             ticks.add_metric([entry.robot], entry.tick)
-            for state in _LINKS:
-                link.add_metric([entry.robot, state], float(entry.link == state))
+            for state in LinkState:
+                link.add_metric([entry.robot, state.value], float(entry.link == state.value))
         yield from (late, ticks, link)
-        yield _gauge("armgate_queue_depth", "What waits to be written or sent", self._queues(), "queue")
+        yield _gauge("armgate_queue_depth", "Items that wait to be written or sent", self._queues(), "queue")
 
 
-class _Timed:
-    def __init__(self, judge: Judge, decision: Histogram) -> None:
-        self._judge = judge
+class _TimedGate:
+    def __init__(self, gate: Gate, decision: Histogram) -> None:
+        self._gate = gate
         self._decision = decision
 
     def step(self, event: GateEvent) -> list[GateOutput]:
         if not isinstance(event, Command):
-            return self._judge.step(event)
+            return self._gate.step(event)
         start = perf_counter()
-        outputs = self._judge.step(event)
+        outputs = self._gate.step(event)
         self._decision.observe(perf_counter() - start)
         return outputs
 
     def view(self, robot: str) -> RobotView:
-        return self._judge.view(robot)
+        return self._gate.view(robot)
 
     def warnings(self) -> tuple[str, ...]:
-        return self._judge.warnings()
+        return self._gate.warnings()
 
 
 def _verdicts(entries: Sequence[m.Entry]) -> CounterMetricFamily:

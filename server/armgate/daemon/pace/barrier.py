@@ -1,8 +1,8 @@
-"""Who is waited for in lock-step: a pure machine, without clock or sockets.
+"""Barrier of lock-step: the participants that a step waits for. A pure machine, without clock or sockets.
 
-A participant is *absent* until it says hello, and waited for without limit; *present* from then on, and
-waited for as long as it gives signs of life; *gone* when it said bye or its connection closed, and *dropped*
-when it was silent for too long: neither is waited for until it comes again.
+A participant is *absent* until its hello; a step waits for it without limit. From then on it is *present*,
+and a step waits for it as long as it sends something. It is *gone* after its bye or when its connection is
+closed, and *dropped* when it sent nothing for too long: no step waits for it until it says hello again.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ from armgate.protocol import ErrorCode, RemoteProtocolError
 
 
 class Presence(Enum):
-    """Where a participant is."""
+    """Presence of a participant."""
 
     ABSENT = "absent"
     PRESENT = "present"
@@ -31,12 +31,12 @@ class _Participant:
 
 
 class Barrier:
-    """Tells when a step is complete.
+    """Decides when a step is complete.
 
     Args:
         participants: Their names.
-        grace: How long a present one may be silent while it is waited for, s.
-        held_by: The robots that a participant holds, by its name.
+        grace: Time for which a present participant may send nothing while a step waits for it, s.
+        held_by: Returns the robots that a participant holds, by its name.
     """
 
     def __init__(self, participants: Iterable[str], grace: float, held_by: Callable[[str], set[str]]) -> None:
@@ -44,24 +44,29 @@ class Barrier:
         self._grace = grace
         self._held_by = held_by
         self._ticked: frozenset[str] = frozenset()
-        self.step = -1
+        self._step = -1
 
     def __contains__(self, name: str) -> bool:
-        """Whether this is the name of a participant."""
+        """Return True if this is the name of a participant."""
         return name in self._participants
 
     @property
+    def step(self) -> int:
+        """Number of the current step, -1 before the first."""
+        return self._step
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """The participants, in their configured order."""
+        """Names of the participants, in their configured order."""
         return tuple(self._participants)
 
     def presence(self, name: str) -> Presence:
-        """Where a participant is."""
+        """Return the presence of a participant."""
         return self._participants[name].presence
 
     def begin(self, step: int, ticked: Iterable[str], now: float) -> None:
-        """A new step: these robots ticked in it."""
-        self.step = step
+        """Begin a new step, in which these robots have ticked."""
+        self._step = step
         self._ticked = frozenset(ticked)
         for participant in self._participants.values():
             participant.passed = participant.done = False
@@ -69,44 +74,44 @@ class Barrier:
             participant.heard = now
 
     def join(self, name: str, now: float) -> None:
-        """A participant said hello."""
+        """Take in a participant after its hello."""
         self._participants[name] = _Participant(Presence.PRESENT, now)
 
     def leave(self, name: str) -> None:
-        """A participant said bye, or its connection is gone."""
+        """Wait no longer for a participant that said bye, or whose connection is lost."""
         if self._participants[name].presence is Presence.PRESENT:
             self._participants[name].presence = Presence.GONE
 
     def drop(self, name: str) -> None:
-        """A participant is not waited for any longer."""
+        """Wait no longer for a participant that sent nothing for too long."""
         self._participants[name].presence = Presence.DROPPED
 
     def heard(self, name: str, now: float) -> None:
-        """A participant gave a sign of life."""
+        """Note that a participant sent something."""
         self._participants[name].heard = now
 
     def command(self, name: str, robot: str) -> None:
-        """A participant commanded a robot in this step."""
+        """Note that a participant commanded a robot in this step."""
         self._participants[name].commanded.add(robot)
 
     def pass_(self, name: str, step: int) -> None:
-        """A participant has nothing more for this step.
+        """Note that a participant sends nothing more in this step.
 
         Raises:
-            RemoteProtocolError: ``wrong_step``: it names another one.
+            RemoteProtocolError: ``wrong_step``: it names another step.
         """
-        if step != self.step:
-            text = f"pass for step {step}; the current one is {self.step}"
+        if step != self._step:
+            text = f"pass for step {step}; the current one is {self._step}"
             raise RemoteProtocolError(ErrorCode.WRONG_STEP, text, about="pass")
         self._participants[name].passed = True
 
     def done(self, name: str) -> bool:
-        """Whether a participant has said all that it has to in this step.
+        """Return True if a participant is done with this step.
 
-        It has passed, or commanded every robot that it holds and that ticked. Who holds robots of which none
-        ticked has nothing to say; who holds none must pass. A participant that is done stays so until the
-        step ends, also if it loses a lease meanwhile: else its later messages would overtake those that wait
-        for the next step.
+        It has passed, or has commanded every robot that it holds and that ticked. A participant that holds
+        robots of which none ticked is done at once; one that holds no robot must pass. A participant that is
+        done stays done until the step ends, even if it loses a lease meanwhile: otherwise its later messages
+        would overtake those that wait for the next step.
         """
         participant = self._participants[name]
         if not participant.done:
@@ -117,7 +122,7 @@ class Barrier:
 
     @property
     def complete(self) -> bool:
-        """Whether the step may end: somebody takes part, and nobody is still waited for."""
+        """True if the step may end: there are participants to wait for, and all of them are done."""
         waited = [
             name
             for name, participant in self._participants.items()
@@ -128,7 +133,7 @@ class Barrier:
         )
 
     def silent(self, now: float) -> list[str]:
-        """The participants that are waited for and gave no sign of life within the grace."""
+        """Return the participants that the step waits for and that sent nothing within the grace."""
         return [
             name
             for name, participant in self._participants.items()

@@ -1,40 +1,39 @@
-"""Virtual time: a step ends when every participant has had its say.
+"""Lock-step: time is virtual, and a step ends when every participant is done with it.
 
-What a client is sent depends only on what participants say in which step, never on who was faster: commands
-wait for the end of the step and are judged in the order of the robots; whatever a participant says after it
-is done with a step counts in the next one; daemon time is virtual. Pings alone are answered at once. A stop
-from a participant that is done waits like everything else: no time passes meanwhile.
+The messages that a client receives depend only on what participants send in which step, never on which of
+them was faster. So commands wait for the end of the step and are judged in the order of the robots, and
+whatever a participant sends after it is done with a step counts in the next one. Only pings are answered at
+once. A stop from a participant that is done waits like everything else: no time passes meanwhile.
 """
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic
 
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.peer import Peer
+from armgate.daemon.core.interfaces import Batch, ClientRequest, EventLog, Peer, RequestHandler
 from armgate.daemon.pace.barrier import Barrier, Presence
-from armgate.emulator import Instant, VirtualClock
-from armgate.links.log import Log
+from armgate.daemon.pace.pace import TickHandler
+from armgate.emulator import VirtualClock
 from armgate.protocol import ErrorCode, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
 
 _AHEAD = 256
-"""How many messages of a participant may wait for the next step."""
+"""Messages of a participant that may wait for the next step."""
 
 _END_NO_STEP = (m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset)
-"""They change nothing of who holds what, nor who is done: no step ends by them."""
+"""Messages that end no step: they change neither leases nor which participants are done."""
 
 
 class LockstepPace:
-    """Makes the robots tick when the participants have answered.
+    """Makes the robots tick when the participants are done; a `Pace` and the `RequestHandler` of sessions.
 
     Args:
-        periods: The robots' periods, s, in the order of the configuration.
-        participants: The names that are waited for.
-        grace: How long a participant may be silent while all wait for it, s of the wall clock.
-        on_instant: Called with each instant.
-        log: Where events are told.
+        periods: Periods of the robots, s, in the order of the configuration.
+        participants: Names of the clients that each step waits for.
+        grace: Time for which a participant may send nothing while a step waits for it, s of the wall clock.
+        log: Receives events.
         wall: The wall clock, for the grace alone, s.
     """
 
@@ -45,162 +44,176 @@ class LockstepPace:
         periods: list[float],
         participants: tuple[str, ...],
         grace: float,
-        on_instant: Callable[[Instant], None],
-        log: Log,
+        log: EventLog,
         wall: Callable[[], float] = monotonic,
     ) -> None:
         self._clock = VirtualClock(periods)
         self._barrier = Barrier(participants, grace, self._held_by)
         self._grace = grace
-        self._on_instant = on_instant
         self._log = log
         self._wall = wall
         self._core: Core
+        self._handler: TickHandler
         self._time = 0.0
         self._sessions: dict[str, Peer] = {}
-        self._hushed: dict[str, Peer] = {}
-        self._waiting: list[tuple[Peer, m.Command]] = []
-        self._ahead: dict[str, deque[m.Message | None]] = {name: deque() for name in participants}
+        self._done_batches: dict[str, Batch] = {}
+        self._commands: list[tuple[Peer, m.Command]] = []
+        self._ahead: dict[str, deque[ClientRequest | None]] = {name: deque() for name in participants}
         self._watch: asyncio.TimerHandle | None = None
-        self._resting = self._closed = False
-        self.failed = False
+        self._resting = self._closed = self._failed = False
+
+    @property
+    def failed(self) -> bool:
+        """True if a participant was dropped."""
+        return self._failed
 
     def now(self) -> float:
-        """Daemon time, s: virtual."""
+        """Return daemon time, s: virtual."""
         return self._time
 
-    def step_of(self, instant: Instant) -> int | None:
-        """Number that states give to this instant."""
-        return instant.number
-
     def session_id(self, name: str, number: int) -> str:
-        """Id of the session with this name: a participant's does not depend on who connected first."""
+        """Return the id of a session; that of a participant does not depend on the order of connections."""
         return f"p{self._barrier.names.index(name)}" if name in self._barrier else f"s{number}"
 
-    def start(self, core: Core) -> None:
-        """Begin with the first instant; the next one waits for the participants."""
+    def handler(self, core: Core) -> RequestHandler:
+        """Return this pace, which delays requests until they count."""
         self._core = core
+        return self
+
+    async def open(self) -> None:
+        """Do nothing: the robots are in this process."""
+
+    def start(self, core: Core, handler: TickHandler) -> None:
+        """Begin with the first instant; the next one waits for the participants."""
+        self._core, self._handler = core, handler
+        core.start()
         self._log.info("lockstep", participants=self._barrier.names)
         self._step()
-        self._arm()
-
-    def close(self) -> None:
-        """No further instant comes."""
-        self._closed = True
-        if self._watch is not None:
-            self._watch.cancel()
+        self._watch_later()
 
     def let_rest(self, judging: bool) -> None:
-        """Go on, waiting for nobody, until somebody closes this.
-
-        Args:
-            judging: Whether what waits is still judged.
-        """
+        """Go on without waiting for any participant, until `close`."""
         if not judging:
-            self._waiting.clear()
+            self._commands.clear()
             for ahead in self._ahead.values():
                 ahead.clear()
         if not self._resting:
             self._resting = True
             asyncio.get_running_loop().call_soon(self._run_on)
 
+    def close(self) -> None:
+        """End: no further instant comes."""
+        self._closed = True
+        if self._watch is not None:
+            self._watch.cancel()
+
+    def warnings(self) -> Mapping[str, str]:
+        """Return no warnings: in virtual time no tick is late."""
+        return {}
+
+    def figures(self) -> Mapping[str, float]:
+        """Return no figures."""
+        return {}
+
     # --- sessions -----------------------------------------------------------------------------------------
 
     def join(self, peer: Peer) -> None:
-        """A session said hello.
+        """Take in a session after its hello.
 
         Raises:
-            RemoteProtocolError: ``name_taken``: a participant of this name is here already.
+            RemoteProtocolError: ``name_taken``: a participant of this name is connected.
         """
-        if peer.name in self._barrier:
-            if self._barrier.presence(peer.name) is Presence.PRESENT:
-                text = f"participant {peer.name} is connected already; every name takes part once"
+        name = peer.client.name
+        if name in self._barrier:
+            if self._barrier.presence(name) is Presence.PRESENT:
+                text = f"participant {name} is connected already; every name takes part once"
                 raise RemoteProtocolError(ErrorCode.NAME_TAKEN, text, about="hello")
-            self._barrier.join(peer.name, self._wall())
-            self._sessions[peer.name] = peer
+            self._barrier.join(name, self._wall())
+            self._sessions[name] = peer
         self._core.join(peer)
 
-    def handle(self, peer: Peer, message: m.Message) -> None:
-        """A client said something: it counts in this step, or in the next one if it was done with this."""
+    def handle(self, peer: Peer, request: ClientRequest) -> None:
+        """Process a request in this step, or in the next one if its participant is done with this one."""
         if not self._takes_part(peer):
-            self._from_outside(peer, message)
+            self._handle_other(peer, request)
             return
-        self._barrier.heard(peer.name, self._wall())
-        if self._barrier.done(peer.name) and not isinstance(message, m.Ping):
-            self._keep(peer, message)
+        name = peer.client.name
+        self._barrier.heard(name, self._wall())
+        if self._barrier.done(name) and not isinstance(request, m.Ping):
+            self._keep(peer, request)
         else:
-            self._count(peer, message)
-        if not isinstance(message, _END_NO_STEP):
+            self._process(peer, request)
+        if not isinstance(request, _END_NO_STEP):
             self._go_on()
-            self._hush(peer)
+            self._hold_if_done(peer)
 
     def leave(self, peer: Peer) -> None:
-        """A session is gone; one that was done with the step leaves after it."""
+        """Forget a session; a participant that is done with the step leaves after it."""
         if not self._takes_part(peer):
             self._core.leave(peer)
-        elif self._barrier.done(peer.name):
-            self._ahead[peer.name].append(None)
+        elif self._barrier.done(peer.client.name):
+            self._ahead[peer.client.name].append(None)
         else:
             self._part(peer)
         self._go_on()
 
     def _takes_part(self, peer: Peer) -> bool:
-        return self._sessions.get(peer.name) is peer
+        return self._sessions.get(peer.client.name) is peer
 
     def _held_by(self, name: str) -> set[str]:
         peer = self._sessions.get(name)
-        return set() if peer is None else self._core.leasing.held_by(peer.id)
+        return set() if peer is None else self._core.leasing.held_by(peer.client.id)
 
-    def _from_outside(self, peer: Peer, message: m.Message) -> None:
-        """Others may look on and stop, but what changes a run is the participants'."""
-        if isinstance(message, m.Acquire | m.Signal | m.Pass):
-            names = ", ".join(self._barrier.names)
+    def _handle_other(self, peer: Peer, request: ClientRequest) -> None:
+        """Process a request of a client that takes no part: it may observe and stop, but not change a run."""
+        if isinstance(request, m.Acquire | m.Signal | m.Pass):
+            names, kind = ", ".join(self._barrier.names), request.type
             text = (
-                f"{message.type}: {peer.name} does not take part in the lock-step; connect as one of {names}"
+                f"{kind}: {peer.client.name} does not take part in the lock-step; connect as one of {names}"
             )
-            error = RemoteProtocolError(
-                ErrorCode.NOT_PARTICIPANT, text, about=message.type, re=getattr(message, "id", None)
-            )
-            peer.say(error.message())
+            re = getattr(request, "id", None)
+            error = RemoteProtocolError(ErrorCode.NOT_PARTICIPANT, text, about=kind, re=re)
+            peer.send(error.message())
         else:
-            self._core.handle(peer, message)
+            self._core.handle(peer, request)
 
-    def _keep(self, peer: Peer, message: m.Message) -> None:
-        ahead = self._ahead[peer.name]
+    def _keep(self, peer: Peer, request: ClientRequest) -> None:
+        ahead = self._ahead[peer.client.name]
         if len(ahead) < _AHEAD:
-            ahead.append(message)
+            ahead.append(request)
         else:
             text = f"more than {_AHEAD} messages ahead of step {self._barrier.step}; wait for the next state"
-            error = RemoteProtocolError(ErrorCode.TOO_MANY, text, about=message.type)
-            error.re, error.seq = getattr(message, "id", None), getattr(message, "seq", None)
-            peer.end(error.message())
+            error = RemoteProtocolError(ErrorCode.TOO_MANY, text, about=request.type)
+            error.re, error.seq = getattr(request, "id", None), getattr(request, "seq", None)
+            peer.close(error.message())
 
-    def _count(self, peer: Peer, message: m.Message) -> None:
+    def _process(self, peer: Peer, request: ClientRequest) -> None:
         try:
-            match message:
+            match request:
                 case m.Command():
-                    self._core.check_command(message)
-                    self._waiting.append((peer, message))
-                    self._barrier.command(peer.name, message.robot)
+                    self._core.check_command(request)
+                    self._commands.append((peer, request))
+                    self._barrier.command(peer.client.name, request.robot)
                 case m.Pass():
-                    self._barrier.pass_(peer.name, message.step)
+                    self._barrier.pass_(peer.client.name, request.step)
                 case _:
-                    self._core.handle(peer, message)
+                    self._core.handle(peer, request)
         except ProtocolError as error:
-            peer.say(error.message())
+            peer.send(error.message())
 
-    def _hush(self, peer: Peer) -> None:
-        """Who is done waits for the next state: what may wait goes along with that, and wakes it but once."""
-        if peer.name not in self._hushed and self._barrier.done(peer.name):
-            self._hushed[peer.name] = peer
-            peer.hold()
+    def _hold_if_done(self, peer: Peer) -> None:
+        """Hold back what a participant that is done may get later: the next state wakes it only once."""
+        name = peer.client.name
+        if name not in self._done_batches and self._barrier.done(name):
+            self._done_batches[name] = peer.batch()
 
     def _part(self, peer: Peer) -> None:
-        self._barrier.leave(peer.name)
+        name = peer.client.name
+        self._barrier.leave(name)
         self._core.leave(peer)
-        self._sessions.pop(peer.name, None)
-        self._hushed.pop(peer.name, None)
-        self._ahead[peer.name].clear()
+        self._sessions.pop(name, None)
+        self._done_batches.pop(name, None)
+        self._ahead[name].clear()
 
     # --- steps --------------------------------------------------------------------------------------------
 
@@ -214,69 +227,68 @@ class LockstepPace:
             asyncio.get_running_loop().call_soon(self._run_on)
 
     def _step(self) -> None:
-        """End the step: judge what waits, let the robots tick, then hear what was said ahead."""
-        # A verdict and the next state go as one, and first to those who are waited for.
-        taking_part = tuple(self._sessions.values())
-        onlookers = [peer for peer in self._core.peers.values() if not self._takes_part(peer)]
-        hushed, self._hushed = self._hushed, {}
-        for peer in (*taking_part, *onlookers):
-            peer.hold()
+        """End the step, and send each client its verdict and the next state together, participants first."""
+        participants = tuple(self._sessions.values())
+        others = [peer for peer in self._core.peers.values() if not self._takes_part(peer)]
+        done, self._done_batches = self._done_batches, {}
+        batches = [peer.batch() for peer in (*participants, *others)]
         try:
             self._end_step()
         finally:
-            for peer in (*hushed.values(), *taking_part, *onlookers):
-                peer.let_go()
-            # A session that is being read is held on, and may have said its last word for the next step.
-            for peer in (*taking_part, *onlookers):
-                peer.flush()
-        for peer in taking_part:
+            for batch in (*done.values(), *batches):
+                batch.close()
+            # A session that is being read has a batch open, and may have sent its last message of this step.
+            for batch in batches:
+                batch.flush()
+        for peer in participants:
             if self._takes_part(peer):
-                self._hush(peer)
+                self._hold_if_done(peer)
 
     def _end_step(self) -> None:
-        waiting, self._waiting = sorted(self._waiting, key=self._order), []
-        for peer, command in waiting:
-            self._core.judge(peer, command)
+        """Judge the commands, make the robots tick, then process what participants sent ahead."""
+        commands, self._commands = sorted(self._commands, key=self._order), []
+        for peer, command in commands:
+            self._core.command(peer, command)
         instant = self._clock.advance()
         self._time = instant.time
         ticked = [self._core.robots[index] for index in instant.due]
         self._barrier.begin(instant.number, ticked, self._wall())
-        self._on_instant(instant)
+        self._handler.due(instant.time, instant.due, instant.number)
         for name in self._barrier.names:
-            self._hear_ahead(name)
+            self._process_ahead(name)
 
     def _order(self, item: tuple[Peer, m.Command]) -> tuple[int, int]:
         peer, command = item
-        return self._core.robots.index(command.robot), self._barrier.names.index(peer.name)
+        return self._core.robots.index(command.robot), self._barrier.names.index(peer.client.name)
 
-    def _hear_ahead(self, name: str) -> None:
+    def _process_ahead(self, name: str) -> None:
         ahead = self._ahead[name]
         while ahead and not self._barrier.done(name):
-            message = ahead.popleft()
-            if message is None:
+            request = ahead.popleft()
+            if request is None:
                 self._part(self._sessions[name])
             else:
-                self._count(self._sessions[name], message)
+                self._process(self._sessions[name], request)
 
     # --- grace --------------------------------------------------------------------------------------------
 
-    def _arm(self) -> None:
-        self._watch = asyncio.get_running_loop().call_later(self._grace / 4, self._look)
+    def _watch_later(self) -> None:
+        self._watch = asyncio.get_running_loop().call_later(self._grace / 4, self._check_grace)
 
-    def _look(self) -> None:
+    def _check_grace(self) -> None:
         if not self._closed:
             self.drop_silent()
-            self._arm()
+            self._watch_later()
 
     def drop_silent(self) -> None:
-        """Drop the participants that were silent for longer than the grace: the run has failed."""
+        """Drop the participants that sent nothing within the grace: the run has failed."""
         for name in self._barrier.silent(self._wall()):
             peer = self._sessions[name]
-            text = f"participant {name} was silent for {self._grace:g} s in step {self._barrier.step}"
+            text = f"participant {name} sent nothing for {self._grace:g} s in step {self._barrier.step}"
             self._log.error("lockstep.dropped", participant=name, step=self._barrier.step)
-            self.failed = True
-            self._core.warnings[f"dropped.{name}"] = f"{text} and was dropped: this run has failed"
+            self._failed = True
+            self._core.warn(f"dropped.{name}", f"{text} and was dropped: this run has failed")
             self._barrier.drop(name)
             self._part(peer)
-            peer.end(RemoteProtocolError(ErrorCode.SILENT, text).message())
+            peer.close(RemoteProtocolError(ErrorCode.SILENT, text).message())
         self._go_on()

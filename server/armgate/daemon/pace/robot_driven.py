@@ -1,97 +1,85 @@
-"""Time by the robots themselves: they tick in the robot server, and what they do arrives here."""
+"""Time by the robots themselves: they tick in the robot server, and their ticks arrive here."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
 from armgate.cell.cell import Cell
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.peer import Peer
-from armgate.links.robot_server.client import RemoteEvent, RemoteLink, RobotServerClient
-from armgate.protocol import messages as m
+from armgate.daemon.core.interfaces import RequestHandler
+from armgate.daemon.pace.pace import TickHandler
+from armgate.links.robot_server.client import RemoteLink, RobotServerClient
 
-_LOOK = 0.1
-"""Time between two looks at what has to end without a tick, s: leases, and the daemon itself."""
+_IDLE = 0.1
+"""Time between two calls of `TickHandler.idle`, s: leases expire even if no robot ticks."""
 
 
 class RobotDrivenPace:
-    """The pace of robots behind the robot server.
+    """Pace of robots in the robot server; a `Pace`.
 
     Args:
-        path: The robot server's socket.
+        path: Socket of the robot server.
         cell: The cell.
-        start: The daemon's start id.
-        on_event: Called with each event.
-        on_idle: Called now and then with daemon time, whatever the robots do.
+        start: Start id of the daemon.
     """
 
     lockstep = False
     failed = False
-    """Whether the run is a failed one, though the daemon works; never."""
 
-    def __init__(
-        self,
-        path: Path,
-        cell: Cell,
-        start: str,
-        on_event: Callable[[RemoteEvent], None],
-        on_idle: Callable[[float], None],
-    ) -> None:
+    def __init__(self, path: Path, cell: Cell, start: str) -> None:
         names = [robot.name for robot in cell.robots]
         self._client = RobotServerClient(path, cell.hash, names, start)
-        self._on_event = on_event
-        self._on_idle = on_idle
         self._timer: asyncio.TimerHandle | None = None
-        self._core: Core
+        self._handler: TickHandler
 
     @property
     def links(self) -> list[RemoteLink]:
-        """The robots, in the order of the configuration."""
+        """Links of the robots, in the order of the configuration."""
         return self._client.links
 
     def now(self) -> float:
-        """Daemon time, s."""
+        """Return daemon time, s."""
         return self._client.time
 
     def session_id(self, name: str, number: int) -> str:
-        """Id of the session with this name and number of connection."""
+        """Return the id of a session: the number of its connection."""
         return f"s{number}"
 
+    def handler(self, core: Core) -> RequestHandler:
+        """Return the core: requests are answered at once."""
+        return core
+
     async def open(self) -> None:
-        """Get the robots; what they say waits for the start.
+        """Connect to the robot server; its events wait for the start.
 
         Raises:
             SocketError: There is no robot server, or it refuses.
         """
         await self._client.open()
 
-    def start(self, core: Core) -> None:
-        """Begin: hear what the robots, who tick already, have said and say."""
-        self._core = core
-        self._client.start(self._on_event)
-        self._look()
+    def start(self, core: Core, handler: TickHandler) -> None:
+        """Begin: report events, first those that have arrived; links report that they are ready."""
+        self._handler = handler
+        self._client.start(handler.received)
+        self._idle()
 
     def let_rest(self, judging: bool) -> None:
-        """Go on until the robots rest: they do so anyway."""
+        """Do nothing: the robots wait for no client."""
 
     def close(self) -> None:
-        """Nothing further comes."""
+        """End: no further event is reported."""
         if self._timer is not None:
             self._timer.cancel()
         self._client.close()
 
-    def join(self, peer: Peer) -> None:
-        """A session said hello."""
-        self._core.join(peer)
+    def warnings(self) -> Mapping[str, str]:
+        """Return no warnings: the robot server reports late robots as lost."""
+        return {}
 
-    def handle(self, peer: Peer, message: m.Message) -> None:
-        """A client said something: it counts at once."""
-        self._core.handle(peer, message)
+    def figures(self) -> Mapping[str, float]:
+        """Return no figures: the robot server logs its own."""
+        return {}
 
-    def leave(self, peer: Peer) -> None:
-        """A session is gone."""
-        self._core.leave(peer)
-
-    def _look(self) -> None:
-        self._timer = asyncio.get_running_loop().call_later(_LOOK, self._look)
-        self._on_idle(self.now())
+    def _idle(self) -> None:
+        self._timer = asyncio.get_running_loop().call_later(_IDLE, self._idle)
+        self._handler.idle(self.now())

@@ -1,69 +1,64 @@
-"""Time by the clock on the wall: robots tick whatever clients do, commands are judged as they come."""
+"""Time by the wall clock: robots tick whatever clients do, and commands are judged as they arrive."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.peer import Peer
-from armgate.emulator import Instant, Lateness, WallClock
-from armgate.protocol import messages as m
+from armgate.daemon.core.interfaces import RequestHandler
+from armgate.daemon.pace.pace import TickHandler
+from armgate.emulator import Instant, WallClock
 
 
 class WallClockPace:
-    """Makes the robots tick by the monotonic clock.
+    """Makes the robots of this process tick by the monotonic clock; a `Pace`.
 
     Args:
-        periods: The robots' periods, s, in the order of the configuration.
-        on_instant: Called with each instant.
+        periods: Periods of the robots, s, in the order of the configuration.
     """
 
     lockstep = False
+    failed = False
 
-    def __init__(self, periods: list[float], on_instant: Callable[[Instant], None]) -> None:
-        self._clock = WallClock(periods, on_instant)
-        self._core: Core
-
-    @property
-    def lateness(self) -> Lateness:
-        """How late the ticks came."""
-        return self._clock.lateness
-
-    @property
-    def failed(self) -> bool:
-        """Whether the run is a failed one, though the daemon works; never by the wall clock."""
-        return False
+    def __init__(self, periods: list[float]) -> None:
+        self._clock = WallClock(periods, self._tick)
+        self._handler: TickHandler
 
     def now(self) -> float:
-        """Daemon time, s."""
+        """Return daemon time, s."""
         return self._clock.time
 
-    def step_of(self, instant: Instant) -> int | None:
-        """Number that states give to this instant: none by the wall clock."""
-        return None
-
     def session_id(self, name: str, number: int) -> str:
-        """Id of the session with this name and number of connection."""
+        """Return the id of a session: the number of its connection."""
         return f"s{number}"
 
-    def start(self, core: Core) -> None:
+    def handler(self, core: Core) -> RequestHandler:
+        """Return the core: requests are answered at once."""
+        return core
+
+    async def open(self) -> None:
+        """Do nothing: the robots are in this process."""
+
+    def start(self, core: Core, handler: TickHandler) -> None:
         """Begin with the first instant."""
-        self._core = core
+        self._handler = handler
+        core.start()
         self._clock.start()
 
     def let_rest(self, judging: bool) -> None:
-        """Go on until the robots rest: the clock does so anyway."""
+        """Do nothing: the clock waits for no client."""
 
     def close(self) -> None:
-        """No further instant comes."""
+        """End: no further instant comes."""
         self._clock.close()
 
-    def join(self, peer: Peer) -> None:
-        """A session said hello."""
-        self._core.join(peer)
+    def warnings(self) -> Mapping[str, str]:
+        """Return a warning of ticks that came too late."""
+        overruns = self._clock.lateness.overruns
+        return {"late": f"{overruns} ticks came later than the next one was due"} if overruns else {}
 
-    def handle(self, peer: Peer, message: m.Message) -> None:
-        """A client said something: it counts at once."""
-        self._core.handle(peer, message)
+    def figures(self) -> Mapping[str, float]:
+        """Return the lateness of the ticks."""
+        late = self._clock.lateness
+        return {"ticks": late.count, "worst": late.worst, "half": late.half, "overruns": late.overruns}
 
-    def leave(self, peer: Peer) -> None:
-        """A session is gone."""
-        self._core.leave(peer)
+    def _tick(self, instant: Instant) -> None:
+        self._handler.due(instant.time, instant.due, None)

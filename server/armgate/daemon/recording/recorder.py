@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.record_file import RecordFile
 from armgate.events import GateEvent, GateOutput, Tick
 from armgate.protocol import messages as m
@@ -141,19 +142,14 @@ class Recorder:
         """Take what the gate was told and answered."""
         self._put(self._now(), Step(event, outputs))
 
-    def show(
-        self,
-        ticks: Sequence[Tick],
-        entries: Sequence[m.Entry],
-        signals: Mapping[str, m.SignalValue],
-        warnings: Sequence[str],
-        step: int | None,
-    ) -> None:
-        """Take the state of an instant; ``ticks`` are those of the robots that ticked."""
+    def show(self, snapshot: Snapshot) -> None:
+        """Record the states of an instant."""
+        ticks = snapshot.ticks
         if ticks:
             at = ticks[0].time
-            moment = CellState(at, step, {tick.robot: tick.tick for tick in ticks}, signals, warnings)
-            self._put(at, StateAt(ticks, entries, moment))
+            by_robot = {tick.robot: tick.tick for tick in ticks}
+            moment = CellState(at, snapshot.step, by_robot, snapshot.signals, snapshot.warnings)
+            self._put(at, StateAt(ticks, snapshot.entries, moment))
 
     def log(self, record: Mapping[str, Any]) -> None:
         """Take a line of the log."""

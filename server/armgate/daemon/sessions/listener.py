@@ -7,7 +7,6 @@ waits in the kernel's queue, so that connected clients are not delayed.
 import asyncio
 import socket
 import ssl
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
@@ -17,6 +16,7 @@ from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.unix_socket import UnixSocket
 from armgate.daemon.sessions import tls_stream
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
+from armgate.daemon.sessions.interfaces import ConnectionProtocol
 from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 from armgate.links.robot_server.unix_socket import peer_uid
@@ -35,18 +35,6 @@ _LEAVING = 128
 
 _RETRY = 1.0
 """How long to wait if the system gives no more connections, s."""
-
-
-class ConnectionProtocol(asyncio.BaseProtocol, ABC):
-    """The protocol of one connection."""
-
-    @abstractmethod
-    def evict(self) -> None:
-        """Close, to make room for another connection: no hello came."""
-
-    @abstractmethod
-    def serve(self, work: Callable[[], None]) -> None:
-        """Do work of this connection when it is its turn."""
 
 
 class Listener:
@@ -116,9 +104,10 @@ class Listener:
         self._local = UnixSocket(path)
         self._watch(self._local.socket)
 
-    def use_tls(self, tls: ssl.SSLContext) -> None:
-        """Encrypt connections that come from now on with these certificates."""
+    def use_tls(self, tls: ssl.SSLContext) -> dict[str, object]:
+        """Encrypt new connections with these certificates; return no fields for the log."""
         self._tls = tls
+        return {}
 
     def close(self) -> None:
         """Accept no more connections; those accepted stay."""

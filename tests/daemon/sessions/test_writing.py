@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.daemon.sessions.outbox import Outbox, Overflow
+from armgate.daemon.sessions.writing import Outbox, Overflow
 
 
 class Pipe:

@@ -1,0 +1,175 @@
+"""What the core needs of its surroundings: a gate, links, clients, a log.
+
+The core opens no socket, reads no clock and starts no thread. Its surroundings hand it these objects, so that
+a daemon, a test or a simulation can run the same core.
+"""
+
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Protocol
+
+from armgate.events import GateEvent, GateOutput, Plan, PlanAnswer, Rebase
+from armgate.gate import RobotView
+from armgate.protocol import RemoteProtocolError
+from armgate.protocol import messages as m
+from armgate.protocol.messages import Message, Role, State
+
+# --- gate and links ---------------------------------------------------------------------------------------
+
+
+class Gate(Protocol):
+    """The gate of a cell."""
+
+    def step(self, event: GateEvent) -> list[GateOutput]:
+        """Process one event; return the outputs in order."""
+
+    def view(self, robot: str) -> RobotView:
+        """Return the gate's knowledge of one robot."""
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return warnings that concern no single robot."""
+
+
+class Link(Protocol):
+    """The link of one robot."""
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+
+    @property
+    def remaining(self) -> int:
+        """Number of increments that are still to be played if no other plan arrives; 0 at rest."""
+
+    def offer(self, plan: Plan) -> PlanAnswer | None:
+        """Replace the held plan; return None if the answer arrives later, as an event."""
+
+    def rebase(self, rebase: Rebase) -> None:
+        """Drop the plan and take the given setpoint as the commanded position."""
+
+
+# --- clients ----------------------------------------------------------------------------------------------
+
+ClientRequest = (
+    m.Acquire
+    | m.Asset
+    | m.Command
+    | m.Describe
+    | m.Kick
+    | m.Pass
+    | m.Ping
+    | m.Release
+    | m.Reset
+    | m.Sessions
+    | m.Signal
+    | m.Stop
+    | m.Subscribe
+)
+"""Every message of a client except hello and bye, which the session answers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Client:
+    """A client after its hello.
+
+    Attributes:
+        id: Id of its session.
+        name: Name from its hello.
+        role: Role that was granted.
+        robots: Robots that it may command; None: all.
+        identity: Token, or address without one, by which rate limits and turns count.
+        token: Name of its token; None without one.
+        known_as: Name of its token, or ``uid N`` on the Unix socket; None if only its own name is known.
+        address: Address that it connects from.
+        capabilities: Capabilities that it named in its hello.
+    """
+
+    id: str
+    name: str
+    role: Role
+    robots: frozenset[str] | None = None
+    identity: str = ""
+    token: str | None = None
+    known_as: str | None = None
+    address: str = ""
+    capabilities: frozenset[str] = field(default_factory=frozenset)
+
+
+@dataclass(frozen=True, slots=True)
+class Encoded:
+    """A state with its frame: encoded once, sent to many clients."""
+
+    state: State
+    frame: bytes
+
+
+class Batch(Protocol):
+    """Frames to one client that are written together when the batch closes; see `Peer.batch`."""
+
+    def close(self) -> None:
+        """End the batch; the last open batch of a client writes what it held back."""
+
+    def flush(self) -> None:
+        """Write everything that was held back, even if another batch of the client is open."""
+
+    def __enter__(self) -> "Batch": ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class Peer(Protocol):
+    """The connection of one client after its hello."""
+
+    @property
+    def client(self) -> Client:
+        """The client."""
+
+    def send(self, message: Message, frame: bytes | None = None) -> None:
+        """Send a message that may not be dropped; ``frame`` is the message if it is encoded already."""
+
+    def send_states(self, *states: Encoded) -> None:
+        """Send states; each replaces an older unsent one of the same robot."""
+
+    def drop_states(self) -> None:
+        """Drop unsent states: they belong to a subscription that has ended."""
+
+    def batch(self) -> Batch:
+        """Hold back states, and answers that may be delayed, until the batch closes."""
+
+    def close(self, message: Message) -> None:
+        """Send a last message, then close the connection."""
+
+    def expel(self, error: RemoteProtocolError) -> None:
+        """Send an error, close the connection and end the session at once."""
+
+
+class EventLog(Protocol):
+    """A structured log."""
+
+    def info(self, event: str, **fields: Any) -> None:
+        """Log a normal event."""
+
+    def warning(self, event: str, **fields: Any) -> None:
+        """Log an event that an operator should look at."""
+
+    def error(self, event: str, **fields: Any) -> None:
+        """Log a failure."""
+
+
+class RequestHandler(Protocol):
+    """What sessions hand their requests to: the core itself, or lock-step in front of it."""
+
+    def join(self, peer: Peer) -> None:
+        """Take in a session after its hello.
+
+        Raises:
+            RemoteProtocolError: The session cannot take part; it is to be closed with this error.
+        """
+
+    def handle(self, peer: Peer, request: ClientRequest) -> None:
+        """Process a request; errors go to the client."""
+
+    def leave(self, peer: Peer) -> None:
+        """Forget a session that has ended."""

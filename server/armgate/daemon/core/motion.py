@@ -1,0 +1,49 @@
+"""Last tick of each robot, and whether all robots are at rest."""
+
+from collections.abc import Mapping, Sequence
+
+from armgate.cell.cell import Cell
+from armgate.daemon.core.interfaces import Link
+from armgate.events import Tick
+
+
+class Motion:
+    """Motion of all robots, from their ticks and the plans that their links hold.
+
+    Args:
+        cell: The cell.
+        links: Link of each robot, in the order of the configuration.
+    """
+
+    def __init__(self, cell: Cell, links: Sequence[Link]) -> None:
+        self._links = tuple(links)
+        self._periods = {robot.name: robot.period for robot in cell.robots}
+        # Two measurements of a robot at rest differ by up to twice the tolerance.
+        self._noise = {robot.name: 2.0 * robot.q_tolerance for robot in cell.robots}
+        self._ticks: dict[str, Tick] = {}
+        self._moved: dict[str, float] = {}
+
+    @property
+    def ticks(self) -> Mapping[str, Tick]:
+        """Last tick of each robot that has ticked."""
+        return self._ticks
+
+    def note(self, tick: Tick) -> None:
+        """Take a tick."""
+        before = self._ticks.get(tick.robot, tick)
+        # The increment just played is measured only at the next tick. Until then it counts as motion.
+        moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
+        self._moved[tick.robot] = max(*moved, *map(abs, tick.increment))
+        self._ticks[tick.robot] = tick
+
+    @property
+    def at_rest(self) -> bool:
+        """True if no link has increments left to play and no robot moved at its last tick."""
+        return not any(link.remaining for link in self._links) and all(
+            moved <= self._noise[robot] for robot, moved in self._moved.items()
+        )
+
+    @property
+    def time_left(self) -> float:
+        """Time until the last robot has played its plan, s."""
+        return max(link.remaining * self._periods[link.robot] for link in self._links)

@@ -1,0 +1,78 @@
+"""Pace: what makes time pass in a cell.
+
+There are three: the wall clock, lock-step, and robots that are their own clock. A pace tells the rest of the
+daemon when robots tick, by the handler that `Pace.start` receives.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from armgate.daemon.core.core import Core
+from armgate.daemon.core.interfaces import RequestHandler
+from armgate.events import LinkChange, PlanAnswer, Tick
+
+
+class TickHandler(Protocol):
+    """The part of the daemon that robots' ticks go to."""
+
+    def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
+        """Make robots of this process tick.
+
+        Args:
+            time: Daemon time of the instant, s.
+            robots: Indices of the robots that are due, ascending.
+            step: Number of the instant in lock-step, else None.
+        """
+
+    def received(self, event: Tick | LinkChange | PlanAnswer) -> None:
+        """Process an event of a robot that is its own clock."""
+
+    def idle(self, time: float) -> None:
+        """Do what must happen even if no robot ticks; called now and then with daemon time, s."""
+
+
+class Pace(Protocol):
+    """What makes time pass in a cell."""
+
+    @property
+    def lockstep(self) -> bool:
+        """True if time passes in lock-step."""
+
+    @property
+    def failed(self) -> bool:
+        """True if the run has failed although the daemon works: a participant was dropped."""
+
+    def now(self) -> float:
+        """Return daemon time, s."""
+
+    def session_id(self, name: str, number: int) -> str:
+        """Return the id of a session from the name of its client and the number of its connection."""
+
+    def handler(self, core: Core) -> RequestHandler:
+        """Return the object that sessions hand requests to."""
+
+    async def open(self) -> None:
+        """Get hold of the robots; nothing is reported before `start`.
+
+        Raises:
+            SocketError: There is no robot server, or it refuses.
+        """
+
+    def start(self, core: Core, handler: TickHandler) -> None:
+        """Begin: time passes from now on."""
+
+    def let_rest(self, judging: bool) -> None:
+        """Go on without waiting for any client, until `close`.
+
+        Args:
+            judging: True if commands that wait are still passed to the gate.
+        """
+
+    def close(self) -> None:
+        """End: nothing is reported any more."""
+
+    def warnings(self) -> Mapping[str, str]:
+        """Return warnings for the states, by what they are about."""
+
+    def figures(self) -> Mapping[str, float]:
+        """Return figures for the log at the end of the run."""

@@ -1,0 +1,195 @@
+"""Reading of one client: in fair turns, within its rate limits, and its stops before its other messages.
+
+A client whose allowance is used up is not read for a while. What it sends meanwhile is kept up to a bound and
+searched for a stop, which is acted on at once. Beyond the bound its socket is not read, so the client waits;
+nothing that it sent is dropped.
+"""
+
+import asyncio
+from collections.abc import Callable
+
+from armgate.daemon.sessions.interfaces import ReadSession
+from armgate.daemon.sessions.rate_limits import RateLimit
+from armgate.daemon.sessions.scheduler import FairScheduler, Work
+from armgate.daemon.token_bucket import TokenBucket
+from armgate.protocol import Connection, Refusal
+from armgate.protocol import messages as m
+
+_BUFFER = 16 * 1024
+"""Bytes that are read at once; asyncio's own 256 KiB are memory that the system allocates anew each time."""
+
+_DISCARD = 0.01
+"""Time between two reads of a connection that is closing, s: data that a client still sends cost little."""
+
+_AT_ONCE = 8
+"""Messages of one client that are read at once, before other clients have their turn."""
+
+_BYTES = 2048
+"""Bytes that count as one more message, and after which a turn of reading ends."""
+
+_AHEAD = 256 * 1024
+"""Bytes of a client that are kept while it waits for its turn, to find a stop among them."""
+
+_STOPS = 20.0
+"""Stops of a client that are acted on ahead of its other messages, per second and at once."""
+
+_COSTS: dict[type[object], float] = {
+    Refusal: 2, m.Describe: 20, m.Asset: 20, m.Sessions: 20,
+    m.Stop: 8, m.Reset: 8, m.Subscribe: 4, m.Acquire: 2, m.Release: 2,
+}  # fmt: skip
+"""Messages that count as more than one: the answer is large, goes to all clients, or takes long to write."""
+
+
+class Reader:
+    """Reads one client.
+
+    Args:
+        session: The session of the client.
+        connection: Decodes its bytes.
+        scheduler: Gives the turns in which the client is read.
+        limit: Bounds the rate at which it is read; None: no bound.
+
+    Attributes:
+        buffer: Memory for incoming bytes.
+    """
+
+    def __init__(
+        self, session: ReadSession, connection: Connection, scheduler: FairScheduler, limit: RateLimit | None
+    ) -> None:
+        self.buffer = memoryview(bytearray(_BUFFER))
+        self._session = session
+        self._connection = connection
+        self._scheduler = scheduler
+        self._limit = limit
+        self._transport: asyncio.Transport
+        self._bytes = 0
+        self._stop_rate = TokenBucket(_STOPS, _STOPS, 0.0)
+        self._reading = self._searching = self._ended = False
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connect(self, transport: asyncio.Transport) -> None:
+        """Read from this transport from now on."""
+        self._transport = transport
+
+    def close(self) -> None:
+        """Cancel timers: the connection is lost."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    @property
+    def pending(self) -> bool:
+        """True if the client's stream has ended, but messages before its end are still to be read."""
+        return self._ended and self._reading
+
+    def identify(self, identity: str) -> None:
+        """Count in the rate limits of this identity from now on."""
+        if self._limit is not None:
+            self._limit.identify(identity)
+
+    def push(self, data: bytes) -> None:
+        """Take bytes that arrived; they are read in the next turn of the session."""
+        self._connection.push(data)
+        self._bytes += len(data)
+        if self._reading:
+            self._read_ahead()
+        else:
+            self._reading = True
+            self._request_turn(self._scheduler.now)
+
+    def discard(self) -> None:
+        """Discard bytes of a connection that is closing, and read on only after a pause."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if not self._transport.is_closing():
+            self._transport.pause_reading()
+            self._timer = asyncio.get_running_loop().call_later(_DISCARD, self.read_on)
+
+    def read_on(self) -> None:
+        """Read the socket again, unless the transport is closed: the transport of TLS would fail then."""
+        if not self._transport.is_closing():
+            self._transport.resume_reading()
+
+    def end(self) -> bool:
+        """Process the end of the client's stream, once everything before it has been read.
+
+        Returns:
+            True if the transport must stay open until then; a transport of TLS cannot.
+        """
+        self._ended = True
+        if not self._reading:
+            self._end_stream()
+        return self._reading and self._transport.can_write_eof()
+
+    # --- turns --------------------------------------------------------------------------------------------
+
+    def _request_turn(self, give: Callable[[str, bool, Work], None]) -> None:
+        """Read when it is this session's turn and its rate limit permits it."""
+        privileged = self._session.privileged
+        # Other clients must not delay a hello: before it only the session's own allowance counts.
+        alone = privileged or not self._session.greeted
+        wait = 0.0 if self._limit is None else self._limit.reserve(alone)
+        if wait:
+            self._read_ahead()
+            self._timer = asyncio.get_running_loop().call_later(wait, self._resume)
+        else:
+            give(self._session.identity, privileged, self._read)
+
+    def _resume(self) -> None:
+        self._scheduler.now(self._session.identity, self._session.privileged, self._read)
+
+    def _read(self) -> None:
+        """Read as much as one turn allows, and request another turn for the rest."""
+        with self._session.batch():
+            cost, more = self._receive_some()
+        if self._limit is not None:
+            self._limit.spend(cost - 1.0, self._session.privileged)
+        if more:
+            self._read_ahead()
+            self._request_turn(self._scheduler.later)
+            return
+        self._reading = False
+        if self._ended:
+            self._end_stream()
+        else:
+            self.read_on()
+
+    def _receive_some(self) -> tuple[float, bool]:
+        """Receive the messages of one turn; return what they cost, and True if there may be more."""
+        cost, self._bytes = self._bytes / _BYTES, 0
+        limit, before = cost + _AT_ONCE, self._connection.buffered
+        while cost < limit and before - self._connection.buffered < _BYTES:
+            item = None if self._session.closing else self._connection.pop()
+            if item is None:
+                return cost, False
+            cost += _COSTS.get(type(item), 1.0)
+            self._session.receive(item)
+        return cost, True
+
+    def _end_stream(self) -> None:
+        if not self._session.closing:
+            for item in self._connection.receive_eof():
+                self._session.receive(item)
+        self._session.finish_stream()
+
+    # --- stops first --------------------------------------------------------------------------------------
+
+    def _read_ahead(self) -> None:
+        """Keep what arrives, up to a bound, and act on a stop among it; beyond the bound do not read."""
+        if self._connection.buffered > (_BUFFER if self._limit is None else _AHEAD):
+            self._transport.pause_reading()
+        else:
+            self.read_on()
+        if not self._searching and self._limit is not None and self._connection.may_overtake:
+            self._searching = True
+            self._scheduler.later(self._session.identity, self._session.privileged, self._search)
+
+    def _search(self) -> None:
+        """Search a few of the waiting messages for a stop, and act on it."""
+        self._searching = False
+        if self._session.closing or not self._stop_rate.take(asyncio.get_running_loop().time()):
+            return
+        if (stop := self._connection.overtake()) is None:
+            self._stop_rate.spend(-1.0)
+        else:
+            self._session.receive(stop)
+        self._read_ahead()

@@ -1,0 +1,60 @@
+"""The welcome that answers a hello."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from armgate.cell.config import CellConfig
+from armgate.daemon.core.description import BODY_EXACT, SESSIONS, STOP_REPLACES
+from armgate.daemon.core.wording import answer
+from armgate.daemon.sessions.session import Session
+from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Dialect
+from armgate.protocol import messages as m
+
+
+class Greeter:
+    """Words the welcomes of one daemon.
+
+    Args:
+        config: The cell's configuration.
+        start: Start id of the daemon.
+        lockstep: True if time passes in lock-step.
+        dialects: Versions of the protocol that the daemon supports.
+    """
+
+    def __init__(self, config: CellConfig, start: str, lockstep: bool, dialects: Sequence[Dialect]) -> None:
+        server = config.server
+        self._limits = m.Limits(
+            inbound=INBOUND_LIMIT,
+            outbound=OUTBOUND_LIMIT,
+            max_age_ticks=config.max_age_ticks,
+            lease_ttl=server.lease_ttl,
+            signals=server.signals_per_client,
+            signal_rate=server.signal_rate,
+        )
+        self._start = start
+        self._lockstep = lockstep
+        self._dialects = tuple(dialects)
+
+    @property
+    def dialects(self) -> tuple[Dialect, ...]:
+        """Versions of the protocol that the daemon supports."""
+        return self._dialects
+
+    def welcome(self, session: Session, hello: m.Hello) -> m.Welcome:
+        """Return the welcome of a session."""
+        client = session.client
+        return answer(
+            m.Welcome,
+            hello,
+            version=session.version,
+            versions=tuple(dialect.version for dialect in self._dialects),
+            client_versions=hello.versions,
+            capabilities=(BODY_EXACT, STOP_REPLACES, SESSIONS),
+            start=self._start,
+            session=client.id,
+            name=client.name,
+            role=client.role,
+            lockstep=self._lockstep,
+            limits=self._limits,
+            software=f"armgate {version('armgate')}",
+        )
