@@ -12,7 +12,7 @@ import pytest
 from armgate import events
 from armgate.conformance.verdicts import Outcome
 from armgate.daemon.core import description as description_module
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.interfaces import Client
 from armgate.daemon.core.leasing import Leasing
@@ -85,7 +85,7 @@ def verdicts_to_everybody(patch):
     def report(self, output, asker, request):
         if isinstance(output, events.Verdict):
             for peer in self.peers.values():
-                peer.send(wording.verdict(output))
+                peer.send(to_protocol.verdict(output))
         else:
             right(self, output, asker, request)
 
@@ -101,13 +101,15 @@ def says_refused_and_moves(patch):
             told = replace(told, outcome=events.Outcome.REFUSED, beta=0.0, reasons=(refusal,))
         return right(told)
 
-    right = wording.verdict
-    patch.setattr(wording, "verdict", verdict)
+    right = to_protocol.verdict
+    patch.setattr(to_protocol, "verdict", verdict)
 
 
 def tells_another_increment(patch):
-    right = wording.verdict
-    patch.setattr(wording, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq))))
+    right = to_protocol.verdict
+    patch.setattr(
+        to_protocol, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq)))
+    )
 
 
 def old_ticks_accepted(patch):
@@ -241,7 +243,7 @@ def stop_ignored(patch):
     def stop(self, peer, request):
         robots = self.robots if request.robot is None else (request.robot,)
         fields = {"stop": 1, "robots": robots, "reason": request.reason, "by": peer.client.name}
-        peer.send(wording.answer(m.Stopped, request, **fields))
+        peer.send(to_protocol.answer(m.Stopped, request, **fields))
 
     patch.setattr(Core, "_stop", stop)
 
@@ -281,7 +283,7 @@ def more_stops_than_allowed(patch):
         return next(same, None)
 
     patch.setattr(Stops, "_to_replace", to_replace)
-    patch.setattr(wording, "stops", lambda given: tuple(given[:64]))
+    patch.setattr(to_protocol, "stops", lambda given: tuple(given[:64]))
 
 
 def replaced_stops_unknown(patch):
@@ -304,7 +306,7 @@ def replaced_stops_lifted(patch):
 
 
 def first_reason_only(patch):
-    around(patch, wording, "reasons", lambda right: lambda given: right(given)[:1])
+    around(patch, to_protocol, "reasons", lambda right: lambda given: right(given)[:1])
 
 
 def anybody_resets(patch):
@@ -329,7 +331,7 @@ def every_ignored(patch):
 
 
 def nobody_is_holder(patch):
-    around(patch, wording, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
+    around(patch, to_protocol, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
 
 
 def faster_than_described(patch):
@@ -408,7 +410,7 @@ def bye_not_answered(patch):
 
 def pong_rounds(patch):
     around(
-        patch, wording, "answer",
+        patch, to_protocol, "answer",
         lambda right: lambda model, request, **fields: right(
             model, request, **(fields | {"time": round(fields["time"], 3)} if model is m.Pong else fields)
         ),
@@ -425,14 +427,14 @@ class Gossip(m.Signaled):
 
 def types_of_its_own(patch):
     around(
-        patch, wording, "answer",
+        patch, to_protocol, "answer",
         lambda right: lambda model, *a, **more: right(Gossip if model is m.Signaled else model, *a, **more),
     )  # fmt: skip
 
 
 def distances_too_large(patch):
     around(
-        patch, wording, "entry",
+        patch, to_protocol, "entry",
         lambda right: lambda *a: farther(right(*a)),
     )  # fmt: skip
 

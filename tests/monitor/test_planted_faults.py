@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armgate import events as e
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.gate import braking, robot
 from armgate.monitor.motion import Motion
 from armgate.monitor.samples import sample_of
@@ -263,9 +263,9 @@ def test_a_robot_that_falls_silent_is_found(tmp_path):
 def test_a_robot_whose_link_has_ended_is_not_silent(tmp_path, link):
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
-    arm = sample_of(wording.entry(ARM, watched.runner.view(ARM), None).model_copy(update={"link": link}))
+    arm = sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None).model_copy(update={"link": link}))
     for tick in range(3, 200):
-        own = wording.entry(GANTRY, watched.runner.view(GANTRY), None)
+        own = to_protocol.entry(GANTRY, watched.runner.view(GANTRY), None)
         own = own.model_copy(update={"tick": tick, "time": tick * 0.012})
         assert watched.monitor.take(sample_of(own), [arm]) == []
     assert watched.monitor.silent(2.0) != []  # of the other one
@@ -277,7 +277,7 @@ def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
     monitor, index = watched.monitor, [r.name for r in watched.monitor.cell.robots].index(ARM)
-    own, arm = (sample_of(wording.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
+    own, arm = (sample_of(to_protocol.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
     for ticks, seen in ((1, True), (2, True), (3, False), (4, False)):
         monitor.take(replace(own, tick=own.tick + ticks, time=own.time + ticks * 0.012), [arm])
         assert monitor._clearances.sees(index) == seen
@@ -288,7 +288,7 @@ def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     monitor = watched.monitor
-    sample = sample_of(wording.entry(ARM, watched.runner.view(ARM), None))
+    sample = sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None))
     fast = 0.9 * monitor.cell.robots[0].velocity[0] * 0.012
 
     def kinds(step, ready):
@@ -312,7 +312,7 @@ def test_a_link_that_holds_may_take_back_the_newest_increment_only(tmp_path, hol
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     robot = replace(watched.monitor.cell.robots[0], holds=holds)
-    motion, sample = Motion(robot), sample_of(wording.entry(ARM, watched.runner.view(ARM), None))
+    motion, sample = Motion(robot), sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None))
     unit = np.eye(robot.n)[0] * robot.acceleration[0] * 0.012**2
     motion.take(sample)
     kinds = set()

@@ -16,7 +16,7 @@ import yaml
 from armgate import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.recorder import Recorder
@@ -114,7 +114,7 @@ class Watched:
         ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
         for tick in ticks:
             self.runner.feed(tick)
-        entries = {name: wording.entry(name, self.runner.view(name), None) for name in self.links}
+        entries = {name: to_protocol.entry(name, self.runner.view(name), None) for name in self.links}
         if self.lie is not None:
             entries = {name: self.lie(entry) for name, entry in entries.items()}
         if self.recorder is not None:

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.daemon.core.states import States
 from armgate.daemon.core.stopping import Stopping
 from armgate.daemon.pace.barrier import Barrier
@@ -67,11 +67,11 @@ def test_the_command_tells_what_it_sent_and_refuses_other_words(capsys):
 
 def stops_pile_up(patch):
     patch.setattr(Stops, "_to_replace", lambda self, robots, cause: None)
-    patch.setattr(wording, "stops", tuple)
+    patch.setattr(to_protocol, "stops", tuple)
 
 
 def reasons_without_bound(patch):
-    patch.setattr(wording, "reasons", lambda given: tuple(map(wording._reason, given)))
+    patch.setattr(to_protocol, "reasons", lambda given: tuple(map(to_protocol._reason, given)))
 
 
 def done_no_longer(patch):

@@ -206,7 +206,7 @@ async def test_a_name_takes_part_once_and_the_second_does_no_harm(stage):
         stage.client("a")
     assert caught.value.code.value == "name_taken"
     assert stage.core.leasing.holder("A") == "a"
-    assert stage.core.peers[a.id] is a
+    assert stage.core.peers[a.client.id] is a
 
 
 async def test_others_look_on_and_stop_but_do_not_take_part(stage):

@@ -15,7 +15,7 @@ from armgate.daemon.core.interfaces import Batch, ClientRequest, Encoded
 from armgate.daemon.core.interfaces import Client as CoreClient
 from armgate.daemon.core.leasing import LeaseTime
 from armgate.daemon.core.rights import RIGHTS
-from armgate.daemon.core.wording import answer
+from armgate.daemon.core.to_protocol import answer
 from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import VirtualClock
 from armgate.gate import Gate

@@ -10,7 +10,7 @@ from typing import assert_never
 
 from armgate import events
 from armgate.cell.cell import Cell
-from armgate.daemon.core import session_list, wording
+from armgate.daemon.core import session_list, to_protocol
 from armgate.daemon.core.description import CellDescription
 from armgate.daemon.core.gate_runner import ClientOutput, GateRunner
 from armgate.daemon.core.interfaces import ClientRequest, EventLog, Link, Peer
@@ -178,7 +178,7 @@ class Core:
                 self.command(peer, request)
             case m.Ping():
                 now = self._now()
-                peer.send(wording.answer(m.Pong, request, time=request.time, received=now, sent=now))
+                peer.send(to_protocol.answer(m.Pong, request, time=request.time, received=now, sent=now))
             case m.Subscribe():
                 self._states.subscribe(peer, request)
             case m.Signal():
@@ -198,7 +198,7 @@ class Core:
                 peer.send(self._description.chunk(request.hash, request.offset, request.length, request.id))
             case m.Sessions():
                 listed = session_list.list_sessions(self.peers, self.leasing, self.robots)
-                peer.send(wording.answer(m.SessionList, request, sessions=listed))
+                peer.send(to_protocol.answer(m.SessionList, request, sessions=listed))
             case m.Kick():
                 session_list.kick(self.peers, peer, request, self._log)
             case m.Pass():
@@ -209,7 +209,7 @@ class Core:
 
     def _signal(self, peer: Peer, request: m.Signal) -> None:
         self._signals.set(peer.client, request.name, request.value, self._now())
-        peer.send(wording.answer(m.Signaled, request, name=request.name))
+        peer.send(to_protocol.answer(m.Signaled, request, name=request.name))
 
     def _stop(self, peer: Peer, request: m.Stop) -> None:
         if request.robot is not None:
@@ -235,7 +235,7 @@ class Core:
         match output:
             case events.Verdict():
                 if asker is not None:
-                    asker.send(wording.verdict(output))
+                    asker.send(to_protocol.verdict(output))
             case events.Stopped():
                 reason = self._stopping.announce_stop(output, asker, request)
                 self._apply(self.leasing.stop(output.robots, reason))
@@ -260,12 +260,12 @@ class Core:
     # --- states -------------------------------------------------------------------------------------------
 
     def _update_states(self, ticks: Sequence[events.Tick], step: int | None) -> None:
-        warnings = wording.warnings((*self._warnings.values(), *self._gate.warnings()))
+        warnings = to_protocol.warnings((*self._warnings.values(), *self._gate.warnings()))
         self._states.put(Snapshot(ticks, self._entries(), self._signals.values, warnings, step))
 
     def _entries(self) -> tuple[m.Entry, ...]:
         return tuple(
-            wording.entry(robot, self._gate.view(robot), self.leasing.holder(robot))
+            to_protocol.entry(robot, self._gate.view(robot), self.leasing.holder(robot))
             for robot in self.robots
             if robot in self._motion.ticks
         )

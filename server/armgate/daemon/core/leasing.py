@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from armgate.daemon.core.interfaces import Peer
-from armgate.daemon.core.wording import answer
+from armgate.daemon.core.to_protocol import answer
 from armgate.events import LeaseChange
 from armgate.protocol import Denial, ErrorCode, Grant, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m

@@ -5,7 +5,7 @@ from itertools import islice
 
 from armgate.daemon.core.interfaces import EventLog, Peer
 from armgate.daemon.core.leasing import Leasing
-from armgate.daemon.core.wording import answer
+from armgate.daemon.core.to_protocol import answer
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
 

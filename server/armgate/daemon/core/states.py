@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.daemon.core.interfaces import Encoded, Peer
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError, encode
@@ -108,7 +108,9 @@ class States:
         peer.drop_states()
         robots = tuple(robot for robot in self._robots if robot in wanted.robots)
         peer.send(
-            wording.answer(m.Subscribed, request, every=request.every, robots=robots, fields=wanted.fields)
+            to_protocol.answer(
+                m.Subscribed, request, every=request.every, robots=robots, fields=wanted.fields
+            )
         )
         if wanted.every:
             self._subscriptions[peer.client.id] = wanted

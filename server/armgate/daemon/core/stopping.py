@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from armgate import events
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.daemon.core.description import STOP_REPLACES
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.interfaces import EventLog, Peer
@@ -60,7 +60,7 @@ class Stopping:
 
     def announce_stop(self, stopped: events.Stopped, asker: Peer | None, request: m.Request | None) -> str:
         """Announce a stop to all clients; return the reason for the clients that lose a lease by it."""
-        reason = wording.text(stopped.reason)
+        reason = to_protocol.text(stopped.reason)
         fields: dict[str, Any] = {
             "stop": stopped.id,
             "robots": stopped.robots,
@@ -71,8 +71,8 @@ class Stopping:
             fields["replaces"] = stopped.replaces
         self._log.warning("stopped", **fields)
         for peer in tuple(self._peers.values()):
-            peer.send(wording.answer(m.Stopped, request if peer is asker else None, **fields))
-        return wording.text(f"stop {stopped.id} by {stopped.by}: {reason}")
+            peer.send(to_protocol.answer(m.Stopped, request if peer is asker else None, **fields))
+        return to_protocol.text(f"stop {stopped.id} by {stopped.by}: {reason}")
 
     def announce_reset(self, reset: events.ResetAnswer, asker: Peer, request: m.Reset) -> None:
         """Announce a reset to all clients.
@@ -88,9 +88,9 @@ class Stopping:
         for peer in tuple(self._peers.values()):
             if peer is asker:
                 more = {} if reset.lifted is None else {"lifted": reset.lifted}
-                peer.send(wording.answer(m.Resumed, request, stop=reset.stop, by=name, **more))
+                peer.send(to_protocol.answer(m.Resumed, request, stop=reset.stop, by=name, **more))
             else:
-                peer.send(wording.answer(m.Resumed, None, stop=in_force, by=name))
+                peer.send(to_protocol.answer(m.Resumed, None, stop=in_force, by=name))
 
     def free(self) -> list[str]:
         """Return the robots for which no stop is in force."""

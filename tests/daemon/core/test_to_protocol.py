@@ -2,7 +2,7 @@
 
 import pytest
 
-from armgate.daemon.core import wording
+from armgate.daemon.core import to_protocol
 from armgate.events import Cause, Reason
 from armgate.protocol import messages as m
 
@@ -14,7 +14,7 @@ def reason(cause, number, text="why"):
 @pytest.mark.parametrize("count", [0, 1, m.MAX_REASONS])
 def test_reasons_that_fit_are_all_told(count):
     given = [reason(Cause.INCREMENT, number) for number in range(count)]
-    assert [one.text for one in wording.reasons(given)] == [one.text for one in given]
+    assert [one.text for one in to_protocol.reasons(given)] == [one.text for one in given]
 
 
 def test_of_too_many_reasons_each_cause_is_told_and_the_others_are_counted():
@@ -23,7 +23,7 @@ def test_of_too_many_reasons_each_cause_is_told_and_the_others_are_counted():
         reason(Cause.JOINT_LIMIT, n) for n in range(64)
     ]
     given += [reason(Cause.CLEARANCE, 0)]
-    told = wording.reasons(given)
+    told = to_protocol.reasons(given)
     assert len(told) == m.MAX_REASONS
     assert {one.cause for one in told} == {"increment", "acceleration", "joint_limit", "clearance"}
     assert told[0].text == "why 0"
@@ -33,15 +33,15 @@ def test_of_too_many_reasons_each_cause_is_told_and_the_others_are_counted():
 
 def test_the_count_of_what_was_left_out_fits_behind_the_longest_text():
     given = [reason(Cause.INCREMENT, n, "x" * m.MAX_TEXT) for n in range(100)]
-    last = wording.reasons(given)[-1].text
+    last = to_protocol.reasons(given)[-1].text
     assert len(last) == m.MAX_TEXT
     assert last.endswith("x… (and 36 more reasons)")
 
 
 def test_stops_are_the_newest_and_warnings_are_counted():
-    assert wording.stops(range(100)) == tuple(range(36, 100))
-    told = wording.warnings(f"w{number}" + "x" * 600 for number in range(20))
+    assert to_protocol.stops(range(100)) == tuple(range(36, 100))
+    told = to_protocol.warnings(f"w{number}" + "x" * 600 for number in range(20))
     assert len(told) == m.MAX_WARNINGS
     assert all(len(one) <= m.MAX_TEXT for one in told)
     assert told[-1].endswith("(and 4 more warnings)")
-    assert wording.warnings(["one"]) == ("one",)
+    assert to_protocol.warnings(["one"]) == ("one",)
