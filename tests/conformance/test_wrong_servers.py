@@ -446,7 +446,7 @@ def states_queue_up(patch):
 def stops_not_named(patch):
     around(
         patch,
-        wording,
+        to_protocol,
         "text",
         lambda right: lambda given, end="": right(re.sub(r"\(stop [^)]*\)", "", given), end),
     )
