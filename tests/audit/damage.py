@@ -23,12 +23,12 @@ from mcap.writer import CompressionType, Writer
 from armgate.apps.cli import explain as told
 from armgate.apps.view.player import Player
 from armgate.apps.view.scene import Scene
-from armgate.audit.build import recorded_cell
-from armgate.audit.explaining import cases, first_refusals, words
-from armgate.audit.picture import draw
-from armgate.audit.recovering import recovered
-from armgate.audit.replaying import replayed
-from armgate.audit.reporting import page
+from armgate.audit.explain import explanation, first_refusals, selected_commands
+from armgate.audit.explain_picture import draw_explanation
+from armgate.audit.recorded_cell import recorded_cell
+from armgate.audit.recover import recover_recording
+from armgate.audit.replay import replay_recording
+from armgate.audit.report import report_page
 from armgate.events import Tick
 from armgate.protocol import messages as m
 from armgate.recording import CellState, Gap, LogLine, Recording, RecordingWriter, RobotState
@@ -251,19 +251,19 @@ def use(tool: str, folder: Path) -> None:
                 pass
         case "replay":
             recording = Recording.open(folder)
-            replayed(recording, recorded_cell(recording.header))
+            replay_recording(recording, recorded_cell(recording.header))
         case "explain":
             recording = Recording.open(folder)
             cell = recorded_cell(recording.header)
-            for number, case in enumerate(cases(recording, cell, first_refusals(None))):
-                words(case, cell)
+            for number, case in enumerate(selected_commands(recording, cell, first_refusals(None))):
+                explanation(case, cell)
                 if number < 1:
-                    draw(case, cell, folder / "x.png")
+                    draw_explanation(case, cell, folder / "x.png")
         case "recover":
             copy = folder / "copy"
             copy.mkdir()
             shutil.copy(folder / NAME, copy)
-            recovered(copy)
+            recover_recording(copy)
             use("open", copy)
         case "view":
             player = Player(folder)
@@ -277,7 +277,7 @@ def use(tool: str, folder: Path) -> None:
             for found in verify(Recording.open(folder)).breaks:
                 str(found)
         case "report":
-            page(Recording.open(folder))
+            report_page(Recording.open(folder))
 
 
 def attempt(tool: str, folder: Path) -> tuple[str, str | None]:

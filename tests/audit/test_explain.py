@@ -1,12 +1,11 @@
-"""Why something was refused or limited: in words and in a picture."""
+"""``armgate explain``: limited and refused commands, in text and pictures."""
 
 import numpy as np
 import pytest
 
-from armgate.audit.build import recorded_cell
-from armgate.audit.explaining import at_tick, cases, first_refusals, words
-from armgate.audit.outline import outline, view_along
-from armgate.audit.picture import draw
+from armgate.audit.explain import at_tick, explanation, first_refusals, selected_commands
+from armgate.audit.explain_picture import draw_explanation, outline, view_along
+from armgate.audit.recorded_cell import recorded_cell
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.events import Cause, Outcome
@@ -18,8 +17,8 @@ from support.gate_runs import record_run
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def ask(k):
-    """A turns into the post, B asks for too much."""
+def commands(k):
+    """Return the commands of step k: A turns into the post, B exceeds its speed once."""
     return {"A": (-0.004, 0.0, 0.0), "B": (0.0, 9.0 if k == 40 else 0.0, 0.0)} if k > 2 else {}
 
 
@@ -28,7 +27,7 @@ def clash(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clash")
     file = folder / "arms.yaml"
     file.write_text(arms_yaml().replace("[0.6, 0.9, 0.5]", "[0.9, 0.0, 0.5]"))
-    record_run(build_cell(load_config([file])), folder / "run", 330, ask).close()
+    record_run(build_cell(load_config([file])), folder / "run", 330, commands).close()
     return folder / "run"
 
 
@@ -38,23 +37,23 @@ def opened(clash):
     return recording, recorded_cell(recording.header)
 
 
-def test_what_clearance_refused_is_told_with_pair_points_and_distance(opened, tmp_path):
+def test_a_refusal_by_clearance_is_explained_with_pair_points_and_distance(opened, tmp_path):
     recording, cell = opened
-    case = next(cases(recording, cell, first_refusals(None)))
-    assert case.reason.cause is Cause.CLEARANCE
-    assert "post" in case.reason.pair
-    # The nearest points are on the bodies, closer than what must be kept, at the end of that stop.
-    distance = np.linalg.norm(np.subtract(*case.points))
+    found = next(selected_commands(recording, cell, first_refusals(None)))
+    assert found.reason.cause is Cause.CLEARANCE
+    assert "post" in found.reason.pair
+    # The nearest points are on the bodies, closer than the required distance, at the end of that stop.
+    distance = np.linalg.norm(np.subtract(*found.points))
     assert distance < cell.config.stop_distance
-    assert distance >= case.reason.value - 1e-6
-    text = words(case, cell)
-    for part in (f"A, tick {case.tick}", "refused", "post", f"{1000 * distance:.1f} mm apart", "short by"):
+    assert distance >= found.reason.value - 1e-6
+    text = explanation(found, cell)
+    for part in (f"A, tick {found.tick}", "refused", "post", f"{1000 * distance:.1f} mm apart", "short by"):
         assert part in text
-    assert draw(case, cell, tmp_path / "a.png")
+    assert draw_explanation(found, cell, tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(PNG)
 
 
-def test_refusals_for_one_reason_are_told_once(opened):
+def test_consecutive_refusals_with_the_same_reason_are_explained_once(opened):
     recording, cell = opened
     refused = [
         output
@@ -62,21 +61,21 @@ def test_refusals_for_one_reason_are_told_once(opened):
         for output in step.outputs
         if getattr(output, "outcome", None) is Outcome.REFUSED
     ]
-    told = list(cases(recording, cell, first_refusals(None)))
-    assert 0 < len(told) < len(refused)
+    explained = list(selected_commands(recording, cell, first_refusals(None)))
+    assert 0 < len(explained) < len(refused)
 
 
-def test_a_bound_joint_is_told_with_its_bound(opened, tmp_path):
+def test_a_limited_joint_is_explained_with_its_bound(opened, tmp_path):
     recording, cell = opened
-    (case,) = cases(recording, cell, at_tick(41, "B"))
-    text = words(case, cell)
+    (found,) = selected_commands(recording, cell, at_tick(41, "B"))
+    text = explanation(found, cell)
     for part in ("B, tick 41", "limited", "J2: the speed bound allows", "J2: the acceleration bound allows"):
         assert part in text
-    assert draw(case, cell, tmp_path / "b.png")
+    assert draw_explanation(found, cell, tmp_path / "b.png")
     assert (tmp_path / "b.png").stat().st_size > 10_000
 
 
-def test_outlines_hold_what_they_outline(opened):
+def test_an_outline_encloses_its_body(opened):
     _, cell = opened
     post = next(body for body in cell.bodies if body.name == "post")
     place = (np.asarray(post.placement.R), np.asarray(post.placement.t))
@@ -93,16 +92,16 @@ async def test_the_command_writes_pictures_beside_the_recording(clash, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("options", "status", "said"),
+    ("options", "status", "text"),
     [
         ((), 2, "--tick N and --refused"),
         (("--tick", 3, "--refused"), 2, "--tick N and --refused"),
         (("--tick", 3, "--robot", "C"), 2, "the recording has A, B"),
-        (("--tick", 99999), 1, "no command was for tick 99999"),
-        (("--refused", "--robot", "B"), 1, "nothing was refused of B"),
+        (("--tick", 99999), 1, "there is no command for tick 99999"),
+        (("--refused", "--robot", "B"), 1, "no command of B was refused"),
     ],
 )
-async def test_what_cannot_be_explained_is_told(clash, options, status, said):
+async def test_a_command_that_cannot_be_explained_is_an_error(clash, options, status, text):
     code, _, err = await run("explain", clash, *options)
     assert code == status
-    assert said in err
+    assert text in err

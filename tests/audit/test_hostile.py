@@ -14,12 +14,12 @@ import zstandard
 from mcap.records import Chunk
 from mcap.writer import Writer
 
-from armgate.audit.build import recorded_cell
 from armgate.audit.errors import AuditError
-from armgate.audit.recovering import recovered
-from armgate.audit.reporting import page
-from armgate.monitor.audit import audit
+from armgate.audit.recorded_cell import recorded_cell
+from armgate.audit.recover import recover_recording
+from armgate.audit.report import report_page
 from armgate.monitor.errors import MonitorError
+from armgate.monitor.offline import check_recording
 from armgate.recording import DamagedError, ForeignError, Header, Recording, RecordingWriter
 from support import records
 
@@ -89,7 +89,7 @@ def test_a_bomb_is_refused_within_bounded_memory(tmp_path, told):
     assert (tmp_path / NAME).stat().st_size < 1_000_000
     assert "damaged" in refused(command("report", tmp_path, memory=MEMORY))
     with pytest.raises(DamagedError):
-        recovered(tmp_path)
+        recover_recording(tmp_path)
 
 
 def test_a_bomb_of_zeros_behind_a_header_is_refused(tmp_path, header):
@@ -116,7 +116,7 @@ def test_a_plan_of_a_billion_increments_is_refused_at_once(tmp_path, content):
     content.write(tmp_path / NAME, messages, 1 << 14)
     began = time.monotonic()
     with pytest.raises(DamagedError, match="a plan of 1000000000 increments"):
-        page(Recording.open(tmp_path))
+        report_page(Recording.open(tmp_path))
     assert time.monotonic() - began < 20.0
 
 
@@ -155,7 +155,7 @@ def test_a_recording_that_is_a_link_is_refused(tmp_path, tool, target):
     folder.mkdir()
     (folder / NAME).symlink_to(tmp_path / target)
     with pytest.raises(ForeignError, match="symbolic link"):
-        recovered(folder) if tool == "recover" else Recording.open(folder)
+        recover_recording(folder) if tool == "recover" else Recording.open(folder)
 
 
 def test_a_pipe_or_a_device_is_refused_and_not_waited_for(tmp_path):
@@ -276,7 +276,7 @@ def test_names_are_no_formulas(tmp_path):
         for one in content.messages
     ]
     content.write(tmp_path / NAME, crooked, 1 << 20)
-    text = page(Recording.open(tmp_path))
+    text = report_page(Recording.open(tmp_path))
     assert "Signals" in text
     assert "\u202e" not in text
     assert "\x1b" not in text
@@ -286,7 +286,7 @@ def test_names_are_no_formulas(tmp_path):
 def test_the_monitor_reads_packed_files_only(tmp_path, header, place):
     with_header(tmp_path, config(header, lambda tree: urdf(tree, place)))
     with pytest.raises(MonitorError, match="is not packed with it"):
-        audit(tmp_path, (), 1.0)
+        check_recording(tmp_path, (), 1.0)
 
 
 def test_the_monitor_reads_packed_meshes_only(tmp_path, header):
@@ -294,4 +294,4 @@ def test_the_monitor_reads_packed_meshes_only(tmp_path, header):
     text = header.file("A.urdf").replace(b"</link>", mesh_, 1)
     with_header(tmp_path, changed(header, **{"A.urdf": text}))
     with pytest.raises(MonitorError, match="is not packed with it"):
-        audit(tmp_path, (), 1.0)
+        check_recording(tmp_path, (), 1.0)

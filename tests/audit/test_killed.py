@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from armgate.audit import recovering
-from armgate.audit.build import recorded_cell
-from armgate.audit.recovering import recovered
-from armgate.audit.replaying import replayed
+from armgate.audit import recover
+from armgate.audit.recorded_cell import recorded_cell
+from armgate.audit.recover import recover_recording
+from armgate.audit.replay import replay_recording
 from armgate.recording import DamagedError, Recording, RecordingError, TruncatedError
 from armgate.recording.scan import scan
 from support import records
@@ -41,9 +41,9 @@ def killed(tmp_path_factory):
 
 def judged_again(folder):
     """How many steps are left after recovery; all are answered the same."""
-    recovered(folder)
+    recover_recording(folder)
     recording = Recording.open(folder)
-    outcome = replayed(recording, recorded_cell(recording.header))
+    outcome = replay_recording(recording, recorded_cell(recording.header))
     assert outcome.count == 0
     return outcome.events
 
@@ -69,7 +69,7 @@ def test_killed_at_twenty_random_moments_all_that_was_flushed_is_judged_the_same
 def test_killed_at_its_start_there_is_nothing_to_recover(killed):
     folder, _ = killed
     with pytest.raises(RecordingError, match="nothing can be recovered"):
-        recovered(folder / "start")
+        recover_recording(folder / "start")
 
 
 def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
@@ -80,7 +80,7 @@ def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
     content[place.offset + place.length // 2] ^= 0xFF
     file.write_bytes(content)
     with pytest.raises(DamagedError, match="restore it from a copy"):
-        recovered(tmp_path)
+        recover_recording(tmp_path)
     assert file.read_bytes() == content
     assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
@@ -95,9 +95,9 @@ def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_p
         new.write(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(recovering, "recover_file", full)
+    monkeypatch.setattr(recover, "recover_file", full)
     with pytest.raises(RecordingError, match=r"No space left on device; \d+ bytes are needed"):
-        recovered(tmp_path)
+        recover_recording(tmp_path)
     assert file.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
@@ -119,5 +119,5 @@ async def test_a_daemon_killed_while_it_moves_is_recovered_and_judged_the_same(t
     assert (status, "recovered" in said) == (0, True)
     status, said, _ = await run("replay", out)
     assert status == 0
-    assert "to the last bit" in said
-    assert (await run("recover", out))[1].strip().endswith("whole already")
+    assert "bit for bit" in said
+    assert (await run("recover", out))[1].strip().endswith("complete, nothing to recover")

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from armgate.audit.lagging import measured_lags
+from armgate.audit.lag import measure_lags
 from armgate.cell.cell import build_cell
 from armgate.events import Tick
 from gate import scenes
@@ -35,7 +35,7 @@ def ticks(lags, delay, tolerance=0.0, seed=1, count=600, period=0.004):
 @pytest.mark.parametrize("delay", [0, 1, 4])
 @pytest.mark.parametrize("tolerance", [0.0, 1e-5])
 def test_lags_and_delay_are_what_the_robot_has(delay, tolerance):
-    found = measured_lags(scenes.duel(), "A", ticks(LAGS, delay, tolerance))
+    found = measure_lags(scenes.duel(), "A", ticks(LAGS, delay, tolerance))
     assert found.delay == delay
     assert list(found.lags.values()) == pytest.approx(LAGS, rel=0.002)
     assert found.difference == pytest.approx(0.006, rel=0.02)
@@ -45,7 +45,7 @@ def test_lags_and_delay_are_what_the_robot_has(delay, tolerance):
 
 
 def test_a_difference_is_proposed_even_if_none_is_measured():
-    assert measured_lags(scenes.duel(), "A", ticks((0.03,) * 4, 1)).proposed == pytest.approx(9e-4, rel=0.01)
+    assert measure_lags(scenes.duel(), "A", ticks((0.03,) * 4, 1)).proposed == pytest.approx(9e-4, rel=0.01)
 
 
 def test_joints_that_do_not_move_are_named_and_a_robot_that_does_not_is_not_measured():
@@ -56,11 +56,11 @@ def test_joints_that_do_not_move_are_named_and_a_robot_that_does_not_is_not_meas
         Tick("A", t.tick, t.time, (t.q[0], 0.0, *t.q[2:]), (t.setpoint[0], 0.0, *t.setpoint[2:]), t.increment)
         for t in given
     ]
-    found = measured_lags(cell, "A", stuck)
+    found = measure_lags(cell, "A", stuck)
     assert found.still == (name,)
     assert name not in found.lags
-    assert measured_lags(cell, "B", given) is None
-    assert measured_lags(cell, "A", given[:40]) is None  # too short
+    assert measure_lags(cell, "B", given) is None
+    assert measure_lags(cell, "A", given[:40]) is None  # too short
 
 
 def test_a_virtual_krc_whose_axes_lag_differently_is_measured_through_its_telegrams(tmp_path, monkeypatch):
@@ -77,7 +77,7 @@ def test_a_virtual_krc_whose_axes_lag_differently_is_measured_through_its_telegr
         rig.drive(60, *(sign * x for x in (0.0012, -0.0006, 0.0006, 0.001, -0.001, 0.001)))
         rig.cycles(40)
     seen = [event for event in rig.events if isinstance(event, Tick)]
-    found = measured_lags(rig.cell, "R", seen)
+    found = measure_lags(rig.cell, "R", seen)
     assert found.delay == 1
     assert list(found.lags.values()) == pytest.approx([lag / 1000 for lag in lags.values()], rel=0.01)
 

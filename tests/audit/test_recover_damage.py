@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from armgate.audit.recovering import recovered
+from armgate.audit.recover import recover_recording
 from armgate.recording import Gap, IncompleteError, Recording, Step
 from armgate.recording.scan import scan
 from support import records
@@ -51,8 +51,8 @@ def test_a_bad_tail_is_cut_off_as_if_the_file_ended_there(tmp_path, tail, length
     data = file.read_bytes()
     cut = damaged(tmp_path / "cut", lambda data, _: None, close=False)
     cut.write_bytes(data[: len(data) - length])
-    recovered(tmp_path / "bad")
-    recovered(tmp_path / "cut")
+    recover_recording(tmp_path / "bad")
+    recover_recording(tmp_path / "cut")
     assert ticks(tmp_path / "bad") == ticks(tmp_path / "cut") != []
     assert gaps(tmp_path / "bad") == []
 
@@ -72,7 +72,7 @@ def flip(offset):
 def test_a_damaged_chunk_in_the_middle_is_skipped_and_marked(tmp_path, close, change):
     file = damaged(tmp_path, change, close=close)
     before = file.read_bytes()
-    (one,) = recovered(tmp_path)
+    (one,) = recover_recording(tmp_path)
     # Chunk 0 is the header, each further one holds eight ticks.
     assert ticks(tmp_path) == [k for k in range(200) if k // 8 != 4]
     (gap,) = gaps(tmp_path)
@@ -87,7 +87,7 @@ def test_damage_that_hits_no_message_loses_none(tmp_path):
         data[chunks[5].end : chunks[5].end + 4] = b"\x00\x00\x00\x00"
 
     damaged(tmp_path, index)
-    (one,) = recovered(tmp_path)
+    (one,) = recover_recording(tmp_path)
     assert (one.result.lost, one.original, gaps(tmp_path)) == (0, None, [])
     assert ticks(tmp_path) == list(range(200))
 
@@ -98,18 +98,18 @@ def test_two_damaged_places_leave_two_gaps(tmp_path):
             data[chunks[k].offset + 80] ^= 0xFF
 
     damaged(tmp_path, two)
-    recovered(tmp_path)
+    recover_recording(tmp_path)
     assert len(gaps(tmp_path)) == 2
 
 
 def test_a_file_that_is_damaged_again_keeps_both_originals(tmp_path):
     damaged(tmp_path, flip(100))
-    (one,) = recovered(tmp_path)
+    (one,) = recover_recording(tmp_path)
     file = one.file
     data = bytearray(file.read_bytes())
     data[scan(file).chunks[9].offset + 90] ^= 0xFF
     file.write_bytes(data)
-    (two,) = recovered(tmp_path)
+    (two,) = recover_recording(tmp_path)
     assert [one.original.name, two.original.name] == [f"{file.name}.damaged", f"{file.name}.damaged-2"]
 
 
@@ -117,7 +117,7 @@ async def test_the_command_says_what_was_lost(tmp_path):
     damaged(tmp_path, flip(100))
     status, said, _ = await run("recover", tmp_path)
     assert status == 0
-    assert "more were lost to damage, which a gap marks" in said
+    assert "more were lost by damage and are counted in a gap" in said
     assert "kept as recording-0001.mcap.damaged" in said
     status, said, _ = await run("recover", tmp_path)
-    assert (status, said.strip().endswith("whole already")) == (0, True)
+    assert (status, said.strip().endswith("complete, nothing to recover")) == (0, True)

@@ -1,4 +1,4 @@
-"""A daemon's run, recorded and judged again."""
+"""``armgate replay``: a recorded run of the daemon, replayed with the same and with other values."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from support.clients import Mover, Process, Raw, run
 
 
 async def moved(tmp_path, *options, count=30, **cell):
-    """A run in which A moves, and is stopped; its folder."""
+    """Record a run in which A moves, and return its folder."""
     file, out = tmp_path / "arms.yaml", tmp_path / "run"
     file.write_text(arms_yaml(max_age_ticks=1000, **cell))
     async with Process.serving(file, "--record", out, *options) as daemon:
@@ -22,14 +22,14 @@ async def moved(tmp_path, *options, count=30, **cell):
     return out
 
 
-async def test_a_run_is_judged_the_same_again_and_otherwise_under_other_rules(tmp_path):
+async def test_a_replay_is_identical_and_differs_with_other_values(tmp_path):
     out = await moved(tmp_path, lag=0.03)
     status, said, err = await run("replay", out)
     assert (status, err) == (0, "")
     recording = Recording.open(out)
     events = list(recording.steps())
     assert said.startswith(f"{len(events)} of {len(events)} events")
-    assert "the same to the last bit" in said
+    assert "have the same outputs, bit for bit" in said
     status, said, _ = await run("replay", out, "--set", "robots.A.joints.J1.velocity=0.01")
     assert status == 0
     assert "A: admitted → limited by" in said
@@ -41,18 +41,18 @@ async def test_a_run_is_judged_the_same_again_and_otherwise_under_other_rules(tm
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "text"),
     [
         ("stop_distance", "expected KEY.PATH=VALUE"),
         ("stop_distanc=1", "did you mean 'stop_distance'"),
         ("stop_distance=-1", "expected more than 0"),
         ("stop_distance=[", "is not a value"),
-        ("clock.kind=wall", "no judgement depends on clock"),
+        ("clock.kind=wall", "no verdict depends on clock"),
         ("robots.A.joints.joint_9.velocity=1", "joint_9"),
     ],
 )
-async def test_a_setting_that_is_none_is_told(tmp_path, setting, said, one_run):
+async def test_an_invalid_setting_is_an_error(tmp_path, setting, text, one_run):
     status, out, err = await run("replay", one_run, "--set", setting)
     assert (status, out) == (2, "")
-    assert said in err
+    assert text in err
     assert "Traceback" not in err

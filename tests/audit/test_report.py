@@ -20,12 +20,12 @@ class Images(HTMLParser):
 
 
 async def test_the_page_needs_nothing_else_and_tells_the_run(tmp_path):
-    from armgate.audit.reporting import page
+    from armgate.audit.report import report_page
     from armgate.recording import Recording
     from support import records
 
     records.write(tmp_path, range(300))
-    text = page(Recording.open(tmp_path))
+    text = report_page(Recording.open(tmp_path))
     found = Images()
     found.feed(text)
     assert len(found.sources) == 3  # clearance, joints of A, signals
@@ -47,6 +47,6 @@ async def test_the_command_writes_it_beside_the_recording(one_run):
 
 
 def test_commands_are_counted_by_outcome():
-    from armgate.audit.reporting import _judged
+    from armgate.audit.report import _outcome_counts
 
-    assert _judged(Counter(admitted=3, refused=1)) == "4: 3 admitted, 0 limited, 1 refused"
+    assert _outcome_counts(Counter(admitted=3, refused=1)) == "4: 3 admitted, 0 limited, 1 refused"

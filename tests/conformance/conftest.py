@@ -1,4 +1,4 @@
-"""A daemon in this event loop, and the kit's cases tried on it."""
+"""Runs a daemon in this event loop, and the kit's cases against it."""
 
 import asyncio
 import io
@@ -10,9 +10,9 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.conformance.case import selected
+from armgate.conformance.case import select_cases
 from armgate.conformance.runner import Runner
-from armgate.conformance.target import Target, ask
+from armgate.conformance.target import Target, query_server
 from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.gate import Gate
 from armgate.links.log import Log
@@ -23,13 +23,13 @@ PATIENCE = 20.0
 
 @cache
 def cell(*files):
-    """A cell, built once."""
+    """Return a cell, built once."""
     return build_cell(load_config([CONFIGS / file for file in files]))
 
 
 @asynccontextmanager
 async def serving(*files, build=cell, **more):
-    """The port of a daemon that serves meanwhile; ``more`` are its keys and dialects."""
+    """Run a daemon and return its port; ``more`` are its keys and dialects."""
     log = Log(io.StringIO())
     daemon = Daemon(build(*files), Gate, log, **more)
     port = asyncio.get_running_loop().create_future()
@@ -46,20 +46,22 @@ async def serving(*files, build=cell, **more):
 
 @asynccontextmanager
 async def another(*files, **more):
-    """Host and port of one more daemon of the kind."""
+    """Run another daemon of the kind and return its host and port."""
     async with serving(*files, **more) as port:
         yield "127.0.0.1", port
 
 
 class Kit:
-    """Tries cases on a daemon in this event loop."""
+    """Runs cases against a daemon in this event loop."""
 
-    async def results(self, *ids, patience=None, files=("conformance.yaml",), participants=()):
-        """What the cases came to, by id."""
+    async def results(self, *ids, within=None, files=("conformance.yaml",), participants=()):
+        """Return the results of cases, by id."""
         async with serving(*files) as port:
-            target = Target("127.0.0.1", port, longest=patience or 10.0, anew=lambda: another(*files))
-            facts = await ask(target, None, participants)
-            return {r.case.id: r async for r in Runner(target, facts).run(selected(list(ids)))}
+            target = Target(
+                "127.0.0.1", port, base_timeout=within or 10.0, start_another=lambda: another(*files)
+            )
+            server = await query_server(target, None, participants)
+            return {r.case.id: r async for r in Runner(target, server).run(select_cases(list(ids)))}
 
 
 @pytest.fixture

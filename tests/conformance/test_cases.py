@@ -1,10 +1,11 @@
 """Every MUST about the server has a case, every case a statement."""
 
 import re
+from functools import partial
 
 import pytest
 
-from armgate.conformance.case import cases, selected
+from armgate.conformance.case import cases, select_cases
 from armgate.protocol.statements import Level, When, statements
 
 MUSTS = [s for s in statements().values() if s.about_server and s.level is Level.MUST]
@@ -30,6 +31,14 @@ def test_every_case_says_what_it_does_and_expects():
         assert len(case.expectation) > 4, case.id
 
 
+def test_the_functions_of_cases_have_names_of_their_own():
+    functions = {body.func if isinstance(body, partial) else body for body in (case.body for case in cases())}
+    names = [function.__name__ for function in functions]
+    assert len(names) > 200
+    assert "_" not in names
+    assert len(names) == len(set(names)), sorted(name for name in names if names.count(name) > 1)
+
+
 def test_there_are_as_many_as_it_takes():
     assert len(cases()) == len({case.id for case in cases()})
     assert len(cases()) > 200
@@ -47,11 +56,11 @@ def test_a_case_of_a_mode_names_no_statement_of_another():
     ("names", "least"), [(["LEA-8/takeover"], 1), (["FRM-5"], 3), (["LEA"], 20), (["FRM-5", "LEA-8"], 4)]
 )
 def test_cases_are_chosen_by_id_statement_and_topic(names, least):
-    found = selected(names)
+    found = select_cases(names)
     assert len(found) >= least
     assert all(any(case.id.startswith(name) for name in names) for case in found)
 
 
 def test_a_name_that_fits_no_case_is_told():
     with pytest.raises(LookupError, match="FRM-999"):
-        selected(["FRM-1", "FRM-999"])
+        select_cases(["FRM-1", "FRM-999"])

@@ -5,15 +5,15 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from armgate.conformance import page, report
-from armgate.conformance.case import cases
+from armgate.conformance import report
+from armgate.conformance.case import Outcome, cases
+from armgate.conformance.html_report import html_page
 from armgate.conformance.runner import Result
-from armgate.conformance.target import Facts
-from armgate.conformance.verdicts import Outcome
+from armgate.conformance.target import ServerInfo
 from conformance.conftest import serving
 from support.clients import run
 
-FACTS = Facts(
+SERVER = ServerInfo(
     {"versions": [1], "software": "<toy> 1"},
     {"name": "cell & co"},
     {"name": "R"},
@@ -63,7 +63,7 @@ def test_junit_can_be_read(tmp_path):
 
 
 def test_the_page_stands_alone_and_escapes():
-    text = page.page(RESULTS, FACTS, "h:1", False, "--only X")
+    text = html_page(RESULTS, SERVER, "h:1", False, "--only X")
     assert "&lt;toy&gt; 1" in text
     assert "cell &amp; co" in text
     assert "got &lt;b&gt;" in text
@@ -74,13 +74,13 @@ def test_the_page_stands_alone_and_escapes():
 
 def test_the_page_sets_the_names_in_a_statement_as_code():
     told = next(c for c in cases() if "`verdict`" in c.statement.text)
-    text = page.page([Result(told, Outcome.PASS, Outcome.PASS)], FACTS, "h:1", False, "")
+    text = html_page([Result(told, Outcome.PASS, Outcome.PASS)], SERVER, "h:1", False, "")
     assert "<code>verdict</code>" in text
     assert "`" not in text
 
 
 def test_wire_logs_are_files(tmp_path):
-    report.write_wires(RESULTS, tmp_path)
+    report.write_wire_logs(RESULTS, tmp_path)
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -109,8 +109,8 @@ async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("127.0.0.1:1",), "no server that can be tried at 127.0.0.1:1"),
-        (("localhost",), "is no address"),
+        (("127.0.0.1:1",), "no server that can be tested at 127.0.0.1:1"),
+        (("localhost",), "is not an address"),
         ((), "give either HOST:PORT or --start COMMAND"),
         (("127.0.0.1:1", "--only", "FOO-1"), "no case FOO-1"),
         (("127.0.0.1:1", "--faults", "rain=1"), "--faults"),

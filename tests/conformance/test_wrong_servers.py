@@ -10,7 +10,7 @@ from typing import Literal
 import pytest
 
 from armgate import events
-from armgate.conformance.verdicts import Outcome
+from armgate.conformance.case import Outcome
 from armgate.daemon.core import description as description_module
 from armgate.daemon.core import to_protocol
 from armgate.daemon.core.core import Core
@@ -597,7 +597,7 @@ async def test_a_server_wrong_in_one_way_is_caught(name, kit, monkeypatch):
     change, case, verdict = WRONG[name]
     change(monkeypatch)
     lockstep = {"files": LOCKSTEP, "participants": ("kit-a", "kit-b")} if case.startswith("LCK") else {}
-    result = (await kit.results(case, patience=PATIENCE, **lockstep))[case]
+    result = (await kit.results(case, within=PATIENCE, **lockstep))[case]
     assert getattr(result, verdict) is Outcome.FAIL, (result.findings, result.wire[-10:])
     assert result.findings
     assert result.wire, "a failure without its wire log"

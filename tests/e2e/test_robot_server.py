@@ -112,7 +112,7 @@ async def test_what_happened_with_robots_elsewhere_is_recorded_and_judged_the_sa
     for name in ("one", "two"):
         status, said, err = await run("replay", tmp_path / name)
         assert (status, err) == (0, ""), said
-        assert "to the last bit" in said
+        assert "bit for bit" in said
 
 
 async def test_figures_tell_how_late_ticks_were_heard_of(cell, socket):

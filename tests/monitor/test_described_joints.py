@@ -13,14 +13,13 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.daemon.core.description import CellDescription
 from armgate.daemon.recording.recorder import Recorder
-from armgate.monitor.agreement import differences
-from armgate.monitor.audit import audit
-from armgate.monitor.joints import joint_differences
+from armgate.monitor.description_check import differences, joint_differences
 from armgate.monitor.model import build
+from armgate.monitor.offline import check_recording
 from armgate.monitor.yaml_files import read_files
 from armgate.protocol import messages as m
-from monitor.test_audit import rewritten
 from monitor.test_live import config, ended, watching
+from monitor.test_offline import rewritten
 from monitor.test_planted_faults import A3_ORIGIN, A5, urdf
 from monitor.watched import ARM, CONFIGS, GANTRY, Watched, demo, saved
 from support.cells import URDF
@@ -85,7 +84,7 @@ def test_a_moved_joint_is_named_with_both_values_and_advice(tmp_path):
     wrong = with_origin(text, "A3", '<origin xyz="0.67 0 0"/>')
     assert list(joint_differences(robot, wrong.encode())) == [
         "GR: joint A3 is described with the origin xyz 0.67 0 0 m, rpy 0 0 0 rad, "
-        f"the configuration says xyz 0.68 0 0 m, rpy 0 0 0 rad; {ADVICE}"
+        f"configured as xyz 0.68 0 0 m, rpy 0 0 0 rad; {ADVICE}"
     ]
 
 
@@ -97,7 +96,7 @@ def test_only_rounding_is_tolerated(tmp_path, off, count):
 
 
 CHANGES = {
-    "an axis is turned round": ('<axis xyz="0 1 0" />', '<axis xyz="0 -1 0" />', "the axis 0 -1 0, the"),
+    "an axis is turned round": ('<axis xyz="0 1 0" />', '<axis xyz="0 -1 0" />', "the axis 0 -1 0, conf"),
     "an axis of the gantry": ('<axis xyz="0.0 1.0 0.0" />', '<axis xyz="0.0 1.0 0.1" />', "joint Y is"),
     "the mount of the arm": ('name="gantry_mount"', None, "joint gantry_mount is described with the origin"),
     "a joint slides": ('name="A5" type="revolute"', 'name="A5" type="prismatic"', "the kind prismatic"),
@@ -149,7 +148,7 @@ async def test_a_daemon_with_another_urdf_is_stopped_at_connect(tmp_path):
             assert (stopped.by, set(stopped.robots)) == ("monitor", {"A", "B"})
             assert "A: joint" in stopped.reason
             assert "xyz 0.499 0 0 m" in stopped.reason
-            assert "the configuration says xyz 0.5 0 0 m" in stopped.reason
+            assert "configured as xyz 0.5 0 0 m" in stopped.reason
             status, lines, _ = await ended(monitor)
     assert status == 1
     assert lines[-1].endswith("2 violations")
@@ -175,10 +174,10 @@ def test_a_recording_of_a_daemon_with_another_urdf_is_violated_at_rest(tmp_path,
     watched = Watched(demo(ARM), tmp_path, wrong=wrong, recorder=recorder)
     watched.rest(3)
     recorder.close()
-    _, account = audit(tmp_path / "run", [tmp_path / "true.yaml"], 1.0)
-    assert any(said in found.text for found in account.findings if found.kind == "cell")
-    _, account = audit(tmp_path / "run", (), 1.0)  # by its own configuration
-    assert account.findings == []
+    _, summary = check_recording(tmp_path / "run", [tmp_path / "true.yaml"], 1.0)
+    assert any(said in found.text for found in summary.findings if found.kind == "cell")
+    _, summary = check_recording(tmp_path / "run", (), 1.0)  # by its own configuration
+    assert summary.findings == []
 
 
 @pytest.fixture(scope="module")
@@ -211,5 +210,5 @@ def other_urdf(header: dict, *, honest: bool) -> dict:
 )
 def test_a_recording_whose_description_was_changed_is_violated(run, tmp_path, change, said):
     changed = rewritten(run, tmp_path / "run", lambda topic, v: change(v) if topic == "/run" else v)
-    _, account = audit(changed, (), 1.0)
-    assert any(said in found.text for found in account.findings if found.kind == "cell"), account.findings
+    _, summary = check_recording(changed, (), 1.0)
+    assert any(said in found.text for found in summary.findings if found.kind == "cell"), summary.findings

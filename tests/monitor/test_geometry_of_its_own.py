@@ -8,14 +8,14 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.monitor.distance import Placed, apart
-from armgate.monitor.frames import from_quaternion
+from armgate.monitor.braking import increment_to, rest_of
+from armgate.monitor.convex_solid import SIZES, Solid, hull, primitive
+from armgate.monitor.distance import PlacedSolid, distance_bounds
 from armgate.monitor.kinematics import Kinematics, Reach
 from armgate.monitor.mesh_files import Mesh
 from armgate.monitor.mesh_solids import solids_of
 from armgate.monitor.model import build
-from armgate.monitor.solids import SIZES, Solid, hull, primitive
-from armgate.monitor.stopping import increment_to, rest_of
+from armgate.monitor.transforms import from_quaternion
 from armgate.monitor.yaml_files import read_files
 from support import meshes
 
@@ -116,7 +116,9 @@ def test_both_bounds_hold_the_distance_of_another_engine():
         kinds = [str(kind) for kind in rng.choice(list(SIZES), 2)]
         sizes = [rng.uniform(0.05, 0.6, SIZES[kind]).tolist() for kind in kinds]
         A, B = random_place(rng, 0.0), random_place(rng, 0.8)
-        found = apart(*(Placed(primitive(k, s, ""), T) for k, s, T in zip(kinds, sizes, (A, B), strict=True)))
+        found = distance_bounds(
+            *(PlacedSolid(primitive(k, s, ""), T) for k, s, T in zip(kinds, sizes, (A, B), strict=True))
+        )
         truth = engine_distance((kinds[0], sizes[0]), (kinds[1], sizes[1]), A, B)
         assert found.low <= found.high
         if truth > 1e-6:
@@ -142,7 +144,7 @@ def test_known_distances():
     for one, two, where, expected in cases:
         T = np.eye(4)
         T[:3, 3] = where
-        found = apart(Placed(one, np.eye(4)), Placed(two, T))
+        found = distance_bounds(PlacedSolid(one, np.eye(4)), PlacedSolid(two, T))
         assert found.low == pytest.approx(expected, abs=1e-6)
         assert found.high >= found.low
 
@@ -168,7 +170,7 @@ def test_a_convex_piece_is_its_hull_and_another_its_triangles():
 def _inside(solid: Solid, at) -> float:
     T = np.eye(4)
     T[:3, 3] = at
-    return apart(Placed(solid, np.eye(4)), Placed(primitive("sphere", [1e-3], ""), T)).low
+    return distance_bounds(PlacedSolid(solid, np.eye(4)), PlacedSolid(primitive("sphere", [1e-3], ""), T)).low
 
 
 def test_pieces_that_do_not_touch_are_solids_of_their_own():
@@ -188,9 +190,9 @@ def test_boxes_around_triangles_never_leave_any_out():
     solids = solids_of(loose, (1.0, 1.0, 1.0), "parts")
     for _ in range(20):
         T = random_place(rng, 0.6)
-        ball = Placed(primitive("sphere", [0.02], ""), T)
-        tree = min(apart(Placed(solid, np.eye(4)), ball).low for solid in solids)
-        each = min(apart(Placed(hull(t), np.eye(4)), ball).low for t in triangles)
+        ball = PlacedSolid(primitive("sphere", [0.02], ""), T)
+        tree = min(distance_bounds(PlacedSolid(solid, np.eye(4)), ball).low for solid in solids)
+        each = min(distance_bounds(PlacedSolid(hull(t), np.eye(4)), ball).low for t in triangles)
         assert tree == pytest.approx(each, abs=1e-6)
 
 

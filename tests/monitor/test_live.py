@@ -146,7 +146,7 @@ async def test_states_that_stop_coming_are_noticed_and_a_lost_daemon_ends_the_wa
         os.kill(daemon.process.pid, signal.SIGKILL)
         status, _, err = await ended(monitor, by=None)
     assert status == 1
-    assert "not watched any more" in err
+    assert "not monitored any more" in err
 
 
 async def test_a_configuration_that_it_cannot_read_is_refused(tmp_path):

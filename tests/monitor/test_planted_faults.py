@@ -14,7 +14,7 @@ from armgate import events as e
 from armgate.daemon.core import to_protocol
 from armgate.gate import braking, robot
 from armgate.monitor.motion import Motion
-from armgate.monitor.samples import sample_of
+from armgate.monitor.tick_state import state_of_entry
 from armgate.protocol import messages as m
 from monitor.watched import ARM, GANTRY, Change, Tree, Watched, demo
 
@@ -60,7 +60,7 @@ def driven(scenario: Scenario, folder: Path, **fault) -> Watched:
 def test_no_scenario_raises_an_alarm_without_a_fault(name, tmp_path):
     watched = driven(SCENARIOS[name], tmp_path)
     assert watched.findings == []
-    assert watched.monitor.account.states == SCENARIOS[name].ticks * len(SCENARIOS[name].robots)
+    assert watched.monitor.summary.states == SCENARIOS[name].ticks * len(SCENARIOS[name].robots)
     assert watched.verdicts[-1].outcome != "admitted" or name == "fast"  # each reaches what it aims at
 
 
@@ -263,13 +263,15 @@ def test_a_robot_that_falls_silent_is_found(tmp_path):
 def test_a_robot_whose_link_has_ended_is_not_silent(tmp_path, link):
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
-    arm = sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None).model_copy(update={"link": link}))
+    arm = state_of_entry(
+        to_protocol.entry(ARM, watched.runner.view(ARM), None).model_copy(update={"link": link})
+    )
     for tick in range(3, 200):
         own = to_protocol.entry(GANTRY, watched.runner.view(GANTRY), None)
         own = own.model_copy(update={"tick": tick, "time": tick * 0.012})
-        assert watched.monitor.take(sample_of(own), [arm]) == []
-    assert watched.monitor.silent(2.0) != []  # of the other one
-    assert {f.robot for f in watched.monitor.account.findings} == {GANTRY}
+        assert watched.monitor.check(state_of_entry(own), [arm]) == []
+    assert watched.monitor.add_silence(2.0) != []  # of the other one
+    assert {f.robot for f in watched.monitor.summary.findings} == {GANTRY}
 
 
 def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
@@ -277,10 +279,10 @@ def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
     monitor, index = watched.monitor, [r.name for r in watched.monitor.cell.robots].index(ARM)
-    own, arm = (sample_of(to_protocol.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
+    own, arm = (state_of_entry(to_protocol.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
     for ticks, seen in ((1, True), (2, True), (3, False), (4, False)):
-        monitor.take(replace(own, tick=own.tick + ticks, time=own.time + ticks * 0.012), [arm])
-        assert monitor._clearances.sees(index) == seen
+        monitor.check(replace(own, tick=own.tick + ticks, time=own.time + ticks * 0.012), [arm])
+        assert monitor._clearances.knows(index) == seen
 
 
 def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
@@ -288,7 +290,7 @@ def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     monitor = watched.monitor
-    sample = sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None))
+    sample = state_of_entry(to_protocol.entry(ARM, watched.runner.view(ARM), None))
     fast = 0.9 * monitor.cell.robots[0].velocity[0] * 0.012
 
     def kinds(step, ready):
@@ -296,7 +298,7 @@ def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
         q = sample.setpoint + np.eye(len(sample.q))[0] * step
         sample = replace(sample, tick=sample.tick + 1, time=sample.time + 0.012, setpoint=q, stop_end=q)
         sample = replace(sample, ready=ready)
-        return {finding.kind for finding in monitor.take(sample)}
+        return {finding.kind for finding in monitor.check(sample)}
 
     for step, ready in ((0.0, False), (fast, False), (0.0, False), (0.0, True)):
         assert kinds(step, ready) == set()
@@ -312,14 +314,14 @@ def test_a_link_that_holds_may_take_back_the_newest_increment_only(tmp_path, hol
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     robot = replace(watched.monitor.cell.robots[0], holds=holds)
-    motion, sample = Motion(robot), sample_of(to_protocol.entry(ARM, watched.runner.view(ARM), None))
+    motion, sample = Motion(robot), state_of_entry(to_protocol.entry(ARM, watched.runner.view(ARM), None))
     unit = np.eye(robot.n)[0] * robot.acceleration[0] * 0.012**2
-    motion.take(sample)
+    motion.check(sample)
     kinds = set()
     for step in (0.0, 0.9, 1.8, -1.8 + off / unit[0], 0.0, 0.9):
         q = sample.setpoint + step * unit
         sample = replace(sample, tick=sample.tick + 1, time=sample.time + 0.012, q=q, setpoint=q, stop_end=q)
-        kinds |= {finding.kind for finding in motion.take(sample)[1]}
+        kinds |= {finding.kind for finding in motion.check(sample)[1]}
     assert kinds - {"stop_end"} == expected
 
 
@@ -333,7 +335,7 @@ def test_a_robot_is_not_held_to_setpoints_that_were_missed(tmp_path):
         nonlocal sample
         time = sample.time + ticks * 0.012
         sample = replace(sample, tick=sample.tick + ticks, time=time, q=sample.q + 1e-4)
-        return {finding.kind for finding in watched.monitor.take(sample)}
+        return {finding.kind for finding in watched.monitor.check(sample)}
 
     assert kinds(2) == kinds(1) == set()
     assert set.union(*(kinds(1) for _ in range(8))) == {"stray"}

@@ -27,7 +27,7 @@ def started(folder: Path, start, **fault) -> Watched:
 @pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
 def test_a_way_out_raises_no_alarm(tmp_path, start):
     watched = started(tmp_path, start)
-    assert watched.monitor.account.retreats >= 1
+    assert watched.monitor.summary.retreats >= 1
     assert watched.toward(UP, 200) == []
     assert np.allclose(watched.runner.view(ARM).setpoint, UP[ARM], atol=0.2)
     assert watched.monitor._floors == {}  # a margin that was left is held like any other
@@ -90,7 +90,7 @@ def too_near(tmp_path):
     start[GANTRY] = (start[GANTRY][0] - 0.02, *start[GANTRY][1:])
     again = Watched(demo(ARM, GANTRY), tmp_path, start=start)
     again.rest(3)
-    assert again.monitor.account.retreats >= 1
+    assert again.monitor.summary.retreats >= 1
     return again, start
 
 

@@ -23,10 +23,10 @@ from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links.emulated import EmulatedLink
-from armgate.monitor.core import Monitor
 from armgate.monitor.findings import Finding
 from armgate.monitor.model import build
-from armgate.monitor.samples import sample_of
+from armgate.monitor.monitor import Monitor
+from armgate.monitor.tick_state import state_of_entry
 from armgate.monitor.yaml_files import read_files
 from armgate.protocol import messages as m
 
@@ -121,9 +121,9 @@ class Watched:
             self.shown = Snapshot(ticks, tuple(entries.values()), {}, ())
             self.recorder.show(self.shown)
         new = []
-        samples = [sample_of(entry) for entry in entries.values()]
+        samples = [state_of_entry(entry) for entry in entries.values()]
         for sample in samples:
-            new += self.monitor.take(sample, [other for other in samples if other is not sample])
+            new += self.monitor.check(sample, [other for other in samples if other is not sample])
         self.findings += new
         return new
 

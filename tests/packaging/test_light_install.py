@@ -42,7 +42,7 @@ def test_the_blocker_blocks() -> None:
         "armgate.events",
         "armgate.apps.cli",
         "armgate.conformance.command",
-        "armgate.conformance.kit",
+        "armgate.conformance.run",
     ],
 )
 def test_it_imports_without_the_cells_libraries(module: str) -> None:

@@ -25,7 +25,6 @@ import pytest
 
 TESTS = ("tests/gate",)
 ABOUT = {
-    "beside": ("beside",),
     "braking": ("joint_limits_exact", "motion_math"),
     "certificate": ("certificate_exact", "shapes_certificates", "verdicts"),
     "clearance": (
@@ -52,7 +51,7 @@ ABOUT = {
     "penetration": ("penetration",),
     "reservations": ("gate_reserved", "gate_exact", "gate_order", "resets"),
     "retreat": ("retreat", "gate_exact", "resets"),
-    "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "beside", "lever_range"),
+    "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "lever_range"),
     "screen": ("screen", "clearance_exact", "gate_exact"),
     "standstill": ("standstill", "robot_exact"),
     "step_bounds": ("joint_limits_exact", "robot_exact", "verdicts"),

@@ -1,5 +1,5 @@
-"""A black-box kit that tells whether a server keeps the specification of the protocol.
+"""Black-box kit that checks if a server conforms to the specification of the protocol.
 
-It speaks to any server over the network, with a wire client of its own: neither the SDK nor the code that
-reads and writes messages in this project is used, so that a mistake that both sides share does not hide.
+It connects to any server over the network, with a client of its own. It uses neither the SDK nor this
+project's code that encodes and decodes messages, so that an error in that code cannot hide itself.
 """

@@ -1,32 +1,72 @@
-"""What a case is, and where all of them are found."""
+"""Test cases: their outcomes, their registration and their selection."""
 
 import importlib
 import pkgutil
 import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING
 
 from armgate.protocol.statements import Level, Statement, When, statements
 
 if TYPE_CHECKING:
-    from armgate.conformance.trial import Trial
+    from armgate.conformance.context import CaseContext
 
-Body = Callable[["Trial"], Awaitable[None]]
+Body = Callable[["CaseContext"], Awaitable[None]]
 _ID = re.compile(r"([A-Z]+)-(\d+)(?:/[a-z0-9-]+)?")
+
+
+# --- outcomes ---------------------------------------------------------------------------------------------
+
+
+class Outcome(Enum):
+    """Outcome of one side of a case, safety or session, from best to worst."""
+
+    PASS = "PASS"  # noqa: S105 (an outcome, not a password)
+    SKIPPED = "SKIPPED"
+    NON_STRICT = "NON-STRICT"
+    """A SHOULD was not kept; with ``--strict`` that is a failure."""
+    FAIL = "FAIL"
+
+    @property
+    def badness(self) -> int:
+        """Rank of the outcome; a greater one is worse."""
+        return list(Outcome).index(self)
+
+
+class Violation(Exception):  # noqa: N818 (an error of the server, not of the kit)
+    """The conversation deviated from the specification; the text names the place."""
+
+
+class Skip(Exception):  # noqa: N818
+    """The case cannot be run against this server; the text gives the reason."""
+
+
+def check(condition: bool, text: str) -> None:
+    """Fail the session outcome of the running case unless a condition is true.
+
+    Raises:
+        Violation: The condition is false.
+    """
+    if not condition:
+        raise Violation(text)
+
+
+# --- cases ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One thing that is tried on a server.
+    """One test of a server.
 
     Attributes:
-        id: The statement that it tries, and a word for how: several cases may try one.
+        id: The statement that it tests, and a word for the way: several cases may test one statement.
         description: What the kit does.
-        expectation: What a server that keeps the statement does.
-        body: Does it; raises ``Unmet`` or ``Skip``.
-        also: Further statements that it tries.
+        expectation: The behaviour of a server that keeps the statement.
+        body: Function that runs the case; raises ``Violation`` or ``Skip``.
+        also: Further statements that it tests.
     """
 
     id: str
@@ -37,22 +77,22 @@ class Case:
 
     @property
     def when(self) -> When:
-        """On which servers it can be tried."""
+        """Servers to which the case applies."""
         return self.statement.when
 
     @property
     def should(self) -> bool:
-        """Whether only a SHOULD is broken if it fails."""
+        """True if a failure breaks only a SHOULD."""
         return self.statement.level is not Level.MUST
 
     @property
     def statement(self) -> Statement:
-        """What it tries, as the specification has it."""
+        """Statement of the specification that the case tests."""
         return statements()[self.id.partition("/")[0]]
 
     @property
     def covers(self) -> tuple[str, ...]:
-        """Ids of all statements that it tries."""
+        """Ids of all statements that it tests."""
         return (self.id.partition("/")[0], *self.also)
 
 
@@ -66,7 +106,11 @@ def case(
     *,
     also: tuple[str, ...] = (),
 ) -> Callable[[Body], Body]:
-    """Register a function as a case."""
+    """Register a function as a case.
+
+    The id is written out, not derived from the description or from the function's name: reports, ``--only``
+    and tests refer to it. A function with parameters may run several cases: register a ``partial`` for each.
+    """
 
     def register(body: Body) -> Body:
         if id_ in _CASES:
@@ -79,7 +123,7 @@ def case(
 
 @cache
 def cases() -> tuple[Case, ...]:
-    """All cases, in the order of the specification."""
+    """Return all cases, in the order of the specification."""
     from armgate.conformance import cases as package  # noqa: PLC0415 (its modules import this one)
 
     for module in pkgutil.iter_modules(package.__path__):
@@ -88,20 +132,20 @@ def cases() -> tuple[Case, ...]:
     return tuple(sorted(_CASES.values(), key=lambda c: (order.index(c.covers[0]), c.id)))
 
 
-def selected(wanted: list[str]) -> tuple[Case, ...]:
-    """The cases named: by id, by statement, or by a statement's letters.
+def select_cases(names: list[str]) -> tuple[Case, ...]:
+    """Return the cases with these names: ids, statements, or the letters of statements.
 
     Raises:
-        LookupError: A name fits none.
+        LookupError: A name matches no case.
     """
-    if not wanted:
+    if not names:
         return cases()
-    strange = [name for name in wanted if not any(_fits(one, name) for one in cases())]
-    if strange:
-        raise LookupError(f"no case {', '.join(strange)}; `armgate conformance --list` shows all")
-    return tuple(one for one in cases() if any(_fits(one, name) for name in wanted))
+    unknown = [name for name in names if not any(_matches(each, name) for each in cases())]
+    if unknown:
+        raise LookupError(f"no case {', '.join(unknown)}; `armgate conformance --list` shows all")
+    return tuple(each for each in cases() if any(_matches(each, name) for name in names))
 
 
-def _fits(one: Case, name: str) -> bool:
-    match = _ID.fullmatch(one.id)
-    return match is not None and name in (one.id, one.id.partition("/")[0], match[1])
+def _matches(candidate: Case, name: str) -> bool:
+    match = _ID.fullmatch(candidate.id)
+    return match is not None and name in (candidate.id, candidate.id.partition("/")[0], match[1])

@@ -1,15 +1,15 @@
-"""The kit's own eye: a connection that only looks on, past every fault, through a whole run."""
+"""Observer of the kit: a connection without faults that receives every state during a whole run."""
 
 import asyncio
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from armgate.conformance.ledger import Ledger
-from armgate.conformance.packing import Fields
-from armgate.conformance.safety import Joints, Sample, at_rest, judge
-from armgate.conformance.verdicts import Unmet
-from armgate.conformance.wire import Wire
+from armgate.conformance.case import Violation
+from armgate.conformance.codec import Fields
+from armgate.conformance.command_log import CommandLog
+from armgate.conformance.connection import Connection
+from armgate.conformance.safety_checks import JointBounds, Sample, is_at_rest, unsafe_motion
 
 _KEPT = 20_000
 _FINDINGS = 8
@@ -18,117 +18,117 @@ _FIRST = 2.0
 
 
 class Observer:
-    """Sees every state of every robot.
+    """Receives every state of every robot.
 
     Args:
-        wire: A welcomed connection.
+        connection: A connection after the welcome.
         description: The cell.
 
     Attributes:
         entries: The newest entry of each robot.
-        gap: The longest time between two states since ``begin``, s.
+        gap: The longest time between two states since ``begin_case``, s.
     """
 
-    def __init__(self, wire: Wire, description: Fields) -> None:
-        self.wire = wire
+    def __init__(self, connection: Connection, description: Fields) -> None:
+        self.connection = connection
         self.entries: dict[str, Fields] = {}
-        self._joints = {robot["name"]: Joints.of(robot) for robot in description["robots"]}
+        self._bounds = {robot["name"]: JointBounds.of(robot) for robot in description["robots"]}
         self._seen: dict[str, list[Sample]] = defaultdict(list)
         self._news = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
         self._last = 0.0
         self.gap = 0.0
 
-    async def watch(self) -> None:
-        """Subscribe and look on from now.
+    async def start(self) -> None:
+        """Subscribe, and receive states from now on.
 
         Raises:
-            Unmet: The server does not subscribe an observer.
+            Violation: The server does not accept the subscription of an observer.
         """
-        await self.wire.answered("subscribe", "subscribed", every=1)
-        self._task = asyncio.create_task(self._look())
-        # (lock-step: nothing ticks before its participants are there, but the newest states come at once)
-        with suppress(Unmet):  # (one whose link is not ready may never tick, and have no entry)
-            await self.until(lambda: len(self.entries) == len(self._joints), "every robot's entry", _FIRST)
+        await self.connection.call("subscribe", "subscribed", every=1)
+        self._task = asyncio.create_task(self._receive_states())
+        # In lock-step no tick happens before the participants are there, but the newest states come at once.
+        with suppress(Violation):  # A robot whose link is not ready may never tick, and has no entry.
+            await self.until(lambda: len(self.entries) == len(self._bounds), "every robot's entry", _FIRST)
         await self.until(lambda: bool(self.entries), "a state")
 
     async def close(self) -> None:
-        """Look on no more."""
+        """Stop to receive states, and close the connection."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])
-        self.wire.close()
+        self.connection.close()
 
     @property
-    def blind(self) -> bool:
-        """Whether the connection is gone."""
-        return self.wire.ended
+    def disconnected(self) -> bool:
+        """True if the connection is lost."""
+        return self.connection.ended
 
-    def begin(self) -> None:
-        """A case begins: what was seen before is told no more, but for the last two states."""
+    def begin_case(self) -> None:
+        """Forget what was seen before this case, except the last two states."""
         self.gap = 0.0
         for robot, samples in self._seen.items():
             self._seen[robot] = samples[-2:]
 
-    def findings(self, ledger: Ledger) -> list[str]:
-        """What was wrong with what robots did since ``begin``."""
+    def findings(self, commands: CommandLog) -> list[str]:
+        """Return the unsafe motions of robots since ``begin_case``."""
         return [
             finding
             for robot, samples in self._seen.items()
-            for finding in judge(robot, samples, self._joints[robot], ledger)
+            for finding in unsafe_motion(robot, samples, self._bounds[robot], commands)
         ][:_FINDINGS]
 
     def samples(self, robot: str) -> list[Sample]:
-        """What was seen of a robot since ``begin``."""
+        """Return the states of a robot since ``begin_case``."""
         return self._seen[robot]
 
-    async def until(self, holds: Callable[[], bool], what: str, within: float | None = None) -> None:
-        """Wait until something holds of what was seen.
+    async def until(self, condition: Callable[[], bool], what: str, within: float | None = None) -> None:
+        """Wait until a condition on the received states is true.
 
         Raises:
-            Unmet: It does not in time.
+            Violation: It does not become true in time.
         """
-        patience = self.wire.patience if within is None else within
+        seconds = self.connection.timeout if within is None else within
         try:
-            async with asyncio.timeout(patience):
-                while not holds():
-                    if self.blind:
-                        raise Unmet("the server closed the connection of the observer")
+            async with asyncio.timeout(seconds):
+                while not condition():
+                    if self.disconnected:
+                        raise Violation("the server closed the connection of the observer")
                     self._news.clear()
                     await self._news.wait()
         except TimeoutError:
-            raise Unmet(f"the observer waited {patience:g} s for {what}") from None
+            raise Violation(f"the observer waited {seconds:g} s for {what}") from None
 
     async def ticks(self, robot: str, count: int) -> None:
-        """Wait until a robot has ticked so often from now."""
+        """Wait until a robot has ticked this often from now."""
         goal = self.tick(robot) + count
         await self.until(lambda: self.tick(robot) >= goal, f"{count} ticks of {robot}")
 
     def tick(self, robot: str) -> int:
-        """The newest tick seen of a robot."""
+        """Return the newest tick received of a robot."""
         return int(self.entries[robot]["tick"])
 
-    def rests(self, robot: str) -> bool:
-        """Whether a robot was seen at rest."""
-        return at_rest(self._seen[robot])
+    def is_at_rest(self, robot: str) -> bool:
+        """Return True if the newest states show a robot at rest."""
+        return is_at_rest(self._seen[robot])
 
-    def unrest(self) -> Iterator[str]:
-        """What is not yet as before a case: leases held, stops in force, motion."""
+    def disturbances(self) -> Iterator[str]:
+        """Yield what a case has left behind: leases held, and robots that move."""
         for robot, entry in self.entries.items():
             if entry["holder"] is not None:
                 yield f"{robot} is still held by {entry['holder']}"
-            if not self.rests(robot):
+            if not self.is_at_rest(robot):
                 yield f"{robot} still moves"
 
     def stops(self) -> set[int]:
-        """The stops in force."""
+        """Return the ids of the stops in force."""
         return {stop for entry in self.entries.values() for stop in entry["stops"] or ()}
 
-    async def _look(self) -> None:
+    async def _receive_states(self) -> None:
         while True:
             try:
-                state = await self.wire.hear(lambda m: m["type"] == "state", "a state", within=1e9)
-            except Unmet:
+                state = await self.connection.receive(lambda m: m["type"] == "state", "a state", within=1e9)
+            except Violation:
                 self._news.set()
                 return
             now = asyncio.get_running_loop().time()
@@ -136,10 +136,10 @@ class Observer:
             for entry in state["entries"]:
                 self.entries[entry["robot"]] = entry
                 if entry["robot"] == state["robot"]:
-                    self._note(entry)
+                    self._add_sample(entry)
             self._news.set()
 
-    def _note(self, entry: Fields) -> None:
+    def _add_sample(self, entry: Fields) -> None:
         samples = self._seen[entry["robot"]]
         if entry.get("setpoint") and not (samples and samples[-1].tick >= entry["tick"]):
             samples.append(Sample.of(entry))

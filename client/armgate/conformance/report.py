@@ -1,62 +1,62 @@
-"""What a run came to, for terminals and for machines."""
+"""Reports of a run: lines for the terminal, JUnit XML, and wire logs of failures."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from armgate.conformance.case import Outcome
 from armgate.conformance.runner import Result
-from armgate.conformance.verdicts import Outcome
 
 _TAIL = 12
-"""Lines of the wire log that a terminal is shown of each failure."""
+"""Records of the wire log that are printed for each failure."""
 
 
 def tally(results: Sequence[Result], strict: bool) -> tuple[int, int, int]:
-    """How many passed, failed, were skipped."""
+    """Return how many cases passed, failed and were skipped."""
     failed = sum(result.failed(strict) for result in results)
     skipped = sum(result.outcome is Outcome.SKIPPED for result in results)
     return len(results) - failed - skipped, failed, skipped
 
 
 def last_line(results: Sequence[Result], strict: bool) -> str:
-    """``N cases, N passed, N failed, N skipped``."""
+    """Return the line ``N cases, N passed, N failed, N skipped``."""
     passed, failed, skipped = tally(results, strict)
     return f"{len(results)} cases, {passed} passed, {failed} failed, {skipped} skipped"
 
 
 def line(result: Result) -> str:
-    """One line for one case."""
-    verdicts = f"{result.safety.value:<10} {result.session.value:<10}"
-    return f"{verdicts} {result.case.id:<28} {result.seconds:6.2f} s  {result.case.description}"
+    """Return one line for one case."""
+    outcomes = f"{result.safety.value:<10} {result.session.value:<10}"
+    return f"{outcomes} {result.case.id:<28} {result.seconds:6.2f} s  {result.case.description}"
 
 
 def failure(result: Result) -> str:
-    """All that a terminal is told of a case that did not pass."""
+    """Return the lines of a case that did not pass: statement, expectation, findings, end of the wire log."""
     case = result.case
-    told = [
+    lines = [
         f"    {case.statement.id}: {case.statement.text}",
         f"    expected: {case.expectation}",
         *(f"    {finding}" for finding in result.findings),
     ]
     if result.wire:
-        told += [
-            "    the last of the wire:",
+        lines += [
+            "    the end of the wire log:",
             *(f"      {part}" for entry in result.wire[-_TAIL:] for part in entry.splitlines()),
         ]
-    return "\n".join(told)
+    return "\n".join(lines)
 
 
-def reasons(results: Sequence[Result]) -> list[str]:
-    """Why cases were skipped, each reason once, with how many."""
+def skip_reasons(results: Sequence[Result]) -> list[str]:
+    """Return the reasons for which cases were skipped, each once, with the number of cases."""
     counted = Counter(
         r.findings[0].removeprefix("session: ") for r in results if r.outcome is Outcome.SKIPPED
     )
     return [f"{number} skipped: {reason}" for reason, number in counted.most_common()]
 
 
-def write_wires(results: Sequence[Result], folder: Path) -> None:
-    """The wire log of each case that did not pass, a file each."""
+def write_wire_logs(results: Sequence[Result], folder: Path) -> None:
+    """Write the wire log of each case that did not pass into a file of its own."""
     for result in results:
         if result.wire:
             head = [f"{result.case.id}: {result.case.description}", *result.findings, ""]
@@ -67,7 +67,7 @@ def write_wires(results: Sequence[Result], folder: Path) -> None:
 
 
 def write_junit(results: Sequence[Result], file: Path, strict: bool) -> None:
-    """A JUnit XML report: a suite a section of the specification."""
+    """Write a JUnit XML report, with one suite for each section of the specification."""
     _, failed, skipped = tally(results, strict)
     seconds = sum(result.seconds for result in results)
     root = ET.Element(
@@ -103,19 +103,19 @@ def _suite(root: ET.Element, section: str, members: Sequence[Result], strict: bo
         element = ET.SubElement(
             suite, "testcase", classname=section, name=_legal(name), time=f"{result.seconds:.3f}"
         )
-        told = _legal("\n".join(result.findings))
+        findings = _legal("\n".join(result.findings))
         if result.failed(strict):
-            verdicts = f"safety {result.safety.value}, session {result.session.value}"
-            ET.SubElement(element, "failure", message=verdicts).text = told
+            outcomes = f"safety {result.safety.value}, session {result.session.value}"
+            ET.SubElement(element, "failure", message=outcomes).text = findings
             ET.SubElement(element, "system-out").text = _legal("\n".join(result.wire))
         elif result.outcome is Outcome.SKIPPED:
-            ET.SubElement(element, "skipped", message=told)
+            ET.SubElement(element, "skipped", message=findings)
         elif result.findings:
-            ET.SubElement(element, "system-out").text = told
+            ET.SubElement(element, "system-out").text = findings
 
 
 def _legal(text: str) -> str:
-    """Without the characters that XML cannot hold."""
+    """Replace the characters that XML does not allow."""
     return "".join(
         c if c in "\n\t" or (c >= " " and not "\ud800" <= c <= "\udfff" and c not in "\ufffe\uffff") else "�"
         for c in text

@@ -1,25 +1,24 @@
-"""Runs cases one after the other, and brings the cell back to rest after each."""
+"""Runs cases one after the other, and brings all robots back to rest after each."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
+from typing import assert_never
 
-from armgate.conformance.case import Case
-from armgate.conformance.ledger import Ledger
+from armgate.conformance.case import Case, Outcome, Skip, Violation
+from armgate.conformance.command_log import CommandLog
+from armgate.conformance.context import CaseContext, reset_stop
 from armgate.conformance.observer import Observer
-from armgate.conformance.target import Facts, Target
-from armgate.conformance.trial import Trial, lifted
-from armgate.conformance.verdicts import Outcome, Skip, Unmet
-from armgate.conformance.wire import Wire
+from armgate.conformance.target import ServerInfo, Target
 from armgate.protocol.statements import When
 
 _STARVED = 0.3
-"""No state for so long, s: on so busy a machine time limits say nothing: a conversation is tried again."""
+"""Time without a state, s, after which the machine counts as too busy: a failed session is run again."""
 
-_AGAIN = 4
-"""How often a case is tried at most. What a robot did wrong is never tried away."""
+_ATTEMPTS = 4
+"""How often a case is run at most. A failed safety outcome is final: no later attempt replaces it."""
 
 _LONGEST = 60.0
 """How long one case may take in all, s."""
@@ -27,15 +26,15 @@ _LONGEST = 60.0
 
 @dataclass(frozen=True)
 class Result:
-    """What one case came to.
+    """Result of one case.
 
     Attributes:
         case: The case.
-        safety: Whether a robot did what it must not.
-        session: Whether the conversation went as written.
-        findings: What was wrong, or why it was skipped.
+        safety: Outcome for the motion of robots.
+        session: Outcome for the conversation.
+        findings: What was wrong, or why the case was skipped.
         seconds: How long it took.
-        wire: The wire log's lines; kept where something was wrong.
+        wire: Lines of the wire log; empty unless something was wrong.
     """
 
     case: Case
@@ -47,11 +46,11 @@ class Result:
 
     @property
     def outcome(self) -> Outcome:
-        """The worse of both verdicts."""
-        return max(self.safety, self.session, key=lambda verdict: verdict.badness)
+        """The worse of both outcomes."""
+        return max(self.safety, self.session, key=lambda outcome: outcome.badness)
 
     def failed(self, strict: bool) -> bool:
-        """Whether it counts as failed."""
+        """Return True if the case counts as failed."""
         return self.outcome is Outcome.FAIL or (strict and self.outcome is Outcome.NON_STRICT)
 
 
@@ -60,18 +59,18 @@ class Runner:
 
     Args:
         target: The server.
-        facts: What it said of itself.
+        server: Its welcome and its cell.
     """
 
-    def __init__(self, target: Target, facts: Facts) -> None:
+    def __init__(self, target: Target, server: ServerInfo) -> None:
         self._target = target
-        self._facts = facts
+        self._server = server
         self._observer: Observer | None = None
         self._numbers = count(1)
-        self._ledger = Ledger()
+        self._commands = CommandLog()
 
     async def run(self, cases: Sequence[Case]) -> AsyncIterator[Result]:
-        """Results as they come."""
+        """Run cases, and yield each result."""
         try:
             for case in cases:
                 yield await self._result(case)
@@ -80,120 +79,126 @@ class Runner:
                 await self._observer.close()
 
     async def _result(self, case: Case) -> Result:
-        if reason := self._elsewhere(case):
+        if reason := self._not_applicable(case):
             return Result(case, Outcome.SKIPPED, Outcome.SKIPPED, (reason,))
-        for _ in range(_AGAIN):
-            result, gap = await self._tried(case)
+        for _ in range(_ATTEMPTS):
+            result, gap = await self._attempt(case)
             if gap < _STARVED or result.safety is Outcome.FAIL or result.session is not Outcome.FAIL:
                 break
         return result
 
-    async def _tried(self, case: Case) -> tuple[Result, float]:
-        """What a case came to, and the longest time for which no state came."""
+    async def _attempt(self, case: Case) -> tuple[Result, float]:
+        """Run a case once; return its result, and the longest time for which no state came."""
         start = asyncio.get_running_loop().time()
         try:
-            observer = await self._looking()
-        except (OSError, TimeoutError, Unmet) as error:
-            told = f"the server cannot be observed any more: {error}"
-            return Result(case, Outcome.FAIL, Outcome.FAIL, (told,)), 0.0
-        observer.begin()
-        trial = Trial(self._target, self._facts, observer, self._ledger)
-        session, said = await self._conversation(case, trial)
-        found = await self._aftermath(trial)
-        safety = Outcome.FAIL if found else Outcome.SKIPPED if session is Outcome.SKIPPED else Outcome.PASS
-        findings = (*(f"session: {text}" for text in said), *(f"safety: {text}" for text in found))
-        good = not found and session in (Outcome.PASS, Outcome.SKIPPED)
+            observer = await self._connected_observer()
+        except (OSError, TimeoutError, Violation) as error:
+            text = f"the server cannot be observed any more: {error}"
+            return Result(case, Outcome.FAIL, Outcome.FAIL, (text,)), 0.0
+        observer.begin_case()
+        context = CaseContext(self._target, self._server, observer, self._commands)
+        session, wrong = await self._converse(case, context)
+        unsafe = await self._clean_up(context)
+        safety = Outcome.FAIL if unsafe else Outcome.SKIPPED if session is Outcome.SKIPPED else Outcome.PASS
+        findings = (*(f"session: {text}" for text in wrong), *(f"safety: {text}" for text in unsafe))
+        good = not unsafe and session in (Outcome.PASS, Outcome.SKIPPED)
         seconds = asyncio.get_running_loop().time() - start
-        wire = () if good else tuple(trial.log.lines())
+        wire = () if good else tuple(context.log.lines())
         return Result(case, safety, session, findings, seconds, wire), observer.gap
 
-    def _elsewhere(self, case: Case) -> str:
-        """Why this case is not for this server, "" if it is."""
-        if (case.when is When.LOCKSTEP) is not self._facts.lockstep:
-            return (
-                f"only for a server {'in lock-step' if case.when is When.LOCKSTEP else 'by the wall clock'}"
-            )
-        if case.when is When.TOKENS and self._target.token is None:
-            return "only for a server with tokens: give --token-file"
-        if case.when is When.TLS and self._target.tls is None:
-            return "only for a server with TLS: give --tls-ca"
-        return ""
+    def _not_applicable(self, case: Case) -> str:
+        """Return why this case does not apply to this server; "" if it does."""
+        if (case.when is When.LOCKSTEP) is not self._server.lockstep:
+            pace = "in lock-step" if case.when is When.LOCKSTEP else "by the wall clock"
+            return f"only for a server {pace}"
+        match case.when:
+            case When.TOKENS:
+                missing = self._target.token is None
+                return "only for a server with tokens: give --token-file" if missing else ""
+            case When.TLS:
+                return "only for a server with TLS: give --tls-ca" if self._target.tls is None else ""
+            case When.ALWAYS | When.CLOCK | When.LOCKSTEP:
+                return ""
+            case _:
+                assert_never(case.when)
 
-    async def _conversation(self, case: Case, trial: Trial) -> tuple[Outcome, list[str]]:
-        told: list[str] = []
+    async def _converse(self, case: Case, context: CaseContext) -> tuple[Outcome, list[str]]:
+        """Run the body of a case; return the outcome of the session, and what was wrong."""
+        wrong: list[str] = []
         try:
             async with asyncio.timeout(_LONGEST + 10 * self._target.faults.delay):
-                await case.body(trial)
-                await self._answered(trial)
+                await case.body(context)
+                await self._check_answered(context)
         except Skip as reason:
             return Outcome.SKIPPED, [str(reason)]
-        except Unmet as fault:
-            told.append(str(fault))
+        except Violation as error:
+            wrong.append(str(error))
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            told.append(f"the server said what the case cannot make sense of: {error!r}")
+            wrong.append(f"the server sent what the case cannot interpret: {error!r}")
         except TimeoutError:
-            told.append(f"not over within {_LONGEST:g} s")
-        told += [fault for wire in trial.wires for fault in wire.faults]
-        if not told:
+            wrong.append(f"not finished within {_LONGEST:g} s")
+        violations = [text for connection in context.connections for text in connection.violations]
+        wrong += violations
+        if not wrong:
             return Outcome.PASS, []
-        wrong = any(wire.faults for wire in trial.wires) or not case.should
-        return Outcome.FAIL if wrong else Outcome.NON_STRICT, told
+        return Outcome.FAIL if violations or not case.should else Outcome.NON_STRICT, wrong
 
-    async def _answered(self, trial: Trial) -> None:
-        """Every command of a connection that still stands must have been answered, once."""
-        for wire in trial.wires:
-            if wire.account.busy and wire.alive and not self._facts.lockstep:
-                await wire.in_step()
-                if left := wire.account.unanswered:
-                    raise Unmet(
-                        f"{wire.name}: no answer to the commands {left} though a later ping has its pong"
+    async def _check_answered(self, context: CaseContext) -> None:
+        """Check that every command of a connection that is still open was answered once."""
+        for connection in context.connections:
+            if connection.verdicts.used and connection.alive and not self._server.lockstep:
+                await connection.sync()
+                if left := connection.verdicts.unanswered:
+                    raise Violation(
+                        f"{connection.name}: no answer to the commands {left}, but a later ping has its pong"
                     )
 
-    async def _aftermath(self, trial: Trial) -> list[str]:
-        """Close everything, let all robots rest, lift stops; what was wrong with what robots did."""
-        observer = trial.observer
-        for wire in trial.wires:
-            wire.close()
+    async def _clean_up(self, context: CaseContext) -> list[str]:
+        """Close all connections, let all robots come to rest, reset stops; return the unsafe motions."""
+        observer = context.observer
+        for connection in context.connections:
+            connection.close()
         found = []
         try:
-            if not self._facts.lockstep:
+            if not self._server.lockstep:
                 await self._back_to_rest(observer)
-        except (OSError, TimeoutError, Unmet) as error:
+        except (OSError, TimeoutError, Violation) as error:
             found.append(f"after the case, with all its connections closed: {error}")
             await self._recover(observer)
-        return observer.findings(trial.ledger) + found
+        return observer.findings(context.commands) + found
 
     async def _back_to_rest(self, observer: Observer) -> None:
         goals = {robot: observer.tick(robot) + 2 for robot in observer.entries}
         await observer.until(lambda: all(observer.tick(r) >= goal for r, goal in goals.items()), "two ticks")
         try:
-            await observer.until(lambda: not [*observer.unrest()], "rest")
-        except Unmet as error:
-            raise Unmet("; ".join(observer.unrest()) or str(error)) from None
+            await observer.until(lambda: not [*observer.disturbances()], "rest")
+        except Violation as error:
+            raise Violation("; ".join(observer.disturbances()) or str(error)) from None
         if stops := observer.stops():
-            operator = await self._target.helper(f"kit-op-{next(self._numbers)}", "operator")
+            operator = await self._target.own_client(f"kit-op-{next(self._numbers)}", "operator")
             for stop in sorted(stops):
-                await lifted(operator, stop, observer)
+                await reset_stop(operator, stop, observer)
             operator.close()
-            await observer.until(lambda: not observer.stops(), "the stops to be lifted")
+            await observer.until(lambda: not observer.stops(), "the stops to be reset")
 
     async def _recover(self, observer: Observer) -> None:
-        """Bring a server that failed to give a robot back to where the next case can begin, if it lets us."""
-        with suppress(OSError, TimeoutError, Unmet):
-            operator = await self._target.helper(f"kit-op-{next(self._numbers)}", "operator")
+        """Try to free the robots of a server that failed to, so that the next case can begin."""
+        with suppress(OSError, TimeoutError, Violation):
+            operator = await self._target.own_client(f"kit-op-{next(self._numbers)}", "operator")
             for robot, entry in observer.entries.items():
                 if entry["holder"] is not None:
-                    lease = await operator.answered("acquire", "lease", robot=robot, takeover=True)
-                    await operator.answered("release", "lease", robot=robot, fence=lease["fence"])
+                    lease = await operator.call("acquire", "lease", robot=robot, takeover=True)
+                    await operator.call("release", "lease", robot=robot, fence=lease["fence"])
             await self._back_to_rest(observer)
 
-    async def _looking(self) -> Observer:
-        if self._observer is None or self._observer.blind:
-            wire: Wire = await self._target.helper(f"kit-observer-{next(self._numbers)}", "observer")
-            self._observer = Observer(wire, self._facts.description)
-            await self._observer.watch()
-            if not self._facts.lockstep:  # what a robot does next is judged by what it did before
-                await self._observer.ticks(self._facts.robot["name"], 3)
+    async def _connected_observer(self) -> Observer:
+        if self._observer is None or self._observer.disconnected:
+            name = f"kit-observer-{next(self._numbers)}"
+            connection = await self._target.own_client(name, "observer")
+            self._observer = Observer(connection, self._server.description)
+            await self._observer.start()
+            if not self._server.lockstep:  # a robot's next motion is compared with its motion before
+                await self._observer.ticks(self._server.robot["name"], 3)
             applied = [e["applied_seq"] or 0 for e in self._observer.entries.values()]
-            self._ledger.seqs = count(max([*applied, next(self._ledger.seqs)]) + 1)
+            self._commands.seqs = count(max([*applied, next(self._commands.seqs)]) + 1)
         return self._observer

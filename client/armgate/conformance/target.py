@@ -1,4 +1,4 @@
-"""The server under test: how it is reached, and what it said of itself."""
+"""Server under test: its address, and the facts that it sends about itself."""
 
 import asyncio
 import ssl
@@ -7,37 +7,36 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from itertools import count
 
-from armgate.conformance.faults import Faults
-from armgate.conformance.ledger import Ledger
-from armgate.conformance.log import WireLog
-from armgate.conformance.packing import Fields
-from armgate.conformance.proxy import Proxy
-from armgate.conformance.verdicts import Unmet
-from armgate.conformance.wire import Wire
+from armgate.conformance.case import Violation
+from armgate.conformance.codec import Fields
+from armgate.conformance.command_log import CommandLog
+from armgate.conformance.connection import Connection
+from armgate.conformance.fault_injection import Faults, Proxy
+from armgate.conformance.wire_log import WireLog
 
-_PATIENCE = 10.0
+_TIMEOUT = 10.0
 _ROLES = ("operator", "controller", "observer")
 
 
-class Unreachable(Exception):  # noqa: N818 (names what the user sees)
-    """There is no server that speaks this protocol at that address."""
+class Unreachable(Exception):  # noqa: N818 (the name is printed)
+    """No server that implements this protocol is at that address."""
 
     exit_code = 2
 
 
 @dataclass
 class Target:
-    """Where the server is, and who may come in.
+    """Address of the server under test, and how to connect.
 
     Attributes:
         host: Its name or address.
         port: Its port.
-        tokens: Those given, by role; the highest is what hello carries.
-        tls: Encrypts, None: not.
-        faults: What the kit's proxy does to the connections of cases.
-        proxy: That proxy, None: connections are direct.
-        longest: How long an answer may take without faults, s.
-        anew: Starts another server of the same kind, that runs meanwhile; None: the kit starts none.
+        tokens: Tokens by role; hello carries that of the highest role.
+        tls: TLS context; None: no TLS.
+        faults: Faults that the kit's proxy injects into the connections of cases.
+        proxy: That proxy; None: connections are direct.
+        base_timeout: How long an answer may take without faults, s.
+        start_another: Starts another server of the same kind and ends it on exit; None: the kit starts none.
     """
 
     host: str
@@ -46,34 +45,34 @@ class Target:
     tls: ssl.SSLContext | None = None
     faults: Faults = field(default_factory=Faults)
     proxy: Proxy | None = None
-    longest: float = _PATIENCE
-    anew: Callable[[], AbstractAsyncContextManager[tuple[str, int]]] | None = None
+    base_timeout: float = _TIMEOUT
+    start_another: Callable[[], AbstractAsyncContextManager[tuple[str, int]]] | None = None
 
     @property
     def token(self) -> str | None:
-        """What hello carries, None: nothing."""
+        """Token that hello carries; None: no token."""
         return next((self.tokens[role] for role in _ROLES if role in self.tokens), None)
 
     @property
-    def patience(self) -> float:
+    def timeout(self) -> float:
         """How long an answer may take, s."""
-        return self.longest + 4 * self.faults.delay
+        return self.base_timeout + 4 * self.faults.delay
 
     async def connect(
         self,
-        make: Callable[[], Wire],
+        make: Callable[[], Connection],
         *,
         direct: bool = False,
         plain: bool = False,
         tls: ssl.SSLContext | None = None,
-    ) -> Wire:
-        """A connection.
+    ) -> Connection:
+        """Return a new connection.
 
         Args:
             make: Makes its protocol.
-            direct: Past the proxy.
-            plain: Without TLS.
-            tls: Another way to encrypt.
+            direct: True to bypass the proxy.
+            plain: True to connect without TLS.
+            tls: TLS context to use instead of the usual one.
 
         Raises:
             OSError: The server cannot be reached.
@@ -84,35 +83,37 @@ class Target:
         )
         loop = asyncio.get_running_loop()
         name = self.host if context else None
-        _, wire = await asyncio.wait_for(
-            loop.create_connection(make, host, port, ssl=context, server_hostname=name), self.patience
+        _, connection = await asyncio.wait_for(
+            loop.create_connection(make, host, port, ssl=context, server_hostname=name), self.timeout
         )
-        return wire
+        return connection
 
     def hello(self, name: str, role: str, **more: object) -> Fields:
-        """The first message of a client."""
+        """Return the first message of a client."""
         token = {} if self.token is None else {"token": self.token}
         return {"type": "hello", "id": 0, "versions": [1], "name": name, "role": role, **token, **more}
 
-    async def welcomed(self, wire: Wire, name: str, role: str, **more: object) -> Wire:
-        """Have a connection welcomed.
+    async def handshake(self, connection: Connection, name: str, role: str, **more: object) -> Connection:
+        """Send hello, and return the connection after its welcome.
 
         Raises:
-            Unmet: It is not.
+            Violation: No welcome comes.
         """
-        wire.say(self.hello(name, role, **more))
-        await wire.expect("welcome", re=0)
-        return wire
+        connection.send(self.hello(name, role, **more))
+        await connection.expect("welcome", re=0)
+        return connection
 
-    async def helper(self, name: str, role: str) -> Wire:
-        """A connection of the kit's own, direct and welcomed, that belongs to no case."""
-        wire = await self.connect(lambda: Wire(name, WireLog(), Ledger(), self.patience), direct=True)
-        return await self.welcomed(wire, name, role)
+    async def own_client(self, name: str, role: str) -> Connection:
+        """Return a connection of the kit itself, direct and after its welcome, that belongs to no case."""
+        connection = await self.connect(
+            lambda: Connection(name, WireLog(), CommandLog(), self.timeout), direct=True
+        )
+        return await self.handshake(connection, name, role)
 
 
 @dataclass(frozen=True)
-class Facts:
-    """What the server says of itself before the first case.
+class ServerInfo:
+    """Facts that the server sends about itself before the first case.
 
     Attributes:
         welcome: Its welcome.
@@ -128,42 +129,41 @@ class Facts:
 
     @property
     def lockstep(self) -> bool:
-        """Whether its time passes in lock-step."""
+        """True if the server runs in lock-step."""
         return bool(self.welcome.get("lockstep"))
 
     @property
     def ttl(self) -> float:
-        """How long a lease lives without a sign of life, s."""
+        """Time after which a lease expires without a message of its holder, s."""
         return float(self.welcome["limits"]["lease_ttl"])
 
     @property
     def max_age(self) -> int:
-        """The oldest tick that a command may be based on, in ticks before the newest."""
+        """Oldest tick that a command may be based on, in ticks before the newest."""
         return int(self.welcome["limits"]["max_age_ticks"])
 
 
 _numbers = count(1)
 
 
-async def ask(target: Target, robot: str | None, participants: tuple[str, ...]) -> Facts:
-    """Learn what the cases need to know.
+async def query_server(target: Target, robot: str | None, participants: tuple[str, ...]) -> ServerInfo:
+    """Return what the cases need to know about the server.
 
     Raises:
-        Unreachable: Nobody is there, or the robot is not in the cell.
+        Unreachable: No server is there, or the robot is not in the cell.
     """
     where = f"{target.host}:{target.port}"
     try:
-        wire = await target.helper(f"kit-facts-{next(_numbers)}", "observer")
-        description = await wire.answered("describe", "description")
-    except (OSError, TimeoutError, Unmet) as error:
-        raise Unreachable(f"no server that can be tried at {where}: {error}") from error
-    wire.say({"type": "bye"})
-    wire.close()
-    found = {one["name"]: one for one in description["robots"]}
-    if not found or (robot is not None and robot not in found):
+        client = await target.own_client(f"kit-facts-{next(_numbers)}", "observer")
+        description = await client.call("describe", "description")
+    except (OSError, TimeoutError, Violation) as error:
+        raise Unreachable(f"no server that can be tested at {where}: {error}") from error
+    client.send({"type": "bye"})
+    client.close()
+    robots = {each["name"]: each for each in description["robots"]}
+    if not robots or (robot is not None and robot not in robots):
         raise Unreachable(
-            f"the cell at {where} has no robot {robot or ''}; it has {', '.join(found) or 'none'}"
+            f"the cell at {where} has no robot {robot or ''}; it has {', '.join(robots) or 'none'}"
         )
-    return Facts(
-        wire.welcome, description, found[robot] if robot else next(iter(found.values())), participants
-    )
+    chosen = robots[robot] if robot else next(iter(robots.values()))
+    return ServerInfo(client.welcome, description, chosen, participants)

@@ -1,11 +1,11 @@
 """Clearances of all pairs of bodies at the poses of the newest states.
 
-Most pairs cost nothing. Each keeps a certified bound d₀ of its distance at some poses q₀ of its robots, and
-the distance at other poses q is at least d₀ − Σ_j L_j |q_j − q₀_j|, L being the levers of ``Reach``. The
-cascade for a pair whose kept bound does not suffice: the plane that separated it last, placed anew, which
-also renews the kept bound; then GJK for each combination of poses.
+Most pairs need no distance query. Each pair keeps a certified lower bound d₀ of its distance at some poses q₀
+of its robots. The distance at other poses q is at least d₀ − Σ_j L_j |q_j − q₀_j|, where L are the levers of
+``Reach``. If this bound does not suffice, two more steps follow: the last separating plane at the new poses,
+which also renews the kept bound; then GJK for each combination of poses.
 
-A plane serves all combinations of poses of two robots at once, because its room is a sum of one term per
+One plane serves all combinations of poses of two robots at once, because its room is a sum of one term per
 robot: D = −max h_A(n) − max h_B(−n).
 """
 
@@ -16,30 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.monitor import tolerances as tol
-from armgate.monitor.distance import ROUNDING, Apart, Placed, Vector, apart
-from armgate.monitor.frames import Array
+from armgate.monitor.convex_solid import Solid
+from armgate.monitor.distance import ROUNDING, DistanceBounds, PlacedSolid, Vector, distance_bounds
 from armgate.monitor.kinematics import Kinematics, Reach, moved_by
 from armgate.monitor.model import KINDS, Cell, Kind, Pair
 from armgate.monitor.motion import END, MEASURED, SETPOINT
-from armgate.monitor.solids import Solid
+from armgate.monitor.transforms import Array
 
 POSES = 4
 CORNERS = 8
 RESOLUTION = 1e-4
-"""Smallest clearances are known to this, m."""
+"""SmallestClearance clearances are known to this, m."""
 
 _REFRESHED = 2
-"""Pairs per state whose plane is searched anew although the old one still suffices."""
+"""Factor for the number of pairs per state whose plane may be searched anew although it still suffices."""
 
 _AGE = 64
-"""A plane younger than so many looks at it is not searched anew."""
+"""A plane that was used fewer times than this is not searched anew."""
 
 
 @dataclass(frozen=True)
-class Nearness:
-    """Two bodies that are near: bounds of the signed distance [m], and at which poses of their robots.
+class ClosePair:
+    """Pair of bodies that are close: bounds of the signed distance [m], and the poses of their robots.
 
-    ``lacking`` is by how much the upper bound is below the limit and its tolerance, m.
+    ``lacking`` is the distance by which the upper bound is below the limit minus its tolerance, m.
     """
 
     pair: int
@@ -50,14 +50,14 @@ class Nearness:
 
 
 class Clearances:
-    """The newest poses of all robots, and what is known of each pair."""
+    """Newest poses of all robots, and the kept bounds and planes of all pairs."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
         self._bodies = _Bodies(cell)
         self._kinematics = [Kinematics(robot) for robot in cell.robots]
         self._reaches = self._reach()
-        self._rows = [_Rows(cell, r, self._reaches) for r in range(len(cell.robots))]
+        self._rows = [_RobotPairs(cell, r, self._reaches) for r in range(len(cell.robots))]
         pairs = cell.pairs
         self._a = np.array([pair.a for pair in pairs], dtype=np.intp)
         self._b = np.array([pair.b for pair in pairs], dtype=np.intp)
@@ -72,9 +72,9 @@ class Clearances:
         self._frames: list[Array | None] = [None] * len(cell.robots)
         self._fresh = [POSES] * len(cell.robots)
         self._complete = False
-        self._measure = True
+        self._measuring = True
         self._pair_of = {frozenset((pair.a, pair.b)): i for i, pair in enumerate(pairs)}
-        self.least: dict[Kind, Nearness] = {}
+        self.least: dict[Kind, ClosePair] = {}
 
     def _reach(self) -> list[Reach]:
         bodies = self.cell.bodies
@@ -83,28 +83,28 @@ class Clearances:
             for r, robot in enumerate(self.cell.robots)
         ]
 
-    # --- what states tell ---------------------------------------------------------------------------------
+    # --- poses from states ---------------------------------------------------------------------------------
 
-    def move(self, robot: int, poses: Array) -> None:
-        """Take over the poses (4, n) of a robot."""
+    def set_poses(self, robot: int, poses: Array) -> None:
+        """Set the poses (4, n) of a robot."""
         known = self._poses[robot]
         if known is not None and np.array_equal(known, poses):
             self._fresh[robot] = POSES
             return
         if not self._reaches[robot].covers(poses):
             self._reaches[robot].extend(poses)
-            self._rows[robot] = _Rows(self.cell, robot, self._reaches)
+            self._rows[robot] = _RobotPairs(self.cell, robot, self._reaches)
             self._bound[self._rows[robot].pairs] = -np.inf
         self._poses[robot], self._frames[robot], self._fresh[robot] = poses, None, POSES
         self._complete = all(known is not None for known in self._poses)
         rows = self._rows[robot]
         self._used[rows.pairs, rows.side] = rows.used(poses)
 
-    def age_ends(self, robot: int) -> None:
-        """Forget the ends of a robot's stop: it may have another plan by now."""
+    def forget_stop_ends(self, robot: int) -> None:
+        """Forget the stop ends of a robot: it may have another plan by now."""
         self._fresh[robot] = END
 
-    def sees(self, robot: int) -> bool:
+    def knows(self, robot: int) -> bool:
         """Return True if the poses of a robot are known."""
         return self._poses[robot] is not None
 
@@ -114,14 +114,14 @@ class Clearances:
 
     # --- the cascade --------------------------------------------------------------------------------------
 
-    def check(self, robot: int, *, measure: bool) -> list[Nearness]:
+    def check(self, robot: int, *, measure: bool) -> list[ClosePair]:
         """Return the pairs of a robot that are not proven to keep their limit, at their worst poses.
 
         Args:
             robot: Its index.
-            measure: True to find the smallest clearances, too.
+            measure: True to find the smallest clearances as well.
         """
-        self._measure = measure
+        self._measuring = measure
         pairs = self._rows[robot].pairs
         if not self._complete:
             pairs = pairs[self._known(pairs)]
@@ -130,25 +130,25 @@ class Clearances:
         if not len(pairs):
             return []
         rooms = self._planes(pairs)
-        self._refresh(pairs, rooms - self._need(pairs))
+        self._search_plane(pairs, rooms - self._need(pairs))
         found = []
         for k in np.argsort(rooms).tolist():
             pair = int(pairs[k])
             if rooms[k] < self._need(pairs[k : k + 1])[0]:
-                found.append(self._look(pair))
+                found.append(self._worst_combination(pair))
         return found
 
-    def at_measured(self, first: int, second: int) -> Apart:
+    def at_measured(self, first: int, second: int) -> DistanceBounds:
         """Return the distance of two bodies, by index, at the measured positions."""
         a, b = (self._bodies.placed(self._frame_of, body, MEASURED) for body in (first, second))
-        return apart(a, b)
+        return distance_bounds(a, b)
 
     def pair_of(self, first: int, second: int) -> int | None:
-        """Return the pair of two bodies, None if they need not stay apart."""
+        """Return the pair of two bodies; None if no distance is required between them."""
         return self._pair_of.get(frozenset((first, second)))
 
     def lever(self, pair: int, robot: int) -> float:
-        """Return by how much an error of the measurement of a robot can change the distance of a pair, m."""
+        """Return how far a measurement error of a robot can change the distance of a pair, m."""
         rows = self._rows[robot]
         where = np.flatnonzero(rows.pairs == pair)
         return 0.0 if not len(where) else float(rows.levers[where[0]].sum()) * self._tolerance(robot)
@@ -163,9 +163,9 @@ class Clearances:
         )
 
     def _need(self, pairs: NDArray[np.intp]) -> Array:
-        """Return the bound that settles each pair: the limit, and the smallest clearance seen so far."""
+        """Return the sufficient bound of each pair: its limit, or the smallest clearance so far if larger."""
         need = self.limits[pairs] - tol.CLEARANCE / 2.0
-        if not self._measure:
+        if not self._measuring:
             return np.asarray(need)
         least = np.array(
             [self.least[kind].low - RESOLUTION if kind in self.least else np.inf for kind in KINDS]
@@ -173,7 +173,7 @@ class Clearances:
         return np.asarray(np.maximum(need, least[self._kinds[pairs]]))
 
     def _planes(self, pairs: NDArray[np.intp]) -> Array:
-        """Place the kept planes anew: renew the kept bounds, return the room over all poses (k,), m."""
+        """Evaluate the kept planes: renew the kept bounds, return the room over all poses (k,), m."""
         near, far = self._heights(pairs)
         own = self._self[pairs]
         rooms = np.where(own, (-near - far).min(axis=0), -near.max(axis=0) - far.max(axis=0)) - ROUNDING
@@ -182,25 +182,25 @@ class Clearances:
         return np.asarray(rooms)
 
     def _heights(self, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return how far both bodies reach across the kept planes, at all poses, (4, k) each, m."""
+        """Return the heights of both bodies along the kept planes' normals, at all poses, (4, k) each, m."""
         A = self._bodies.places(self._frame_of, self._a[pairs])
         B = self._bodies.places(self._frame_of, self._b[pairs])
         new = ~self._normal[pairs].any(axis=1)
         if new.any():
-            self._guess(pairs[new], A[SETPOINT][new], B[SETPOINT][new])
+            self._set_first_normals(pairs[new], A[SETPOINT][new], B[SETPOINT][new])
         normals = self._world_normals(pairs)
         near = self._bodies.heights(self._a[pairs], A, normals)
         return near, self._bodies.heights(self._b[pairs], B, -normals)
 
     def _keep(self, pairs: NDArray[np.intp], bounds: Array) -> None:
-        """Keep bounds (k,) that hold at the setpoints."""
+        """Keep lower bounds (k,) that hold at the setpoints."""
         self._bound[pairs] = bounds
         for robot, poses in enumerate(self._poses):
             if poses is not None:
-                self._rows[robot].settle(pairs, poses, self._used)
+                self._rows[robot].keep(pairs, poses, self._used)
 
-    def _guess(self, pairs: NDArray[np.intp], A: Array, B: Array) -> None:
-        """Begin with the direction from middle to middle."""
+    def _set_first_normals(self, pairs: NDArray[np.intp], A: Array, B: Array) -> None:
+        """Set the first normals: the directions from middle to middle."""
         middles = [self._bodies.middles(self._a[pairs], A), self._bodies.middles(self._b[pairs], B)]
         n = middles[1] - middles[0]
         n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
@@ -209,14 +209,14 @@ class Clearances:
             self._set_normal(pair, normal)
 
     def _set_normal(self, pair: int, world: Array | Vector) -> None:
-        """Keep a plane: that of two bodies of one robot in the frame of the first one's joint."""
+        """Keep the normal of a plane; for two bodies of one robot in the frame of the first body's joint."""
         n = np.asarray(world)
         if self._self[pair]:
             n = self._bodies.joint_frame(self._frame_of, int(self._a[pair]), SETPOINT)[:3, :3].T @ n
         self._normal[pair] = n / np.linalg.norm(n)
 
     def _world_normals(self, pairs: NDArray[np.intp]) -> Array:
-        """Return the planes' normals at all poses, (4, k, 3)."""
+        """Return the normals of the planes at all poses, (4, k, 3)."""
         normals = np.broadcast_to(self._normal[pairs], (POSES, len(pairs), 3))
         own = self._self[pairs]
         if own.any():
@@ -225,52 +225,52 @@ class Clearances:
             normals[:, own] = np.einsum("mkij,kj->mki", R, self._normal[pairs[own]])
         return normals
 
-    def _refresh(self, pairs: NDArray[np.intp], spare: Array) -> None:
-        """Search the planes anew of some pairs that have the least to spare."""
+    def _search_plane(self, pairs: NDArray[np.intp], spare: Array) -> None:
+        """Search a new plane for one of the pairs with the smallest margin."""
         for k in np.argsort(spare)[: 4 * _REFRESHED]:
             pair = int(pairs[k])
             if self._age[pair] >= _AGE and spare[k] > 0.0:
-                self._exact(pair, SETPOINT, SETPOINT, float(self.limits[pair]))
+                self._measure_distance(pair, SETPOINT, SETPOINT, float(self.limits[pair]))
                 break
 
-    def _exact(self, pair: int, pose_a: int, pose_b: int, enough: float) -> Apart:
+    def _measure_distance(self, pair: int, pose_a: int, pose_b: int, enough: float) -> DistanceBounds:
         a = self._bodies.placed(self._frame_of, int(self._a[pair]), pose_a)
         b = self._bodies.placed(self._frame_of, int(self._b[pair]), pose_b)
-        found = apart(a, b, enough)
+        found = distance_bounds(a, b, enough)
         self._set_normal(pair, found.normal)
         self._age[pair] = 0
         return found
 
-    def _look(self, pair: int) -> Nearness:
-        """Return how near a pair is at the worst combination of poses."""
+    def _worst_combination(self, pair: int) -> ClosePair:
+        """Return the distance of a pair at its worst combination of poses."""
         one = np.array([pair])
         need = float(self._need(one)[0])
-        first = self._exact(pair, SETPOINT, SETPOINT, need)
-        self._note(pair, first, (SETPOINT, SETPOINT))
+        first = self._measure_distance(pair, SETPOINT, SETPOINT, need)
+        self._note_smallest(pair, first, (SETPOINT, SETPOINT))
         need = float(self._need(one)[0])
         near, far = self._heights(one)
-        worst = self._nearness(pair, first, (SETPOINT, SETPOINT))
+        worst = self._close_pair(pair, first, (SETPOINT, SETPOINT))
         for i, j in self._combinations(pair):
             if (i, j) == (SETPOINT, SETPOINT) or -near[i, 0] - far[j, 0] - ROUNDING >= need:
                 continue
-            found = self._exact(pair, i, j, need)
-            self._note(pair, found, (i, j))
-            nearness = self._nearness(pair, found, (i, j))
-            worst = max(worst, nearness, key=lambda one: one.lacking)
+            found = self._measure_distance(pair, i, j, need)
+            self._note_smallest(pair, found, (i, j))
+            close = self._close_pair(pair, found, (i, j))
+            worst = max(worst, close, key=lambda one: one.lacking)
         return worst
 
-    def _nearness(self, pair: int, found: Apart, at: tuple[int, int]) -> Nearness:
+    def _close_pair(self, pair: int, found: DistanceBounds, at: tuple[int, int]) -> ClosePair:
         lacking = float(self.limits[pair]) - self._slack(pair, at) - found.high
-        return Nearness(pair, found.low, found.high, lacking, at)
+        return ClosePair(pair, found.low, found.high, lacking, at)
 
-    def _note(self, pair: int, found: Apart, at: tuple[int, int]) -> None:
-        """Note the smallest clearance of each kind."""
+    def _note_smallest(self, pair: int, found: DistanceBounds, at: tuple[int, int]) -> None:
+        """Note a distance if it is the smallest of its kind."""
         kind = self.cell.pairs[pair].kind
         if kind not in self.least or found.low < self.least[kind].low:
-            self.least[kind] = Nearness(pair, found.low, found.high, 0.0, at)
+            self.least[kind] = ClosePair(pair, found.low, found.high, 0.0, at)
 
     def _combinations(self, pair: int) -> list[tuple[int, int]]:
-        """Return the poses of both bodies that can be at the same time, and are different ones."""
+        """Return the combinations of different poses that both bodies can have at the same time."""
         ra, rb = (self.cell.bodies[i].robot for i in (int(self._a[pair]), int(self._b[pair])))
         of_a = [SETPOINT] if ra is None else self._different(ra)
         if self._self[pair]:
@@ -288,7 +288,7 @@ class Clearances:
         return kept
 
     def _slack(self, pair: int, at: tuple[int, int]) -> float:
-        """Return the tolerance of a clearance: that of the monitor, and of measured positions."""
+        """Return the tolerance of a clearance: that of the monitor plus that of measured positions."""
         slack = tol.CLEARANCE
         for body, pose in zip((int(self._a[pair]), int(self._b[pair])), at, strict=True):
             robot = self.cell.bodies[body].robot
@@ -305,8 +305,8 @@ class Clearances:
         return frames
 
 
-class _Rows:
-    """The pairs of one robot: levers of its joints, and the positions at which their bounds were kept."""
+class _RobotPairs:
+    """Pairs of one robot: the levers of its joints, and the positions for which their bounds are kept."""
 
     def __init__(self, cell: Cell, robot: int, reaches: Sequence[Reach]) -> None:
         own = [i for i, body in enumerate(cell.bodies) if body.robot == robot]
@@ -318,8 +318,8 @@ class _Rows:
             inside = [row_of[body] for body in (pair.a, pair.b) if body in row_of]
             if len(inside) == 2:
                 first, second = inside
-                apart_ = moved[first] ^ moved[second]  # joints that move both leave the pair as it is
-                row = np.where(apart_, np.maximum(lever[first], lever[second]), 0.0)
+                relative = moved[first] ^ moved[second]  # joints that move both bodies do not change the pair
+                row = np.where(relative, np.maximum(lever[first], lever[second]), 0.0)
             elif inside:
                 row = lever[inside[0]]
             else:
@@ -336,25 +336,25 @@ class _Rows:
         self._where[self.pairs] = np.arange(len(self.pairs))
 
     def used(self, poses: Array) -> Array:
-        """Return by how much each pair's bound may be used up at any of the poses (m, n), (k,), m."""
-        return self._spent(slice(None), poses)
+        """Return how much of each pair's bound may be used up at any of the poses (m, n), (k,), m."""
+        return self._used(slice(None), poses)
 
-    def _spent(self, rows: slice | NDArray[np.intp], poses: Array) -> Array:
-        # Joint by joint the farthest of the poses: a little more than the farthest pose, and much quicker.
+    def _used(self, rows: slice | NDArray[np.intp], poses: Array) -> Array:
+        # The maximum of each joint over the poses: slightly more than for any one pose, and much faster.
         kept = self._kept[rows]
         away = np.maximum(poses.max(axis=0) - kept, kept - poses.min(axis=0))
         return np.asarray(np.einsum("kn,kn->k", away, self.levers[rows]))
 
-    def settle(self, pairs: NDArray[np.intp], poses: Array, used: Array) -> None:
-        """Keep the bounds of some pairs at the setpoint, and fill in how much of them is used up."""
+    def keep(self, pairs: NDArray[np.intp], poses: Array, used: Array) -> None:
+        """Keep the bounds of some pairs for the setpoint, and update how much of them is used up."""
         rows = self._where[pairs]
         rows = rows[rows >= 0]
         self._kept[rows] = poses[SETPOINT]
-        used[self.pairs[rows], self.side[rows]] = self._spent(rows, poses)
+        used[self.pairs[rows], self.side[rows]] = self._used(rows, poses)
 
 
 class _Bodies:
-    """All bodies as arrays, for planes placed against many at once."""
+    """All bodies as arrays, to evaluate planes against many bodies at once."""
 
     def __init__(self, cell: Cell) -> None:
         self._cell = cell
@@ -381,7 +381,7 @@ class _Bodies:
         return frames
 
     def places(self, frame_of, bodies: NDArray[np.intp]) -> Array:  # type: ignore[no-untyped-def]
-        """Return the places of bodies at all poses, (4, k, 4, 4)."""
+        """Return the placements of bodies at all poses, (4, k, 4, 4)."""
         return np.asarray(self.joint_frames(frame_of, bodies) @ self._place[bodies])
 
     def heights(self, bodies: NDArray[np.intp], places: Array, normals: Array) -> Array:
@@ -393,7 +393,7 @@ class _Bodies:
         return np.asarray(far.max(axis=2) + origin + self._radius[bodies])
 
     def middles(self, bodies: NDArray[np.intp], places: Array) -> Array:
-        """Return the middles of bodies at places (k, 4, 4), (k, 3), m."""
+        """Return the middles of bodies at placements (k, 4, 4), (k, 3), m."""
         return np.asarray(np.einsum("kij,kj->ki", places[:, :3, :3], self._middle[bodies]) + places[:, :3, 3])
 
     def joint_frame(self, frame_of, body: int, pose: int) -> Array:  # type: ignore[no-untyped-def]
@@ -401,9 +401,9 @@ class _Bodies:
         robot = self._cell.bodies[body].robot
         return np.eye(4) if robot is None else np.asarray(frame_of(robot)[pose, self._joint[body]])
 
-    def placed(self, frame_of, body: int, pose: int) -> Placed:  # type: ignore[no-untyped-def]
+    def placed(self, frame_of, body: int, pose: int) -> PlacedSolid:  # type: ignore[no-untyped-def]
         """Return one body at one pose."""
-        return Placed(
+        return PlacedSolid(
             self._cell.bodies[body].solid, self.joint_frame(frame_of, body, pose) @ self._place[body]
         )
 

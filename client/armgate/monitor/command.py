@@ -1,4 +1,4 @@
-"""``armgate monitor``: a second judge of a running cell, or of a recording."""
+"""``armgate monitor``: independent check of a running cell, or of a recording."""
 
 import re
 from pathlib import Path
@@ -9,10 +9,10 @@ import typer
 from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
 if TYPE_CHECKING:
-    from armgate.monitor.core import Account
+    from armgate.monitor.findings import Summary
 
 SILENCE = 1.0
-"""Default of ``--silence``, s; as in ``tolerances``, which is not loaded for the help."""
+"""Default of ``--silence``, s; repeats ``tolerances.SILENCE``, which the help does not load."""
 
 
 def monitor(
@@ -20,7 +20,7 @@ def monitor(
         str,
         typer.Argument(
             metavar="HOST:PORT|unix:PATH|RUN",
-            help="The address or Unix socket of the daemon; or a recording: the folder of the run, "
+            help="Address or Unix socket of the daemon, or a recording: the folder of the run, "
             "or one of its files.",
         ),
     ],
@@ -28,7 +28,7 @@ def monitor(
         list[Path] | None,
         typer.Argument(
             help="Configuration of the cell; later files overlay earlier ones. Required for a daemon; "
-            "by default a recording is judged by the configuration in it.",
+            "by default a recording is checked against the configuration in it.",
             show_default=False,
         ),
     ] = None,
@@ -39,7 +39,7 @@ def monitor(
     ] = SILENCE,
     json_: Annotated[
         Path | None,
-        typer.Option("--json", metavar="FILE", help="Write what was checked and found.", show_default=False),
+        typer.Option("--json", metavar="FILE", help="Write the summary as JSON.", show_default=False),
     ] = None,
     name: Annotated[str, typer.Option(help="Name of this client.")] = "monitor",
     token_file: TokenFile = None,
@@ -47,23 +47,23 @@ def monitor(
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Check every state with kinematics and distances of its own; stop the cell if a rule is broken.
+    """Check every state with independent kinematics and distances; stop the cell if a rule is violated.
 
-    Exit status: 0 if nothing was violated, 1 if something was or the connection was lost, 2 for wrong use.
+    Exit status: 0 if no rule was violated, 1 if one was or the connection was lost, 2 for wrong use.
     """
     from armgate.monitor.errors import DescriptionError
 
     configs = tuple(config or ())
-    if recorded(source):
-        from armgate.monitor.audit import audit
+    if is_recording(source):
+        from armgate.monitor.offline import check_recording
 
         if not Path(source).exists():
             raise DescriptionError(f"{source}: neither HOST:PORT, unix:PATH nor a recording")
-        _, account = audit(Path(source), configs, silence)
-        _end(account, json_)
+        _, summary = check_recording(Path(source), configs, silence)
+        _end(summary, json_)
         return
     if not configs:
-        raise DescriptionError("no configuration given; a daemon is judged by a configuration: CONFIG…")
+        raise DescriptionError("no configuration given; a daemon is checked against one: CONFIG…")
     _watch(source, configs, silence, json_, name, login(token_file, ca, cert, key))
 
 
@@ -71,41 +71,41 @@ def _watch(  # type: ignore[no-untyped-def]
     address: str, configs: tuple[Path, ...], silence: float, json_: Path | None, name: str, own
 ) -> None:
     from armgate.client import connect
-    from armgate.monitor.live import Watch, asked_to_end
+    from armgate.monitor.live import LiveMonitor, end_requests
     from armgate.monitor.report import printable
 
-    def tell(text: str) -> None:
+    def echo(text: str) -> None:
         typer.echo(f"armgate: monitor: {printable(text)}")
 
-    with connect(address, name=name, role="observer", **own) as cell, asked_to_end() as ended:
-        watch = Watch(cell, configs, silence, tell)
+    with connect(address, name=name, role="observer", **own) as cell, end_requests() as ended:
+        live = LiveMonitor(cell, configs, silence, echo)
         try:
-            watch.run(ended)
+            live.run(ended)
         finally:
-            _write(watch.account, json_)
-    _end(watch.account, None)
+            _write(live.summary, json_)
+    _end(live.summary, None)
 
 
-def _end(account: "Account", json_: Path | None) -> None:
+def _end(summary: "Summary", json_: Path | None) -> None:
     from armgate.monitor.report import lines, printable
 
-    _write(account, json_)
-    for line in lines(account):
+    _write(summary, json_)
+    for line in lines(summary):
         typer.echo(f"armgate: monitor: {printable(line)}")
-    raise typer.Exit(1 if account.violations else 0)
+    raise typer.Exit(1 if summary.violations else 0)
 
 
-def _write(account: "Account", json_: Path | None) -> None:
+def _write(summary: "Summary", json_: Path | None) -> None:
     import json
 
     from armgate.monitor.report import as_json
 
     if json_ is not None:
-        json_.write_text(json.dumps(as_json(account), indent=2) + "\n", encoding="utf-8")
+        json_.write_text(json.dumps(as_json(summary), indent=2) + "\n", encoding="utf-8")
 
 
-def recorded(source: str) -> bool:
-    """Return True if a recording is meant, by its path, and not an address."""
+def is_recording(source: str) -> bool:
+    """Return True if a path is given, and not an address."""
     if source.startswith("unix:"):
         return False
     return Path(source).exists() or re.search(r":\d+$", source) is None

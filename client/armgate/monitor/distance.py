@@ -1,12 +1,12 @@
-"""Signed distances of convex solids, with both bounds certified.
+"""Signed distances of convex solids, with certified lower and upper bounds.
 
-Lower bound: for any unit vector n the planes across n that support both solids leave the room
-D(n) = −h_A(n) − h_B(−n), and the signed distance is the largest D over all n. So any n proves a bound.
-Upper bound: two points, one inside each solid, are at least as far apart as the solids.
+Lower bound: for any unit vector n, the planes with normal n that support both solids leave the room
+D(n) = −h_A(n) − h_B(−n), and the signed distance is the largest D over all n. So any n proves a lower bound.
+Upper bound: the distance of two points, one inside each solid, is at least that of the solids.
 
 GJK (Gilbert, Johnson, Keerthi 1988) finds both at once: the point v of the difference A − B nearest to the
 origin, which is a convex combination of support points, and n = −v/|v|. Thicknesses are subtracted at the
-end. If the cores overlap, n is searched directly; then the upper bound says only that they do.
+end. If the cores overlap, n is searched directly; then the upper bound only states that they overlap.
 """
 
 import math
@@ -15,25 +15,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.monitor.solids import Solid
+from armgate.monitor.convex_solid import Solid
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 GAP = 1e-7
-"""Bounds nearer to each other than this count as equal, m."""
+"""Bounds that differ by less than this count as equal, m."""
 
 ROUNDING = 1e-9
-"""What is subtracted from lower bounds and added to upper ones, m."""
+"""Rounding allowance, subtracted from lower bounds and added to upper ones, m."""
 
 _STEPS = 64
 _OVERLAP = 1e-10
 _ALONG = 1e-13
-"""A direction nearer to the axis of a disc than this has no rim point of its own, rad."""
+"""For a direction closer to the axis of a disc than this, the centre replaces the rim point, rad."""
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class DistanceBounds:
     """Bounds of the signed distance [m], and the unit vector from the first solid to the second."""
 
     low: float
@@ -41,8 +41,8 @@ class Apart:
     normal: Vector
 
 
-class Placed:
-    """A solid at a place in the world, ready for support queries."""
+class PlacedSolid:
+    """Solid at a placement in the world, prepared for support queries."""
 
     __slots__ = ("_axis", "_cloud", "_discs", "_points", "radius", "solid", "where")
 
@@ -54,9 +54,9 @@ class Placed:
         self._axis: list[float] = where[:3, 2].tolist()
 
     @property
-    def children(self) -> "list[Placed]":
-        """The solids inside, at the same place."""
-        return [Placed(child, self.where) for child in self.solid.children]
+    def children(self) -> "list[PlacedSolid]":
+        """The solids inside, at the same placement."""
+        return [PlacedSolid(child, self.where) for child in self.solid.children]
 
     @property
     def middle(self) -> Array:
@@ -78,7 +78,9 @@ class Placed:
         a, b, c = self._axis
         along = x * a + y * b + z * c
         u, v, w = x - along * a, y - along * b, z - along * c
-        again = u * a + v * b + w * c  # rounding of the first subtraction, large if the direction is axial
+        again = (
+            u * a + v * b + w * c
+        )  # the rounding error of the first subtraction, large for an axial direction
         u, v, w = u - again * a, v - again * b, w - again * c
         across = math.sqrt(u * u + v * v + w * w)
         best, found = -math.inf, (0.0, 0.0, 0.0)
@@ -98,30 +100,32 @@ class Placed:
         return np.asarray(far.max(axis=1))
 
 
-def apart(a: Placed, b: Placed, enough: float = math.inf, toward: Vector | None = None) -> Apart:
+def distance_bounds(
+    a: PlacedSolid, b: PlacedSolid, enough: float = math.inf, toward: Vector | None = None
+) -> DistanceBounds:
     """Return bounds of the signed distance of two solids; ``toward`` is a guess of the normal.
 
-    Boxes around material are opened only if they are nearer than ``enough`` [m]; above it, the lower bound
-    is that of the boxes and the upper one infinite.
+    Boxes around solids are opened only if their distance is less than ``enough`` [m]; else the lower bound is
+    that of the boxes, and the upper bound is infinite.
     """
     found = _convex(a, b, toward)
     inside_a, inside_b = a.children, b.children
     if not inside_a and not inside_b:
         return found
     if found.low >= enough:
-        return Apart(found.low, math.inf, found.normal)
+        return DistanceBounds(found.low, math.inf, found.normal)
     open_a = bool(inside_a) and (not inside_b or a.solid.extent >= b.solid.extent)
     parts = [(child, b) for child in inside_a] if open_a else [(a, child) for child in inside_b]
     low, high, normal = math.inf, math.inf, found.normal
     for first, second in parts:
-        one = apart(first, second, min(enough, high))
+        one = distance_bounds(first, second, min(enough, high))
         high = min(high, one.high)
         if one.low < low:
             low, normal = one.low, one.normal
-    return Apart(max(low, found.low), high, normal)
+    return DistanceBounds(max(low, found.low), high, normal)
 
 
-def _convex(a: Placed, b: Placed, toward: Vector | None) -> Apart:
+def _convex(a: PlacedSolid, b: PlacedSolid, toward: Vector | None) -> DistanceBounds:
     """Bound the signed distance of two convex solids by GJK."""
     thick = a.radius + b.radius
     simplex = [_difference(a, b, *(toward or (b.middle - a.middle).tolist()))]
@@ -147,10 +151,10 @@ def _convex(a: Placed, b: Placed, toward: Vector | None) -> Apart:
         v = new
     if length < _OVERLAP:
         return _overlapping(a, b, thick, normal)
-    return Apart(low - thick - ROUNDING, length - thick + ROUNDING, normal)
+    return DistanceBounds(low - thick - ROUNDING, length - thick + ROUNDING, normal)
 
 
-def _difference(a: Placed, b: Placed, x: float, y: float, z: float) -> Vector:
+def _difference(a: PlacedSolid, b: PlacedSolid, x: float, y: float, z: float) -> Vector:
     """Return the point of A − B that is farthest along a direction."""
     p, q = a.support(x, y, z), b.support(-x, -y, -z)
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
@@ -166,7 +170,7 @@ Simplex = list[Vector]
 
 
 def _nearest(simplex: Simplex) -> tuple[Simplex, Vector]:
-    """Return the smallest face that the nearest point is in, and the point; all 4 corners: inside."""
+    """Return the smallest face that contains the nearest point, and the point; 4 corners mean inside."""
     if len(simplex) == 2:
         return _on_segment(simplex[0], simplex[1])
     if len(simplex) == 3:
@@ -228,14 +232,14 @@ def _in_tetrahedron(simplex: Simplex) -> tuple[Simplex, Vector]:
 # --- overlapping solids ------------------------------------------------------------------------------------
 
 
-def _overlapping(a: Placed, b: Placed, thick: float, normal: Vector) -> Apart:
-    """Search the plane that leaves the most room; the cores overlap, so it is negative."""
+def _overlapping(a: PlacedSolid, b: PlacedSolid, thick: float, normal: Vector) -> DistanceBounds:
+    """Search the plane that leaves the most room, which is negative because the cores overlap."""
     low, n = deepest(a, b, normal)
-    return Apart(low - thick - ROUNDING, max(low, 0.0) - thick, n)
+    return DistanceBounds(low - thick - ROUNDING, max(low, 0.0) - thick, n)
 
 
-def deepest(a: Placed, b: Placed, normal: Vector) -> tuple[float, Vector]:
-    """Return the largest room of the cores found by turning many planes step by step, and its normal."""
+def deepest(a: PlacedSolid, b: PlacedSolid, normal: Vector) -> tuple[float, Vector]:
+    """Return the largest room of the cores that turning many planes step by step finds, and its normal."""
     tries = [normal, *a.where[:3, :3].T, *b.where[:3, :3].T, b.middle - a.middle]
     tries += [np.cross(p, q) for p in a.where[:3, :3].T for q in b.where[:3, :3].T]
     n = np.array(tries, dtype=np.float64)
@@ -259,5 +263,5 @@ def deepest(a: Placed, b: Placed, normal: Vector) -> tuple[float, Vector]:
     return float(best.max()), (x, y, z)
 
 
-def _room(a: Placed, b: Placed, normals: Array) -> Array:
+def _room(a: PlacedSolid, b: PlacedSolid, normals: Array) -> Array:
     return -a.heights(normals) - b.heights(-normals)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armgate.monitor.config_section import Section
+from armgate.monitor.convex_solid import Solid, primitive
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.frames import Array, placement
-from armgate.monitor.sections import Section
-from armgate.monitor.solids import Solid, primitive
+from armgate.monitor.transforms import Array, placement
 from armgate.monitor.urdf_file import Body, Description, Joint
 
 KEYS = ("travel", "speed", "acceleration", "height", "span", "beam", "column", "mount")

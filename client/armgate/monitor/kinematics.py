@@ -1,4 +1,4 @@
-"""Where bodies are, and how far joints can move them.
+"""Kinematics: the frames of joints, and bounds of how far joints can move bodies.
 
 A joint turns or slides about its axis k in its own frame: T = origin · exp(q), with exp(q) = [I + sin q·K +
 (1 − cos q)·K², 0] (Rodrigues) or [I, q·k].
@@ -7,14 +7,14 @@ A joint turns or slides about its axis k in its own frame: T = origin · exp(q),
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.monitor.frames import Array, skew
 from armgate.monitor.model import CellBody, Robot
+from armgate.monitor.transforms import Array, skew
 
 _MARGIN = 1e-3
 
 
 class Kinematics:
-    """Joint frames of one robot in the world."""
+    """Frames of the joints of one robot in the world."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -52,10 +52,10 @@ def _parents_first(parents: tuple[int, ...]) -> list[int]:
 class Reach:
     """Bounds of how far a joint's motion moves any point of a body, certified for all positions in a range.
 
-    A turning joint moves a point by at most its distance from the axis times the angle. That distance is at
-    most the length of the chain to the body: the offsets between joints, the travel of sliding joints in
-    between, and the extent of the body. Offsets and extents along the axis do not count for what the joint
-    itself carries. A sliding joint moves each point by as much as it slides.
+    A revolute joint moves a point by at most its distance from the axis times the angle. That distance is at
+    most the length of the chain to the body: the offsets between joints, the travel of prismatic joints in
+    between, and the extent of the body. Offsets and extents along the axis do not count for the body or joint
+    that the joint carries directly. A prismatic joint moves each point by the distance that it moves itself.
 
     Attributes:
         travel: The range of positions, either sign, for which the bounds hold, (n,).
@@ -74,7 +74,7 @@ class Reach:
         return not bool(beyond.any())
 
     def extend(self, poses: Array) -> None:
-        """Widen the range, so that it contains these poses with room to spare."""
+        """Widen the range so that it contains these poses with a margin."""
         self.travel = np.maximum(self.travel, 1.5 * np.abs(poses).max(axis=0) + _MARGIN)
         self._fill()
 
@@ -82,7 +82,7 @@ class Reach:
         self.lever = np.array([self._levers(i) for i in range(len(self._bodies))]).reshape(-1, self._robot.n)
 
     def _levers(self, index: int) -> Array:
-        """Return the bounds of one body, going from the joint that carries it to the base."""
+        """Return the bounds of one body, from the joint that carries it down to the base."""
         robot, body = self._robot, self._bodies[index]
         levers = np.zeros(robot.n)
         beyond = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.plain_files import read_bytes
+from armgate.monitor.files import read_bytes
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
-"""From the triangles of a mesh to solids that lie inside what the gate keeps clear.
+"""Solids of a mesh, which lie inside the parts that the gate uses for it.
 
-The gate's parts contain the mesh and all that it encloses. To raise no false alarm, the monitor takes less:
-the convex hull if the configuration says ``hull``; else each connected piece of the surface, as its hull if
-that is convex, and as its bare triangles if not. All are found through boxes around them.
+The gate's parts contain the mesh and its interior. To raise no false alarm, the monitor uses smaller solids:
+the convex hull if the configuration specifies ``hull``; else each connected piece of the surface, as its hull
+if the piece is convex, and as its triangles if not. Boxes around them serve as a bounding hierarchy.
 """
 
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from armgate.monitor.convex_solid import Array, Solid, box_around, hull
 from armgate.monitor.mesh_files import Mesh
-from armgate.monitor.solids import Array, Solid, box_around, hull
 
 FEW = 8
-"""Points of a solid that needs no box around it."""
+"""Largest number of points of a solid that needs no box around it."""
 
 MAX_CORNERS = 512
 _FLAT = 1e-9
-"""How far corners may stand out of a face, as a share of the extent, in a piece that counts as convex."""
+"""Tolerance of the convexity test: distance of a corner from a face, as a share of the extent."""
 _BLOCK = 4_000_000
 
 
 def surface(triangles: Array) -> Solid:
-    """Return the solid of bare triangles (t, 3, 3): boxes in boxes, opened only when they are near."""
+    """Return the solid of triangles (t, 3, 3): nested boxes, opened only when they are close."""
     if len(triangles) == 1:
         return hull(triangles[0])
     return box_around(triangles.reshape(-1, 3), 0.0, lambda: _halves(triangles))
@@ -80,9 +80,9 @@ def _components(mesh: Mesh) -> list[NDArray[np.int64]]:
 
 
 def _is_convex(points: Array, corners: Array) -> bool:
-    """Return True if no corner stands out of the plane of any triangle, to either side of all of them.
+    """Return True if all corners lie on one side of the plane of each triangle.
 
-    Pieces too large to be tried in a moment count as not convex.
+    Pieces that are too large for a quick test count as not convex.
     """
     if len(points) * len(corners) > _BLOCK:
         return False
@@ -98,7 +98,7 @@ def _is_convex(points: Array, corners: Array) -> bool:
 
 
 def _thinned(points: Array) -> Array:
-    """Return points whose hull is inside the hull of all, and nearly it: at most ``MAX_CORNERS``."""
+    """Return at most ``MAX_CORNERS`` of the points, whose hull nearly fills the hull of all."""
     if len(points) <= MAX_CORNERS:
         return points
     k = np.arange(MAX_CORNERS) + 0.5

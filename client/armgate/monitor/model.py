@@ -8,14 +8,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from armgate.monitor.config_section import Section, si
+from armgate.monitor.configured_shapes import MESH_KEYS, configured, locate, mesh_solids, method_of
+from armgate.monitor.convex_solid import Solid
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.frames import Array
+from armgate.monitor.files import Located
 from armgate.monitor.gantry import AXES, add_gantry
-from armgate.monitor.plain_files import Located
-from armgate.monitor.quantities import si
-from armgate.monitor.sections import Section
-from armgate.monitor.shapes import MESH_KEYS, configured, few_cornered, locate, mesh_solids, method_of
-from armgate.monitor.solids import Solid
+from armgate.monitor.mesh_solids import boxed
+from armgate.monitor.transforms import Array
 from armgate.monitor.urdf_file import Body as UrdfBody
 from armgate.monitor.urdf_file import Description, Joint, MeshUse, read_urdf
 
@@ -262,7 +262,7 @@ class _Builder:
         place = at.placement @ body.origin
         name = f"{self._name}/{body.name.partition('/')[0]}"
         return [
-            CellBody(name, self._index, body.link, at.joint, place, body.origin, few_cornered(solid), meshed)
+            CellBody(name, self._index, body.link, at.joint, place, body.origin, boxed(solid), meshed)
             for solid in solids
         ]
 

@@ -12,10 +12,10 @@ from xml.parsers import expat
 
 import numpy as np
 
+from armgate.monitor.convex_solid import SIZES, Solid, hull, primitive
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.frames import Array, from_quaternion, placement
-from armgate.monitor.plain_files import read_bytes
-from armgate.monitor.solids import SIZES, Solid, hull, primitive
+from armgate.monitor.files import read_bytes
+from armgate.monitor.transforms import Array, from_quaternion, placement
 
 MAX_BYTES = 16 << 20
 VERSIONS = ("1.0", "1.1", "1.2")

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from armgate.monitor.errors import DescriptionError
-from armgate.monitor.plain_files import Located, read_bytes
+from armgate.monitor.files import Located, read_bytes
 
 MAX_BYTES = 4 << 20
 MAX_VALUES = 100_000

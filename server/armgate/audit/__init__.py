@@ -1,1 +1,1 @@
-"""What is done with a recording: judge it again, explain it, report it, make it whole."""
+"""Commands on a recording: recover, replay, explain, report, audit and lag."""

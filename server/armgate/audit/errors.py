@@ -1,8 +1,8 @@
-"""What the commands on recordings raise beside what is wrong with the recording itself."""
+"""Errors of the commands on recordings, other than those of the recording itself."""
 
 
 class AuditError(Exception):
-    """The command failed; the text says why."""
+    """The command failed; the text gives the reason."""
 
     exit_code = 1
 

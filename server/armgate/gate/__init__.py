@@ -8,7 +8,6 @@ The path of a command through the package: ``gate`` → ``command_checks`` (leas
 ``reservations``. ``wording`` has the texts of all verdicts.
 """
 
-from armgate.gate.beside import GateBeside, Intended
 from armgate.gate.clearance.nearest_pairs import start_clearances
 from armgate.gate.clearance.support import support, support_table
 from armgate.gate.gate import Gate
@@ -16,8 +15,6 @@ from armgate.gate.robot import RobotView
 
 __all__ = [
     "Gate",
-    "GateBeside",
-    "Intended",
     "RobotView",
     "start_clearances",
     "support",

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from armgate.audit.recovering import recovered
+from armgate.audit.recover import recover_recording
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.record_file import RecordFile
 from armgate.daemon.recording.recorder import Recorder
@@ -152,8 +152,8 @@ def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room
     recorder.close()
     assert os.strerror(errno.ENOSPC) in recorder.trouble
     assert "recording-0001.mcap" in recorder.trouble
-    (one,) = recovered(tmp_path)
-    assert (one.what, one.result.dropped, one.result.lost) == ("recovered", 0, 0)
+    (one,) = recover_recording(tmp_path)
+    assert (one.action, one.result.dropped, one.result.lost) == ("recovered", 0, 0)
     ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
     assert ticks == list(range(len(ticks)))
 
@@ -203,10 +203,10 @@ async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
     with pytest.raises(OSError, match=os.strerror(errno.EBADF)):
         os.fstat(descriptors[0])
     monkeypatch.undo()
-    (one,) = recovered(tmp_path)
+    (one,) = recover_recording(tmp_path)
     ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
     assert ticks == list(range(0 if at == "last chunk" else 50))
-    assert one.what == "recovered"
+    assert one.action == "recovered"
 
 
 def test_a_disk_that_does_not_answer_at_the_end_is_told(tmp_path):

@@ -8,7 +8,7 @@ from armgate.control.compiled import prepare
 LIBRARIES = ("msgpack", "pydantic", "pinocchio", "coal", "fcl", "yaml", "asyncio", "ssl")
 OURS = (
     "armgate.apps.follow.loop", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell",
-    "armgate.monitor.audit",
+    "armgate.monitor.offline",
 )  # fmt: skip
 
 for name in (*LIBRARIES, *OURS):

@@ -1,13 +1,13 @@
 """Commands and their verdicts: one each, in order, to the sender."""
 
 import math
+from functools import partial
 from typing import Any
 
-from armgate.conformance.case import case
-from armgate.conformance.holder import admitted, cause, entry, refused
-from armgate.conformance.packing import pack
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import Unmet, check
+from armgate.conformance.case import Violation, case, check
+from armgate.conformance.codec import pack
+from armgate.conformance.context import CaseContext
+from armgate.conformance.lease_holder import cause_of, check_admitted, check_refused, entry_of
 
 _SAME = 1e-9
 _TRIES = 20
@@ -16,39 +16,39 @@ _TRIES = 20
 @case(
     "CMD-1/one", "Send 20 commands, one each tick, and a ping", "20 verdicts, one each, to the sender alone"
 )
-async def _(trial: Trial) -> None:
-    other = await trial.client("operator", "other")
-    holder = await trial.holder()
+async def every_command_gets_one_verdict(ctx: CaseContext) -> None:
+    other = await ctx.client("operator", "other")
+    holder = await ctx.holder()
     for i in range(20):
-        await holder.decided(holder.small(0.5) if i < 10 else [0.0] * holder.n)
-    await holder.wire.in_step()
-    extra = [m for m in holder.wire.inbox if m["type"] == "verdict"]
+        await holder.command(holder.small_increment(0.5) if i < 10 else [0.0] * holder.n)
+    await holder.connection.sync()
+    extra = [m for m in holder.connection.inbox if m["type"] == "verdict"]
     check(not extra, f"verdicts beyond one each: {extra}")
-    await other.in_step()
+    await other.sync()
     check(not any(m["type"] == "verdict" for m in other.inbox), "another session was told a verdict")
 
 
 @case("CMD-1/observer", "Send a command as observer", "One verdict, refused by lease", also=("CMD-8",))
-async def _(trial: Trial) -> None:
-    wire = await trial.client("observer")
+async def command_of_an_observer_is_refused_by_lease(ctx: CaseContext) -> None:
+    client = await ctx.client("observer")
     command = {
-        "robot": trial.robot,
+        "robot": ctx.robot,
         "fence": 1,
-        "seq": next(wire.ledger.seqs),
+        "seq": next(client.commands.seqs),
         "tick": 0,
-        "dq": [0.0] * trial.n,
+        "dq": [0.0] * ctx.n,
     }
-    wire.say({"type": "command", **command})
-    refused(await wire.expect("verdict", seq=command["seq"]), "lease")
+    client.send({"type": "command", **command})
+    check_refused(await client.expect("verdict", seq=command["seq"]), "lease")
 
 
 @case("CMD-2/echo", "Send commands that are let through and refused", "Verdicts repeat robot, seq and tick")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def verdict_repeats_robot_seq_and_tick(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for more in ({}, {"fence": holder.fence + 7}, {"dq": [math.nan] * holder.n}):
-        tick = (await holder.fresh())["tick"]
-        command = holder.command(tick, **more)
-        verdict = await holder.verdict(command)
+        tick = (await holder.next_state())["tick"]
+        command = holder.make_command(tick, **more)
+        verdict = await holder.send_command(command)
         for key in ("robot", "seq", "tick"):
             check(verdict[key] == command[key], f"{key} is {verdict[key]}, sent was {command[key]}")
 
@@ -59,14 +59,14 @@ async def _(trial: Trial) -> None:
     "30 verdicts in that order",
     also=("CMD-1",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    tick = (await holder.fresh())["tick"]
+async def verdicts_come_in_the_order_of_the_commands(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    tick = (await holder.next_state())["tick"]
     dqs = [None, [0.0], [math.inf] * holder.n]
-    commands = [holder.command(tick + i % 3 * 1000, dqs[i % 3]) for i in range(30)]
-    holder.wire.say(*commands)
+    commands = [holder.make_command(tick + i % 3 * 1000, dqs[i % 3]) for i in range(30)]
+    holder.connection.send(*commands)
     for command in commands:
-        await holder.wire.expect("verdict", seq=command["seq"])
+        await holder.connection.expect("verdict", seq=command["seq"])
 
 
 @case(
@@ -75,12 +75,12 @@ async def _(trial: Trial) -> None:
     "Every verdict comes before the state that applies it",
     also=("STA-6", "CMD-24"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def verdict_comes_before_the_state_that_applies_it(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(10):
-        verdict = await holder.moved(holder.small(0.3))
-        state = await holder.applied(verdict)
-        told = entry(state, trial.robot)
+        verdict = await holder.move(holder.small_increment(0.3))
+        state = await holder.state_applying(verdict)
+        told = entry_of(state, ctx.robot)
         if told["tick"] == verdict["target"]:
             off = max(abs(a - b) for a, b in zip(told["setpoint"], verdict["setpoint"], strict=True))
             check(off <= _SAME, f"the setpoint at the target is {off} off the verdict's")
@@ -92,13 +92,13 @@ async def _(trial: Trial) -> None:
     "An unknown_robot with its seq, no verdict",
     also=("ERR-7",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    tick = (await holder.fresh())["tick"]
-    command = holder.command(tick, robot="kit-no-robot")
-    holder.wire.say(command)
-    await holder.wire.expect("error", code="unknown_robot", seq=command["seq"], fatal=False)
-    await holder.moved()
+async def command_of_an_unknown_robot_is_an_error(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    tick = (await holder.next_state())["tick"]
+    command = holder.make_command(tick, robot="kit-no-robot")
+    holder.connection.send(command)
+    await holder.connection.expect("error", code="unknown_robot", seq=command["seq"], fatal=False)
+    await holder.move()
 
 
 _UNREADABLE: dict[str, tuple[str, dict[str, Any]]] = {
@@ -117,38 +117,40 @@ _UNREADABLE: dict[str, tuple[str, dict[str, Any]]] = {
     "robot-number": ("a number for robot", {"robot": 7}),
 }  # fmt: skip
 
-for _slug, (_what, _more) in _UNREADABLE.items():
 
-    @case(
+async def unreadable_command_is_an_error_with_its_seq(ctx: CaseContext, more: dict[str, Any]) -> None:
+    holder = await ctx.holder()
+    for _ in range(_TRIES):
+        tick = (await holder.next_state())["tick"]
+        bad, good = holder.make_command(tick) | more, holder.make_command(tick)
+        holder.connection.send_bytes(pack(bad), f"unreadable: {bad}")
+        holder.connection.send(good)
+        error = await holder.connection.expect("error", code="invalid_message", fatal=False, about="command")
+        check(
+            error.get("seq") == bad["seq"],
+            f"the error names seq {error.get('seq')}, sent was {bad['seq']}",
+        )
+        verdict = await holder.connection.expect("verdict", seq=good["seq"])
+        if cause_of(verdict) != "stale":
+            return check_admitted(verdict)
+    raise Violation("the good command always came too late")
+
+
+for _slug, (_what, _more) in _UNREADABLE.items():
+    case(
         f"CMD-6/{_slug}",
         f"Send a command with {_what}, and a good one behind it",
         "An invalid_message with its seq and no verdict; the good one has the slot",
         also=("ERR-4", "ERR-7", "PAY-14"),
-    )
-    async def _(trial: Trial, more: dict[str, Any] = _more) -> None:
-        holder = await trial.holder()
-        for _ in range(_TRIES):
-            tick = (await holder.fresh())["tick"]
-            bad, good = holder.command(tick) | more, holder.command(tick)
-            holder.wire.write(pack(bad), f"unreadable: {bad}")
-            holder.wire.say(good)
-            error = await holder.wire.expect("error", code="invalid_message", fatal=False, about="command")
-            check(
-                error.get("seq") == bad["seq"],
-                f"the error names seq {error.get('seq')}, sent was {bad['seq']}",
-            )
-            verdict = await holder.wire.expect("verdict", seq=good["seq"])
-            if cause(verdict) != "stale":
-                return admitted(verdict)
-        raise Unmet("the good command always came too late")
+    )(partial(unreadable_command_is_an_error_with_its_seq, more=_more))
 
 
 @case("CMD-6/no-seq", "Send a command without seq", "An invalid_message without seq; the connection stays")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    bad = holder.command((await holder.fresh())["tick"])
+async def command_without_seq_is_an_error_without_seq(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    bad = holder.make_command((await holder.next_state())["tick"])
     del bad["seq"]
-    holder.wire.write(pack(bad), f"without seq: {bad}")
-    error = await holder.wire.expect("error", code="invalid_message", fatal=False, about="command")
+    holder.connection.send_bytes(pack(bad), f"without seq: {bad}")
+    error = await holder.connection.expect("error", code="invalid_message", fatal=False, about="command")
     check(error.get("seq") is None, f"the error names seq {error.get('seq')}")
-    await holder.moved()
+    await holder.move()

@@ -1,11 +1,11 @@
 """Hello, versions, and how a connection ends."""
 
+from functools import partial
 from typing import Any
 
-from armgate.conformance.case import case
-from armgate.conformance.packing import frame, pack
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import Skip, check
+from armgate.conformance.case import Skip, case, check
+from armgate.conformance.codec import frame, pack
+from armgate.conformance.context import CaseContext
 
 _PATIENT = 15.0
 """How long a server may take to close on a silent client, s; the kit does not know its bound."""
@@ -19,12 +19,12 @@ _MANY = 300
     "Say hello and then describe at once after the welcome",
     "One welcome, before anything else",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.say(trial.target.hello(trial.name("first"), "controller"))
-    first = await wire.hear(lambda m: True, "welcome")
+async def welcome_is_the_first_message(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send(ctx.target.hello(ctx.name("first"), "controller"))
+    first = await client.receive(lambda m: True, "welcome")
     check(first["type"] == "welcome", f"the first message was {first['type']}")
-    await wire.answered("describe", "description")
+    await client.call("describe", "description")
 
 
 @case(
@@ -33,13 +33,13 @@ async def _(trial: Trial) -> None:
     "The welcome, then the pong",
     also=("HEL-3", "FRM-2"),
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
+async def messages_after_hello_in_one_write_are_answered(ctx: CaseContext) -> None:
+    client = await ctx.connect()
     ping = {"type": "ping", "id": 7, "time": 1.0}
-    wire.say(trial.target.hello(trial.name("first"), "controller"), ping)
-    first = await wire.hear(lambda m: True, "welcome")
+    client.send(ctx.target.hello(ctx.name("first"), "controller"), ping)
+    first = await client.receive(lambda m: True, "welcome")
     check(first["type"] == "welcome", f"the first message was {first['type']}")
-    second = await wire.answer_to(7)
+    second = await client.answer_to(7)
     check(second["type"] == "pong", f"the ping was answered by {second}")
 
 
@@ -53,21 +53,23 @@ _BEFORE: dict[str, dict[str, Any]] = {
     "reset": {"stop": 1},
 }
 
-for _kind, _fields in _BEFORE.items():
 
-    @case(
+async def message_before_hello_is_fatal(ctx: CaseContext, kind: str, fields: dict[str, Any]) -> None:
+    client = await ctx.connect()
+    client.send_bytes(pack({"type": kind, **fields}), f"{kind} before hello")
+    await client.expect_fatal("unexpected")
+    await ctx.observer.ticks(ctx.robot, 2)
+    check(not ctx.observer.stops(), "a stop before hello is in force")
+    check(ctx.entry()["holder"] is None, "an acquire before hello gave the robot")
+
+
+for _kind, _fields in _BEFORE.items():
+    case(
         f"HEL-4/{_kind}",
         f"Begin with {_kind} instead of hello",
         "A fatal unexpected; no effect",
         also=("HEL-15",),
-    )
-    async def _(trial: Trial, kind: str = _kind, fields: dict[str, Any] = _fields) -> None:
-        wire = await trial.open()
-        wire.write(pack({"type": kind, **fields}), f"{kind} before hello")
-        await wire.fails("unexpected")
-        await trial.observer.ticks(trial.robot, 2)
-        check(not trial.observer.stops(), "a stop before hello is in force")
-        check(trial.entry()["holder"] is None, "an acquire before hello gave the robot")
+    )(partial(message_before_hello_is_fatal, kind=_kind, fields=_fields))
 
 
 @case(
@@ -76,21 +78,21 @@ for _kind, _fields in _BEFORE.items():
     "A fatal unexpected; the robot is free",
     also=("CON-2",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    holder.wire.say(trial.target.hello(trial.name("again"), "operator"))
-    await holder.wire.fails("unexpected")
-    await trial.freed()
+async def second_hello_of_a_holder_is_fatal(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    holder.connection.send(ctx.target.hello(ctx.name("again"), "operator"))
+    await holder.connection.expect_fatal("unexpected")
+    await ctx.wait_free()
 
 
 @case(
     "CON-2/unexpected", "Say hello twice in one write", "A welcome, then a fatal unexpected", also=("CON-1",)
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    hello = trial.target.hello(trial.name("twice"), "observer")
-    wire.say(hello, hello)
-    found = await wire.ends()
+async def second_hello_in_one_write_is_fatal_after_the_welcome(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    hello = ctx.target.hello(ctx.name("twice"), "observer")
+    client.send(hello, hello)
+    found = await client.receive_until_closed()
     told = [(m["type"], m.get("code")) for m in found]
     check(
         told == [("welcome", None), ("error", "unexpected")], f"expected welcome and unexpected, got {told}"
@@ -98,22 +100,22 @@ async def _(trial: Trial) -> None:
 
 
 @case("HEL-7/role", "Say hello in each role", "The welcome names the role, below tokens or as asked")
-async def _(trial: Trial) -> None:
+async def welcome_grants_the_requested_role(ctx: CaseContext) -> None:
     for role in ("observer", "controller", "operator"):
-        wire = await trial.client(role, role)
-        check(wire.welcome["role"] == role, f"asked for {role}, the welcome says {wire.welcome['role']}")
-        check(wire.welcome["name"] == trial.name(role), f"the welcome's name is {wire.welcome['name']}")
+        client = await ctx.client(role, role)
+        check(client.welcome["role"] == role, f"asked for {role}, the welcome says {client.welcome['role']}")
+        check(client.welcome["name"] == ctx.name(role), f"the welcome's name is {client.welcome['name']}")
 
 
 @case("HEL-8/default", "Say hello without a role, then acquire", "The session is a controller's")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    hello = trial.target.hello(trial.name("bare"), "controller")
+async def role_defaults_to_controller(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    hello = ctx.target.hello(ctx.name("bare"), "controller")
     del hello["role"]
-    wire.say(hello)
-    welcome = await wire.expect("welcome")
+    client.send(hello)
+    welcome = await client.expect("welcome")
     check(welcome["role"] == "controller", f"the role is {welcome['role']}")
-    await wire.answered("acquire", "lease", robot=trial.robot)
+    await client.call("acquire", "lease", robot=ctx.robot)
 
 
 @case(
@@ -122,42 +124,42 @@ async def _(trial: Trial) -> None:
     "Every session has an id of its own; start is the same",
     also=("HEL-10",),
 )
-async def _(trial: Trial) -> None:
-    wires = [await trial.client("observer", f"c{i}") for i in range(8)]
-    sessions = {wire.welcome["session"] for wire in wires}
+async def sessions_have_unique_ids_and_the_same_start(ctx: CaseContext) -> None:
+    wires = [await ctx.client("observer", f"c{i}") for i in range(8)]
+    sessions = {client.welcome["session"] for client in wires}
     check(len(sessions) == 8, f"8 sessions have the ids {sorted(sessions)}")
-    starts = {wire.welcome["start"] for wire in wires}
-    check(starts == {trial.facts.welcome["start"]}, f"start differs: {starts}")
+    starts = {client.welcome["start"] for client in wires}
+    check(starts == {ctx.server.welcome["start"]}, f"start differs: {starts}")
 
 
 @case("HEL-11/anew", "Start another server of the kind and say hello there", "Its start is another one")
-async def _(trial: Trial) -> None:
-    async with trial.anew() as target:
-        wire = await trial.visit(target, trial.name("anew"), "observer")
-        check(wire.welcome["start"] != trial.facts.welcome["start"], "two starts have the same name")
+async def second_server_has_another_start_id(ctx: CaseContext) -> None:
+    async with ctx.second_server() as target:
+        client = await ctx.client_of(target, ctx.name("anew"), "observer")
+        check(client.welcome["start"] != ctx.server.welcome["start"], "two starts have the same name")
 
 
 @case(
     "HEL-12/limits", "Look at the limits in welcome", "inbound 65536, outbound 1048576, the others sensible"
 )
-async def _(trial: Trial) -> None:
-    limits = (await trial.client("observer")).welcome["limits"]
+async def welcome_states_the_limits(ctx: CaseContext) -> None:
+    limits = (await ctx.client("observer")).welcome["limits"]
     check(limits["inbound"] == 65536, f"inbound is {limits['inbound']}")
     check(limits["outbound"] == 1048576, f"outbound is {limits['outbound']}")
     check(limits["lease_ttl"] > 0 and limits["signal_rate"] > 0, "lease_ttl and signal_rate must be positive")
 
 
 @case("HEL-13/silent", "Connect and say nothing", "A fatal handshake_timeout within 15 s")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    await wire.fails("handshake_timeout", within=_PATIENT + trial.target.patience)
+async def silent_connection_times_out(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    await client.expect_fatal("handshake_timeout", within=_PATIENT + ctx.target.timeout)
 
 
 @case("HEL-13/drip", "Connect and send 3 bytes of a frame", "A fatal handshake_timeout within 15 s")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.write(b"\x00\x00\x00", "3 bytes of a length")
-    await wire.fails("handshake_timeout", within=_PATIENT + trial.target.patience)
+async def incomplete_hello_times_out(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send_bytes(b"\x00\x00\x00", "3 bytes of a length")
+    await client.expect_fatal("handshake_timeout", within=_PATIENT + ctx.target.timeout)
 
 
 @case(
@@ -166,28 +168,28 @@ async def _(trial: Trial) -> None:
     "One more than there may be is told too_many; nobody else notices; there is room again afterwards",
     also=("SEC-11", "CON-9"),
 )
-async def _(trial: Trial) -> None:
-    observed = await trial.client("observer", "watcher")
+async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
+    observed = await ctx.client("observer", "watcher")
     for number in range(_MANY):
-        wire = await trial.open(f"c{number}")
-        wire.say(trial.target.hello(trial.name(f"c{number}"), "observer"))
-        if (await wire.expect("welcome", "error"))["type"] == "error":
+        client = await ctx.connect(f"c{number}")
+        client.send(ctx.target.hello(ctx.name(f"c{number}"), "observer"))
+        if (await client.expect("welcome", "error"))["type"] == "error":
             break
     else:
         raise Skip(f"{_MANY} connections were welcomed: the bound is beyond what the kit tries")
-    check((await _last(wire, trial))["code"] == "too_many", "another error than too_many")
-    await observed.in_step()
-    for each in trial.wires[1:]:
-        each.say({"type": "bye"})
-        await each.ends()
-    await trial.client("observer", "later")
+    check((await _last(client, ctx))["code"] == "too_many", "another error than too_many")
+    await observed.sync()
+    for each in ctx.connections[1:]:
+        each.send({"type": "bye"})
+        await each.receive_until_closed()
+    await ctx.client("observer", "later")
 
 
-async def _last(refused: Any, trial: Trial) -> Any:
+async def _last(refused: Any, ctx: CaseContext) -> Any:
     # The first refusal was read to find the bound; ask for another one to look at.
-    again = await trial.open("one-more")
-    again.say(trial.target.hello(trial.name("one-more"), "observer"))
-    return await again.fails("too_many")
+    again = await ctx.connect("one-more")
+    again.send(ctx.target.hello(ctx.name("one-more"), "observer"))
+    return await again.expect_fatal("too_many")
 
 
 @case(
@@ -195,13 +197,13 @@ async def _last(refused: Any, trial: Trial) -> Any:
     "Connect; say hello with no version in common; look at states and leases",
     "Nobody sees that connection",
 )
-async def _(trial: Trial) -> None:
-    watcher = await trial.client("observer", "watcher")
-    await trial.open("silent")
-    wire = await trial.open("odd")
-    wire.say({**trial.target.hello(trial.name("odd"), "operator"), "versions": [60000]})
-    await wire.fails("version")
-    await watcher.in_step()
+async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
+    watcher = await ctx.client("observer", "watcher")
+    await ctx.connect("silent")
+    client = await ctx.connect("odd")
+    client.send({**ctx.target.hello(ctx.name("odd"), "operator"), "versions": [60000]})
+    await client.expect_fatal("version")
+    await watcher.sync()
     check(not watcher.inbox, f"the watcher was told {list(watcher.inbox)}")
 
 
@@ -210,23 +212,27 @@ async def _(trial: Trial) -> None:
     "Connect twice with the same name, and have each acquire",
     "Both are welcomed; one gets the robot",
 )
-async def _(trial: Trial) -> None:
-    first, second = await trial.open("first"), await trial.open("second")
-    for wire in (first, second):
-        await trial.target.welcomed(wire, trial.name("same"), "controller")
-    await first.answered("acquire", "lease", robot=trial.robot)
-    await second.refused("acquire", "leased", robot=trial.robot)
+async def clients_with_the_same_name_are_both_welcomed(ctx: CaseContext) -> None:
+    first, second = await ctx.connect("first"), await ctx.connect("second")
+    for client in (first, second):
+        await ctx.target.handshake(client, ctx.name("same"), "controller")
+    await first.call("acquire", "lease", robot=ctx.robot)
+    await second.expect_refusal("acquire", "leased", robot=ctx.robot)
 
 
 # --- versions ---------------------------------------------------------------------------------------------
 
 
-async def _chosen(trial: Trial, versions: list[int]) -> None:
-    wire = await trial.client("observer", versions=versions)
-    welcome = wire.welcome
+async def _chosen(ctx: CaseContext, versions: list[int]) -> None:
+    client = await ctx.client("observer", versions=versions)
+    welcome = client.welcome
     best = max(set(versions) & set(welcome["versions"]), default=None)
     check(welcome["version"] == best, f"chose {welcome['version']} of {versions} and {welcome['versions']}")
     check(welcome["client_versions"] == versions, f"echoes {welcome['client_versions']}, not {versions}")
+
+
+async def highest_common_version_is_chosen(ctx: CaseContext, versions: list[int] | None) -> None:
+    await _chosen(ctx, versions or list(ctx.server.welcome["versions"]))
 
 
 for _slug, _versions in {
@@ -237,30 +243,27 @@ for _slug, _versions in {
     "double": [1, 1, 1],
     "many": [1, *range(50000, 50015)],
 }.items():
-
-    @case(
+    case(
         f"VER-{5 if _slug in ('unordered', 'double', 'unknown', 'many') else 2}/{_slug}",
         f"Say hello with the versions {_versions or 'that the server lists'}",
         "The highest in common is chosen, both lists are echoed as they were",
         also=("VER-2", "VER-3"),
-    )
-    async def _(trial: Trial, versions: list[int] | None = _versions) -> None:
-        await _chosen(trial, versions or list(trial.facts.welcome["versions"]))
+    )(partial(highest_common_version_is_chosen, versions=_versions))
 
 
 @case("VER-4/none", "Say hello with the version 60000 only", "A fatal version; the text names both lists")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.say({**trial.target.hello(trial.name("future"), "controller"), "versions": [60000]})
-    error = await wire.fails("version")
-    missing = [v for v in ("60000", str(trial.facts.welcome["versions"][0])) if v not in error["text"]]
+async def hello_without_a_common_version_is_fatal(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send({**ctx.target.hello(ctx.name("future"), "controller"), "versions": [60000]})
+    error = await client.expect_fatal("version")
+    missing = [v for v in ("60000", str(ctx.server.welcome["versions"][0])) if v not in error["text"]]
     check(not missing, f"the text does not name {missing}: {error['text']}")
 
 
 @case("EVO-5/capabilities", "Say hello with capabilities that nobody knows", "A welcome as without them")
-async def _(trial: Trial) -> None:
-    wire = await trial.client("observer", capabilities=["telepathy", "x:y/z-1"])
-    await wire.in_step()
+async def unknown_capabilities_are_ignored(ctx: CaseContext) -> None:
+    client = await ctx.client("observer", capabilities=["telepathy", "x:y/z-1"])
+    await client.sync()
 
 
 @case(
@@ -269,17 +272,17 @@ async def _(trial: Trial) -> None:
     "No message of a type, and no shape, outcome or condition, that version 1 does not have",
     also=("EVO-5",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder("operator")
-    wire = holder.wire
-    await wire.answered("describe", "description")
-    await wire.answered("subscribe", "subscribed")
-    await holder.decided([0.0] * holder.n)
-    await wire.answered("signal", "signaled", name="kit/unnamed", value=[1.0])
-    stop = await wire.answered("stop", "stopped", robot=trial.robot)
-    await trial.rested()
-    await trial.lifted(wire, stop["stop"])
-    await wire.in_step()  # every message so far was held against the forms of version 1
+async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> None:
+    holder = await ctx.holder("operator")
+    client = holder.connection
+    await client.call("describe", "description")
+    await client.call("subscribe", "subscribed")
+    await holder.command([0.0] * holder.n)
+    await client.call("signal", "signaled", name="kit/unnamed", value=[1.0])
+    stop = await client.call("stop", "stopped", robot=ctx.robot)
+    await ctx.wait_at_rest()
+    await ctx.reset_stop(client, stop["stop"])
+    await client.sync()  # every message so far was held against the forms of version 1
 
 
 @case(
@@ -287,39 +290,39 @@ async def _(trial: Trial) -> None:
     "Say hello with version 1 and keys of a later version",
     "A welcome in the form of version 1",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.client("observer", versions=[1, 2, 3], dialect={"of": ["later"]}, compression=None)
-    check(wire.welcome["version"] in wire.welcome["versions"], "the version chosen is not listed")
+async def hello_with_keys_of_a_later_version_is_welcomed(ctx: CaseContext) -> None:
+    client = await ctx.client("observer", versions=[1, 2, 3], dialect={"of": ["later"]}, compression=None)
+    check(client.welcome["version"] in client.welcome["versions"], "the version chosen is not listed")
 
 
 @case(
     "EVO-8/two", "Connect one client for every version that the server lists", "Each is welcomed with its own"
 )
-async def _(trial: Trial) -> None:
-    listed = trial.facts.welcome["versions"]
+async def every_listed_version_is_spoken(ctx: CaseContext) -> None:
+    listed = ctx.server.welcome["versions"]
     if len(listed) < 2:
         raise Skip("the server speaks one version only")
     for version in listed:
-        wire = await trial.client("observer", f"v{version}", versions=[version])
-        check(wire.welcome["version"] == version, f"asked for {version}, got {wire.welcome['version']}")
+        client = await ctx.client("observer", f"v{version}", versions=[version])
+        check(client.welcome["version"] == version, f"asked for {version}, got {client.welcome['version']}")
 
 
 # --- the end ----------------------------------------------------------------------------------------------
 
 
 @case("CON-3/bye", "Send a ping and bye in one write", "The pong, then bye, then the end")
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    wire.say({"type": "ping", "time": 1.0}, {"type": "bye", "reason": "done"})
-    told = [m["type"] for m in await wire.ends()]
+async def bye_is_answered_after_earlier_messages(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    client.send({"type": "ping", "time": 1.0}, {"type": "bye", "reason": "done"})
+    told = [m["type"] for m in await client.receive_until_closed()]
     check(told == ["pong", "bye"], f"expected pong and bye, got {told}")
 
 
 @case("CON-4/bye-first", "Say bye instead of hello", "bye, and the end")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.say({"type": "bye"})
-    told = [m["type"] for m in await wire.ends()]
+async def bye_instead_of_hello_is_answered(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send({"type": "bye"})
+    told = [m["type"] for m in await client.receive_until_closed()]
     check(told == ["bye"], f"expected bye, got {told}")
 
 
@@ -329,13 +332,13 @@ async def _(trial: Trial) -> None:
     "No stop: what comes after bye is not done",
     also=("LOS-1",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    holder.wire.say({"type": "bye"}, {"type": "stop", "reason": "after bye"})
-    await holder.wire.ends()
-    await trial.freed()
-    await trial.observer.ticks(trial.robot, 2)
-    check(not trial.observer.stops(), "a stop after bye is in force")
+async def messages_after_bye_are_ignored(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    holder.connection.send({"type": "bye"}, {"type": "stop", "reason": "after bye"})
+    await holder.connection.receive_until_closed()
+    await ctx.wait_free()
+    await ctx.observer.ticks(ctx.robot, 2)
+    check(not ctx.observer.stops(), "a stop after bye is in force")
 
 
 @case(
@@ -344,11 +347,11 @@ async def _(trial: Trial) -> None:
     "The stop is in force: what came before the fault counts",
     also=("CON-6",),
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    wire.write(pack({"type": "stop", "reason": "counts"}) + frame(b"\xc1"), "a stop, then garbage")
-    await wire.fails("malformed")
-    await trial.observer.until(lambda: bool(trial.observer.stops()), "the stop to be in force")
+async def messages_before_a_fatal_fault_count(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    client.send_bytes(pack({"type": "stop", "reason": "counts"}) + frame(b"\xc1"), "a stop, then garbage")
+    await client.expect_fatal("malformed")
+    await ctx.observer.until(lambda: bool(ctx.observer.stops()), "the stop to be in force")
 
 
 @case(
@@ -356,11 +359,11 @@ async def _(trial: Trial) -> None:
     "Hold and move the robot while another connection sends garbage",
     "The holder notices nothing",
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    await holder.moved()
+async def faulty_connection_leaves_others_undisturbed(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    await holder.move()
     for payload in (b"\xc1", b"\x90", b"\x80\x80"):
-        odd = await trial.open("odd")
-        odd.write(frame(payload), "garbage")
-        await odd.ends()
-        await holder.moved()
+        odd = await ctx.connect("odd")
+        odd.send_bytes(frame(payload), "garbage")
+        await odd.receive_until_closed()
+        await holder.move()

@@ -1,13 +1,13 @@
 """What is let through: increments, bounds, rest."""
 
 import math
+from functools import partial
 from typing import Any
 
-from armgate.conformance.case import case
-from armgate.conformance.holder import admitted, entry
-from armgate.conformance.packing import Fields
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import Skip, check
+from armgate.conformance.case import Skip, case, check
+from armgate.conformance.codec import Fields
+from armgate.conformance.context import CaseContext
+from armgate.conformance.lease_holder import check_admitted, entry_of
 
 _SAME = 1e-9
 _MOST_REASONS = 64
@@ -21,12 +21,12 @@ _FAR = 3.0
     "target is a tick after the one seen; the state at it shows the seq applied",
     also=("STA-6",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def target_is_a_later_tick_at_which_the_command_is_applied(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(5):
-        verdict = await holder.moved(holder.small(0.2))
+        verdict = await holder.move(holder.small_increment(0.2))
         check(verdict["target"] > verdict["tick"], f"target {verdict['target']} for tick {verdict['tick']}")
-        state = await holder.applied(verdict)
+        state = await holder.state_applying(verdict)
         check(
             state["tick"] >= verdict["target"],
             f"applied at {state['tick']}, before its target {verdict['target']}",
@@ -36,12 +36,12 @@ async def _(trial: Trial) -> None:
 @case(
     "CMD-20/admitted", "Send a small increment", "admitted: dq as asked, beta 1, no reasons", also=("CMD-23",)
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def small_increment_is_admitted_unchanged(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for share in (0.0, 0.5, 1.0):
-        wish = holder.small(share)
-        verdict = await holder.decided(wish)
-        admitted(verdict)
+        wish = holder.small_increment(share)
+        verdict = await holder.command(wish)
+        check_admitted(verdict)
         off = max(abs(a - b) for a, b in zip(verdict["dq"], wish, strict=True))
         check(off <= _SAME, f"admitted, but dq is {off} off what was asked")
         check(
@@ -55,28 +55,30 @@ _GREEDY: dict[str, tuple[str, float]] = {
     "huge": ("1e300", 1e300),
 }
 
-for _slug, (_what, _factor) in _GREEDY.items():
 
-    @case(
+async def excessive_increment_is_limited(ctx: CaseContext, factor: float) -> None:
+    holder = await ctx.holder()
+    wish = [math.copysign(factor, x) if factor > 1e9 and x else factor * x for x in holder.small_increment()]
+    verdict = await holder.command(wish)
+    check(verdict["outcome"] == "limited", f"it was {verdict['outcome']}")
+    check(
+        verdict["dq"] != wish and verdict["beta"] > 0,
+        f"limited to {verdict['dq']} with beta {verdict['beta']}",
+    )
+    check(bool(verdict.get("reasons")), "limited without a reason")
+    for reason in verdict["reasons"]:
+        if reason["cause"] in ("increment", "acceleration"):
+            told = [reason.get(key) for key in ("joint", "value", "bound")]
+            check(None not in told, f"{reason['cause']} names joint, value and bound {told}")
+
+
+for _slug, (_what, _factor) in _GREEDY.items():
+    case(
         f"CMD-21/{_slug}",
         f"Ask for an increment of {_what}",
         "limited: a smaller dq, beta in (0, 1] or less, a reason with joint, value and bound; the robot keeps its bounds",
         also=("CMD-19", "CMD-25", "CMD-27"),
-    )
-    async def _(trial: Trial, factor: float = _factor) -> None:
-        holder = await trial.holder()
-        wish = [math.copysign(factor, x) if factor > 1e9 and x else factor * x for x in holder.small()]
-        verdict = await holder.decided(wish)
-        check(verdict["outcome"] == "limited", f"it was {verdict['outcome']}")
-        check(
-            verdict["dq"] != wish and verdict["beta"] > 0,
-            f"limited to {verdict['dq']} with beta {verdict['beta']}",
-        )
-        check(bool(verdict.get("reasons")), "limited without a reason")
-        for reason in verdict["reasons"]:
-            if reason["cause"] in ("increment", "acceleration"):
-                told = [reason.get(key) for key in ("joint", "value", "bound")]
-                check(None not in told, f"{reason['cause']} names joint, value and bound {told}")
+    )(partial(excessive_increment_is_limited, factor=_factor))
 
 
 @case(
@@ -85,11 +87,11 @@ for _slug, (_what, _factor) in _GREEDY.items():
     "Each joint is named in a reason; if the reasons are more than 64, 64 are told and the others counted",
     also=("CMD-19",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    names = {joint["name"] for joint in trial.facts.robot["joints"]}
+async def every_limiting_joint_is_named(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    names = {joint["name"] for joint in ctx.server.robot["joints"]}
     for wish in (1e308, -1e308):
-        reasons = (await holder.decided([wish] * holder.n)).get("reasons") or []
+        reasons = (await holder.command([wish] * holder.n)).get("reasons") or []
         if len(reasons) < _MOST_REASONS:
             missing = names - {reason.get("joint") for reason in reasons}
             check(not missing, f"no reason names {sorted(missing)}, which cannot move so fast")
@@ -105,14 +107,14 @@ async def _(trial: Trial) -> None:
     "limited by acceleration or increment; the robot accelerates within its bound",
     also=("CMD-21", "CMD-25", "CMD-37"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    joints, period = trial.facts.robot["joints"], trial.facts.robot["period"]
+async def acceleration_from_rest_is_limited(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    joints, period = ctx.server.robot["joints"], ctx.server.robot["period"]
     wish = [
         math.copysign(j["velocity"] * period, x) if x else 0.0
-        for j, x in zip(joints, holder.small(), strict=True)
+        for j, x in zip(joints, holder.small_increment(), strict=True)
     ]
-    verdict = await holder.decided(wish)
+    verdict = await holder.command(wish)
     allowed = [j["acceleration"] * period**2 for j in joints]
     over = [i for i, d in enumerate(verdict["dq"]) if abs(d) > allowed[i] * (1 + 1e-6)]
     check(
@@ -129,15 +131,15 @@ async def _(trial: Trial) -> None:
     "The robot accelerates, brakes and turns within the bounds of the joint",
     also=("CMD-19",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    joints, period = trial.facts.robot["joints"], trial.facts.robot["period"]
+async def reversal_is_within_the_bounds(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    joints, period = ctx.server.robot["joints"], ctx.server.robot["period"]
     full = [
         math.copysign(j["velocity"] * period, x) if x else 0.0
-        for j, x in zip(joints, holder.small(), strict=True)
+        for j, x in zip(joints, holder.small_increment(), strict=True)
     ]
     for way in (1.0, -1.0):
-        outcomes = [(await holder.decided([way * x for x in full]))["outcome"] for _ in range(8)]
+        outcomes = [(await holder.command([way * x for x in full]))["outcome"] for _ in range(8)]
         check(set(outcomes) != {"refused"}, "none of it was let through, though the joint has room")
 
 
@@ -150,24 +152,26 @@ _NUMBERS: dict[str, Any] = {
     "minus-zero": -0.0,
 }
 
-for _slug, _value in _NUMBERS.items():
 
-    @case(
+async def unusual_numbers_in_dq_are_judged_as_numbers(ctx: CaseContext, value: Any) -> None:
+    holder = await ctx.holder()
+    dq = [value if x else 0.0 for x in holder.small_increment()]
+    verdict = await holder.command(dq)
+    expected = "admitted" if abs(float(value)) < 1e-9 else "limited"
+    check(
+        verdict["outcome"] in (expected, "refused" if expected == "limited" else expected),
+        f"it was {verdict['outcome']}",
+    )
+    check(all(map(math.isfinite, verdict["dq"])), f"dq is {verdict['dq']}")
+
+
+for _slug, _value in _NUMBERS.items():
+    case(
         f"PAY-13/dq-{_slug.replace('*', 'x')}",
         f"Command with {_slug} in dq",
         "It is judged as the number that it is; the robot keeps its bounds",
         also=("CMD-25",),
-    )
-    async def _(trial: Trial, value: Any = _value) -> None:
-        holder = await trial.holder()
-        dq = [value if x else 0.0 for x in holder.small()]
-        verdict = await holder.decided(dq)
-        expected = "admitted" if abs(float(value)) < 1e-9 else "limited"
-        check(
-            verdict["outcome"] in (expected, "refused" if expected == "limited" else expected),
-            f"it was {verdict['outcome']}",
-        )
-        check(all(map(math.isfinite, verdict["dq"])), f"dq is {verdict['dq']}")
+    )(partial(unusual_numbers_in_dq_are_judged_as_numbers, value=_value))
 
 
 @case(
@@ -176,12 +180,12 @@ for _slug, _value in _NUMBERS.items():
     "Outcome refused, beta 0, a reason, dq what the robot does anyway",
     also=("CMD-17", "CMD-29"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def refused_command_has_beta_zero_and_a_reason(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     bad: list[Fields] = [{"fence": 10**12}, {"tick": 2**40}, {"dq": []}, {"dq": [math.nan] * holder.n}]
     for more in bad:
-        tick = (await holder.fresh())["tick"]
-        verdict = await holder.verdict(holder.command(tick) | more)
+        tick = (await holder.next_state())["tick"]
+        verdict = await holder.send_command(holder.make_command(tick) | more)
         check(
             verdict["outcome"] == "refused" and verdict["beta"] == 0.0,
             f"{verdict['outcome']} with beta {verdict['beta']}",
@@ -195,13 +199,13 @@ async def _(trial: Trial) -> None:
     "setpoint of the verdict is the setpoint before plus dq",
     also=("CMD-24",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    before = entry(await holder.fresh(), trial.robot)["setpoint"]
-    verdict = await holder.moved()
+async def verdict_setpoint_is_the_previous_setpoint_plus_dq(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    before = entry_of(await holder.next_state(), ctx.robot)["setpoint"]
+    verdict = await holder.move()
     off = max(abs(b + d - s) for b, d, s in zip(before, verdict["dq"], verdict["setpoint"], strict=True))
     check(off <= _SAME, f"setpoint is {off} off the one before plus dq")
-    await holder.applied(verdict)
+    await holder.state_applying(verdict)
 
 
 @case(
@@ -210,13 +214,13 @@ async def _(trial: Trial) -> None:
     "It brakes and rests; applied_seq stays",
     also=("STA-7",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def robot_without_commands_comes_to_rest(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(10):
-        verdict = await holder.moved(holder.small(0.6))
-    end = entry(await holder.applied(verdict), trial.robot).get("stop_end")
-    await trial.rested()
-    samples = trial.observer.samples(trial.robot)
+        verdict = await holder.move(holder.small_increment(0.6))
+    end = entry_of(await holder.state_applying(verdict), ctx.robot).get("stop_end")
+    await ctx.wait_at_rest()
+    samples = ctx.observer.samples(ctx.robot)
     check(samples[-1].applied == verdict["seq"], f"applied_seq is {samples[-1].applied} at rest")
     if end is not None:
         off = max(abs(a - b) for a, b in zip(end, samples[-1].setpoint, strict=True))
@@ -229,10 +233,10 @@ async def _(trial: Trial) -> None:
     "It brakes and rests as if nothing came",
     also=("CMD-28", "CMD-22"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def robot_with_refused_commands_comes_to_rest(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(8):
-        await holder.moved(holder.small(0.6))
+        await holder.move(holder.small_increment(0.6))
     bad: list[Fields] = [
         {"fence": 10**12},
         {"dq": [math.inf] * holder.n},
@@ -241,17 +245,29 @@ async def _(trial: Trial) -> None:
     ]
     for _ in range(6):
         for more in bad:
-            tick = (await holder.fresh())["tick"]
-            verdict = await holder.verdict(holder.command(tick, [x * 50 for x in holder.small()]) | more)
+            tick = (await holder.next_state())["tick"]
+            verdict = await holder.send_command(
+                holder.make_command(tick, [x * 50 for x in holder.small_increment()]) | more
+            )
             check(verdict["outcome"] == "refused", f"{more} was {verdict['outcome']}")
-    await trial.rested()
+    await ctx.wait_at_rest()
 
 
 @case("CMD-30/zeros", "At rest, send a command of zeros", "admitted")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    await trial.rested()
-    admitted(await holder.decided([0.0] * holder.n))
+async def zeros_at_rest_are_admitted(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    await ctx.wait_at_rest()
+    check_admitted(await holder.command([0.0] * holder.n))
+
+
+async def every_seq_is_accepted(ctx: CaseContext, make: Any) -> None:
+    holder = await ctx.holder()
+    for seq in make(next(holder.connection.commands.seqs) + 1):
+        tick = (await holder.next_state())["tick"]
+        # Without effect, so that no later case finds a strange seq applied.
+        await holder.send_command(holder.make_command(tick, [], seq=seq))
+    for _ in range(10):
+        next(holder.connection.commands.seqs)
 
 
 for _slug, _make in {
@@ -259,41 +275,34 @@ for _slug, _make in {
     "falling": lambda seq: [seq + 5, seq + 4, seq + 3],
     "largest": lambda seq: [2**63 - 1, 0],
 }.items():
-
-    @case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each has its verdict")
-    async def _(trial: Trial, make: Any = _make) -> None:
-        holder = await trial.holder()
-        for seq in make(next(holder.wire.ledger.seqs) + 1):
-            tick = (await holder.fresh())["tick"]
-            # Without effect, so that no later case finds a strange seq applied.
-            await holder.verdict(holder.command(tick, [], seq=seq))
-        for _ in range(10):
-            next(holder.wire.ledger.seqs)
+    case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each has its verdict")(
+        partial(every_seq_is_accepted, make=_make)
+    )
 
 
 @case("CMD-33/reserved", "Command with a deadline long past and a horizon of 0", "Judged as without them")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    admitted(await holder.decided(deadline=-1e9, horizon=0))
-    admitted(await holder.decided(deadline=None, horizon=None))
+async def deadline_and_horizon_have_no_effect(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    check_admitted(await holder.command(deadline=-1e9, horizon=0))
+    check_admitted(await holder.command(deadline=None, horizon=None))
 
 
 # --- bounds -----------------------------------------------------------------------------------------------
 
 
-async def drive(trial: Trial, joint: int, sign: float) -> set[str]:
+async def drive(ctx: CaseContext, joint: int, sign: float) -> set[str]:
     """Drive one joint at full speed until it stops; all causes that were named.
 
     Raises:
         Skip: That takes too long.
     """
-    holder = await trial.holder()
-    bounds, period = trial.facts.robot["joints"][joint], trial.facts.robot["period"]
+    holder = await ctx.holder()
+    bounds, period = ctx.server.robot["joints"][joint], ctx.server.robot["period"]
     wish = [sign * bounds["velocity"] * period if i == joint else 0.0 for i in range(holder.n)]
     named: set[str] = set()
     still = 0
     for _ in range(int(_FAR / period)):
-        verdict = await holder.decided(wish)
+        verdict = await holder.command(wish)
         for reason in verdict.get("reasons", ()):
             named.add(reason["cause"])
             pair = reason["cause"] != "clearance" or reason.get("pair")
@@ -310,12 +319,12 @@ async def drive(trial: Trial, joint: int, sign: float) -> set[str]:
     "It stops at or before the limit; joint_limit or clearance is named",
     also=("CMD-19", "CMD-22"),
 )
-async def _(trial: Trial) -> None:
-    joints = trial.facts.robot["joints"]
-    entry_: Any = trial.entry()
+async def robot_stops_at_a_joint_limit(ctx: CaseContext) -> None:
+    joints = ctx.server.robot["joints"]
+    entry_: Any = ctx.entry()
     rooms = [(side * (j["upper" if side > 0 else "lower"] - q) / j["velocity"], i, side) for i, (j, q) in enumerate(zip(joints, entry_["setpoint"], strict=True)) for side in (1.0, -1.0)]  # fmt: skip
     _, joint, side = min(rooms)
-    named = await drive(trial, joint, side)
+    named = await drive(ctx, joint, side)
     check(bool(named & {"joint_limit", "clearance"}), f"it stopped; named were {sorted(named)}")
 
 
@@ -325,15 +334,15 @@ async def _(trial: Trial) -> None:
     "If clearance binds, the robot stops before it and the verdict names the pair",
     also=("CMD-19", "CMD-27"),
 )
-async def _(trial: Trial) -> None:
+async def robot_stops_before_an_obstacle(ctx: CaseContext) -> None:
     for sign in (1.0, -1.0):
         try:
-            named = await drive(trial, 0, sign)
+            named = await drive(ctx, 0, sign)
         except Skip:
             named = set()
-        for wire in trial.wires:
-            wire.close()
-        await trial.freed()
+        for client in ctx.connections:
+            client.close()
+        await ctx.wait_free()
         if "clearance" in named:
             return
     raise Skip("nothing is in the way of the first joint")
@@ -345,32 +354,32 @@ async def _(trial: Trial) -> None:
     "Refused each time; the robot does not move",
     also=("CMD-8", "CMD-9"),
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.operator()
+async def former_holder_cannot_move_the_robot(ctx: CaseContext) -> None:
+    client = await ctx.operator()
     for way in ("release", "again", "takeover", "stop"):
-        holder = await trial.holder(name=way)
+        holder = await ctx.holder(name=way)
         match way:
             case "release":
-                await holder.wire.answered("release", "lease", robot=trial.robot, fence=holder.fence)
+                await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
             case "again":
-                await holder.wire.answered("acquire", "lease", robot=trial.robot)
+                await holder.connection.call("acquire", "lease", robot=ctx.robot)
             case "takeover":
-                await wire.answered("acquire", "lease", robot=trial.robot, takeover=True)
+                await client.call("acquire", "lease", robot=ctx.robot, takeover=True)
             case _:
-                await wire.answered("stop", "stopped", robot=trial.robot)
+                await client.call("stop", "stopped", robot=ctx.robot)
         for _ in range(3):
-            verdict = await holder.decided(forbidden=f"the lease ended by {way}")
+            verdict = await holder.command(forbidden=f"the lease ended by {way}")
             check(
                 verdict["outcome"] == "refused",
                 f"after {way} a command with the old fence was {verdict['outcome']}",
             )
         if way == "again":
-            holder.wire.close()
-            await trial.freed()
+            holder.connection.close()
+            await ctx.wait_free()
         if way == "takeover":
-            wire.close()
-            await trial.freed()
-            wire = await trial.operator()
+            client.close()
+            await ctx.wait_free()
+            client = await ctx.operator()
 
 
 @case(
@@ -378,21 +387,21 @@ async def _(trial: Trial) -> None:
     "Command, stop commanding, send garbage: count ticks over half a second",
     "The robot's clock goes on with its period",
 )
-async def _(trial: Trial) -> None:
-    period = trial.facts.robot["period"]
-    wire = await trial.client()
-    begin = await wire.answered("ping", "pong", time=0.0)
-    first = trial.observer.tick(trial.robot)
-    holder = await trial.holder()
+async def clock_of_the_robot_is_undisturbed(ctx: CaseContext) -> None:
+    period = ctx.server.robot["period"]
+    client = await ctx.client()
+    begin = await client.call("ping", "pong", time=0.0)
+    first = ctx.observer.tick(ctx.robot)
+    holder = await ctx.holder()
     for _ in range(10):
-        await holder.moved(holder.small(0.2))
-        odd = await trial.open("odd")
-        odd.write(b"\x00\x00\x00\x01\xc1", "garbage")
-    await trial.observer.ticks(trial.robot, max(10, int(0.5 / period)))
-    end = await wire.answered("ping", "pong", time=0.0)
-    ticks, seconds = trial.observer.tick(trial.robot) - first, end["received"] - begin["received"]
+        await holder.move(holder.small_increment(0.2))
+        odd = await ctx.connect("odd")
+        odd.send_bytes(b"\x00\x00\x00\x01\xc1", "garbage")
+    await ctx.observer.ticks(ctx.robot, max(10, int(0.5 / period)))
+    end = await client.call("ping", "pong", time=0.0)
+    ticks, seconds = ctx.observer.tick(ctx.robot) - first, end["received"] - begin["received"]
     # States and pongs travel for themselves; what is counted is the long run.
     check(
-        abs(ticks * period - seconds) < 0.25 + 0.1 * seconds + trial.target.faults.delay,
+        abs(ticks * period - seconds) < 0.25 + 0.1 * seconds + ctx.target.faults.delay,
         f"{ticks} ticks of {period} s in {seconds:.3f} s",
     )

@@ -2,14 +2,14 @@
 
 import math
 import struct
+from functools import partial
 from typing import Any
 
 import msgpack
 
-from armgate.conformance.case import case
-from armgate.conformance.packing import frame, pack
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import check
+from armgate.conformance.case import case, check
+from armgate.conformance.codec import frame, pack
+from armgate.conformance.context import CaseContext
 
 PING = {"type": "ping", "time": 1.0}
 
@@ -70,31 +70,33 @@ MALFORMED: dict[str, tuple[str, str, bytes]] = {
     "timestamp": ("PAY-10", "a time stamp", with_x(msgpack.packb(msgpack.Timestamp(1, 0)))),
 }  # fmt: skip
 
-for _slug, (_statement, _what, _payload) in MALFORMED.items():
 
-    @case(
+async def malformed_payload_is_fatal(ctx: CaseContext, payload: bytes) -> None:
+    client = await ctx.client()
+    client.send_bytes(
+        frame(payload) + pack({"type": "stop", "reason": "behind garbage"}), "garbage, then a stop"
+    )
+    await client.expect_fatal("malformed")
+    await ctx.observer.ticks(ctx.robot, 2)
+    check(not ctx.observer.stops(), "a message behind a fatal fault was read: there is a stop")
+    other = await ctx.client("observer", "other")
+    await other.sync()
+
+
+for _slug, (_statement, _what, _payload) in MALFORMED.items():
+    case(
         f"{_statement}/{_slug}",
         f"After the welcome, send {_what}, and a stop behind it",
         "A fatal malformed and nothing more: the stop is not read; others are served on",
         also=("CON-6", "CON-7", "CON-9"),
-    )
-    async def _(trial: Trial, payload: bytes = _payload) -> None:
-        wire = await trial.client()
-        wire.write(
-            frame(payload) + pack({"type": "stop", "reason": "behind garbage"}), "garbage, then a stop"
-        )
-        await wire.fails("malformed")
-        await trial.observer.ticks(trial.robot, 2)
-        check(not trial.observer.stops(), "a message behind a fatal fault was read: there is a stop")
-        other = await trial.client("observer", "other")
-        await other.in_step()
+    )(partial(malformed_payload_is_fatal, payload=_payload))
 
 
 @case("PAY-2/before-welcome", "Before hello, send garbage in a frame", "A fatal malformed")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.write(frame(b"\xc1\xc1\xc1"), "garbage")
-    await wire.fails("malformed")
+async def malformed_payload_before_hello_is_fatal(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send_bytes(frame(b"\xc1\xc1\xc1"), "garbage")
+    await client.expect_fatal("malformed")
 
 
 WITHIN: dict[str, tuple[str, str, bytes]] = {
@@ -108,18 +110,20 @@ WITHIN: dict[str, tuple[str, str, bytes]] = {
     "long-forms": ("PAY-12", "a number in 9 bytes where 1 would do", b"\xd3" + struct.pack(">q", 1)),
 }
 
-for _slug, (_statement, _what, _payload) in WITHIN.items():
 
-    @case(
+async def payload_within_the_limits_is_accepted(ctx: CaseContext, payload: bytes) -> None:
+    client = await ctx.client()
+    client.send_bytes(frame(with_x(payload)), "a ping with an unknown key")
+    await client.expect("pong", time=1.0)
+
+
+for _slug, (_statement, _what, _payload) in WITHIN.items():
+    case(
         f"{_statement}/{_slug}",
         f"Send a ping with an unknown key that holds {_what}",
         "A pong",
         also=("EVO-1",),
-    )
-    async def _(trial: Trial, payload: bytes = _payload) -> None:
-        wire = await trial.client()
-        wire.write(frame(with_x(payload)), "a ping with an unknown key")
-        await wire.expect("pong", time=1.0)
+    )(partial(payload_within_the_limits_is_accepted, payload=_payload))
 
 
 # --- fields -----------------------------------------------------------------------------------------------
@@ -152,32 +156,34 @@ WRONG: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "umlaut": ("PAY-18", "a name with an ä", {"type": "acquire", "robot": "ä"}, "robot"),
 }  # fmt: skip
 
-for _slug, (_statement, _what, _fields, _field) in WRONG.items():
 
-    @case(
+async def invalid_field_is_refused_and_named(ctx: CaseContext, fields: dict[str, Any], field: str) -> None:
+    client = await ctx.client()
+    rest = {name: value for name, value in fields.items() if name != "type"}
+    if rest.get("robot") == "R":
+        rest["robot"] = ctx.robot
+    error = await client.expect_refusal(fields["type"], "invalid_message", **rest)
+    check(field in error["text"], f"the text does not name the field {field}: {error['text']}")
+    check(error.get("about") == fields["type"], f"about is {error.get('about')}, not {fields['type']}")
+    await client.sync()
+    await ctx.observer.ticks(ctx.robot, 1)
+    check(not ctx.observer.stops(), "a stop that was refused is in force")
+    check(ctx.entry()["holder"] is None, "an acquire that was refused gave the robot")
+
+
+for _slug, (_statement, _what, _fields, _field) in WRONG.items():
+    case(
         f"{_statement}/{_slug}",
         f"Send {_what}",
         "An invalid_message, not fatal, that names the field and the request's id; no effect; the next ping has its pong",
         also=("ERR-2", "ERR-4", "ERR-5", "ERR-6", "ERR-7", "MSG-3"),
-    )
-    async def _(trial: Trial, fields: dict[str, Any] = _fields, field: str = _field) -> None:
-        wire = await trial.client()
-        rest = {name: value for name, value in fields.items() if name != "type"}
-        if rest.get("robot") == "R":
-            rest["robot"] = trial.robot
-        error = await wire.refused(fields["type"], "invalid_message", **rest)
-        check(field in error["text"], f"the text does not name the field {field}: {error['text']}")
-        check(error.get("about") == fields["type"], f"about is {error.get('about')}, not {fields['type']}")
-        await wire.in_step()
-        await trial.observer.ticks(trial.robot, 1)
-        check(not trial.observer.stops(), "a stop that was refused is in force")
-        check(trial.entry()["holder"] is None, "an acquire that was refused gave the robot")
+    )(partial(invalid_field_is_refused_and_named, fields=_fields, field=_field))
 
 
 @case("PAY-13/integer-for-number", "Send an integer where a number is meant", "A pong that repeats it")
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    pong = await wire.answered("ping", "pong", time=3)
+async def integer_is_accepted_as_a_number(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    pong = await client.call("ping", "pong", time=3)
     check(pong["time"] == 3, f"the pong repeats {pong['time']}")
 
 
@@ -186,16 +192,16 @@ async def _(trial: Trial) -> None:
     "Send hello, subscribe and ping with unknown keys",
     "All are answered as without them",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.client(hue="red", nested={"a": [1, {"b": None}]})
-    await wire.answered("subscribe", "subscribed", every=0, colour=[1, 2])
-    await wire.answered("ping", "pong", time=1.0, Time=2.0)
+async def unknown_keys_of_requests_are_ignored(ctx: CaseContext) -> None:
+    client = await ctx.client(hue="red", nested={"a": [1, {"b": None}]})
+    await client.call("subscribe", "subscribed", every=0, colour=[1, 2])
+    await client.call("ping", "pong", time=1.0, Time=2.0)
 
 
 @case("EVO-1/in-command", "Send a command with unknown keys", "It is judged as without them")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    verdict = await holder.decided(torque=[1.0], model={"name": "x"})
+async def unknown_keys_of_commands_are_ignored(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    verdict = await holder.command(torque=[1.0], model={"name": "x"})
     check(verdict["outcome"] == "admitted", f"it was {verdict['outcome']}: {verdict.get('reasons')}")
 
 
@@ -204,14 +210,14 @@ async def _(trial: Trial) -> None:
     "Say hello with versions and name only; acquire with robot only",
     "Role controller, speed 1, no takeover",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    hello = trial.target.hello(trial.name("bare"), "controller")
+async def omitted_keys_have_their_defaults(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    hello = ctx.target.hello(ctx.name("bare"), "controller")
     del hello["role"]
-    wire.say(hello)
-    welcome = await wire.expect("welcome")
+    client.send(hello)
+    welcome = await client.expect("welcome")
     check(welcome["role"] == "controller", f"the role is {welcome['role']}")
-    lease = await wire.answered("acquire", "lease", robot=trial.robot)
+    lease = await client.call("acquire", "lease", robot=ctx.robot)
     check(lease.get("speed", 1.0) == 1.0, f"the lease's speed is {lease.get('speed')}")
 
 
@@ -220,11 +226,11 @@ async def _(trial: Trial) -> None:
     "Send a message of the type teleport",
     "An unknown_type, not fatal, about it; then a pong",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    error = await wire.refused("teleport", "unknown_type", where=[0, 0])
+async def unknown_type_is_refused(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    error = await client.expect_refusal("teleport", "unknown_type", where=[0, 0])
     check(error.get("about") == "teleport", f"about is {error.get('about')}")
-    await wire.in_step()
+    await client.sync()
 
 
 @case(
@@ -232,26 +238,26 @@ async def _(trial: Trial) -> None:
     "Send a state, a message of the server",
     "An unknown_type, not fatal; then a pong",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    await wire.refused("state", "unknown_type", robot=trial.robot, tick=1, time=0.0, entries=[])
-    await wire.in_step()
+async def message_of_the_server_is_refused(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    await client.expect_refusal("state", "unknown_type", robot=ctx.robot, tick=1, time=0.0, entries=[])
+    await client.sync()
 
 
 @case("ERR-4/no-type", "Send a map without type", "An invalid_message, not fatal; then a pong")
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    wire.say({"time": 1.0})
-    await wire.expect("error", code="invalid_message", fatal=False)
-    await wire.in_step()
+async def map_without_type_is_refused(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    client.send({"time": 1.0})
+    await client.expect("error", code="invalid_message", fatal=False)
+    await client.sync()
 
 
 @case("ERR-4/type-number", "Send a map whose type is a number", "An invalid_message, not fatal; then a pong")
-async def _(trial: Trial) -> None:
-    wire = await trial.client()
-    wire.say({"type": 5})
-    await wire.expect("error", code="invalid_message", fatal=False)
-    await wire.in_step()
+async def map_with_a_number_as_type_is_refused(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    client.send({"type": 5})
+    await client.expect("error", code="invalid_message", fatal=False)
+    await client.sync()
 
 
 _HELLOS: dict[str, dict[str, Any]] = {
@@ -265,24 +271,26 @@ _HELLOS: dict[str, dict[str, Any]] = {
     "long-token": {"token": "x" * 257},
 }
 
-for _slug, _more in _HELLOS.items():
 
-    @case(
+async def invalid_hello_is_fatal(ctx: CaseContext, more: dict[str, Any]) -> None:
+    client = await ctx.connect()
+    client.send({**ctx.target.hello(ctx.name("odd"), "controller"), **more})
+    await client.expect_fatal("invalid_message")
+
+
+for _slug, _more in _HELLOS.items():
+    case(
         f"HEL-5/hello-{_slug}",
         f"Say hello with {_more}".replace("x" * 257, "x…"),
         "A fatal invalid_message: before the welcome every refusal is fatal",
-    )
-    async def _(trial: Trial, more: dict[str, Any] = _more) -> None:
-        wire = await trial.open()
-        wire.say({**trial.target.hello(trial.name("odd"), "controller"), **more})
-        await wire.fails("invalid_message")
+    )(partial(invalid_hello_is_fatal, more=_more))
 
 
 @case("HEL-5/unknown-type", "Before hello, send a message of unknown type", "A fatal error")
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.say({"type": "teleport"})
-    await wire.fails("unknown_type")
+async def unknown_type_before_hello_is_fatal(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send({"type": "teleport"})
+    await client.expect_fatal("unknown_type")
 
 
 @case(
@@ -290,11 +298,11 @@ async def _(trial: Trial) -> None:
     "Say hello with a name of 64 characters of every kind allowed",
     "A welcome with that name",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    name = (trial.name("A-Z/a-z:0.9_") + "x" * 64)[:64]
-    wire.say(trial.target.hello(name, "observer"))
-    await wire.expect("welcome", name=name)
+async def name_may_hold_all_allowed_characters(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    name = (ctx.name("A-Z/a-z:0.9_") + "x" * 64)[:64]
+    client.send(ctx.target.hello(name, "observer"))
+    await client.expect("welcome", name=name)
 
 
 @case(
@@ -302,9 +310,9 @@ async def _(trial: Trial) -> None:
     "Say hello with a token that is too long and a secret",
     "The error's text does not repeat it",
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
+async def error_does_not_repeat_a_token(ctx: CaseContext) -> None:
+    client = await ctx.connect()
     secret = "hunter2-" * 40
-    wire.say({**trial.target.hello(trial.name("secret"), "controller"), "token": secret})
-    error = await wire.fails("invalid_message")
+    client.send({**ctx.target.hello(ctx.name("secret"), "controller"), "token": secret})
+    error = await client.expect_fatal("invalid_message")
     check("hunter2" not in error["text"], "the error repeats the token")

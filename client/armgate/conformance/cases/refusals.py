@@ -1,12 +1,12 @@
 """Commands that are refused before the gate: the order of checks, and the slot they leave free."""
 
 import math
+from functools import partial
 from typing import Any
 
-from armgate.conformance.case import case
-from armgate.conformance.holder import admitted, cause, refused, together
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import Skip, Unmet, check
+from armgate.conformance.case import Skip, Violation, case, check
+from armgate.conformance.context import CaseContext
+from armgate.conformance.lease_holder import cause_of, check_admitted, check_refused, send_together
 
 _TRIES = 20
 
@@ -17,34 +17,36 @@ _TRIES = 20
     "Refused by lease",
     also=("CMD-17",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    await holder.wire.answered("release", "lease", robot=trial.robot, fence=holder.fence)
+async def command_of_a_free_robot_is_refused_by_lease(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
     for fence in (holder.fence, holder.fence + 1, 0):
-        refused(await holder.decided(fence=fence, forbidden="nobody holds the robot"), "lease")
+        check_refused(await holder.command(fence=fence, forbidden="nobody holds the robot"), "lease")
 
 
 _FENCES = {"old": -1, "next": +1, "far": 10**12}
 
-for _slug, _by in _FENCES.items():
 
-    @case(
+async def command_with_another_fence_is_refused_by_fence(ctx: CaseContext, by: int) -> None:
+    holder = await ctx.holder()
+    bad, good = await send_together(
+        holder,
+        lambda tick: holder.forbid(
+            holder.make_command(tick, fence=max(0, holder.fence + by)), "another fence"
+        ),
+        holder.command,
+    )
+    check_refused(bad, "fence")
+    check_admitted(good)
+
+
+for _slug, _by in _FENCES.items():
+    case(
         f"CMD-9/{_slug}",
         f"Command with a fence {_by:+} off",
         "Refused by fence; the slot stays free",
         also=("CMD-17",),
-    )
-    async def _(trial: Trial, by: int = _by) -> None:
-        holder = await trial.holder()
-        bad, good = await together(
-            holder,
-            lambda tick: holder.forbid(
-                holder.command(tick, fence=max(0, holder.fence + by)), "another fence"
-            ),
-            holder.command,
-        )
-        refused(bad, "fence")
-        admitted(good)
+    )(partial(command_with_another_fence_is_refused_by_fence, by=_by))
 
 
 @case(
@@ -52,15 +54,15 @@ for _slug, _by in _FENCES.items():
     "Another session commands with the holder's fence, while it moves and after",
     "Refused by fence: a number that was seen gives nobody a robot",
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    thief = await trial.client(name="thief")
+async def command_with_the_holders_fence_is_refused_from_another_session(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    thief = await ctx.client(name="thief")
     for _ in range(5):
-        tick = (await holder.fresh())["tick"]
-        stolen = holder.forbid(holder.command(tick), "it is not the holder's")
-        thief.say(stolen)
-        refused(await thief.expect("verdict", seq=stolen["seq"]), "fence")
-    await holder.moved()
+        tick = (await holder.next_state())["tick"]
+        stolen = holder.forbid(holder.make_command(tick), "it is not the holder's")
+        thief.send(stolen)
+        check_refused(await thief.expect("verdict", seq=stolen["seq"]), "fence")
+    await holder.move()
 
 
 @case(
@@ -69,19 +71,19 @@ async def _(trial: Trial) -> None:
     "Refused, by lease or stopped; it comes to rest",
     also=("STP-4", "CMD-35"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def command_of_a_stopped_robot_is_refused(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(5):
-        await holder.moved()
-    other = await trial.client("observer", "other")
-    await other.answered("stop", "stopped", robot=trial.robot)
+        await holder.move()
+    other = await ctx.client("observer", "other")
+    await other.call("stop", "stopped", robot=ctx.robot)
     for _ in range(5):
-        verdict = await holder.decided(forbidden="the robot is stopped")
+        verdict = await holder.command(forbidden="the robot is stopped")
         check(
-            verdict["outcome"] == "refused" and cause(verdict) in ("lease", "stopped"),
-            f"it was {verdict['outcome']} by {cause(verdict)}",
+            verdict["outcome"] == "refused" and cause_of(verdict) in ("lease", "stopped"),
+            f"it was {verdict['outcome']} by {cause_of(verdict)}",
         )
-    await trial.rested()
+    await ctx.wait_at_rest()
 
 
 @case(
@@ -90,32 +92,35 @@ async def _(trial: Trial) -> None:
     "Refused by link; the slot stays free",
     also=("CMD-7",),
 )
-async def _(trial: Trial) -> None:
-    out = next(filter(trial.out_of_reach, (r["name"] for r in trial.facts.description["robots"])), None)
+async def command_without_a_ready_link_is_refused_by_link(ctx: CaseContext) -> None:
+    out = next(filter(ctx.link_not_ready, (r["name"] for r in ctx.server.description["robots"])), None)
     if out is None:
         raise Skip("the links of all robots are ready")
-    holder = await trial.holder(robot=out)
-    command = holder.forbid(holder.command(0, [0.0] * holder.n), "its link is not ready")
-    refused(await holder.verdict(command), "link")
+    holder = await ctx.holder(robot=out)
+    command = holder.forbid(holder.make_command(0, [0.0] * holder.n), "its link is not ready")
+    check_refused(await holder.send_command(command), "link")
+
+
+async def command_based_on_a_future_tick_is_refused_by_ahead(ctx: CaseContext, ahead: int) -> None:
+    holder = await ctx.holder()
+    for _ in range(_TRIES):
+        # By the time it is judged the next tick may have been: then it was not ahead.
+        bad, good = await send_together(
+            holder, lambda tick: holder.make_command(tick + ahead), holder.command
+        )
+        if ahead > 1 or cause_of(bad) == "ahead":
+            check_refused(bad, "ahead")
+            return check_admitted(good)
+    raise Violation(f"a command one tick ahead was never refused; the last time: {bad['outcome']}")
 
 
 for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
-
-    @case(
+    case(
         f"CMD-12/{_slug}",
         f"Command based on a tick {_ahead} ahead",
         "Refused by ahead; the slot stays free",
         also=("CMD-17",),
-    )
-    async def _(trial: Trial, ahead: int = _ahead) -> None:
-        holder = await trial.holder()
-        for _ in range(_TRIES):
-            # By the time it is judged the next tick may have been: then it was not ahead.
-            bad, good = await together(holder, lambda tick: holder.command(tick + ahead), holder.command)
-            if ahead > 1 or cause(bad) == "ahead":
-                refused(bad, "ahead")
-                return admitted(good)
-        raise Unmet(f"a command one tick ahead was never refused; the last time: {bad['outcome']}")
+    )(partial(command_based_on_a_future_tick_is_refused_by_ahead, ahead=_ahead))
 
 
 @case(
@@ -124,29 +129,31 @@ for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
     "Refused by stale; the slot stays free",
     also=("CMD-17",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    age = trial.facts.max_age + 1
-    if trial.observer.tick(trial.robot) <= age:
-        await trial.observer.ticks(trial.robot, age)
-    bad, good = await together(
-        holder, lambda tick: holder.forbid(holder.command(tick - age), "its tick is too old"), holder.command
+async def command_based_on_an_old_tick_is_refused_by_stale(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    age = ctx.server.max_age + 1
+    if ctx.observer.tick(ctx.robot) <= age:
+        await ctx.observer.ticks(ctx.robot, age)
+    bad, good = await send_together(
+        holder,
+        lambda tick: holder.forbid(holder.make_command(tick - age), "its tick is too old"),
+        holder.command,
     )
-    refused(bad, "stale")
-    admitted(good)
-    refused(await holder.verdict(holder.command(0)), "stale")
+    check_refused(bad, "stale")
+    check_admitted(good)
+    check_refused(await holder.send_command(holder.make_command(0)), "stale")
 
 
 @case("CMD-13/just", "Command based on a tick just as old as max_age_ticks allows", "Not refused by stale")
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    await trial.observer.until(lambda: trial.observer.tick(trial.robot) > trial.facts.max_age, "enough ticks")
+async def command_of_the_largest_age_is_not_stale(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    await ctx.observer.until(lambda: ctx.observer.tick(ctx.robot) > ctx.server.max_age, "enough ticks")
     for _ in range(2 * _TRIES):
-        tick = (await holder.fresh())["tick"]
-        verdict = await holder.verdict(holder.command(tick - trial.facts.max_age))
-        if cause(verdict) != "stale":
+        tick = (await holder.next_state())["tick"]
+        verdict = await holder.send_command(holder.make_command(tick - ctx.server.max_age))
+        if cause_of(verdict) != "stale":
             return
-    raise Unmet("it was refused by stale every time, though the newest tick had just come")
+    raise Violation("it was refused by stale every time, though the newest tick had just come")
 
 
 @case(
@@ -155,20 +162,20 @@ async def _(trial: Trial) -> None:
     "The second is refused by occupied; the first is applied",
     also=("CMD-17", "CMD-18"),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    first, second = await together(
-        holder, holder.command, lambda tick: holder.command(tick, [0.0] * holder.n), good=0
+async def second_command_of_a_tick_is_refused_by_occupied(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    first, second = await send_together(
+        holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
     )
     for _ in range(_TRIES):
-        if cause(second) is not None:
+        if cause_of(second) is not None:
             break
-        first, second = await together(
-            holder, holder.command, lambda tick: holder.command(tick, [0.0] * holder.n), good=0
+        first, second = await send_together(
+            holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
         )
-    admitted(first)
-    refused(second, "occupied")
-    await holder.applied(first)
+    check_admitted(first)
+    check_refused(second, "occupied")
+    await holder.state_applying(first)
 
 
 @case(
@@ -177,62 +184,65 @@ async def _(trial: Trial) -> None:
     "The slot is taken: the second is refused by occupied",
     also=("CMD-18",),
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
-    huge = [1e6 * x for x in holder.small()]
+async def command_after_a_limited_one_is_refused_by_occupied(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    huge = [1e6 * x for x in holder.small_increment()]
     for _ in range(_TRIES):
-        first, second = await together(
-            holder, lambda tick: holder.command(tick, huge), holder.command, good=0
+        first, second = await send_together(
+            holder, lambda tick: holder.make_command(tick, huge), holder.command, good=0
         )
         check(first["target"] is not None, f"the first has no target: {first}")
-        if cause(second) == "occupied":
+        if cause_of(second) == "occupied":
             return
-    raise Unmet(f"the second was never refused by occupied; the last time it was {second['outcome']}")
+    raise Violation(f"the second was never refused by occupied; the last time it was {second['outcome']}")
 
 
 _LENGTHS: dict[str, int] = {"short": -1, "long": 1, "empty": -64, "64": 64}
 
-for _slug, _by in _LENGTHS.items():
 
-    @case(
+async def command_of_another_length_is_refused_by_length(ctx: CaseContext, by: int) -> None:
+    holder = await ctx.holder()
+    count = 64 if by == 64 else max(0, holder.n + by)
+    if count == holder.n:
+        raise Skip(f"the robot has {count} joints")
+    bad, good = await send_together(
+        holder,
+        lambda tick: holder.forbid(holder.make_command(tick, [0.0] * count), "its dq has another length"),
+        holder.command,
+    )
+    check_refused(bad, "length")
+    check_admitted(good)
+
+
+for _slug, _by in _LENGTHS.items():
+    case(
         f"CMD-15/{_slug}",
         f"Command with a dq that is {_slug if _by < 64 else '64 long'}",
         "Refused by length; the slot stays free",
         also=("CMD-17",),
-    )
-    async def _(trial: Trial, by: int = _by) -> None:
-        holder = await trial.holder()
-        count = 64 if by == 64 else max(0, holder.n + by)
-        if count == holder.n:
-            raise Skip(f"the robot has {count} joints")
-        bad, good = await together(
+    )(partial(command_of_another_length_is_refused_by_length, by=_by))
+
+
+async def command_with_a_number_not_finite_is_refused(ctx: CaseContext, value: float) -> None:
+    holder = await ctx.holder()
+    for j in (0, holder.n - 1):
+        dq = [value if i == j else 0.0 for i in range(holder.n)]
+        bad, good = await send_together(
             holder,
-            lambda tick: holder.forbid(holder.command(tick, [0.0] * count), "its dq has another length"),
-            holder.command,
+            lambda tick, dq=dq: holder.forbid(holder.make_command(tick, dq), "its dq is not finite"),
+            lambda tick: holder.make_command(tick, [0.0] * holder.n),
         )
-        refused(bad, "length")
-        admitted(good)
+        check_refused(bad, "not_finite")
+        check(good["outcome"] != "refused", f"the slot was not free: {good.get('reasons')}")
 
 
 for _slug, _value in {"nan": math.nan, "infinity": math.inf, "minus-infinity": -math.inf}.items():
-
-    @case(
+    case(
         f"CMD-16/{_slug}",
         f"Command with {_value} in dq, at the first and at the last joint",
         "Refused by not_finite; the slot stays free; nothing moves",
         also=("CMD-17", "PAY-16"),
-    )
-    async def _(trial: Trial, value: float = _value) -> None:
-        holder = await trial.holder()
-        for j in (0, holder.n - 1):
-            dq = [value if i == j else 0.0 for i in range(holder.n)]
-            bad, good = await together(
-                holder,
-                lambda tick, dq=dq: holder.forbid(holder.command(tick, dq), "its dq is not finite"),
-                lambda tick: holder.command(tick, [0.0] * holder.n),
-            )
-            refused(bad, "not_finite")
-            check(good["outcome"] != "refused", f"the slot was not free: {good.get('reasons')}")
+    )(partial(command_with_a_number_not_finite_is_refused, value=_value))
 
 
 _PRECEDENCE: dict[str, tuple[str, str, dict[str, Any]]] = {
@@ -244,26 +254,26 @@ _PRECEDENCE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "length-nan": ("length", "a wrong length, of NaN", {"dq": [math.nan] * 60}),
 }
 
-for _slug, (_cause, _what, _more) in _PRECEDENCE.items():
 
-    @case(
+async def first_failed_check_names_the_cause(ctx: CaseContext, expected: str, more: dict[str, Any]) -> None:
+    holder = await ctx.holder()
+    await ctx.observer.until(lambda: ctx.observer.tick(ctx.robot) > ctx.server.max_age, "enough ticks")
+    fields = more | ({"dq": [math.nan] * holder.n} if more.get("dq") == "nan" else {})
+    for _ in range(_TRIES):
+        tick = (await holder.next_state())["tick"]
+        verdict = await holder.send_command(holder.make_command(tick) | fields)
+        if cause_of(verdict) == expected or cause_of(verdict) != "stale":
+            break
+    check_refused(verdict, expected)
+
+
+for _slug, (_cause, _what, _more) in _PRECEDENCE.items():
+    case(
         f"CMD-7/{_slug}",
         f"Command with {_what}",
         f"Refused by {_cause}, the first in the order of the checks",
         also=("CMD-17",),
-    )
-    async def _(trial: Trial, expected: str = _cause, more: dict[str, Any] = _more) -> None:
-        holder = await trial.holder()
-        await trial.observer.until(
-            lambda: trial.observer.tick(trial.robot) > trial.facts.max_age, "enough ticks"
-        )
-        fields = more | ({"dq": [math.nan] * holder.n} if more.get("dq") == "nan" else {})
-        for _ in range(_TRIES):
-            tick = (await holder.fresh())["tick"]
-            verdict = await holder.verdict(holder.command(tick) | fields)
-            if cause(verdict) == expected or cause(verdict) != "stale":
-                break
-        refused(verdict, expected)
+    )(partial(first_failed_check_names_the_cause, expected=_cause, more=_more))
 
 
 @case(
@@ -271,13 +281,13 @@ for _slug, (_cause, _what, _more) in _PRECEDENCE.items():
     "Send a good command and one of wrong length for one tick",
     "The second is refused by occupied",
 )
-async def _(trial: Trial) -> None:
-    holder = await trial.holder()
+async def occupied_is_checked_before_the_length(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
     for _ in range(_TRIES):
-        first, second = await together(
-            holder, holder.command, lambda tick: holder.command(tick, [0.0] * 60), good=0
+        first, second = await send_together(
+            holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * 60), good=0
         )
-        if cause(second) != "length":
+        if cause_of(second) != "length":
             break
-    admitted(first)
-    refused(second, "occupied")
+    check_admitted(first)
+    check_refused(second, "occupied")

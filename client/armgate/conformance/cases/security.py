@@ -2,12 +2,11 @@
 
 import ssl
 
-from armgate.conformance.case import case
-from armgate.conformance.ledger import Ledger
+from armgate.conformance.case import Skip, case, check
+from armgate.conformance.command_log import CommandLog
+from armgate.conformance.connection import Connection
+from armgate.conformance.context import CaseContext
 from armgate.conformance.target import Target
-from armgate.conformance.trial import Trial
-from armgate.conformance.verdicts import Skip, check
-from armgate.conformance.wire import Wire
 
 _WRONG = "armgate_" + "A" * 43
 _GUESSES = 60
@@ -15,12 +14,12 @@ _GUESSES = 60
 
 
 @case("SEC-2/none", "Say hello without a token", "A fatal unauthorized", also=("HEL-15",))
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    hello = trial.target.hello(trial.name("none"), "observer")
+async def hello_without_a_token_is_unauthorized(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    hello = ctx.target.hello(ctx.name("none"), "observer")
     del hello["token"]
-    wire.say(hello)
-    await wire.fails("unauthorized")
+    client.send(hello)
+    await client.expect_fatal("unauthorized")
 
 
 @case(
@@ -29,10 +28,10 @@ async def _(trial: Trial) -> None:
     "A fatal unauthorized whose text does not repeat it",
     also=("SEC-7", "ERR-8"),
 )
-async def _(trial: Trial) -> None:
-    wire = await trial.open()
-    wire.say({**trial.target.hello(trial.name("wrong"), "observer"), "token": _WRONG})
-    error = await wire.fails("unauthorized")
+async def wrong_token_is_unauthorized_and_not_repeated(ctx: CaseContext) -> None:
+    client = await ctx.connect()
+    client.send({**ctx.target.hello(ctx.name("wrong"), "observer"), "token": _WRONG})
+    error = await client.expect_fatal("unauthorized")
     check("AAAA" not in error["text"], "the error repeats the token")
 
 
@@ -41,14 +40,14 @@ async def _(trial: Trial) -> None:
     "With a token of a lower role, ask to be operator",
     "A fatal unauthorized, with the text for a wrong token",
 )
-async def _(trial: Trial) -> None:
-    lower = trial.target.tokens.get("observer") or trial.target.tokens.get("controller")
+async def role_above_the_token_is_unauthorized(ctx: CaseContext) -> None:
+    lower = ctx.target.tokens.get("observer") or ctx.target.tokens.get("controller")
     if lower is None:
         raise Skip("--token-file has no token of a lower role")
-    wire, wrong = await trial.open("above"), await trial.open("wrong")
-    wire.say({**trial.target.hello(trial.name("above"), "operator"), "token": lower})
-    wrong.say({**trial.target.hello(trial.name("wrong"), "operator"), "token": _WRONG})
-    first, second = await wire.fails("unauthorized"), await wrong.fails("unauthorized")
+    client, wrong = await ctx.connect("above"), await ctx.connect("wrong")
+    client.send({**ctx.target.hello(ctx.name("above"), "operator"), "token": lower})
+    wrong.send({**ctx.target.hello(ctx.name("wrong"), "operator"), "token": _WRONG})
+    first, second = await client.expect_fatal("unauthorized"), await wrong.expect_fatal("unauthorized")
     check(first["text"] == second["text"], "the text tells a wrong role from a wrong token")
 
 
@@ -57,34 +56,34 @@ async def _(trial: Trial) -> None:
     "With a token, ask for its role and those below",
     "A welcome each time, with the role asked for",
 )
-async def _(trial: Trial) -> None:
+async def roles_up_to_that_of_the_token_are_granted(ctx: CaseContext) -> None:
     ranks = ("observer", "controller", "operator")
-    for owner, token in trial.target.tokens.items():
+    for owner, token in ctx.target.tokens.items():
         if owner not in ranks:
             continue
         for role in ranks[: ranks.index(owner) + 1]:
-            wire = await trial.open(role)
-            wire.say({**trial.target.hello(trial.name(f"{owner}-{role}"), role), "token": token})
-            await wire.expect("welcome", role=role)
+            client = await ctx.connect(role)
+            client.send({**ctx.target.hello(ctx.name(f"{owner}-{role}"), role), "token": token})
+            await client.expect("welcome", role=role)
 
 
 @case("SEC-5/robots", "With a token that allows other robots only, acquire this one", "forbidden, not fatal")
-async def _(trial: Trial) -> None:
-    token = trial.target.tokens.get("elsewhere")
+async def token_for_other_robots_cannot_acquire(ctx: CaseContext) -> None:
+    token = ctx.target.tokens.get("elsewhere")
     if token is None:
         raise Skip("--token-file has no token named elsewhere")
-    wire = await trial.open()
-    wire.say({**trial.target.hello(trial.name("elsewhere"), "controller"), "token": token})
-    await wire.expect("welcome")
-    await wire.refused("acquire", "forbidden", robot=trial.robot)
+    client = await ctx.connect()
+    client.send({**ctx.target.hello(ctx.name("elsewhere"), "controller"), "token": token})
+    await client.expect("welcome")
+    await client.expect_refusal("acquire", "forbidden", robot=ctx.robot)
 
 
 @case("SEC-6/ignored", "Without tokens on the server, say hello with one", "A welcome in the role asked for")
-async def _(trial: Trial) -> None:
-    if trial.target.token is not None:
+async def token_without_token_file_is_ignored(ctx: CaseContext) -> None:
+    if ctx.target.token is not None:
         raise Skip("the server has tokens")
-    wire = await trial.client("operator", token=_WRONG)
-    check(wire.welcome["role"] == "operator", f"the role is {wire.welcome['role']}")
+    client = await ctx.client("operator", token=_WRONG)
+    check(client.welcome["role"] == "operator", f"the role is {client.welcome['role']}")
 
 
 @case(
@@ -92,24 +91,24 @@ async def _(trial: Trial) -> None:
     f"On a server of its own, bring {_GUESSES} wrong tokens, one after the other, then a right one",
     "Each wrong one is refused by unauthorized, and the right one is welcomed",
 )
-async def _(trial: Trial) -> None:
-    async with trial.anew() as target:
+async def wrong_tokens_do_not_lock_out_the_right_one(ctx: CaseContext) -> None:
+    async with ctx.second_server() as target:
         for number in range(_GUESSES):
-            await _refused(trial, target, _WRONG, f"guess{number}")
-        owner = await trial.call(target, "owner")
-        owner.say({**target.hello(trial.name("owner"), "observer"), "token": str(target.token)})
+            await _refused(ctx, target, _WRONG, f"guess{number}")
+        owner = await ctx.connect_to(target, "owner")
+        owner.send({**target.hello(ctx.name("owner"), "observer"), "token": str(target.token)})
         await owner.expect("welcome")
 
 
-async def _refused(trial: Trial, target: Target, token: str, name: str) -> None:
+async def _refused(ctx: CaseContext, target: Target, token: str, name: str) -> None:
     """Bring a token that a server must not take."""
-    wire = await trial.call(target, name)
-    wire.say({**target.hello(trial.name(name), "observer"), "token": token})
-    await wire.fails("unauthorized")
+    client = await ctx.connect_to(target, name)
+    client.send({**target.hello(ctx.name(name), "observer"), "token": token})
+    await client.expect_fatal("unauthorized")
 
 
-def _lists_sessions(trial: Trial) -> None:
-    if "sessions" not in trial.facts.welcome.get("capabilities", ()):
+def _lists_sessions(ctx: CaseContext) -> None:
+    if "sessions" not in ctx.server.welcome.get("capabilities", ()):
         raise Skip("the server does not name the capability sessions")
 
 
@@ -119,22 +118,22 @@ def _lists_sessions(trial: Trial) -> None:
     "A session_list with both, in order, and the robot at its holder",
     also=("SEC-17",),
 )
-async def _(trial: Trial) -> None:
-    _lists_sessions(trial)
-    holder = await trial.holder()
-    wire = await trial.operator()
-    listed = (await wire.answered("sessions", "session_list"))["sessions"]
+async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
+    _lists_sessions(ctx)
+    holder = await ctx.holder()
+    client = await ctx.operator()
+    listed = (await client.call("sessions", "session_list"))["sessions"]
     assert isinstance(listed, tuple | list)
     found = {one["session"]: one for one in listed}
     check(len(found) == len(listed), "a session is listed twice")
-    own, other = (found.get(each.welcome["session"]) for each in (wire, holder.wire))
+    own, other = (found.get(each.welcome["session"]) for each in (client, holder.connection))
     check(own is not None and own["role"] == "operator", "the operator is not listed")
-    check(other is not None and trial.robot in other["robots"], "the holder is not listed with its robot")
+    check(other is not None and ctx.robot in other["robots"], "the holder is not listed with its robot")
     places = [one["session"] for one in listed]
-    first, second = holder.wire.welcome["session"], wire.welcome["session"]
+    first, second = holder.connection.welcome["session"], client.welcome["session"]
     check(places.index(first) < places.index(second), "the order is another one")
-    await holder.wire.refused("sessions", "forbidden")
-    await holder.wire.refused("kick", "forbidden", session=wire.welcome["session"])
+    await holder.connection.expect_refusal("sessions", "forbidden")
+    await holder.connection.expect_refusal("kick", "forbidden", session=client.welcome["session"])
 
 
 @case(
@@ -143,15 +142,15 @@ async def _(trial: Trial) -> None:
     "kicked; a fatal kicked for the client; its robot is free; then unknown_session",
     also=("SEC-17",),
 )
-async def _(trial: Trial) -> None:
-    _lists_sessions(trial)
-    holder = await trial.holder()
-    wire = await trial.operator()
-    session = holder.wire.welcome["session"]
-    await wire.answered("kick", "kicked", session=session, reason="tried by the kit")
-    await holder.wire.fails("kicked")
-    await trial.freed()
-    await wire.refused("kick", "unknown_session", session=session)
+async def operator_can_end_a_session(ctx: CaseContext) -> None:
+    _lists_sessions(ctx)
+    holder = await ctx.holder()
+    client = await ctx.operator()
+    session = holder.connection.welcome["session"]
+    await client.call("kick", "kicked", session=session, reason="tried by the kit")
+    await holder.connection.expect_fatal("kicked")
+    await ctx.wait_free()
+    await client.expect_refusal("kick", "unknown_session", session=session)
 
 
 @case(
@@ -159,18 +158,18 @@ async def _(trial: Trial) -> None:
     "Speak the protocol without TLS",
     "No welcome: nothing of this protocol is said outside TLS",
 )
-async def _(trial: Trial) -> None:
-    wire = Wire("plain", trial.log, Ledger(), trial.target.patience)
-    await trial.target.connect(lambda: wire, plain=True)
-    trial.wires.append(wire)
-    wire.say(trial.target.hello(trial.name("plain"), "observer"))
-    await wire.ends(within=30.0)
-    wire.faults.clear()  # (a TLS alert is no frame, and need not be one)
-    check(not wire.welcome, "welcomed without TLS")
+async def server_with_tls_refuses_plain_connections(ctx: CaseContext) -> None:
+    client = Connection("plain", ctx.log, CommandLog(), ctx.target.timeout)
+    await ctx.target.connect(lambda: client, plain=True)
+    ctx.connections.append(client)
+    client.send(ctx.target.hello(ctx.name("plain"), "observer"))
+    await client.receive_until_closed(within=30.0)
+    client.violations.clear()  # (a TLS alert is no frame, and need not be one)
+    check(not client.welcome, "welcomed without TLS")
 
 
 @case("SEC-10/old", "Offer TLS 1.1 only", "The handshake fails")
-async def _(trial: Trial) -> None:
+async def outdated_tls_is_refused(ctx: CaseContext) -> None:
     old = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     old.check_hostname, old.verify_mode = False, ssl.CERT_NONE
     try:
@@ -179,10 +178,10 @@ async def _(trial: Trial) -> None:
         old.maximum_version = ssl.TLSVersion.TLSv1_1
     except (ssl.SSLError, ValueError) as error:
         raise Skip(f"this machine's TLS library has no TLS 1.1: {error}") from error
-    wire = Wire("old", trial.log, Ledger(), trial.target.patience)
+    client = Connection("old", ctx.log, CommandLog(), ctx.target.timeout)
     try:
-        await trial.target.connect(lambda: wire, tls=old)
+        await ctx.target.connect(lambda: client, tls=old)
     except (OSError, ssl.SSLError):
         return
-    trial.wires.append(wire)
+    ctx.connections.append(client)
     check(False, "a handshake with TLS 1.1 succeeded")

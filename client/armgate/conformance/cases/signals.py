@@ -1,0 +1,198 @@
+"""Signals: owner, rate, and number."""
+
+import math
+from functools import partial
+from typing import Any
+
+from armgate.conformance.case import Skip, case, check
+from armgate.conformance.codec import Fields
+from armgate.conformance.context import CaseContext
+from armgate.conformance.lease_holder import state_after_now
+
+_SIGNALS = 64
+"""Signals that a state can hold."""
+
+
+async def shown(ctx: CaseContext, name: str) -> Fields | None:
+    """A signal as the next states of a new observer show it."""
+    client = await ctx.client("observer", f"eye-{len(ctx.connections)}")
+    await client.call("subscribe", "subscribed", robots=[ctx.robot], fields=[])
+    state = await state_after_now(client, ctx.robot)
+    client.close()
+    signals: dict[str, Fields] = state.get("signals") or {}
+    return signals.get(name)
+
+
+@case(
+    "SIG-1/shared",
+    "Set a signal twice, of one number and of sixteen",
+    "signaled; states show owner, newest value and time",
+    also=("STA-14", "STA-15"),
+)
+async def signal_is_shown_in_states(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    name = ctx.name("zoom")
+    for value in ([1.5], [float(i) for i in range(16)]):
+        answer = await client.call("signal", "signaled", name=name, value=value)
+        check(answer["name"] == name, f"signaled {answer['name']}")
+        seen = await shown(ctx, name)
+        check(seen is not None, "states do not show the signal")
+        assert seen is not None
+        check((seen["owner"], seen["value"]) == (ctx.name("client"), value), f"states show {seen}")
+
+
+@case(
+    "SIG-3/owned",
+    "Another session sets the same signal, also after the owner has set it again",
+    "signal_owned; the value stays",
+    also=("ERR-2",),
+)
+async def signal_of_another_session_cannot_be_set(ctx: CaseContext) -> None:
+    owner, other = await ctx.client(name="owner"), await ctx.client(name="other")
+    name = ctx.name("zoom")
+    await owner.call("signal", "signaled", name=name, value=[1.0])
+    await other.expect_refusal("signal", "signal_owned", name=name, value=[2.0])
+    await owner.call("signal", "signaled", name=name, value=[3.0])
+    seen = await shown(ctx, name)
+    check(seen is not None and seen["value"] == [3.0], f"states show {seen}")
+
+
+@case(
+    "SIG-4/gone",
+    "Set a signal, close; another session sets it",
+    "It is gone from the states; the other one owns it then",
+)
+async def signals_end_with_their_session(ctx: CaseContext) -> None:
+    owner, other = await ctx.client(name="owner"), await ctx.client(name="other")
+    name = ctx.name("zoom")
+    await owner.call("signal", "signaled", name=name, value=[1.0])
+    owner.send({"type": "bye"})
+    await owner.receive_until_closed()
+    check(await shown(ctx, name) is None, "the signal of a session that ended is still shown")
+    await other.call("signal", "signaled", name=name, value=[2.0])
+
+
+async def invalid_signal_is_refused(ctx: CaseContext, value: Any) -> None:
+    client = await ctx.client()
+    name = ctx.name("odd")
+    await client.expect_refusal("signal", "invalid_message", name=name, value=value)
+    check(await shown(ctx, name) is None, "the signal is shown")
+
+
+for _slug, _value in {
+    "empty": [],
+    "seventeen": [0.0] * 17,
+    "nan": [math.nan],
+    "text": ["1"],
+    "scalar": 1.0,
+}.items():
+    case(
+        f"SIG-5/{_slug}",
+        f"Set a signal to {_value}",
+        "An invalid_message, not fatal; no signal",
+        also=("ERR-4",),
+    )(partial(invalid_signal_is_refused, value=_value))
+
+
+@case(
+    "SIG-6/full",
+    "Set one signal more than there may be",
+    "too_many_signals, not fatal; those before stay, and may be set on",
+)
+async def signals_of_a_session_are_limited(ctx: CaseContext) -> None:
+    limit = ctx.server.welcome["limits"]["signals"]
+    client = await ctx.client()
+    for i in range(limit):
+        answer = await client.request("signal", name=ctx.name(f"s{i}"), value=[float(i)])
+        if answer.get("code") == "signal_rate":
+            raise Skip("signals may come too slowly to fill the table")
+        check(answer["type"] == "signaled", f"signal {i} of {limit}: {answer}")
+    await client.expect_refusal("signal", "too_many_signals", name=ctx.name("more"), value=[0.0])
+    await client.call("signal", "signaled", name=ctx.name("s0"), value=[9.0])
+
+
+@case(
+    "SIG-9/operator",
+    "As controller, set a signal whose name begins with operator.",
+    "forbidden, not fatal; no signal",
+)
+async def controller_cannot_set_an_operator_signal(ctx: CaseContext) -> None:
+    client = await ctx.client()
+    name = f"operator.{ctx.name('reserved')}"
+    await client.expect_refusal("signal", "forbidden", name=name, value=[1.0])
+    check(await shown(ctx, name) is None, "the signal is shown")
+
+
+@case(
+    "SIG-11/all",
+    f"From two sessions, set more signals than {_SIGNALS} together",
+    f"Not more than {_SIGNALS} are taken over; too_many_signals then, not fatal",
+)
+async def signals_of_all_sessions_are_limited(ctx: CaseContext) -> None:
+    taken = 0
+    for who in ("one", "other"):
+        client = await ctx.client("controller", who)
+        for i in range(_SIGNALS + 1):
+            answer = await client.request("signal", name=ctx.name(f"{who}{i}"), value=[float(i)])
+            if answer.get("code") == "signal_rate":
+                raise Skip("signals may come too slowly to fill the table")
+            if answer.get("code") == "too_many_signals":
+                break
+            taken += 1
+    check(answer.get("code") == "too_many_signals", f"{taken} signals were taken over")
+    check(taken <= _SIGNALS, f"{taken} signals were taken over")
+
+
+@case(
+    "SIG-7/rate",
+    "Send signals three times as fast as allowed, for a second's worth and more",
+    "Some are answered by signal_rate, not fatal; each has an answer; the connection stays",
+)
+async def signals_above_the_rate_are_refused(ctx: CaseContext) -> None:
+    rate = ctx.server.welcome["limits"]["signal_rate"]
+    if rate > 20_000:
+        raise Skip(f"{rate:g} signals per second are more than the kit sends")
+    client = await ctx.client()
+    count = int(3 * rate) + 10
+    client.send(
+        *(
+            {"type": "signal", "id": 1000 + i, "name": ctx.name("fast"), "value": [float(i)]}
+            for i in range(count)
+        )
+    )
+    answers = [await client.answer_to(1000 + i) for i in range(count)]
+    refusals = [a for a in answers if a["type"] == "error"]
+    check(
+        all(a["code"] == "signal_rate" and not a["fatal"] for a in refusals), f"another error: {refusals[:1]}"
+    )
+    check(answers[0]["type"] == "signaled", f"the first was answered by {answers[0]}")
+    if not refusals:
+        raise Skip("the server reads messages too slowly to see them come too fast")
+    await client.sync()
+
+
+@case("SIG-7/slow", "Send signals at a fifth of the rate", "All are taken over")
+async def signals_below_the_rate_are_accepted(ctx: CaseContext) -> None:
+    rate = ctx.server.welcome["limits"]["signal_rate"]
+    period = ctx.server.robot["period"]
+    client = await ctx.client()
+    for i in range(10):
+        await client.call("signal", "signaled", name=ctx.name("slow"), value=[float(i)])
+        await ctx.observer.ticks(ctx.robot, max(1, round(5 / rate / period)))
+
+
+@case(
+    "SIG-8/verdict",
+    "Have the same command judged before and after signals of every kind",
+    "The verdicts are the same",
+)
+async def signals_do_not_change_verdicts(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    found = []
+    for names in ((), ("distance", "repulsion", "beta", ctx.robot)):
+        for name in names:
+            await holder.connection.request("signal", name=name, value=[0.0, 1e9])
+        await ctx.wait_at_rest()
+        verdict = await holder.command([0.0] * holder.n)
+        found.append((verdict["outcome"], verdict["beta"], verdict["dq"], verdict.get("reasons")))
+    check(found[0] == found[1], f"before {found[0]}, after {found[1]}")

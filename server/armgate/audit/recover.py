@@ -1,0 +1,87 @@
+"""Recovery of a recording that is incomplete because the daemon was killed, or that is damaged."""
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from armgate.recording import RecordingError, TruncatedError, parts_of
+from armgate.recording.files import atomic_write
+from armgate.recording.recover import Recovery, is_readable, recover_file
+from armgate.recording.scan import Scan, scan
+
+Action = Literal["none", "removed", "recovered"]
+"""Done with a file: ``none`` if it is complete, ``removed`` if it is empty, or ``recovered``."""
+
+_NOTHING = Recovery(0, 0, 0)
+_COPIES = 100
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveredFile:
+    """Result for one file.
+
+    Attributes:
+        file: The file.
+        action: What was done with it.
+        result: Contents of the recovered file.
+        original: Copy of the damaged file, if messages before its end are lost.
+    """
+
+    file: Path
+    action: Action
+    result: Recovery = _NOTHING
+    original: Path | None = None
+
+
+def recover_recording(path: Path) -> Sequence[RecoveredFile]:
+    """Recover every part of a recording.
+
+    Args:
+        path: Its folder, or one file.
+
+    Raises:
+        RecordingError: There is no recording, the beginning of a file is damaged, or there is no space for
+            a complete copy; the file is then unchanged.
+    """
+    files = parts_of(path)
+    scans = [scan(file) for file in files]
+    if not any(found.chunks for found in scans):
+        raise TruncatedError(files[0], "breaks off before anything was written; nothing can be recovered")
+    for found in scans[:-1]:
+        if not found.chunks:
+            raise RecordingError(found.file, "is empty, but later parts are not; restore it from a copy")
+    return [_recover_part(found) for found in scans]
+
+
+def _recover_part(found: Scan) -> RecoveredFile:
+    file = found.file
+    if found.closed and is_readable(found.chunks):
+        return RecoveredFile(file, "none")
+    if not found.chunks:
+        file.unlink()
+        return RecoveredFile(file, "removed")
+    try:
+        with atomic_write(file) as stream:
+            result = recover_file(file, stream)
+            original = _keep_original(file) if result.lost else None
+    except OSError as error:
+        text = f"was not changed: {error.strerror or error}; {found.good} bytes are needed for a copy"
+        raise RecordingError(file, text) from error
+    return RecoveredFile(file, "recovered", result, original)
+
+
+def _keep_original(file: Path) -> Path:
+    """Give the damaged file a second name, because only this file holds the unreadable messages.
+
+    Raises:
+        OSError: The link cannot be created.
+    """
+    for suffix in ("", *(f"-{number}" for number in range(2, _COPIES + 1))):
+        original = file.with_name(f"{file.name}.damaged{suffix}")
+        with suppress(FileExistsError):
+            os.link(file, original, follow_symlinks=False)
+            return original
+    raise FileExistsError(f"{_COPIES} damaged copies of it exist already; remove some")

@@ -1,0 +1,211 @@
+"""The proxy, and what must hold through it: late is not lost, and lost is at rest."""
+
+import asyncio
+import contextlib
+
+import pytest
+
+from armgate.cell.cell import build_cell
+from armgate.cell.config import load_config
+from armgate.client import aio
+from armgate.conformance.case import select_cases
+from armgate.conformance.fault_injection import FaultError, Faults, Proxy
+from armgate.conformance.runner import Runner
+from armgate.conformance.target import Target, query_server
+from armgate.protocol import messages as m
+from conformance.conftest import CONFIGS, PATIENCE, serving
+from support.clients import Raw
+
+
+class Echo:
+    """A server that sends back what comes, and keeps it."""
+
+    def __init__(self):
+        self.heard = bytearray()
+        self.ended = asyncio.get_running_loop().create_future()
+
+    async def serve(self, reader, writer):
+        try:
+            while data := await reader.read(65536):
+                self.heard += data
+                writer.write(data)
+            self.ended.set_result("end")
+        except ConnectionError:
+            self.ended.set_result("reset")
+        finally:
+            writer.close()
+
+
+@contextlib.asynccontextmanager
+async def echoing(faults, seed=1):
+    """A connection to an echo through a proxy."""
+    echo = Echo()
+    server = await asyncio.start_server(echo.serve, "127.0.0.1", 0)
+    async with server, Proxy("127.0.0.1", server.sockets[0].getsockname()[1], faults, seed) as proxy:
+        reader, writer = await asyncio.open_connection("127.0.0.1", proxy.port)
+        try:
+            async with asyncio.timeout(PATIENCE):
+                yield echo, proxy, reader, writer
+        finally:
+            writer.close()
+
+
+DATA = bytes(range(256)) * 40
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "slice=1",
+        "slice=7,latency=2ms",
+        "latency=5ms,jitter=5ms",
+        "stall=30ms,every=10ms",
+        "bandwidth=400k",
+    ],
+)
+async def test_what_passes_is_whole_and_in_order(text):
+    async with echoing(Faults.parse(text)) as (_, _, reader, writer):
+        for start in range(0, len(DATA), 1000):
+            writer.write(DATA[start : start + 1000])
+            await asyncio.sleep(0)
+        assert await reader.readexactly(len(DATA)) == DATA
+
+
+async def test_latency_delays_both_ways():
+    loop = asyncio.get_running_loop()
+    async with echoing(Faults.parse("latency=40ms")) as (_, _, reader, writer):
+        start = loop.time()
+        writer.write(b"x")
+        await reader.readexactly(1)
+        assert loop.time() - start >= 0.08
+
+
+@pytest.mark.parametrize(("fault", "how"), [("cut", "end"), ("reset", "reset")])
+async def test_a_connection_ends_after_so_many_bytes(fault, how):
+    async with echoing(Faults.parse(f"{fault}=100")) as (echo, _, reader, writer):
+        writer.write(b"x" * 300)
+        with contextlib.suppress(ConnectionError):
+            while await reader.read(1000):
+                pass
+        assert await echo.ended == how
+        assert len(echo.heard) <= 100
+        if fault == "cut":
+            assert len(echo.heard) == 100
+
+
+async def test_silence_tells_nobody():
+    async with echoing(Faults.parse("silence=100")) as (echo, _, reader, writer):
+        writer.write(b"x" * 60)
+        await reader.readexactly(60)
+        writer.write(b"y" * 100)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(reader.readexactly(1), 0.2)
+        assert len(echo.heard) == 100
+        assert not echo.ended.done()
+
+
+@pytest.mark.parametrize("text", ["colour=3", "latency", "latency=fast", "latency=3k", "slice=3ms", "cut=-1"])
+def test_what_is_no_fault_is_told(text):
+    with pytest.raises(FaultError, match="--faults"):
+        Faults.parse(text)
+
+
+def test_faults_are_read():
+    faults = Faults.parse("latency=80ms, jitter=0.04s,slice=7,bandwidth=64k")
+    assert faults == Faults(latency=0.08, jitter=0.04, slice=7, bandwidth=65536.0)
+    assert faults.delay == pytest.approx(0.24)
+
+
+async def test_cases_pass_through_a_slicing_line():
+    ids = [
+        "FRM-1/one",
+        "FRM-2",
+        "PAY-2/garbage",
+        "LEA-8/takeover",
+        "CMD-3/order",
+        "CMD-20/admitted",
+        "CON-3/bye",
+        "STP-5",
+    ]
+    faults = Faults.parse("slice=64,latency=2ms,jitter=1ms")
+    async with serving("conformance.yaml") as port, Proxy("127.0.0.1", port, faults) as proxy:
+        target = Target("127.0.0.1", port, faults=faults, proxy=proxy)
+        server = await query_server(target, None, ())
+        results = [r async for r in Runner(target, server).run(select_cases(ids))]
+    assert len(results) > 8
+    assert not [(r.case.id, r.findings) for r in results if r.failed(strict=True)]
+
+
+async def test_nothing_is_asked_of_a_connection_that_the_kit_has_half_closed():
+    faults = Faults.parse("latency=20ms")
+    async with serving("conformance.yaml") as port, Proxy("127.0.0.1", port, faults) as proxy:
+        target = Target("127.0.0.1", port, faults=faults, proxy=proxy)
+        server = await query_server(target, None, ())
+        (result,) = [r async for r in Runner(target, server).run(select_cases(["LEA-16/half-close"]))]
+    assert not result.failed(strict=True), result.findings
+
+
+FAR = Faults(latency=0.08, jitter=0.04, stall=0.4, every=1.0)
+"""80 ms ± 40 ms each way, and stalls of 200 to 400 ms: what loss looks like above TCP."""
+
+
+def far_cell(_):
+    """A cell for a controller far away."""
+    config = load_config([CONFIGS / "conformance.yaml"])
+    server = config.server.model_copy(update={"lease_ttl": 2.0})
+    return build_cell(config.model_copy(update={"max_age_ticks": 150, "server": server}))
+
+
+async def test_a_controller_far_away_works_and_one_that_is_cut_off_leaves_its_robot_at_rest():
+    async with serving("", build=far_cell) as port:
+        eye = await Raw.hello(port, "eye", "observer")
+        eye.send(m.Subscribe(robots=("A",)))
+        async with Proxy("127.0.0.1", port, FAR) as proxy:
+            far = await aio.connect(f"127.0.0.1:{proxy.port}", name="far", timeout=PATIENCE)
+            robot = await far.acquire("A")
+            causes = await commanded(robot, 25)
+            assert causes.count(None) >= 20, causes
+            assert not set(causes) & {"lease", "fence", "stale"}, causes
+            held = await newest(eye)
+            assert held.holder == "far"
+            assert held.setpoint != (await start(eye))
+            proxy.hold()
+            lost = entry(await eye.get(m.State, lambda state: entry(state).holder is None))
+            one, two = await newest(eye), await newest(eye)
+            assert lost.setpoint == one.setpoint == two.setpoint
+            assert one.setpoint == pytest.approx(held.setpoint, abs=0.01)
+        await far.close()
+        await Raw.close_all()
+
+
+async def commanded(robot, count):
+    """The cause of each command's refusal, None for those let through."""
+    causes = []
+    async for _ in robot.ticks():
+        causes.append(await sent(robot, len(causes)))
+        if len(causes) == count:
+            break
+    return causes
+
+
+async def start(eye):
+    """Where the robot started."""
+    eye.send(m.Describe())
+    return (await eye.get(m.Description)).robots[0].start
+
+
+async def sent(robot, count):
+    """The cause of a command's refusal, None if it was let through."""
+    verdict = await robot.send([0.0005 if count % 20 < 10 else -0.0005, 0.0, 0.0])
+    return verdict.reasons[0].cause if verdict.outcome == "refused" else None
+
+
+def entry(state):
+    return next(e for e in state.entries if e.robot == "A")
+
+
+async def newest(eye):
+    eye.send(m.Ping(time=0.0))
+    await eye.get(m.Pong)  # what waited to be read is dropped
+    return entry(await eye.get(m.State))
