@@ -1,0 +1,101 @@
+"""Links of a Markdown page, rewritten from the repository's layout to the site's.
+
+Pages of ``docs/`` keep their place. Documents elsewhere, such as the specification, are pages of the site,
+too (``DOCUMENTS``). Any other file that a page links to is shown on a page of its own, below ``files/``.
+"""
+
+import posixpath
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SPEC = "protocol/armgate/protocol"
+DOCUMENTS = {
+    "README.md": "index.md",
+    f"{SPEC}/SPEC.md": "spec.md",
+    f"{SPEC}/vectors/README.md": "vectors.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "reporting.md",
+    "CODE_OF_CONDUCT.md": "code-of-conduct.md",
+}
+"""Documents outside of ``docs/`` and the pages that show them; the README's place is taken by the index."""
+_LINK = re.compile(r"(?P<head>!?\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<target>[^)\s]+)(?P<tail>[^)]*\))")
+_CODE = re.compile(r"^(?P<fence>```|~~~).*?^(?P=fence)[ \t]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
+_LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml", ".json": "json", ".sh": "sh", ".xml": "xml"}
+
+
+def rewritten(markdown: str, source: str) -> str:
+    """Return a page whose relative links hold on the site.
+
+    Args:
+        markdown: Text of the page.
+        source: Path of its file in the repository.
+    """
+
+    def replaced(match: re.Match[str]) -> str:
+        target = _on_site(match["target"], source)
+        return match["head"] + target + match["tail"]
+
+    return "".join(_LINK.sub(replaced, text) if prose else text for prose, text in _parts(markdown))
+
+
+def outside(markdown: str, source: str) -> set[str]:
+    """Return the files outside of ``docs/`` to which a page links and which are no page by themselves."""
+    found = set()
+    for prose, text in _parts(markdown):
+        for match in _LINK.finditer(text) if prose else ():
+            path = _in_repository(match["target"], source)
+            if path and path not in DOCUMENTS and not path.startswith("docs/") and (ROOT / path).is_file():
+                found.add(path)
+    return found
+
+
+def file_page(path: str) -> str:
+    """Return the name of the page that shows a file of the repository."""
+    return f"files/{path}.md"
+
+
+def file_text(path: str) -> str:
+    """Return the page that shows a file of the repository."""
+    language = _LANGUAGES.get(Path(path).suffix, "text")
+    text = (ROOT / path).read_text(encoding="utf-8")
+    return f"# {path}\n\n````{language}\n{text.rstrip()}\n````\n"
+
+
+def page_of(source: str) -> str:
+    """Return the name of the page that a document of the repository becomes."""
+    return DOCUMENTS.get(source, source.removeprefix("docs/"))
+
+
+def _parts(markdown: str) -> Iterator[tuple[bool, str]]:
+    """Yield the text in pieces, and for each True if it is prose, False if it is code."""
+    end = 0
+    for match in _CODE.finditer(markdown):
+        yield True, markdown[end : match.start()]
+        yield False, match[0]
+        end = match.end()
+    yield True, markdown[end:]
+
+
+def _in_repository(target: str, source: str) -> str | None:
+    """Return the path of a link's target in the repository, or None for an address or an anchor."""
+    name = target.partition("#")[0]
+    if not name or re.match(r"[a-z]+:", target):
+        return None
+    return posixpath.normpath(posixpath.join(posixpath.dirname(source), name))
+
+
+def _on_site(target: str, source: str) -> str:
+    path = _in_repository(target, source)
+    if path is None:
+        return target
+    if path in DOCUMENTS or path.startswith("docs/"):
+        page = page_of(path)
+    elif (ROOT / path).is_file():
+        page = file_page(path)
+    else:
+        return target
+    _, mark, anchor = target.partition("#")
+    return posixpath.relpath(page, posixpath.dirname(page_of(source)) or ".") + mark + anchor
