@@ -1,4 +1,4 @@
-# armgate: every command of the house. `make` lists them.
+# armgate: the commands of this repository. `make` lists them.
 
 PYTHON ?= python3
 ARGS ?=
@@ -16,7 +16,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-all lint spec pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo lock sbom clean
+.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -55,11 +55,26 @@ lint: $(VENV)/.linted  ## check style, types and who imports whom
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
 
-spec: $(VENV)/.installed  ## draw the specification's tables, the JSON Schema and the vectors from the code
+spec: $(VENV)/.installed  ## write the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)
 
-pictures: $(VENV)/.system $(VENV)/.tested  ## draw the README's pictures: the viewer's page and the four experiments
+reference: $(VENV)/.viewed  ## write the reference pages and the map of packages from the code
+	@$(BIN)/python -m tools.reference $(ARGS)
+	@$(BIN)/python -m tools.packages $(ARGS)
+
+words: $(VENV)/.made  ## find idioms, bare clauses and long sentences: make words ARGS="docs README.md"
+	@$(BIN)/python -m tools.words $(ARGS)
+
+docs: $(VENV)/.documented reference  ## build the documentation's site into build/site, without network
+	@$(VENV)/docs/bin/python -m mkdocs build --quiet --strict
+	@echo "armgate: open build/site/index.html"
+
+docs-serve: $(VENV)/.documented  ## show the site on this machine, and renew it while pages change
+	@$(VENV)/docs/bin/python -m mkdocs serve
+
+pictures: $(VENV)/.system $(VENV)/.tested  ## draw the pictures: the viewer's page, the experiments, the map of packages
 	@$(BIN)/python -m tools.pictures docs
+	@$(BIN)/python -m tools.packages
 
 fuzz: $(VENV)/.fuzzed  ## search for bytes that break the protocol's reader: make fuzz RUNS=1000000
 	@$(BIN)/python -m tools.fuzz $(RUNS)
@@ -117,11 +132,14 @@ bench-monitor: $(VENV)/.installed  ## measure what the monitor costs, and whethe
 bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
 
-lock: $(VENV)/.locking  ## renew requirements.lock: exact versions and hashes of all that a service needs
-	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/pip-compile
+lock: $(VENV)/.locking  ## renew the lock files: exact versions and hashes for services, development and site
+	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/pip-compile $(ARGS)
 
-sbom: $(VENV)/.made  ## write the bill of materials (CycloneDX) of requirements.lock to dist/
-	@$(BIN)/python -m tools.sbom dist/armgate.cdx.json
+sbom: $(VENV)/.made  ## write bills of materials (CycloneDX) of the lock files to dist/
+	@$(BIN)/python -m tools.sbom dist
+
+release-check: $(VENV)/.tested sbom  ## build sdist and wheel, and try the wheel in an empty environment
+	@$(BIN)/python -m tools.release dist
 
 clean:  ## remove .venv, caches and build products (runs/ stays)
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* coverage.xml
@@ -174,6 +192,12 @@ $(VENV)/.locking: $(VENV)/.made
 	@echo "armgate: installing what resolves requirements"
 	@$(BIN)/python -m venv $(VENV)/lock
 	@$(VENV)/lock/bin/python -m pip --quiet --disable-pip-version-check --no-input install "pip-tools>=7.5,<8"
+	@touch $@
+
+$(VENV)/.documented: $(VENV)/.made tools/site/requirements.lock
+	@echo "armgate: installing what builds the site"
+	@$(BIN)/python -m venv $(VENV)/docs
+	@$(VENV)/docs/bin/python -m pip --quiet --disable-pip-version-check --no-input install --require-hashes -r tools/site/requirements.lock
 	@touch $@
 
 $(VENV)/.benched: $(VENV)/.installed

@@ -1,35 +1,81 @@
-"""Renews ``requirements.lock``: all that a service needs, with exact versions and SHA-256 of every file.
+"""Writer of the lock files: exact versions and SHA-256 hashes of every file, by pip-compile.
 
-``python -m tools.lock PIP_COMPILE``. Names of package indexes and paths of this machine are left out.
+``python -m tools.lock PIP_COMPILE [FILE…]`` renews all lock files or some. Addresses of package indexes and
+paths of this machine are left out, so a lock file is used with the index that pip is configured for.
 """
 
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-LOCK = ROOT / "requirements.lock"
-EXTRAS = ("cell", "fast", "plots", "sign", "view")
 _OPTIONS = (
     "--quiet", "--generate-hashes", "--allow-unsafe", "--strip-extras", "--no-header", "--no-annotate",
     "--no-emit-index-url", "--no-emit-find-links", "--no-emit-trusted-host",
 )  # fmt: skip
-HEADER = f"""\
-# What armgate[{",".join(EXTRAS)}] was released with: exact versions, and SHA-256 of files.
-#   pip install --require-hashes -r requirements.lock && pip install --no-deps armgate
-# Renew it with: make lock
-"""
 
 
-def main(pip_compile: str) -> None:
-    """Resolve the requirements and write the lock file."""
+@dataclass(frozen=True)
+class Lock:
+    """Lock file, and what it is made from."""
+
+    file: str
+    purpose: str
+    use: str
+    source: str = "pyproject.toml"
+    extras: tuple[str, ...] = ()
+
+    @property
+    def path(self) -> Path:
+        """Place of the lock file."""
+        return ROOT / self.file
+
+    @property
+    def header(self) -> str:
+        """Comment at its beginning."""
+        first = f"# {self.purpose}: exact versions, and SHA-256 of files."
+        return f"{first}\n#   {self.use}\n# Renew it with: make lock\n"
+
+
+SERVICE = Lock(
+    "requirements.lock",
+    "What a service of this release runs with",
+    "pip install --require-hashes -r requirements.lock && pip install --no-deps armgate",
+    extras=("cell", "fast", "plots", "sign", "view"),
+)
+DEVELOPMENT = Lock(
+    "requirements-dev.lock",
+    "What this release was developed and tested with",
+    "pip install --require-hashes -r requirements-dev.lock && pip install --no-deps --editable .",
+    extras=("bench", "cell", "fast", "gamepad", "lint", "plots", "sign", "test", "view"),
+)
+SITE = Lock(
+    "tools/site/requirements.lock",
+    "What builds the documentation's site",
+    "make docs",
+    source="tools/site/requirements.in",
+)
+LOCKS = (SERVICE, DEVELOPMENT, SITE)
+
+
+def main(pip_compile: str, *files: str) -> None:
+    """Resolve the requirements and write the lock files."""
+    for lock in LOCKS:
+        if not files or lock.file in files:
+            lock.path.write_text(lock.header + "".join(resolved(lock, pip_compile)), encoding="utf-8")
+            print(lock.file)
+
+
+def resolved(lock: Lock, pip_compile: str) -> list[str]:
+    """Return the entries of a lock file, resolved anew."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "requirements.txt"
-        extras = [word for extra in EXTRAS for word in ("--extra", extra)]
-        command = [pip_compile, *_OPTIONS, *extras, "--output-file", str(out), "pyproject.toml"]
+        extras = [word for extra in lock.extras for word in ("--extra", extra)]
+        command = [pip_compile, *_OPTIONS, *extras, "--output-file", str(out), lock.source]
         subprocess.run(command, cwd=ROOT, check=True)  # noqa: S603
-        LOCK.write_text(HEADER + "".join(entries(out.read_text())), encoding="utf-8")
+        return entries(out.read_text(encoding="utf-8"))
 
 
 def entries(text: str) -> list[str]:
