@@ -1,0 +1,54 @@
+"""Generated pages and pictures are up to date with the code, and complete."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from armgate.apps.cli import commands
+from tools import packages
+from tools.reference.__main__ import pages
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = pages()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_a_reference_page_is_up_to_date(path: Path) -> None:
+    assert path.read_text(encoding="utf-8") == PAGES[path], "run: make reference"
+
+
+def test_the_map_of_packages_is_up_to_date() -> None:
+    assert packages.main(["--check"]) == 0, "run: make reference"
+
+
+def test_every_command_has_a_section() -> None:
+    text = PAGES[ROOT / "docs" / "cli.md"]
+    sections = set(re.findall(r"^## armgate ([\w-]+)", text, re.MULTILINE))
+    assert sections == set(commands())
+
+
+def test_every_option_has_a_meaning() -> None:
+    rows = re.findall(r"^\| (`[^|]*`) \|.*\| ([^|]*) \|$", PAGES[ROOT / "docs" / "cli.md"], re.MULTILINE)
+    assert len(rows) > 100
+    assert [name for name, meaning in rows if not meaning.strip()] == []
+
+
+def test_links_of_the_configuration_lead_to_its_sections() -> None:
+    text = PAGES[ROOT / "docs" / "configuration-reference.md"]
+    anchors = {
+        re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+        for title in re.findall(r"^## (.+)$", text, re.MULTILINE)
+    }
+    assert set(re.findall(r"\(#([^)]+)\)", text)) <= anchors
+
+
+def test_packages_stand_above_what_they_import() -> None:
+    graph = packages.reduced({"a": {"b", "c"}, "b": {"c"}, "c": set()})
+    assert graph == {"a": {"b"}, "b": {"c"}, "c": set()}
+    assert packages.floors(graph) == [["c"], ["b"], ["a"]]
+
+
+def test_packages_that_import_each_other_are_an_error() -> None:
+    with pytest.raises(ValueError, match="a -> b -> a"):
+        packages.reduced({"a": {"b"}, "b": {"a"}})
