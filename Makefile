@@ -133,7 +133,7 @@ bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-s
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
 
 lock: $(VENV)/.locking  ## renew the lock files: exact versions and hashes for services, development and site
-	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/pip-compile $(ARGS)
+	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/uv $(ARGS)
 
 sbom: $(VENV)/.made  ## write bills of materials (CycloneDX) of the lock files to dist/
 	@$(BIN)/python -m tools.sbom dist
@@ -191,7 +191,7 @@ $(VENV)/.linted: $(VENV)/.installed
 $(VENV)/.locking: $(VENV)/.made
 	@echo "armgate: installing what resolves requirements"
 	@$(BIN)/python -m venv $(VENV)/lock
-	@$(VENV)/lock/bin/python -m pip --quiet --disable-pip-version-check --no-input install "pip-tools>=7.5,<8"
+	@$(VENV)/lock/bin/python -m pip --quiet --disable-pip-version-check --no-input install "uv>=0.9,<1"
 	@touch $@
 
 $(VENV)/.documented: $(VENV)/.made tools/site/requirements.lock

@@ -1,7 +1,7 @@
-"""Writer of the lock files: exact versions and SHA-256 hashes of every file, by pip-compile.
+"""Writer of the lock files: exact versions and SHA-256 hashes of every file, resolved by uv.
 
-``python -m tools.lock PIP_COMPILE [FILE…]`` renews all lock files or some. Addresses of package indexes and
-paths of this machine are left out, so a lock file is used with the index that pip is configured for.
+``python -m tools.lock UV [FILE…]`` renews all lock files or some. Addresses of package indexes and paths of
+this machine are left out, so a lock file is used with the index that pip is configured for.
 """
 
 import subprocess
@@ -11,10 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-_OPTIONS = (
-    "--quiet", "--generate-hashes", "--allow-unsafe", "--strip-extras", "--no-header", "--no-annotate",
-    "--no-emit-index-url", "--no-emit-find-links", "--no-emit-trusted-host",
-)  # fmt: skip
+_OPTIONS = ("--quiet", "--generate-hashes", "--no-header", "--no-annotate")
 
 
 @dataclass(frozen=True)
@@ -60,21 +57,21 @@ SITE = Lock(
 LOCKS = (SERVICE, DEVELOPMENT, SITE)
 
 
-def main(pip_compile: str, *files: str) -> None:
+def main(uv: str, *files: str) -> None:
     """Resolve the requirements and write the lock files."""
     for lock in LOCKS:
         if not files or lock.file in files:
-            lock.path.write_text(lock.header + "".join(resolved(lock, pip_compile)), encoding="utf-8")
+            lock.path.write_text(lock.header + "".join(resolved(lock, uv)), encoding="utf-8")
             print(lock.file)
 
 
-def resolved(lock: Lock, pip_compile: str) -> list[str]:
+def resolved(lock: Lock, uv: str) -> list[str]:
     """Return the entries of a lock file, resolved anew."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "requirements.txt"
         extras = [word for extra in lock.extras for word in ("--extra", extra)]
-        command = [pip_compile, *_OPTIONS, *extras, "--output-file", str(out), lock.source]
-        subprocess.run(command, cwd=ROOT, check=True)  # noqa: S603
+        command = [uv, "pip", "compile", *_OPTIONS, "--python", sys.executable, *extras, "--output-file", out]
+        subprocess.run([*command, lock.source], cwd=ROOT, check=True)  # noqa: S603
         return entries(out.read_text(encoding="utf-8"))
 
 

@@ -1,10 +1,10 @@
-"""Makes the README's pictures: a screenshot of the viewer, and the four experiments in motion.
+"""Pictures of README and documents: the viewer, still and in motion, and the four experiments in motion.
 
-    python -m tools.pictures docs
+    python -m tools.pictures docs [viewer|experiments]
 
-The experiments are run through the whole stack in lock-step, one run each, and drawn from their recordings by
-the renderer of the viewer's camera picture. The screenshot is of a real page, in Chromium without a screen,
-while the demo's leader and follower are at work.
+The experiments run through the whole stack in lock-step, one run each, and are drawn from their recordings
+by the renderer of the viewer's camera picture. The pictures of the viewer are of a real page, in Chromium
+without a screen, while leader and follower of the demo are at work.
 """
 
 import io
@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
@@ -39,19 +40,23 @@ from armgate.recording import Recording, StateSeries
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, FINE = 640, 360, 2
-"""Of the animation, pixels; it is drawn so many times finer."""
+"""Size of the experiments' animation in pixels; it is drawn so many times finer."""
 RATE = 10
-"""Its pictures per s."""
+"""Pictures per s of that animation."""
 EYE, AT = (0.9, -3.5, 2.2), (1.35, 0.0, 1.15)
-"""Where it is seen from, and what is looked at, m."""
+"""Place of its camera and point that the camera looks at, m."""
 WINDOW = (1400, 900)
-"""Of the screenshot, pixels."""
+"""Size of the viewer's page, pixels."""
 WORK = 9.0
-"""How long the follower is at work before the page is shot, s."""
+"""Time for which the follower works before the page is photographed, s."""
+FILM, SMALL = 60, (980, 630)
+"""Number of pictures of the viewer in motion, and their size in pixels."""
+FASTER = 3.0
+"""Factor by which the viewer's film is faster than the cell."""
 
 
 class Clip(NamedTuple):
-    """A stretch of one run, from begin to end [s], and how many times faster it is shown."""
+    """Part of one run, from begin to end [s], and the factor by which it is shown faster."""
 
     experiment: str
     case: str
@@ -78,10 +83,12 @@ CLIPS = (
 )
 
 
-def main(folder: Path) -> None:
-    """Writes ``viewer.png`` and ``experiments.webp`` into a folder."""
-    animation(folder / "experiments.webp")
-    screenshot(folder / "viewer.png")
+def main(folder: Path, which: str = "all") -> None:
+    """Write ``viewer.png``, ``viewer.webp`` and ``experiments.webp`` into a folder, or those of one kind."""
+    if which in {"all", "experiments"}:
+        animation(folder / "experiments.webp")
+    if which in {"all", "viewer"}:
+        viewer(folder / "viewer.png", folder / "viewer.webp")
 
 
 # --- the animation ----------------------------------------------------------------------------------------
@@ -204,8 +211,28 @@ def _font(size: int) -> Any:
 # --- the screenshot ---------------------------------------------------------------------------------------
 
 
-def screenshot(file: Path) -> None:
-    """The page of an operator who drives nothing, while leader and follower work."""
+def viewer(still: Path, film: Path) -> None:
+    """Photograph the page of an operator who drives nothing, while leader and follower work."""
+    with _page() as (browser, address):
+        _at_work(address)
+        shot = _photograph(browser)
+        frames = [*_frames_of_page(browser, address)]
+    shot.quantize(200, dither=Image.Dither.NONE).save(still, optimize=True)
+    pictures, times = (
+        [frame.resize(SMALL, Image.Resampling.LANCZOS) for frame, _ in frames],
+        [t for _, t in frames],
+    )
+    durations = [round(1000 * (b - a) / FASTER) for a, b in pairwise([*times, times[-1] + 0.2])]
+    pictures[0].save(
+        film, save_all=True, append_images=pictures[1:], duration=durations, loop=0, quality=60, method=6
+    )
+    for file in (still, film):
+        sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+@contextmanager
+def _page() -> Iterator[tuple[Any, str]]:
+    """Run a cell with leader, follower and viewer; yield a browser on its page and the daemon's address."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
     chromium = import_module("support.browsers").chromium
     demo, path = default_file("demo.yaml"), default_file("paths/inspection.csv")
@@ -222,10 +249,19 @@ def screenshot(file: Path) -> None:
         stack.enter_context(_armgate("lead", address, "--path", path, wait=False))
         # The note that there is no GPU is of no use to readers.
         tab.evaluate("document.querySelector('.mantine-Notification-closeButton')?.click()")
-        _at_work(address)
-        shot = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
-    shot.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
-    sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+        yield tab, address
+
+
+def _photograph(tab: Any) -> Image.Image:
+    return Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+
+
+def _frames_of_page(browser: Any, address: str) -> Iterator[tuple[Image.Image, float]]:
+    """Yield pictures of the page, each with the time in the cell [s]."""
+    with connect(address, name="film", role="observer") as cell:
+        cell.subscribe(every=1)
+        for state, _ in zip(cell.states(), range(FILM), strict=False):
+            yield _photograph(browser), state.time
 
 
 def _at_work(address: str) -> None:
@@ -255,4 +291,4 @@ def _armgate(*arguments: object, wait: bool = True) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:])

@@ -16,7 +16,7 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def blocks(path: Path, language: str) -> list[str]:
-    fenced = re.compile(rf"^```{language}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+    fenced = re.compile(rf"^```{language}(?: [^\n]*)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
     return fenced.findall(path.read_text(encoding="utf-8"))
 
 

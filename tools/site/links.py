@@ -6,7 +6,6 @@ too (``DOCUMENTS``). Any other file that a page links to is shown on a page of i
 
 import posixpath
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -21,8 +20,13 @@ DOCUMENTS = {
     "CODE_OF_CONDUCT.md": "code-of-conduct.md",
 }
 """Documents outside of ``docs/`` and the pages that show them; the README's place is taken by the index."""
-_LINK = re.compile(r"(?P<head>!?\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<target>[^)\s]+)(?P<tail>[^)]*\))")
-_CODE = re.compile(r"^(?P<fence>```|~~~).*?^(?P=fence)[ \t]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
+_TOKEN = re.compile(
+    r"^(?P<fence>```|~~~).*?^(?P=fence)[ \t]*$"  # code comes first where it begins first
+    r"|(?P<head>!?\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<target>[^)\s]+)(?P<tail>[^)]*\))"
+    r"|`[^`\n]+`",
+    re.MULTILINE | re.DOTALL,
+)
+"""Code block, link, or code between backquotes."""
 _LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml", ".json": "json", ".sh": "sh", ".xml": "xml"}
 
 
@@ -35,21 +39,22 @@ def rewritten(markdown: str, source: str) -> str:
     """
 
     def replaced(match: re.Match[str]) -> str:
-        target = _on_site(match["target"], source)
-        return match["head"] + target + match["tail"]
+        if match["target"] is None:
+            return match[0]
+        return match["head"] + _on_site(match["target"], source) + match["tail"]
 
-    return "".join(_LINK.sub(replaced, text) if prose else text for prose, text in _parts(markdown))
+    return _TOKEN.sub(replaced, markdown)
 
 
 def outside(markdown: str, source: str) -> set[str]:
     """Return the files outside of ``docs/`` to which a page links and which are no page by themselves."""
-    found = set()
-    for prose, text in _parts(markdown):
-        for match in _LINK.finditer(text) if prose else ():
-            path = _in_repository(match["target"], source)
-            if path and path not in DOCUMENTS and not path.startswith("docs/") and (ROOT / path).is_file():
-                found.add(path)
-    return found
+    targets = (match["target"] for match in _TOKEN.finditer(markdown) if match["target"])
+    paths = {path for target in targets if (path := _in_repository(target, source))}
+    return {
+        path
+        for path in paths
+        if path not in DOCUMENTS and not path.startswith("docs/") and (ROOT / path).is_file()
+    }
 
 
 def file_page(path: str) -> str:
@@ -67,16 +72,6 @@ def file_text(path: str) -> str:
 def page_of(source: str) -> str:
     """Return the name of the page that a document of the repository becomes."""
     return DOCUMENTS.get(source, source.removeprefix("docs/"))
-
-
-def _parts(markdown: str) -> Iterator[tuple[bool, str]]:
-    """Yield the text in pieces, and for each True if it is prose, False if it is code."""
-    end = 0
-    for match in _CODE.finditer(markdown):
-        yield True, markdown[end : match.start()]
-        yield False, match[0]
-        end = match.end()
-    yield True, markdown[end:]
 
 
 def _in_repository(target: str, source: str) -> str | None:
