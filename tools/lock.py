@@ -70,7 +70,17 @@ def resolved(lock: Lock, uv: str) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "requirements.txt"
         extras = [word for extra in lock.extras for word in ("--extra", extra)]
-        command = [uv, "pip", "compile", *_OPTIONS, "--python", sys.executable, *extras, "--output-file", out]
+        command: list[str] = [
+            uv,
+            "pip",
+            "compile",
+            *_OPTIONS,
+            "--python",
+            sys.executable,
+            *extras,
+            "--output-file",
+            str(out),
+        ]
         subprocess.run([*command, lock.source], cwd=ROOT, check=True)  # noqa: S603
         return entries(out.read_text(encoding="utf-8"))
 

@@ -1,10 +1,10 @@
 """Pictures of README and documents: the viewer, still and in motion, and the four experiments in motion.
 
-    python -m tools.pictures docs [viewer|experiments]
+    python -m tools.pictures docs [viewer.png] [viewer.webp] [experiments.webp]
 
 The experiments run through the whole stack in lock-step, one run each, and are drawn from their recordings
 by the renderer of the viewer's camera picture. The pictures of the viewer are of a real page, in Chromium
-without a screen, while leader and follower of the demo are at work.
+without a screen: the still one while leader and follower of the demo work, the moving one of their recording.
 """
 
 import io
@@ -13,7 +13,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
@@ -49,10 +48,20 @@ WINDOW = (1400, 900)
 """Size of the viewer's page, pixels."""
 WORK = 9.0
 """Time for which the follower works before the page is photographed, s."""
-FILM, SMALL = 60, (980, 630)
-"""Number of pictures of the viewer in motion, and their size in pixels."""
-FASTER = 3.0
-"""Factor by which the viewer's film is faster than the cell."""
+FILM, SMALL = 64, (980, 630)
+"""Number of pictures of the page in motion, and their size in pixels."""
+FILM_BEGIN, FILM_STEP, FILM_SHOWN = 1.0, 0.25, 110
+"""Time in the run of the first picture and between two [s], and time for which each is shown [ms]."""
+SETTLE = 1.5
+"""Time that the page gets to draw another moment of a recording, s."""
+_SEEK = """time => {
+    const label = [...document.querySelectorAll('label')].find(each => each.textContent === 'Time [s]');
+    const input = label.parentElement.parentElement.querySelector('input[inputmode]');
+    const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+    set.call(input, time);
+    input.dispatchEvent(new Event('input', {bubbles: true}));
+}"""
+"""Script that enters a time into the field beside the time slider."""
 
 
 class Clip(NamedTuple):
@@ -83,12 +92,11 @@ CLIPS = (
 )
 
 
-def main(folder: Path, which: str = "all") -> None:
-    """Write ``viewer.png``, ``viewer.webp`` and ``experiments.webp`` into a folder, or those of one kind."""
-    if which in {"all", "experiments"}:
-        animation(folder / "experiments.webp")
-    if which in {"all", "viewer"}:
-        viewer(folder / "viewer.png", folder / "viewer.webp")
+def main(folder: Path, *names: str) -> None:
+    """Write the pictures into a folder, or only those with these names."""
+    makers = {"experiments.webp": animation, "viewer.png": screenshot, "viewer.webp": film}
+    for name in names or makers:
+        makers[name](folder / name)
 
 
 # --- the animation ----------------------------------------------------------------------------------------
@@ -208,60 +216,66 @@ def _font(size: int) -> Any:
     return load(size)
 
 
-# --- the screenshot ---------------------------------------------------------------------------------------
+# --- the viewer's page ------------------------------------------------------------------------------------
 
 
-def viewer(still: Path, film: Path) -> None:
-    """Photograph the page of an operator who drives nothing, while leader and follower work."""
-    with _page() as (browser, address):
-        _at_work(address)
-        shot = _photograph(browser)
-        frames = [*_frames_of_page(browser, address)]
-    shot.quantize(200, dither=Image.Dither.NONE).save(still, optimize=True)
-    pictures, times = (
-        [frame.resize(SMALL, Image.Resampling.LANCZOS) for frame, _ in frames],
-        [t for _, t in frames],
-    )
-    durations = [round(1000 * (b - a) / FASTER) for a, b in pairwise([*times, times[-1] + 0.2])]
-    pictures[0].save(
-        film, save_all=True, append_images=pictures[1:], duration=durations, loop=0, quality=60, method=6
-    )
-    for file in (still, film):
-        sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
-
-
-@contextmanager
-def _page() -> Iterator[tuple[Any, str]]:
-    """Run a cell with leader, follower and viewer; yield a browser on its page and the daemon's address."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    chromium = import_module("support.browsers").chromium
+def screenshot(file: Path) -> None:
+    """Write a picture of the page of an operator who drives nothing, while leader and follower work."""
     demo, path = default_file("demo.yaml"), default_file("paths/inspection.csv")
     with ExitStack() as stack:
         address = stack.enter_context(_armgate("serve", demo, "--port", "0"))
         url = stack.enter_context(
             _armgate("view", address, "--port", "0", "--role", "operator", "--no-meshes")
         )
-        tab = stack.enter_context(chromium()).tab()
-        tab.resize(*WINDOW)
-        tab.open(url)
-        sleep(5.0)
+        tab = stack.enter_context(_page(url))
         stack.enter_context(_armgate("follow", address, "--robot", "FR", "--leader", "GR", wait=False))
         stack.enter_context(_armgate("lead", address, "--path", path, wait=False))
+        _at_work(address)
+        shot = _photograph(tab)
+    shot.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
+    sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+def film(file: Path) -> None:
+    """Write the page in motion: it plays the recording of a demo in lock-step, one picture at a time."""
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        run = Path(folder) / "run"
+        duration = FILM_BEGIN + FILM * FILM_STEP
+        with _armgate("demo", "--lockstep", "--duration", duration, "--out", run, wait=False) as demo:
+            demo.wait()
+        url = stack.enter_context(_armgate("view", run, "--port", "0", "--no-meshes"))
+        tab = stack.enter_context(_page(url))
+        pictures = [*_pictures_of_page(tab)]
+    pictures[0].save(
+        file, save_all=True, append_images=pictures[1:], duration=FILM_SHOWN, loop=0, quality=60, method=6
+    )
+    sys.stdout.write(f"{file}: {file.stat().st_size / 1e6:.2f} MB\n")
+
+
+def _pictures_of_page(tab: Any) -> Iterator[Image.Image]:
+    """Yield the page of a recording at equal steps of time."""
+    for number in range(FILM):
+        tab.evaluate(_SEEK, f"{FILM_BEGIN + number * FILM_STEP:.2f}")
+        sleep(SETTLE)
+        yield _photograph(tab).resize(SMALL, Image.Resampling.LANCZOS)
+
+
+@contextmanager
+def _page(url: str) -> Iterator[Any]:
+    """Open a page in a browser without a screen."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    with import_module("support.browsers").chromium() as browser:
+        tab = browser.tab()
+        tab.resize(*WINDOW)
+        tab.open(url)
+        sleep(8.0)
         # The note that there is no GPU is of no use to readers.
         tab.evaluate("document.querySelector('.mantine-Notification-closeButton')?.click()")
-        yield tab, address
+        yield tab
 
 
 def _photograph(tab: Any) -> Image.Image:
     return Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
-
-
-def _frames_of_page(browser: Any, address: str) -> Iterator[tuple[Image.Image, float]]:
-    """Yield pictures of the page, each with the time in the cell [s]."""
-    with connect(address, name="film", role="observer") as cell:
-        cell.subscribe(every=1)
-        for state, _ in zip(cell.states(), range(FILM), strict=False):
-            yield _photograph(browser), state.time
 
 
 def _at_work(address: str) -> None:
@@ -277,13 +291,13 @@ def _at_work(address: str) -> None:
 
 
 @contextmanager
-def _armgate(*arguments: object, wait: bool = True) -> Iterator[str]:
-    """A child, and the last word of what it says first."""
+def _armgate(*arguments: object, wait: bool = True) -> Iterator[Any]:
+    """Run a command; yield the last word of its first line, or its process if nothing is waited for."""
     command = [sys.executable, "-m", "armgate.apps", *map(str, arguments)]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)  # noqa: S603
     assert child.stdout is not None
     try:
-        yield child.stdout.readline().split()[-1] if wait else ""
+        yield child.stdout.readline().split()[-1] if wait else child
     finally:
         child.terminate()
         child.wait(30)

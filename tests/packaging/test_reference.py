@@ -34,6 +34,13 @@ def test_every_option_has_a_meaning() -> None:
     assert [name for name, meaning in rows if not meaning.strip()] == []
 
 
+def test_every_key_of_the_configuration_has_a_meaning() -> None:
+    text = PAGES[ROOT / "docs" / "configuration-reference.md"]
+    rows = re.findall(r"^\| (`\w+`) \|.*\| ([^|]*) \|$", text, re.MULTILINE)
+    assert len(rows) > 100
+    assert [name for name, meaning in rows if not meaning.strip()] == []
+
+
 def test_links_of_the_configuration_lead_to_its_sections() -> None:
     text = PAGES[ROOT / "docs" / "configuration-reference.md"]
     anchors = {

@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (
-    "protocol", "sim", "server", "client", "configs", "docs", "tests", "tools", "benchmarks", ".ci", ".github",
+    "protocol", "sim", "server", "client", "configs", "docs",
+    "tests", "tools", "benchmarks", ".ci", ".github",
 )  # fmt: skip
 UNWRITTEN = {"__pycache__", "out"}
 MARKDOWN = sorted([*ROOT.glob("*.md"), *(path for f in FOLDERS for path in (ROOT / f).rglob("*.md"))])

@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from armgate.cell.config import CellConfig
-from armgate.cell.units import Quantity
+from armgate.cell.config.units import Quantity
 from tools.reference.table import prose, table
 
 HEAD = """\
@@ -57,7 +57,7 @@ def _anchor(title: str) -> str:
 def _sections() -> dict[Model, str]:
     """Return every model of the configuration with its title, parents before their parts."""
     found: dict[Model, str] = {CellConfig: "Cell"}
-    queue = [(CellConfig, "")]
+    queue: list[tuple[Model, str]] = [(CellConfig, "")]
     while queue:
         model, path = queue.pop(0)
         for key, field in model.model_fields.items():
@@ -90,7 +90,7 @@ def _kind(model: Model) -> str:
 def _rows(model: Model, sections: dict[Model, str]) -> Iterator[tuple[str, str, str, str]]:
     for key, field in model.model_fields.items():
         value = _type(field.annotation, field.metadata, sections)
-        yield f"`{key}`", value, _default(field, sections), (field.description or "").replace("\n", " ")
+        yield f"`{key}`", value, _default(field, sections), " ".join(prose(field.description or "").split())
 
 
 def _type(annotation: Any, notes: list[Any], sections: dict[Model, str]) -> str:
@@ -131,12 +131,20 @@ def _leaf(annotation: Any, notes: list[Any]) -> str:
 
 def _range(notes: list[Any]) -> str:
     """Return the strictest bounds of a number in words."""
-    lows, highs = [], []
+    lows: list[tuple[Any, str]] = []
+    highs: list[tuple[Any, str]] = []
     for bound in _flat(notes):
-        lows += [(bound.gt, "more than")] if isinstance(bound, Gt) else []
-        lows += [(bound.ge, "at least")] if isinstance(bound, Ge) else []
-        highs += [(bound.lt, "less than")] if isinstance(bound, Lt) else []
-        highs += [(bound.le, "at most")] if isinstance(bound, Le) else []
+        match bound:
+            case Gt():
+                lows.append((bound.gt, "more than"))
+            case Ge():
+                lows.append((bound.ge, "at least"))
+            case Lt():
+                highs.append((bound.lt, "less than"))
+            case Le():
+                highs.append((bound.le, "at most"))
+            case _:
+                pass  # not a bound
     strictest = ([max(lows, key=_number)] if lows else []) + ([min(highs, key=_number)] if highs else [])
     return "".join(f", {word} {_shown(value)}" for value, word in strictest)
 

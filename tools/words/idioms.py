@@ -32,7 +32,7 @@ IDIOMS: dict[str, str] = {
     r"lets? go": "release",
     r"what stands": "surroundings; or name the thing",
     r"to and fro": "back and forth; oscillate",
-    r"patience": "timeout",
+    r"patience(?![:=])": "timeout",  # the SDK's parameter keeps its name
     r"wish(?:es|ed)?": "command, request, requested",
     r"nearness": "clearance, distance",
     r"brakes? on": "continue to brake",
@@ -60,6 +60,6 @@ def idioms(text: str) -> Iterator[tuple[int, str]]:
 
 
 def riddle(name: str) -> str | None:
-    """Return the part of a function's name that has to be decoded, or None."""
+    """Return the part of a function's name that has to be decoded, or None; Python itself has ``tell``."""
     match = _NAME.search(name.lower())
-    return match[1] if match else None
+    return match[1] if match and name != "tell" else None
