@@ -121,7 +121,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
 @pytest.mark.parametrize(
     ("suffix", "data", "text"),
     [
-        ("stl", HALVES[:-407], r"line \d+: the file ends in a .*, without 'endsolid': it is cut off"),
+        ("stl", HALVES[:-407], r"line \d+: the file ends in a .*, without 'endsolid': it is truncated"),
         ("stl", HALVES.replace(b"endsolid b", b""), "the file ends in a solid, without 'endsolid'"),
         ("stl", HALVES.replace(b"endfacet\n", b"", 1),
          "line 8: 'facet' in a facet after its loop; expected 'endfacet'"),
@@ -135,8 +135,8 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("stl", HALVES.replace(b"normal 0", b"normal vertex", 1), "line 2: 'vertex' in a normal; expected"),
         ("stl", BINARY + b"\0\0",
          "announces 12 triangles, which take 684 bytes: 2 bytes follow the last triangle"),
-        ("stl", BINARY[:-1], "which take 684 bytes: the file is cut off"),
-        ("stl", HUGE, "announces 4000000000 triangles, .* cut off"),
+        ("stl", BINARY[:-1], "which take 684 bytes: the file is truncated"),
+        ("stl", HUGE, "announces 4000000000 triangles, .* truncated"),
         ("stl", BINARY[:96] + struct.pack("<f", np.inf) + BINARY[100:],
          r"triangle 1 \(byte 84\): .* not a finite number"),
         ("stl", b"solid a\nendsolid a\n", "no triangles"),
@@ -184,7 +184,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("ply", ply_of(TWELVE).replace(b"element face", b"element tristrips"),
          "'tristrips' is not supported"),
         ("ply", ply_of(TWELVE).replace(b"end_header", b"end"), "line 9: 'end' in the header"),
-        ("ply", ply_of(TWELVE)[:100], "no 'end_header' line: the file is cut off"),
+        ("ply", ply_of(TWELVE)[:100], "no 'end_header' line: the file is truncated"),
         ("ply", ply_of(TWELVE).replace(b"\n", b"\r\n").replace(b"format ", b"format\n"),
          "line 2: another line end than that of line 1"),
         ("ply", b"plx\n", "line 1: begins with"),

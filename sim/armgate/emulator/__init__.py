@@ -1,4 +1,4 @@
-"""What stands in for hardware: the emulated robot and the clocks that make it tick."""
+"""Emulated hardware: the emulated robot, and the clocks that make robots tick."""
 
 from armgate.emulator.clock import Instant, Lateness, VirtualClock, WallClock
 from armgate.emulator.robot import EmulatedRobot

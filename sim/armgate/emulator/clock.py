@@ -1,7 +1,8 @@
-"""The clocks that make emulated robots tick: virtual time, and the wall clock beside it.
+"""Clocks that make emulated robots tick: virtual time and wall clock.
 
-Both run through the same instants. A robot of period T ticks at 0, T, 2T, …; an instant is a time at which at
-least one robot ticks. Times are whole nanoseconds, so that mixed periods meet exactly and nothing drifts.
+Both produce the same instants. A robot of period T ticks at 0, T, 2T, …; an instant is a time at which at
+least one robot ticks. Times are whole nanoseconds, so that different periods coincide exactly and do not
+drift.
 """
 
 import asyncio
@@ -17,10 +18,10 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """A time at which robots tick.
+    """Time at which robots tick.
 
     Attributes:
-        number: Count of the instants so far, from 0.
+        number: Number of the instant, counted from 0.
         ns: Time since the clock's start, ns.
         due: Indices of the robots that tick, ascending.
     """
@@ -36,13 +37,13 @@ class Instant:
 
 
 class VirtualClock:
-    """Runs through the instants of some periods as fast as it is asked to.
+    """Clock whose instants follow as fast as ``advance`` is called.
 
     Args:
-        periods: The robots' periods, s; each is rounded to whole nanoseconds once.
+        periods: Periods of the robots, s; each is rounded to whole nanoseconds once.
 
     Raises:
-        ValueError: If there is no period, or one is shorter than a nanosecond.
+        ValueError: There is no period, or a period is shorter than a nanosecond.
     """
 
     def __init__(self, periods: Sequence[float]) -> None:
@@ -58,7 +59,7 @@ class VirtualClock:
         return self._due[0][0]
 
     def advance(self) -> Instant:
-        """Go to the next instant."""
+        """Advance to the next instant and return it."""
         now = self.next_ns
         due = []
         while self.next_ns == now:
@@ -72,14 +73,14 @@ class VirtualClock:
 
 @dataclass(slots=True)
 class Lateness:
-    """How late wake-ups came: figures for logs and warnings, nothing acts on them.
+    """Lateness of wake-ups, for logs and warnings only.
 
     Attributes:
-        count: Wake-ups so far.
-        last: Lateness of the last one, s.
-        worst: The largest one, s.
-        half: How many came later than half the time to the next instant.
-        overruns: How many came after the next instant was already due.
+        count: Number of wake-ups.
+        last: Lateness of the last wake-up, s.
+        worst: Largest lateness, s.
+        half: Number of wake-ups that were later than half the time to the next instant.
+        overruns: Number of wake-ups after the next instant was already due.
     """
 
     count: int = 0
@@ -89,7 +90,7 @@ class Lateness:
     overruns: int = 0
 
     def note(self, late_ns: int, gap_ns: int) -> None:
-        """Count a wake-up that came ``late_ns`` after its instant, ``gap_ns`` before the next one."""
+        """Count a wake-up ``late_ns`` after its instant; the next instant follows after ``gap_ns``."""
         self.count += 1
         self.last = late_ns / NS
         self.worst = max(self.worst, self.last)
@@ -98,16 +99,16 @@ class Lateness:
 
 
 class WallClock:
-    """Runs through the instants by the monotonic clock, on the running event loop.
+    """Clock whose instants follow the monotonic clock, on the running event loop.
 
-    Each instant has an absolute deadline, so lateness never accumulates. A robot ticks once per period
-    whatever happens: after a stall the missed instants follow one by one, each at the next turn of the event
-    loop, so that sockets are served in between.
+    Each instant has an absolute deadline, so lateness never accumulates. A robot ticks exactly once per
+    period: after a stall the missed instants follow one by one, each in the next iteration of the event loop,
+    so that sockets are served in between.
 
     Args:
-        periods: The robots' periods, s.
-        tick: Called with each instant as it comes.
-        now: The monotonic clock, ns; the timer's clock must be the same one.
+        periods: Periods of the robots, s.
+        tick: Called with each instant.
+        now: Monotonic clock, ns; the timer must use the same clock.
     """
 
     def __init__(
@@ -126,14 +127,14 @@ class WallClock:
         return (self._now() - self._origin) / NS
 
     def start(self) -> None:
-        """Begin: the first instant, at which all robots tick, is now."""
+        """Start the clock; the first instant, at which all robots tick, is now."""
         self._origin = self._now()
         self._timer = Timer()
         asyncio.get_running_loop().add_reader(self._timer.fileno(), self._wake)
         self._arm()
 
     def close(self) -> None:
-        """End: no further instant comes."""
+        """Stop the clock: no further instant follows."""
         if self._timer is not None:
             asyncio.get_running_loop().remove_reader(self._timer.fileno())
             self._timer.close()

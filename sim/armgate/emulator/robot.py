@@ -1,4 +1,4 @@
-"""A kinematic robot that follows its setpoint with a first-order lag."""
+"""Emulated robot: its measured position follows the setpoint with a first-order lag."""
 
 import math
 from collections.abc import Sequence
@@ -7,19 +7,19 @@ from armgate.events import Joints
 
 
 class EmulatedRobot:
-    """What stands in for an arm and its drives: the measured position runs after the setpoint.
+    """Emulated arm with its drives, whose measured position lags behind the setpoint.
 
     Between two cycles the setpoint is held, so the lag has an exact solution (no integration step):
 
         q(k+1) = q(k) + (1 − exp(−T/τ)) · (setpoint(k) − q(k)),    τ = 0: q(k+1) = setpoint(k)
 
     Args:
-        q0: Position at the first cycle, rad or m per joint.
-        period: T, the time between two cycles, s.
-        lag: τ, the time constant, s, of all joints or of each; 0 for a robot that follows at once.
+        q0: Position at the first cycle, rad or m for each joint.
+        period: Time T between two cycles, s.
+        lag: Time constant τ, s, of all joints or of each joint; with 0 the robot follows at once.
 
     Raises:
-        ValueError: If the period is not positive, a lag is negative, or there are not as many as joints.
+        ValueError: The period is not positive, a lag is negative, or there is not one for each joint.
     """
 
     def __init__(self, q0: Sequence[float], period: float, lag: float | Sequence[float]) -> None:
@@ -33,11 +33,11 @@ class EmulatedRobot:
 
     @property
     def q(self) -> Joints:
-        """The measured position at the present cycle."""
+        """Measured position at the present cycle."""
         return self._q
 
     def step(self, setpoint: Joints) -> Joints:
-        """Let one period pass with ``setpoint`` held; return the position at its end."""
+        """Advance by one period with the setpoint held; return the position at its end."""
         moves = zip(self._q, setpoint, self._gains, strict=True)
         self._q = tuple(s if gain == 1.0 else q + gain * (s - q) for q, s, gain in moves)
         return self._q

@@ -1,7 +1,7 @@
-"""A kernel timer as a file descriptor (Linux timerfd on CLOCK_MONOTONIC).
+"""Kernel timer with a file descriptor (Linux timerfd on CLOCK_MONOTONIC).
 
 asyncio rounds its own timers up to a millisecond; a timerfd wakes the loop about 0.1 ms after its deadline.
-Python has one in ``os`` only from 3.13 on, hence ctypes.
+Python's ``os`` has timerfd only from version 3.13 on, so ctypes is used.
 """
 
 import ctypes
@@ -30,28 +30,28 @@ def _checked(result: int) -> int:
 
 
 class Timer:
-    """A one-shot timer with an absolute deadline; its descriptor becomes readable when it has passed.
+    """One-shot timer with an absolute deadline, after which its descriptor is readable.
 
     Raises:
-        OSError: If the kernel gives no timer.
+        OSError: The kernel refuses a timer.
     """
 
     def __init__(self) -> None:
         self._fd = _checked(_libc.timerfd_create(_CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
 
     def fileno(self) -> int:
-        """The descriptor, for an event loop."""
+        """Return the descriptor, for an event loop."""
         return self._fd
 
     def arm(self, deadline_ns: int) -> None:
-        """Expire at ``deadline_ns`` of the monotonic clock; at once if that has passed."""
+        """Set the deadline, ns of the monotonic clock; the timer expires at once if it has passed."""
         # An all-zero value would disarm the timer: the earliest deadline is 1 ns.
         sec, nsec = divmod(max(deadline_ns, 1), _NS)
         spec = _Itimerspec(_Timespec(0, 0), _Timespec(sec, nsec))
         _checked(_libc.timerfd_settime(self._fd, _TFD_TIMER_ABSTIME, ctypes.byref(spec), None))
 
     def expired(self) -> bool:
-        """Whether the deadline has passed since it was armed or last asked."""
+        """Return True if the deadline has passed since the timer was armed or this was last called."""
         try:
             os.read(self._fd, 8)
         except BlockingIOError:
@@ -59,5 +59,5 @@ class Timer:
         return True
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         os.close(self._fd)

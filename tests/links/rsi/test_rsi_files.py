@@ -288,7 +288,7 @@ def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_pat
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
     with pytest.raises(ConfigError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address of a PC; expected"):
         setup_of(cell, cell.robots[0])
-    with pytest.raises(KrcError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address of a PC; expected"):
+    with pytest.raises(KrcError, match=r"IP_NUMBER 'ip.address.of.rospc' is not the address of a PC"):
         parse_peer(None, krc_reads(text.encode()))
     assert parse_peer("127.0.0.1:5", krc_reads(text.encode())).address == ("127.0.0.1", 5)
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
@@ -301,7 +301,7 @@ def test_an_ip_number_of_no_pc_is_refused_and_a_warning_if_the_cell_listens_else
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
     with pytest.raises(ConfigError, match=f"IP_NUMBER '{re.escape(host)}' is no address of a PC; expected"):
         setup_of(cell, cell.robots[0])
-    with pytest.raises(KrcError, match=f"IP_NUMBER '{re.escape(host)}' is no address of a PC; expected"):
+    with pytest.raises(KrcError, match=f"IP_NUMBER '{re.escape(host)}' is not the address of a PC"):
         parse_peer(None, krc_reads(text.encode()))
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
     (warning,) = warnings_of(setup_of(cell, cell.robots[0]))

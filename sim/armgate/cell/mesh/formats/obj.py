@@ -77,7 +77,7 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
             begun = []
     if begun:
         raise ModelError(
-            f"line {first}: the statement is continued beyond the end of the file: it is cut off; "
+            f"line {first}: the statement is continued beyond the end of the file: it is truncated; "
             f"export it again"
         )
 
@@ -133,5 +133,5 @@ def _check_indices(corners: list[int], sizes: list[int], places: list[int], coun
         face = int(np.searchsorted(np.cumsum(sizes), first, side="right"))
         raise ModelError(
             f"line {places[face]}: vertex {corners[first] + 1} does not exist; the file has {count}: it is "
-            f"damaged or cut off, export it again"
+            f"damaged or truncated, export it again"
         )

@@ -83,7 +83,7 @@ def _next_line(lines: Lines, what: str, number: int, count: int) -> tuple[int, l
     if found is None:
         raise ModelError(
             f"the file ends after {number} of {count} {'vertices' if what == 'vertex' else 'faces'}: it is "
-            f"cut off, or the counts in its header are wrong; export it again"
+            f"truncated, or the counts in its header are wrong; export it again"
         )
     return found
 

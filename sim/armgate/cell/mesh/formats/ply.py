@@ -171,7 +171,7 @@ class _BinaryRows:
 def _cut_off(element: Element, number: int) -> str:
     return (
         f"the file ends after {number} of {element.rows} rows of the element {shown(element.name)}: it is "
-        f"cut off, or the counts in its header are wrong; export it again"
+        f"truncated, or the counts in its header are wrong; export it again"
     )
 
 

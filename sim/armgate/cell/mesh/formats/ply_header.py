@@ -117,7 +117,7 @@ def _header_lines(data: bytes) -> Iterator[tuple[int, list[bytes], int]]:
         if words[:1] == [b"end_header"]:
             return
         line += 1
-    raise ModelError("the header has no 'end_header' line: the file is cut off; export it again")
+    raise ModelError("the header has no 'end_header' line: the file is truncated; export it again")
 
 
 def _order(line: int, words: list[bytes]) -> str:

@@ -64,7 +64,7 @@ def _length_text(length: int, count: int) -> str:
             f"'solid': export it again"
         )
     wanted = _HEAD + _RECORD.itemsize * count
-    what = f"{length - wanted} bytes follow the last triangle" if length > wanted else "the file is cut off"
+    what = f"{length - wanted} bytes follow the last triangle" if length > wanted else "the file is truncated"
     return (
         f"binary STL of {length} bytes, but its header announces {count} triangles, which take {wanted} "
         f"bytes: {what}; export it again"
@@ -103,7 +103,7 @@ def _ascii(data: bytes) -> Faces:
         state = after
     if state != "the file":
         raise ModelError(
-            f"line {max(len(lines), 1)}: the file ends in {state}, without 'endsolid': it is cut off; "
+            f"line {max(len(lines), 1)}: the file ends in {state}, without 'endsolid': it is truncated; "
             f"export it again"
         )
     return _triangles(np.array(flat, dtype=np.float64).reshape(-1, 3))

@@ -1,7 +1,7 @@
 """Console of a virtual KRC: each line on stdin is a command, and its answer is one JSON object.
 
 Pendant: ``start stop pause resume estop reset restart``, ``jog AXIS BY`` (deg or mm), ``ipoc N``, ``status``.
-Network, in the direction ``to-pc`` or ``to-krc``, or in both if none is given: ``drop N``, ``loss P``,
+Network, in the direction ``to-pc`` or ``to-krc``, or by default in both: ``drop N``, ``loss P``,
 ``duplicate P``, ``reorder P``, ``delay MS``, ``jitter MS``, ``cable out``, ``cable in``.
 """
 
