@@ -1,4 +1,4 @@
-"""Virtual and wall clock: mixed periods meet exactly, nobody misses a tick."""
+"""Tests of the virtual clock and the wall clock: instants of mixed periods, drift, and missed ticks."""
 
 import asyncio
 import itertools
@@ -14,7 +14,7 @@ from armgate.emulator import Lateness, VirtualClock, WallClock
 from armgate.emulator.timer import Timer
 
 
-def test_mixed_periods_meet_where_they_should():
+def test_instants_of_mixed_periods_coincide_exactly():
     clock = VirtualClock([0.012, 0.004, 0.02])
     instants = [clock.advance() for _ in range(18)]
     assert instants[0].ns == 0
@@ -26,7 +26,7 @@ def test_mixed_periods_meet_where_they_should():
     assert [i.number for i in instants] == list(range(18))
 
 
-def test_nothing_drifts_in_a_long_run():
+def test_instants_do_not_drift_in_a_long_run():
     clock = VirtualClock([0.012, 0.004])
     for _ in range(250_000):
         instant = clock.advance()
@@ -50,7 +50,7 @@ def test_every_robot_ticks_once_a_period(milliseconds):
 
 
 @pytest.mark.parametrize("periods", [[], [0.0], [0.012, -1.0]])
-def test_periods_that_are_none_are_refused(periods):
+def test_periods_that_are_not_positive_are_refused(periods):
     with pytest.raises(ValueError, match="periods"):
         VirtualClock(periods)
 
@@ -81,7 +81,7 @@ async def ticks_of(clock_of, count):
     return instants, clock
 
 
-async def test_the_wall_clock_runs_through_the_same_instants():
+async def test_the_wall_clock_has_the_instants_of_the_virtual_clock():
     instants, clock = await ticks_of(lambda tick: WallClock([0.004, 0.006], tick), 12)
     virtual = VirtualClock([0.004, 0.006])
     assert instants == [virtual.advance() for _ in instants]
@@ -89,8 +89,8 @@ async def test_the_wall_clock_runs_through_the_same_instants():
     assert clock.lateness.count == len(instants)
 
 
-async def test_after_a_stall_every_missed_tick_is_made_up():
-    """The clock jumps by ten periods between two ticks: all ten come, and are counted as overruns."""
+async def test_missed_ticks_follow_after_a_stall():
+    """Let the clock jump by ten periods between two ticks: all ten follow, and count as overruns."""
     jump = 10_000_000
     stalled = itertools.chain([0, 0], itertools.repeat(jump))
     base = None
@@ -107,8 +107,8 @@ async def test_after_a_stall_every_missed_tick_is_made_up():
     assert clock.lateness.worst >= 0.010
 
 
-async def test_sockets_are_served_between_ticks_that_are_made_up():
-    """With a clock that is always behind, another callback still gets its turn between any two ticks."""
+async def test_sockets_are_served_between_delayed_ticks():
+    """Run a clock that is always late: another callback still runs between any two ticks."""
     order = []
 
     def tick(instant):
@@ -124,10 +124,10 @@ async def test_sockets_are_served_between_ticks_that_are_made_up():
     assert all(pair != ("tick", "tick") for pair in itertools.pairwise(order))
 
 
-async def test_a_closed_clock_ticks_no_more_and_closes_twice():
+async def test_a_closed_clock_does_not_tick_and_can_be_closed_again():
     instants, clock = await ticks_of(lambda tick: WallClock([1e-6], tick), 3)
     count = len(instants)
-    for _ in range(10):  # a microsecond has long passed
+    for _ in range(10):  # far more than a microsecond has passed
         await asyncio.sleep(0)
     clock.close()
     assert len(instants) == count
@@ -137,7 +137,7 @@ def test_a_timer_expires_once():
     timer = Timer()
     try:
         assert not timer.expired()
-        timer.arm(0)  # long past
+        timer.arm(0)  # in the past
         os.set_blocking(timer.fileno(), True)
         waiting = threading.Thread(target=timer.expired)
         waiting.start()
@@ -149,7 +149,7 @@ def test_a_timer_expires_once():
         timer.close()
 
 
-def test_a_timer_that_the_kernel_refuses_says_why():
+def test_a_timer_that_the_kernel_refuses_raises_the_reason():
     timer = Timer()
     timer.close()
     with pytest.raises(OSError, match="timerfd"):

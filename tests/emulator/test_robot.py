@@ -1,4 +1,4 @@
-"""The emulated robot against the exact solution of a first-order lag."""
+"""Tests of the emulated robot against the exact solution of a first-order lag."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from armgate.emulator import EmulatedRobot
 
 
-def test_without_lag_it_is_where_the_setpoint_was():
+def test_without_lag_the_robot_reaches_the_setpoint_in_one_cycle():
     robot = EmulatedRobot((0.0, 1.0), 0.012, 0.0)
     assert robot.q == (0.0, 1.0)
     assert robot.step((0.3, -0.1)) == (0.3, -0.1)
@@ -32,13 +32,13 @@ def test_a_held_setpoint_is_approached_exponentially(lag, period, q0, target, st
 
 
 @pytest.mark.parametrize(("period", "lag"), [(0.0, 0.03), (-0.012, 0.03), (math.nan, 0.0)])
-def test_a_period_that_is_none_is_refused(period, lag):
+def test_a_period_that_is_not_positive_is_refused(period, lag):
     with pytest.raises(ValueError, match="period"):
         EmulatedRobot((0.0,), period, lag)
 
 
 @pytest.mark.parametrize("lag", [-0.01, math.inf, math.nan])
-def test_a_lag_that_is_none_is_refused(lag):
+def test_a_lag_that_is_negative_or_not_finite_is_refused(lag):
     with pytest.raises(ValueError, match="lag"):
         EmulatedRobot((0.0,), 0.012, lag)
 

@@ -1,4 +1,4 @@
-"""The robot behind a virtual KRC: the built-in one, one from a URDF, one from a cell."""
+"""Tests of the robot of a virtual KRC: built-in, from a URDF, and from a cell."""
 
 from pathlib import Path
 
@@ -25,18 +25,18 @@ KR16 = read_urdf((CONFIGS / "robots" / "kr16.urdf").read_text())
     ],
 )
 @pytest.mark.parametrize("arm", [kr16(), arm_of_urdf(KR16, "tool0")], ids=["built-in", "urdf"])
-def test_the_flange_is_where_public_figures_have_it(arm, angles, place):
+def test_the_flange_position_agrees_with_public_figures(arm, angles, place):
     assert arm.chain.pose(angles)[:3] == pytest.approx(place, abs=1e-3)
 
 
-def test_the_flange_turns_as_kuka_says():
-    """All zero: the flange's z looks along the arm. A = 30: turned about z, clockwise from above for +A1."""
+def test_the_flange_orientation_follows_kukas_convention():
+    """With all axes at zero, the flange's z points along the arm; +A1 turns clockwise, seen from above."""
     assert kr16().chain.pose((0,) * 6)[3:] == pytest.approx((0, 90, 0), abs=1e-9)
     A, B, C = kr16().chain.pose((-30, 0, 0, 0, -90, 0))[3:]
     assert pytest.approx((30, 0, 0), abs=1e-9) == (A, B, C)
 
 
-def test_the_built_in_robot_is_the_urdf():
+def test_the_built_in_robot_equals_the_urdf():
     built, read = kr16(), arm_of_urdf(KR16, "tool0")
     assert built.names == read.names
     for one, other in zip(built.axes, read.axes, strict=True):
@@ -57,14 +57,14 @@ def test_a_cells_robot_on_a_gantry_has_external_axes_in_mm():
     assert arm.chain.pose((0, 0, 0, 0, 0, 0))[:3] == pytest.approx((1768, 0, 640))
 
 
-def test_a_start_that_does_not_fit_is_refused():
+def test_a_start_with_another_number_of_values_is_refused():
     assert kr16().starting([1, 2, 3, 4, 5, 6]).start == (1, 2, 3, 4, 5, 6)
     for start in ([0] * 5, [float("nan")] * 6):
         with pytest.raises(KrcError, match="expected 6 finite ones: A1"):
             kr16().starting(start)
 
 
-def test_robots_that_are_no_kukas_are_refused():
+def test_robots_with_joints_unlike_a_kuka_are_refused():
     with pytest.raises(KrcError, match="there is no link 'tool9'"):
         arm_of_urdf(KR16, "tool9")
     with pytest.raises(KrcError, match="are not those of a KUKA robot"):

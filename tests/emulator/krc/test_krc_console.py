@@ -1,4 +1,4 @@
-"""The lines that test benches and people write to a virtual KRC."""
+"""Tests of the console of a virtual KRC: commands on stdin and their answers."""
 
 import json
 
@@ -9,8 +9,8 @@ from armgate.emulator.krc.process.network import Channel, Disturbance
 from support.krcs import Desk, ipoc_of
 
 
-class Station:
-    """Where it would run."""
+class Runner:
+    """Substitute for the real-time runner."""
 
     port, slips, unsent = 4711, 0, 0
 
@@ -22,13 +22,13 @@ class Bench:
     def __init__(self, **how):
         self.desk = Desk(**how)
         self.channels = {name: Channel(name, Disturbance()) for name in ("to-pc", "to-krc")}
-        self.control = Console(self.desk.controller, self.channels, Station())
+        self.console = Console(self.desk.controller, self.channels, Runner())
 
     def __call__(self, line):
-        return json.loads(self.control.answer(line))
+        return json.loads(self.console.answer(line))
 
 
-def test_status_is_all_there_is_to_know():
+def test_status_has_state_positions_network_and_runner():
     bench = Bench()
     bench.desk.answer((0.05, 0, 0, 0, 0, 0), cycles=3)
     status = bench("status")
@@ -38,7 +38,7 @@ def test_status_is_all_there_is_to_know():
     assert (status["port"], status["slips"], status["unsent"]) == (4711, 0, 0)
 
 
-def test_the_pendant_and_a_new_port_for_each_run():
+def test_pendant_events_change_the_state_and_each_run_has_a_new_port():
     bench = Bench(start=False)
     assert [bench(word)["state"] for word in ("start", "pause", "resume", "stop")] == [
         "waiting", "paused", "waiting", "stopped"
@@ -51,7 +51,7 @@ def test_the_pendant_and_a_new_port_for_each_run():
     assert bench("restart")["port"] == 4713
 
 
-def test_jog_and_ipoc():
+def test_jog_moves_an_axis_and_ipoc_sets_the_next_number():
     bench = Bench(start=False)
     assert bench("jog A3 -2.5")["measured"]["A3"] == 87.5
     assert bench("ipoc 42")["ok"]
@@ -60,7 +60,7 @@ def test_jog_and_ipoc():
     assert "no jogging while waiting" in bench("jog A1 1")["error"]
 
 
-def test_disturbances_by_direction():
+def test_disturbances_are_set_for_one_direction_or_both():
     bench = Bench()
     for line in ("loss 0.25", "delay 3 to-pc", "jitter 1 to-krc", "duplicate 1 to-pc", "reorder 0.5 to-krc"):
         assert bench(line)["ok"], line
@@ -69,7 +69,7 @@ def test_disturbances_by_direction():
     assert to_krc == Disturbance(loss=0.25, jitter=0.001, reorder=0.5)
 
 
-def test_cable_and_drop():
+def test_cable_out_loses_all_and_drop_loses_a_number_of_datagrams():
     bench = Bench()
     assert bench("cable out to-pc")["ok"]
     assert [channel.disturbance.cut for channel in bench.channels.values()] == [True, False]
@@ -83,7 +83,7 @@ def test_cable_and_drop():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "text"),
     [
         ("", "there is no command ''; expected one of start, stop"),
         ("fly", "no command 'fly'"),
@@ -105,8 +105,8 @@ def test_cable_and_drop():
         ("\x00" * 5000, "there is no command"),
     ],
 )
-def test_what_is_no_command_says_what_is(line, said):
+def test_an_invalid_command_is_answered_with_the_expected_form(line, text):
     answer = Bench()(line)
     assert answer["ok"] is False
-    assert said in answer["error"]
+    assert text in answer["error"]
     assert len(answer["error"]) < 400

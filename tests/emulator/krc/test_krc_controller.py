@@ -1,4 +1,4 @@
-"""The virtual KRC as a whole, cycle by cycle, without time and sockets."""
+"""Tests of the virtual KRC as a whole, cycle by cycle, without time and sockets."""
 
 import dataclasses
 import math
@@ -20,12 +20,12 @@ def on_a_gantry():
     return dataclasses.replace(arm, axes=(*arm.axes, *GANTRY), start=(*arm.start, 100.0, 30.0))
 
 
-# --- the beginning ----------------------------------------------------------------------------------------
+# --- start -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
-def test_a_public_drivers_first_seconds(name):
-    """Zeros first, then a ramp: the axis follows, the programmed position stays, nothing is late."""
+def test_the_first_seconds_of_a_public_driver(name):
+    """Send zeros, then a ramp: the axis follows, the programmed position stays, and no cycle is late."""
     desk = Desk(name)
     assert desk.state == "waiting"
     desk.answer(cycles=3)
@@ -60,7 +60,7 @@ def test_rsi_2_begins_with_a_short_frame_that_needs_no_answer():
 
 
 @pytest.mark.parametrize(("name", "step"), [("krc2-rsi2", 1), ("krc4-rsi3", 4), ("krc5-rsi5", 4)])
-def test_the_ipoc_starts_anywhere_and_steps_as_the_controller_does(name, step):
+def test_the_ipoc_has_a_random_start_and_the_step_of_the_controller(name, step):
     desk = Desk(name)
     seen = [int(ipoc_of(desk.telegram)), *(int(ipoc_of(desk.answer())) for _ in range(3))]
     assert seen == [100, 100 + step, 100 + 2 * step, 100 + 3 * step]
@@ -77,7 +77,7 @@ def test_the_ipoc_wraps_while_the_robot_runs(name, bits):
     assert (desk.state, desk.delay) == ("running", 0)
 
 
-def test_feedback_is_rounded_to_a_tenth_unless_told_otherwise():
+def test_feedback_is_rounded_to_a_tenth_by_default():
     desk = Desk(context=Context())
     desk.answer((0.04, 0, 0, 0, 0, 0), cycles=200)
     assert values_of(desk.telegram, "AIPos")[0] == 0.0
@@ -94,7 +94,7 @@ def test_the_measured_position_lags_by_the_profiles_time(name):
     assert values_of(desk.telegram, "AIPos")[0] == pytest.approx(wanted, abs=2e-6)
 
 
-def test_a_reply_shows_in_the_telegram_after_the_next():
+def test_a_reply_affects_the_telegram_after_the_next():
     desk = Desk()
     desk.answer(STEP)
     assert values_of(desk.telegram, "AIPos")[0] == 0.0
@@ -102,11 +102,11 @@ def test_a_reply_shows_in_the_telegram_after_the_next():
     assert values_of(desk.telegram, "AIPos")[0] > 0.0
 
 
-# --- what is no reply -------------------------------------------------------------------------------------
+# --- invalid replies ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("spoil", "fault", "said"),
+    ("spoil", "fault", "text"),
     [
         (lambda ipoc: sen(int(ipoc) + 1, STEP), "wrong_ipoc", "expected 104, echoed unchanged"),
         (lambda ipoc: sen("0" + ipoc, STEP), "wrong_ipoc", "IPOC 0104 was not sent"),
@@ -116,13 +116,13 @@ def test_a_reply_shows_in_the_telegram_after_the_next():
         (lambda ipoc: b"\x00" * 65507, "xml", "65507 bytes; expected at most 1024"),
     ],
 )  # fmt: skip
-def test_what_is_no_reply_changes_nothing_but_the_delay(spoil, fault, said):
+def test_an_invalid_reply_changes_only_the_delay(spoil, fault, text):
     desk = Desk()
     desk.answer()
     desk.get(spoil(ipoc_of(desk.telegram)))
     assert (desk.delay, desk.status["rejected"]) == (1, {fault: 1})
     assert desk.setpoint[0] == 0.0
-    assert said in desk.log.texts("rejected")[0]
+    assert text in desk.log.texts("rejected")[0]
     desk.answer(STEP)
     assert desk.delay == 1
     assert desk.setpoint[0] == 0.05
@@ -131,7 +131,7 @@ def test_what_is_no_reply_changes_nothing_but_the_delay(spoil, fault, said):
 @pytest.mark.parametrize(
     ("name", "age", "late"), [("krc2-rsi2", 0.0099, 0), ("krc2-rsi2", 0.0101, 1), ("krc4-rsi3", 0.0041, 1)]
 )
-def test_a_reply_counts_until_the_controllers_time_is_up(name, age, late):
+def test_a_reply_is_accepted_until_the_time_of_the_controller(name, age, late):
     desk = Desk(name)
     desk.answer()
     desk.get(sen(ipoc_of(desk.telegram), STEP), age=age)
@@ -139,7 +139,7 @@ def test_a_reply_counts_until_the_controllers_time_is_up(name, age, late):
     assert desk.setpoint[0] == (0.0 if late else 0.05)
 
 
-def test_a_stranger_is_not_the_pc():
+def test_datagrams_of_other_senders_are_rejected():
     desk = Desk()
     desk.get(sen(100, STEP), stranger="10.0.0.9:7")
     assert desk.status["rejected"] == {"stranger": 1}
@@ -154,13 +154,13 @@ def test_of_two_answers_the_first_counts():
     assert (desk.delay, desk.status["rejected"]) == (0, {"double": 2})
 
 
-def test_a_good_reply_behind_bad_ones_counts():
+def test_a_valid_reply_after_invalid_ones_counts():
     desk = Desk()
     desk.get(b"junk", sen(96, STEP), sen(100, STEP))
     assert (desk.setpoint[0], desk.delay) == (0.05, 0)
 
 
-def test_the_log_is_not_flooded():
+def test_repeated_events_are_logged_at_powers_of_two():
     desk = Desk(context=Context(timeout=10_000))
     for _ in range(1000):
         desk.get(b"junk")
@@ -169,7 +169,7 @@ def test_the_log_is_not_flooded():
 
 
 @given(st.lists(st.binary(max_size=200), max_size=20))
-def test_junk_never_moves_the_robot_nor_breaks_the_controller(datagrams):
+def test_random_datagrams_neither_move_the_robot_nor_stop_the_controller(datagrams):
     desk = Desk()
     for data in datagrams:
         desk.get(data)
@@ -177,7 +177,7 @@ def test_junk_never_moves_the_robot_nor_breaks_the_controller(datagrams):
     assert desk.state == ("waiting" if len(datagrams) <= 10 else "broken_off")
 
 
-# --- lateness ---------------------------------------------------------------------------------------------
+# --- late replies ------------------------------------------------------------------------------------------
 
 
 def test_one_lost_reply_is_held_and_counted():
@@ -191,7 +191,7 @@ def test_one_lost_reply_is_held_and_counted():
 
 
 def test_without_holdon_a_lost_reply_is_a_jump_to_the_start():
-    """The main cause of unstable robots: here a jump of 1 deg in a cycle, which no drive takes."""
+    """Check the main cause of unstable robots: here a jump of 1 deg in a cycle, which is a drive fault."""
     desk = Desk(hold=0)
     for number in range(1, 21):
         desk.answer((0.05 * number, 0, 0, 0, 0, 0))
@@ -201,7 +201,7 @@ def test_without_holdon_a_lost_reply_is_a_jump_to_the_start():
     assert desk.status["message"].startswith("Command velocity A1")
 
 
-def test_timeout_counts_up_over_all_gaps_and_breaks_off():
+def test_timeout_counts_all_late_cycles_and_ends_the_run():
     desk = Desk()
     for _ in range(10):
         desk.answer(STEP)
@@ -216,7 +216,7 @@ def test_timeout_counts_up_over_all_gaps_and_breaks_off():
     assert desk.setpoint[0] == 0.05
 
 
-def test_ten_in_a_row_are_borne_and_eleven_are_not():
+def test_ten_late_cycles_in_a_row_are_tolerated_and_eleven_are_not():
     for profile in PROFILE_NAMES:
         desk = Desk(profile, context=Context(timeout=100 if profile == "krc2-rsi2" else 10))
         desk.answer()
@@ -227,7 +227,7 @@ def test_ten_in_a_row_are_borne_and_eleven_are_not():
         assert desk.state == "broken_off"
 
 
-def test_a_pc_that_never_answers_is_given_up():
+def test_a_pc_that_never_answers_ends_the_run():
     desk = Desk()
     desk.silent(10)
     assert desk.state == "waiting"
@@ -235,7 +235,7 @@ def test_a_pc_that_never_answers_is_given_up():
     assert desk.state == "broken_off"
 
 
-def test_onlysend_expects_nothing_and_obeys_nothing():
+def test_with_onlysend_replies_are_neither_expected_nor_read():
     desk = Desk(only_send="TRUE")
     desk.answer(STEP, cycles=30)
     desk.silent(30)
@@ -245,7 +245,7 @@ def test_onlysend_expects_nothing_and_obeys_nothing():
 # --- correction -------------------------------------------------------------------------------------------
 
 
-def test_in_relative_mode_a_lost_reply_moves_on():
+def test_in_relative_mode_a_lost_reply_repeats_the_last_correction():
     desk = Desk(context=Context(mode=Mode.RELATIVE, precision=6))
     desk.answer((0.01, 0, 0, 0, 0, 0), cycles=5)
     assert desk.setpoint[0] == pytest.approx(0.05)
@@ -253,7 +253,7 @@ def test_in_relative_mode_a_lost_reply_moves_on():
     assert desk.setpoint[0] == pytest.approx(0.08)
 
 
-def test_axiscorr_is_silent():
+def test_axiscorr_cuts_without_notice():
     desk = Desk()
     for number in range(1, 700):
         desk.answer((0.01 * number, 0, 0, 0, 0, 0))
@@ -284,7 +284,7 @@ def test_a_step_that_is_too_large_is_a_drive_fault():
     assert desk.status["message"].startswith("Command gear torque A1")
 
 
-def test_wrong_tag_names_move_nothing_and_the_log_says_why():
+def test_wrong_tag_names_have_no_effect_and_are_logged():
     desk = Desk()
     desk.answer(STEP, cycles=5, tag="AKorr")
     assert (desk.state, desk.setpoint[0], desk.delay) == ("running", 0.0, 0)
@@ -321,7 +321,7 @@ def test_external_axes_are_mm_to_the_krc_and_the_profiles_unit_from_it(name, sho
     assert values_of(desk.telegram, "ESPos")[0] == pytest.approx(shown * 100 / 101, abs=1e-3)
 
 
-def test_correcting_external_axes_that_are_not_there_is_an_error_where_they_have_an_object_of_their_own():
+def test_correcting_missing_external_axes_fails_with_axiscorrext():
     for name in ("krc4-rsi3", "krc5-rsi5"):
         with pytest.raises(
             KrcError, match=f"EK.E1, EK.E2, but the robot has no such .* AXISCORREXT fails on {name}"
@@ -332,7 +332,7 @@ def test_correcting_external_axes_that_are_not_there_is_an_error_where_they_have
     assert desk.state == "running"
 
 
-def test_currents_and_function_generators_are_there_if_asked_for():
+def test_currents_and_function_generators_are_sent_on_request():
     desk = Desk(sent=("DEF_MACur", "DEF_MECur", "DEF_Tech.C1"))
     desk.answer((0.001, 0, 0, 0, 0, 0), cycles=2)
     assert values_of(desk.telegram, "MACur")[0] != 0.0
@@ -340,10 +340,10 @@ def test_currents_and_function_generators_are_there_if_asked_for():
     assert len(values_of(desk.telegram, "Tech")) == 10
 
 
-# --- the pendant ------------------------------------------------------------------------------------------
+# --- pendant -----------------------------------------------------------------------------------------------
 
 
-def test_an_estop_ends_the_run_and_the_next_one_begins_where_the_robot_stands():
+def test_an_estop_ends_the_run_and_the_next_one_starts_at_the_robots_position():
     desk = Desk()
     desk.answer((0.1, 0, 0, 0, 0, 0), cycles=100)
     assert desk.operate("estop") is None
@@ -362,7 +362,7 @@ def test_an_estop_ends_the_run_and_the_next_one_begins_where_the_robot_stands():
     assert (desk.state, desk.delay) == ("running", 0)
 
 
-def test_a_pause_is_silence_and_after_it_the_old_correction_still_holds():
+def test_a_paused_krc_is_silent_and_keeps_its_correction():
     desk = Desk()
     desk.answer(STEP, cycles=5)
     before = int(ipoc_of(desk.telegram))
@@ -377,7 +377,7 @@ def test_a_pause_is_silence_and_after_it_the_old_correction_still_holds():
     assert desk.state == "running"
 
 
-def test_counters_do_not_run_on_in_a_pause():
+def test_counters_stand_still_in_a_pause():
     desk = Desk("krc2-rsi2")
     desk.answer(cycles=5)
     before = int(ipoc_of(desk.telegram))
@@ -389,7 +389,7 @@ def test_counters_do_not_run_on_in_a_pause():
 
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
-def test_a_restart_mid_motion_forgets_everything_but_where_the_robot_is(name):
+def test_a_restart_in_motion_resets_everything_but_the_position(name):
     desk = Desk(name)
     desk.silent(3)
     desk.answer(STEP, cycles=5)
@@ -405,7 +405,7 @@ def test_a_restart_mid_motion_forgets_everything_but_where_the_robot_is(name):
     assert desk.state == "running"
 
 
-def test_jogging_by_hand_only_while_nothing_runs():
+def test_jogging_is_possible_only_while_no_program_runs():
     desk = Desk()
     desk.answer()
     assert "no jogging while running" in desk.controller.jog("A1", 5.0)
@@ -418,7 +418,7 @@ def test_jogging_by_hand_only_while_nothing_runs():
     assert values_of(desk.telegram, "ASPos")[1] == -90.0
 
 
-def test_the_ipoc_can_be_made_to_jump():
+def test_the_ipoc_can_jump():
     desk = Desk()
     desk.controller.jump_ipoc(7)
     desk.answer()
@@ -427,6 +427,6 @@ def test_the_ipoc_can_be_made_to_jump():
     assert (ipoc_of(desk.telegram), desk.delay) == ("11", 0)
 
 
-def test_two_controllers_with_one_seed_are_one():
+def test_controllers_with_equal_seeds_behave_equally():
     one, other = Desk(ipoc=None), Desk(ipoc=None)
     assert [one.answer(STEP) for _ in range(20)] == [other.answer(STEP) for _ in range(20)]

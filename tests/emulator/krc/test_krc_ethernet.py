@@ -1,4 +1,4 @@
-"""The KRC's own file: read as a KRC reads it, refused with the element's name."""
+"""Tests of the reader of RSI Ethernet files: content, and errors with the name of the element."""
 
 import pytest
 from hypothesis import given
@@ -9,7 +9,7 @@ from armgate.emulator.krc.rsi.ethernet import A_AXES, E_AXES
 from support.krcs import FILES, element, ethernet, krc_file
 
 
-def test_a_file_says_where_the_pc_is_and_what_is_exchanged():
+def test_a_file_has_the_address_of_the_pc_and_the_elements():
     file = ethernet()
     assert (file.host, file.port, file.sentype, file.only_send) == ("127.0.0.1", 49152, "ImFree", False)
     assert [one.name for one in file.sent[:7]] == [*(f"RIst.{c}" for c in "XYZABC"), "AIPos.A1"]
@@ -19,13 +19,13 @@ def test_a_file_says_where_the_pc_is_and_what_is_exchanged():
 
 
 @pytest.mark.parametrize("path", sorted(FILES.glob("*.xml")), ids=lambda path: path.name)
-def test_the_files_that_come_along_are_read(path):
+def test_the_supplied_files_are_read(path):
     file = read_ethernet(path.read_bytes())
     assert None not in file.corrections(A_AXES)
 
 
 @pytest.mark.parametrize("tag", ["AK", "AKorr", "Whatever"])
-def test_corrections_are_found_by_their_axes_whatever_the_tag(tag):
+def test_corrections_are_found_by_axis_with_any_tag(tag):
     file = ethernet(received=[f"{tag}.{axis}" for axis in (*A_AXES, "E2")])
     assert [one.tag for one in file.corrections(A_AXES)] == [tag] * 6
     assert [one and one.name for one in file.corrections(E_AXES)] == [
@@ -39,7 +39,7 @@ def test_corrections_are_found_by_their_axes_whatever_the_tag(tag):
 
 
 def test_a_cartesian_correction_corrects_no_axis():
-    """RKorr has an attribute A, which is an angle."""
+    """Check RKorr, whose attribute A is an angle."""
     file = ethernet(received=[f"RKorr.{name}" for name in "XYZABC"])
     assert file.corrections(A_AXES) == (None,) * 6
 
@@ -49,13 +49,13 @@ def test_two_groups_for_one_axis_are_refused():
         ethernet(received=("AK.A1", "BK.A1")).corrections(A_AXES)
 
 
-def test_function_generators_stand_for_ten_parameters():
+def test_a_function_generator_has_ten_parameters():
     file = ethernet(sent=("DEF_Tech.C1",), more=element("DEF_Tech.T2", "INTERNAL"))
     assert [one.name for one in file.sent] == [f"Tech.C1{number}" for number in range(1, 11)]
     assert [one.name for one in file.received[-2:]] == ["Tech.T29", "Tech.T210"]
 
 
-def test_holdon_that_is_not_given_is_off():
+def test_holdon_is_off_by_default():
     assert not ethernet(hold=None).received[0].hold
 
 
@@ -66,7 +66,7 @@ def test_rsi_2_files_with_units_and_protocol_are_read():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "reason"),
     [
         ("<ROOT>", "<ROT>", "not well-formed"),
         ("ROOT>", "RUT>", "<RUT>; expected <ROOT>"),
@@ -91,29 +91,29 @@ def test_rsi_2_files_with_units_and_protocol_are_read():
         ("<RECEIVE>", "<RECEIVED>", "not well-formed"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(old, new, said):
+def test_errors_name_the_element_and_the_expectation(old, new, reason):
     text = krc_file()
     assert old in text
     with pytest.raises(KrcError) as caught:
         read_ethernet(
             text.replace(old, new).encode() if "ROOT" in old else text.replace(old, new, 1).encode()
         )
-    assert said in str(caught.value)
+    assert reason in str(caught.value)
 
 
-def test_internal_values_that_a_krc_does_not_take_are_refused():
+def test_internal_values_that_a_krc_does_not_accept_are_refused():
     with pytest.raises(KrcError, match="accepts no DEF_AIPos"):
         ethernet(more=element("DEF_AIPos", "INTERNAL"))
     assert ethernet(more=element("DEF_EStr", "INTERNAL", "STRING")).received[-1].name == "EStr"
 
 
-def test_nothing_to_receive_needs_onlysend():
+def test_an_empty_receive_needs_onlysend():
     with pytest.raises(KrcError, match="ONLYSEND TRUE"):
         ethernet(received=())
     assert ethernet(received=(), only_send="TRUE").only_send
 
 
-# --- strangers' files -------------------------------------------------------------------------------------
+# --- untrusted files -------------------------------------------------------------------------------------
 
 BOMB = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]>'
 
@@ -131,7 +131,7 @@ def test_document_types_and_entities_are_refused(text):
         read_ethernet(text.encode())
 
 
-def test_another_encoding_hides_no_document_type():
+def test_another_encoding_does_not_hide_a_document_type():
     with pytest.raises(KrcError, match="byte order mark of UTF-16"):
         read_ethernet((BOMB + krc_file()).encode("utf-16"))
     declared = "<?xml version='1.0' encoding='UTF-7'?>" + "+ADwAIQ-DOCTYPE x+AD4-" + krc_file()
@@ -139,24 +139,24 @@ def test_another_encoding_hides_no_document_type():
         read_ethernet(declared.encode())
 
 
-def test_an_oversize_file_is_refused_before_it_is_parsed():
+def test_a_file_that_is_too_large_is_refused_before_parsing():
     with pytest.raises(KrcError, match="expected at most 65536"):
         read_ethernet(krc_file().encode() + b" " * 65536)
 
 
-def test_nesting_without_end_is_refused():
+def test_deep_nesting_is_refused():
     with pytest.raises(KrcError):
         read_ethernet(b"<ROOT>" * 9000)
 
 
 @given(st.binary(max_size=300))
-def test_junk_is_refused(data):
+def test_random_bytes_are_refused(data):
     with pytest.raises(KrcError):
         read_ethernet(data)
 
 
 @given(st.data())
-def test_a_damaged_file_is_read_or_refused_but_nothing_else(data):
+def test_a_damaged_file_is_read_or_refused(data):
     text = bytearray(krc_file().encode())
     for _ in range(data.draw(st.integers(1, 3))):
         text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))

@@ -1,4 +1,4 @@
-"""A bad network, by seed."""
+"""Tests of the simulated network: disturbances, by seed."""
 
 import itertools
 
@@ -12,7 +12,7 @@ MS = 1_000_000
 
 
 def through(channel, count=1000, gap=4 * MS):
-    """What comes out, in order, when a number goes in every ``gap``."""
+    """Return the numbers that come out, in order, if one goes in every ``gap``."""
     out = []
     for number in range(count):
         channel.put(number, number * gap)
@@ -20,12 +20,12 @@ def through(channel, count=1000, gap=4 * MS):
     return out + [one for _, one in channel.get(count * gap * 100)]
 
 
-def test_a_good_network_changes_nothing():
+def test_a_network_without_disturbances_passes_all_datagrams_in_order():
     assert through(Channel("s", Disturbance())) == list(range(1000))
 
 
 @given(seed=st.text(max_size=5), share=st.floats(0.1, 0.9))
-def test_loss_loses_its_share(seed, share):
+def test_loss_drops_its_share_of_datagrams(seed, share):
     channel = Channel(seed, Disturbance(loss=share))
     out = through(channel)
     assert out == sorted(set(out))
@@ -49,7 +49,7 @@ def test_reordering_swaps_neighbours():
     assert all(abs(place - one) <= 1 for place, one in enumerate(out))
 
 
-def test_delay_and_jitter_come_later_and_say_when():
+def test_delayed_datagrams_arrive_late_with_their_due_time():
     channel = Channel("s", Disturbance(delay=0.010, jitter=0.005))
     channel.put("x", 0)
     assert list(channel.get(10 * MS - 1)) == []
@@ -58,7 +58,7 @@ def test_delay_and_jitter_come_later_and_say_when():
     assert (due, one, channel.next_due) == (pytest.approx(12.5 * MS, abs=2.5 * MS), "x", None)
 
 
-def test_the_same_seed_is_the_same_course_whatever_else_is_set():
+def test_equal_seeds_lose_the_same_datagrams_with_other_settings():
     some = through(Channel("7 to-pc", Disturbance(loss=0.2)))
     assert through(Channel("7 to-pc", Disturbance(loss=0.2))) == some
     assert (
@@ -67,7 +67,7 @@ def test_the_same_seed_is_the_same_course_whatever_else_is_set():
     assert through(Channel("8 to-pc", Disturbance(loss=0.2))) != some
 
 
-def test_drop_counts_and_the_cable_is_out_until_it_is_in():
+def test_drop_loses_a_number_and_an_unplugged_cable_loses_all():
     channel = Channel("s", Disturbance())
     channel.drop(2)
     channel.change(cut=True)
@@ -82,6 +82,6 @@ def test_drop_counts_and_the_cable_is_out_until_it_is_in():
 @pytest.mark.parametrize(
     "wrong", [{"loss": -0.1}, {"duplicate": 1.5}, {"reorder": float("nan")}, {"delay": 11.0}]
 )
-def test_what_is_out_of_range_is_refused(wrong):
+def test_disturbances_out_of_range_are_refused(wrong):
     with pytest.raises(ValueError, match=f"{next(iter(wrong))} .*; expected"):
         Channel("s", Disturbance()).change(**wrong)

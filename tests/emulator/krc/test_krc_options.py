@@ -1,4 +1,4 @@
-"""From the command line's texts to a virtual KRC."""
+"""Tests of the options of a virtual KRC, as texts of the command line."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_the_file_is_named_in_errors(tmp_path):
         options.load_ethernet(bad)
 
 
-def test_profile_and_cycle():
+def test_profiles_are_selected_with_other_cycles_and_lags():
     assert options.select_profile("krc4-rsi3", None).cycle == 0.004
     assert options.select_profile("krc4-rsi3", 12.0).ipoc_step == 12
     other = options.select_profile("krc4-rsi3", None, "A=33,A2=27")
@@ -36,7 +36,7 @@ def test_profile_and_cycle():
         options.select_profile("krc5-rsi5", 5.0)
 
 
-def test_the_context():
+def test_the_context_is_read_and_an_unknown_mode_is_refused():
     context = options.parse_context("relative", 3, 100, "A=170,E=2000", "A=171,E=2001", "moves")
     assert (context.mode, context.precision, context.timeout) == (Mode.RELATIVE, 3, 100)
     assert (context.limits["A4"], context.monitor["E6"]) == (170.0, 2001.0)
@@ -44,7 +44,7 @@ def test_the_context():
         options.parse_context("both", 1, 10, "5", "6")
 
 
-def test_robots():
+def test_the_robot_is_built_in_or_from_a_urdf_or_a_cell():
     assert options.load_arm("kr16", [], None).start == kr16().start
     assert options.load_arm("kr16", [], "1, 2,3,4,5,6").start == (1, 2, 3, 4, 5, 6)
     assert options.load_arm(str(CONFIGS / "robots" / "kr16.urdf"), [], None).names == kr16().names
@@ -52,7 +52,7 @@ def test_robots():
 
 
 @pytest.mark.parametrize(
-    ("robot", "cell", "start", "said"),
+    ("robot", "cell", "start", "text"),
     [
         ("kr17", [], None, "robot 'kr17': no such URDF file"),
         (
@@ -66,13 +66,13 @@ def test_robots():
         ("kr16", [], "1,2", "start with 2 values"),
     ],
 )
-def test_robots_that_are_none_are_named(robot, cell, start, said):
+def test_unusable_robots_are_named_in_the_error(robot, cell, start, text):
     with pytest.raises(KrcError) as caught:
         options.load_arm(robot, cell, start)
-    assert said in str(caught.value)
+    assert text in str(caught.value)
 
 
-def test_the_peer():
+def test_the_address_of_the_pc_comes_from_the_option_or_the_file():
     assert options.parse_peer(None, ethernet()).address == ("127.0.0.1", 49152)
     assert options.parse_peer("127.0.0.1:7", ethernet()).address == ("127.0.0.1", 7)
     assert options.parse_peer("[::1]:8", ethernet()).address == ("::1", 8)
@@ -84,7 +84,7 @@ def test_the_peer():
 NONE = {"loss": "0", "duplicate": "0", "reorder": "0", "delay": "0", "jitter": "0"}
 
 
-def test_disturbances():
+def test_disturbances_are_read_for_one_direction_or_both():
     both = options.parse_network(**NONE | {"loss": "0.1", "delay": "to-krc=2,to-pc=3"})
     assert both == {"to-pc": Disturbance(loss=0.1, delay=0.003), "to-krc": Disturbance(loss=0.1, delay=0.002)}
     for wrong in ({"loss": "2"}, {"delay": "x"}, {"jitter": "up=3"}, {"delay": "20000"}, {"loss": ""}):
@@ -105,6 +105,6 @@ def test_a_disturbance_is_given_once_for_each_direction(text):
 
 
 @pytest.mark.parametrize("robot", ["/dev/zero", "/", "a" * 5000])
-def test_a_device_a_folder_or_an_impossible_name_is_no_urdf(robot):
+def test_devices_folders_and_impossible_names_are_refused_as_urdf(robot):
     with pytest.raises(KrcError, match="no such URDF file; expected kr16"):
         options.load_arm(robot, [], None)

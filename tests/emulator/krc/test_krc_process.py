@@ -1,4 +1,4 @@
-"""``armgate krc`` as a process, against a PC that answers over UDP as public drivers do."""
+"""Tests of ``armgate krc`` as a process, with a PC that answers over UDP like public drivers."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ STEP = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Driver(asyncio.DatagramProtocol):
-    """Answers each telegram at once: zeros first, then what it was told to command."""
+    """PC that answers each telegram at once: with zeros first, then with ``axes``."""
 
     def __init__(self):
         self.seen, self.sources, self.axes = [], [], (0.0,) * 6
@@ -45,7 +45,7 @@ class Driver(asyncio.DatagramProtocol):
 
 
 class Krc:
-    """The process, and the PC to which it speaks."""
+    """Process of a virtual KRC, and its PC."""
 
     def __init__(self, process, driver):
         self.process, self.driver = process, driver
@@ -58,7 +58,7 @@ class Krc:
         loop = asyncio.get_running_loop()
         transport, driver = await loop.create_datagram_endpoint(Driver, local_addr=("127.0.0.1", 0))
         to = f"127.0.0.1:{transport.get_extra_info('sockname')[1]}"
-        # A busy machine answers late; how late is not what is tested here.
+        # A busy machine answers late; lateness is not tested here.
         given = ("--profile", profile, "--config", str(config), "--to", to, "--timeout", "1000000", *options)
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
@@ -78,7 +78,7 @@ class Krc:
         async with asyncio.timeout(PATIENCE):
             return (await self.process.stdout.readline()).decode()
 
-    async def tell(self, line):
+    async def command(self, line):
         self.process.stdin.write(f"{line}\n".encode())
         return json.loads(await self._line())
 
@@ -90,13 +90,13 @@ class Krc:
 
 
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3", "krc5-rsi5"])
-async def test_it_speaks_rsi_to_a_driver_until_told_to_end(tmp_path, profile):
+async def test_the_process_exchanges_rsi_with_a_driver_until_a_signal(tmp_path, profile):
     async with Krc.running(tmp_path, "--precision", "4", profile=profile) as krc:
         assert krc.ready.startswith(f"armgate: {profile} sends from port ")
         await krc.driver.further(10)
         krc.driver.axes = STEP
         await krc.driver.until(lambda: values_of(krc.driver.seen[-1], "AIPos")[0] > 0.04)
-        status = await krc.tell("status")
+        status = await krc.command("status")
         assert status["state"] == "running"
         assert status["setpoint"]["A1"] == 0.05
         assert status["network"]["to-pc"]["passed"] >= 12
@@ -105,7 +105,7 @@ async def test_it_speaks_rsi_to_a_driver_until_told_to_end(tmp_path, profile):
     assert [record["event"] for record in log if record["level"] == "info"] == ["waiting", "running", "end"]
 
 
-async def test_the_file_that_comes_along_is_spoken(tmp_path):
+async def test_the_supplied_ethernet_file_works(tmp_path):
     file = (FILES / "axis-correction.xml").read_text().replace("armgate</SENTYPE>", "ImFree</SENTYPE>")
     async with Krc.running(tmp_path, text=file) as krc:
         await krc.driver.further(3)
@@ -113,11 +113,11 @@ async def test_the_file_that_comes_along_is_spoken(tmp_path):
     assert status == 0
 
 
-async def test_a_port_that_is_kept_through_a_restart(tmp_path):
+async def test_a_given_port_is_kept_through_a_restart(tmp_path):
     (port,) = free_ports(1)
     async with Krc.running(tmp_path, "--port", str(port)) as krc:
         await krc.driver.further(3)
-        await krc.tell("restart")
+        await krc.command("restart")
         await krc.driver.further(3)
         assert {source[1] for source in krc.driver.sources} == {port}
         status, _, err = await run(
@@ -126,54 +126,54 @@ async def test_a_port_that_is_kept_through_a_restart(tmp_path):
     assert (status, err) == (2, f"armgate: cannot send from port {port}: Address already in use\n")
 
 
-async def test_stopped_until_started_and_a_new_port_after_a_restart(tmp_path):
+async def test_the_process_waits_for_start_and_has_a_new_port_after_a_restart(tmp_path):
     async with Krc.running(tmp_path, "--stopped", "--ipoc", "8") as krc:
-        assert (await krc.tell("ipoc 400"))["state"] == "stopped"
+        assert (await krc.command("ipoc 400"))["state"] == "stopped"
         assert krc.driver.seen == []
-        await krc.tell("start")
+        await krc.command("start")
         await krc.driver.further(3)
         before = krc.driver.sources[-1]
-        assert (await krc.tell("restart"))["state"] == "waiting"
+        assert (await krc.command("restart"))["state"] == "waiting"
         await krc.driver.until(lambda: krc.driver.sources[-1] != before)
-        assert (await krc.tell("fly"))["ok"] is False
+        assert (await krc.command("fly"))["ok"] is False
 
 
-async def test_the_cable_out_in_each_direction(tmp_path):
+async def test_the_cable_can_be_unplugged_in_each_direction(tmp_path):
     async with Krc.running(tmp_path) as krc:
         await krc.driver.further()
-        lost = (await krc.tell("cable out to-krc"))["network"]["to-krc"]["lost"]
+        lost = (await krc.command("cable out to-krc"))["network"]["to-krc"]["lost"]
         await krc.driver.further()
-        status = await krc.tell("cable in to-krc")
+        status = await krc.command("cable in to-krc")
         assert status["network"]["to-krc"]["lost"] > lost
         assert status["delay"] > 0
-        out = await krc.tell("cable out to-pc")
+        out = await krc.command("cable out to-pc")
         async with asyncio.timeout(PATIENCE):
-            while (status := await krc.tell("status"))["cycles"] < out["cycles"] + 20:
+            while (status := await krc.command("status"))["cycles"] < out["cycles"] + 20:
                 pass
         assert status["network"]["to-pc"]["passed"] == out["network"]["to-pc"]["passed"]
-        await krc.tell("cable in to-pc")
+        await krc.command("cable in to-pc")
         await krc.driver.further()
 
 
-async def test_delayed_telegrams_arrive_late_and_their_answers_count_for_nothing(tmp_path):
+async def test_answers_to_delayed_telegrams_are_rejected_as_late(tmp_path):
     async with Krc.running(tmp_path, "--delay", "to-pc=30") as krc:
         await krc.driver.further(10)
-        status = await krc.tell("status")
+        status = await krc.command("status")
         assert status["delay"] > 0
         assert status["rejected"]["late"] > 0
         assert status["state"] == "waiting"
 
 
-async def test_a_break_off_is_final_until_reset(tmp_path):
+async def test_after_a_break_off_only_a_reset_leads_on(tmp_path):
     async with Krc.running(tmp_path, "--timeout", "3") as krc:
         krc.driver.answering = False
         async with asyncio.timeout(PATIENCE):
-            while (status := await krc.tell("status"))["state"] != "broken_off":
+            while (status := await krc.command("status"))["state"] != "broken_off":
                 pass
         assert status["message"].startswith("KSS29002")
         krc.driver.answering = True
-        assert (await krc.tell("status"))["state"] == "broken_off"
-        assert (await krc.tell("reset"))["state"] == "stopped"
+        assert (await krc.command("status"))["state"] == "broken_off"
+        assert (await krc.command("reset"))["state"] == "stopped"
         _, log = await krc.end()
     assert "broken_off" in [record["event"] for record in log]
 
@@ -190,7 +190,7 @@ async def test_the_log_may_go_to_a_file_and_stdin_may_end(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "text"),
     [
         (("--profile", "krc9"), "expected one of krc2-rsi2"),
         (("--to", "nowhere"), "expected HOST:PORT"),
@@ -200,11 +200,11 @@ async def test_the_log_may_go_to_a_file_and_stdin_may_end(tmp_path):
         (("--config", "none.xml"), "none.xml: No such file"),
     ],
 )
-async def test_wrong_use_is_said_in_one_line(tmp_path, options, said):
+async def test_wrong_options_give_one_line_of_error(tmp_path, options, text):
     config = tmp_path / "krc.xml"
     config.write_text(krc_file())
     given = {"--profile": "krc4-rsi3", "--config": str(config), options[0]: options[1]}
     status, out, err = await run("krc", *(word for pair in given.items() for word in pair))
     assert (status, out) == (2, "")
-    assert said in err
+    assert text in err
     assert "Traceback" not in err

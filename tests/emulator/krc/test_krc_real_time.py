@@ -1,4 +1,4 @@
-"""A virtual KRC by the wall clock: its clock slips rather than to blame the PC, and strangers are known."""
+"""Tests of the real-time run of a virtual KRC: times of the cycles, slips, and ages of datagrams."""
 
 import asyncio
 import select
@@ -16,8 +16,8 @@ from support.krcs import Desk, ipoc_of, sen
 CYCLE = 4_000_000
 
 
-class Timers:
-    """Stands in for a kernel timer: it says when it was armed for."""
+class RecordingTimer:
+    """Substitute for a kernel timer that records the deadlines."""
 
     def __init__(self):
         self.armed = []
@@ -37,7 +37,7 @@ def pc():
         yield own
 
 
-def station_for(pc, desk, now):
+def runner_for(pc, desk, now):
     peer = Peer.resolve("127.0.0.1", pc.getsockname()[1])
     channels = {name: Channel(name, Disturbance()) for name in ("to_pc", "to_krc")}
     return RealTimeRunner(desk.controller, 0.004, peer, log=desk.controller._log, now=now, **channels)
@@ -48,25 +48,25 @@ async def received(pc):
         return await asyncio.get_running_loop().sock_recvfrom(pc, 65536)
 
 
-async def test_cycles_come_at_absolute_times_and_slip_only_when_this_process_is_late(pc):
+async def test_cycles_have_absolute_times_and_slip_only_if_the_process_is_late(pc):
     time = [0]
-    station = station_for(pc, Desk(start=False), lambda: time[0])
-    station._cycle_timer = Timers()
+    runner = runner_for(pc, Desk(start=False), lambda: time[0])
+    runner._cycle_timer = RecordingTimer()
     for now in (0, CYCLE + CYCLE // 20, 2 * CYCLE, 3 * CYCLE + CYCLE // 2, 4 * CYCLE + CYCLE // 2):
         time[0] = now
-        station._on_cycle()
-    assert station._cycle_timer.armed == [
+        runner._on_cycle()
+    assert runner._cycle_timer.armed == [
         CYCLE,
         2 * CYCLE,
         3 * CYCLE,
         4 * CYCLE + CYCLE // 2,
         5 * CYCLE + CYCLE // 2,
     ]
-    assert station.slips == 1
-    station._socket.close()
+    assert runner.slips == 1
+    runner._socket.close()
 
 
-async def test_a_reply_is_as_old_as_the_kernel_says_and_strangers_are_known(pc):
+async def test_the_age_of_a_reply_is_from_the_kernel_and_other_senders_are_marked(pc):
     port = UdpSocket(Peer.resolve("127.0.0.1", pc.getsockname()[1]))
     port.send(b"telegram")
     data, source = await received(pc)
@@ -76,8 +76,8 @@ async def test_a_reply_is_as_old_as_the_kernel_says_and_strangers_are_known(pc):
         stranger.bind(("127.0.0.1", 0))
         pc.sendto(b"reply", source)
         stranger.sendto(b"x" * 65_000, source)
-        assert select.select([port._socket], [], [], PATIENCE)[0]  # the kernel has noted when it came
-        await asyncio.sleep(0.02)  # time to pass is what is measured here
+        assert select.select([port._socket], [], [], PATIENCE)[0]  # the kernel has stamped its arrival
+        await asyncio.sleep(0.02)  # the passing time is measured here
         (one, age), (other, _) = port.receive()
         assert (one.data, one.stranger) == (b"reply", None)
         assert age >= 20_000_000
@@ -85,23 +85,23 @@ async def test_a_reply_is_as_old_as_the_kernel_says_and_strangers_are_known(pc):
     port.close()
 
 
-async def test_it_runs_until_it_is_closed(pc):
+async def test_the_runner_runs_until_it_is_closed(pc):
     desk = Desk(context=Context(timeout=10**6), start=False)
     desk.operate("start")
     peer = Peer.resolve("127.0.0.1", pc.getsockname()[1])
     channels = {name: Channel(name, Disturbance(delay=0.001)) for name in ("to_pc", "to_krc")}
-    station = RealTimeRunner(desk.controller, 0.004, peer, log=desk.controller._log, **channels)
-    station.start()
+    runner = RealTimeRunner(desk.controller, 0.004, peer, log=desk.controller._log, **channels)
+    runner.start()
     for _ in range(20):
         telegram, source = await received(pc)
         pc.sendto(sen(ipoc_of(telegram)), source)
         if desk.state == "running":
             break
-    station.close()
+    runner.close()
     assert desk.state == "running"
-    assert station.unsent == 0
+    assert runner.unsent == 0
 
 
-def test_a_host_that_is_none_is_refused():
+def test_an_unknown_host_is_refused():
     with pytest.raises(KrcError, match=r"there is no host 'none\.invalid'"):
         Peer.resolve("none.invalid", 1)

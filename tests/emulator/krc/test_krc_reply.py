@@ -1,4 +1,4 @@
-"""The parser of replies: strict, and in plain words."""
+"""Tests of the strict parser of replies."""
 
 import pytest
 from hypothesis import given
@@ -25,7 +25,7 @@ def refused(data):
     return caught.value.fault, str(caught.value)
 
 
-def test_a_reply_is_read_by_its_names_in_any_order():
+def test_values_are_read_by_name_in_any_order():
     text = (
         b'<Sen Type="ImFree"><Stop>1</Stop><EStr>h&amp;i</EStr><N>-7</N><AK A2="-1.5e0" A1=" .25"/>'
         b"<IPOC>007</IPOC></Sen>\r\n"
@@ -36,7 +36,7 @@ def test_a_reply_is_read_by_its_names_in_any_order():
     assert named(text) == {"AK.A1": 0.25, "AK.A2": -1.5, "Stop": True, "N": -7, "EStr": "h&i"}
 
 
-def test_what_kukas_own_example_writes_is_read():
+def test_a_reply_in_the_form_of_kukas_example_is_read():
     text = (
         b'<Sen Type="ImFree" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
         b' xsi:noNamespaceSchemaLocation="ExternalData.xsd">\n <EStr/>\n'
@@ -45,14 +45,14 @@ def test_what_kukas_own_example_writes_is_read():
     assert named(text) == {"EStr": "", "AK.A1": 0.0, "AK.A2": 0.0}
 
 
-def test_what_is_missing_is_not_in_it_and_what_is_unknown_is_named():
+def test_missing_values_are_absent_and_unknown_ones_are_named():
     reply = PARSER.parse(sen(5, (1.0,), tag="AKorr", more="<Free>x</Free>"))
     assert reply.values == {}
     assert reply.unknown == ("AKorr.A1", "Free")
 
 
 @pytest.mark.parametrize(
-    ("data", "fault", "said"),
+    ("data", "fault", "reason"),
     [
         (b"", Fault.XML, "not well-formed"),
         (b"\x00" * 40, Fault.XML, "not well-formed"),
@@ -80,32 +80,32 @@ def test_what_is_missing_is_not_in_it_and_what_is_unknown_is_named():
         (sen(1, more="<N>1.5</N>"), Fault.VALUE, "N='1.5'; expected a whole number"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(data, fault, said):
+def test_invalid_replies_are_refused_with_fault_and_reason(data, fault, reason):
     got, text = refused(data)
     assert got is fault
-    assert said in text
+    assert reason in text
 
 
 @pytest.mark.parametrize(
     "text", ["", "nan", "inf", "-Infinity", "1e999", "1,5", "0x1", "1_0", "--1", "1.5.2", "١"]
 )
-def test_numbers_that_are_none_are_refused(text):
-    fault, said = refused(f'<Sen Type="ImFree"><AK A1="{text}"/><IPOC>1</IPOC></Sen>'.encode())
+def test_invalid_numbers_are_refused(text):
+    fault, reason = refused(f'<Sen Type="ImFree"><AK A1="{text}"/><IPOC>1</IPOC></Sen>'.encode())
     assert fault is Fault.VALUE
-    assert "AK.A1" in said
+    assert "AK.A1" in reason
 
 
 @given(st.binary(max_size=1100))
-def test_junk_is_refused(data):
+def test_random_bytes_are_refused(data):
     refused(data)
 
 
 @given(st.text(alphabet='<>/="& \nSenTypImFrAK1IPOC0.', max_size=80))
-def test_junk_that_looks_like_xml_is_refused(text):
+def test_random_text_like_xml_is_refused(text):
     refused(text.encode())
 
 
-def test_every_cut_is_refused():
+def test_every_truncated_reply_is_refused():
     whole = sen(12, (1.0, 2.0))
     for end in range(len(whole)):
         refused(whole[:end])
@@ -124,7 +124,7 @@ def test_a_damaged_byte_is_refused_or_changes_one_thing(byte, place):
 
 
 @given(st.integers(0, 2**64 - 1), st.lists(st.floats(-1e4, 1e4), min_size=2, max_size=2))
-def test_what_drivers_write_is_what_is_read(ipoc, axes):
+def test_values_survive_writing_and_reading(ipoc, axes):
     reply = PARSER.parse(sen(ipoc, axes))
     assert reply.ipoc == str(ipoc)
     assert list(reply.values.values()) == pytest.approx(axes, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The single rules: states, IPOC, Delay, HOLDON, AXISCORR, drives."""
+"""Tests of single rules: states, IPOC, Delay, HOLDON, AXISCORR, drives and profiles."""
 
 import itertools
 import math
@@ -17,13 +17,13 @@ from armgate.emulator.krc.rsi.received_values import ReceivedValues
 from armgate.emulator.krc.states import ACTIVE, next_state
 from support.krcs import element, ethernet
 
-# --- states: the full product -----------------------------------------------------------------------------
+# --- states: all pairs -----------------------------------------------------------------------------
 
 FAULTS = {State.BROKEN_OFF, State.FAULTED, State.ESTOPPED}
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
-def test_every_state_and_event(state, event):
+def test_every_pair_of_state_and_event_has_the_expected_result(state, event):
     if event is Event.RESTART:
         wanted = State.WAITING
     elif event is Event.ESTOP:
@@ -45,8 +45,8 @@ def test_every_state_and_event(state, event):
     assert next_state(state, event) is wanted
 
 
-def test_nothing_leads_from_a_fault_to_motion_without_a_hand():
-    """Only a reset and a start, or a restart, which are somebody's doing."""
+def test_only_the_pendant_leads_from_a_fault_to_motion():
+    """Check that only a reset and a start, or a restart, lead on: all are events at the pendant."""
     for state, event in itertools.product(FAULTS, Event):
         assert next_state(state, event) not in ACTIVE or event is Event.RESTART
 
@@ -61,7 +61,7 @@ def test_the_ipoc_wraps(bits, step):
     assert ipoc.last == step
 
 
-def test_the_ipoc_knows_what_it_sent():
+def test_the_ipoc_remembers_the_numbers_sent():
     ipoc = Ipoc(10, 4, 64)
     assert ipoc.last is None
     assert ipoc.age("10") is None
@@ -73,55 +73,55 @@ def test_the_ipoc_knows_what_it_sent():
 # --- Delay ------------------------------------------------------------------------------------------------
 
 
-def test_late_cycles_count_together_not_only_in_a_row():
-    lateness = DelayCounter(3, None, 1.0)
+def test_all_late_cycles_count_not_only_consecutive_ones():
+    delay = DelayCounter(3, None, 1.0)
     for _ in range(3):
-        assert lateness.add(True) is None
-        assert lateness.add(False) is None
-    assert lateness.add(True) == "4 late cycles since the start, Timeout is 3"
-    assert lateness.count == 4
+        assert delay.add(True) is None
+        assert delay.add(False) is None
+    assert delay.add(True) == "4 late cycles since the start, Timeout is 3"
+    assert delay.count == 4
 
 
-def test_krc2_bears_ten_in_a_row():
-    lateness = DelayCounter(1000, 10, 1.0)
-    assert [lateness.add(True) for _ in range(10)] == [None] * 10
-    assert lateness.add(False) is None
+def test_krc2_tolerates_ten_late_cycles_in_a_row():
+    delay = DelayCounter(1000, 10, 1.0)
+    assert [delay.add(True) for _ in range(10)] == [None] * 10
+    assert delay.add(False) is None
     for _ in range(10):
-        assert lateness.add(True) is None
-    assert lateness.add(True) == "11 late cycles in a row, this controller tolerates 10"
+        assert delay.add(True) is None
+    assert delay.add(True) == "11 late cycles in a row, this controller tolerates 10"
 
 
-def test_krc2_bears_a_quarter():
-    lateness = DelayCounter(1000, 10, 0.25)
-    told = [lateness.add(number % 3 == 0) for number in range(100)]
-    assert told[:99] == [None] * 99
-    assert told[99] == "34 of the last 100 cycles were late"
-    lateness = DelayCounter(1000, 10, 0.25)
-    assert {lateness.add(number % 4 == 0) for number in range(400)} == {None}
+def test_krc2_tolerates_a_quarter_of_late_cycles():
+    delay = DelayCounter(1000, 10, 0.25)
+    found = [delay.add(number % 3 == 0) for number in range(100)]
+    assert found[:99] == [None] * 99
+    assert found[99] == "34 of the last 100 cycles were late"
+    delay = DelayCounter(1000, 10, 0.25)
+    assert {delay.add(number % 4 == 0) for number in range(400)} == {None}
 
 
 # --- HOLDON -----------------------------------------------------------------------------------------------
 
 
-def test_holdon_holds_each_element_by_itself():
+def test_holdon_applies_to_each_element():
     file = ethernet(
         received=("AK.A1",), hold=1, more=element("AK.A2", 2, hold=0) + element("Stop", 3, "BOOL", 0)
     )
     one, two, stop = file.received
-    registers = ReceivedValues(file.received)
-    assert registers.number(one) == 0.0
-    assert registers.update({one: 1.5, two: 2.5, stop: True}) == ()
-    assert registers.named("Stop") is True
-    assert registers.update({}) == ("AK.A1", "AK.A2", "Stop")
-    assert (registers.number(one), registers.number(two), registers.named("Stop")) == (1.5, 0.0, False)
-    assert registers.number(None) == 0.0
-    assert registers.named("nothing") is None
+    received = ReceivedValues(file.received)
+    assert received.number(one) == 0.0
+    assert received.update({one: 1.5, two: 2.5, stop: True}) == ()
+    assert received.named("Stop") is True
+    assert received.update({}) == ("AK.A1", "AK.A2", "Stop")
+    assert (received.number(one), received.number(two), received.named("Stop")) == (1.5, 0.0, False)
+    assert received.number(None) == 0.0
+    assert received.named("nothing") is None
 
 
 # --- AXISCORR ---------------------------------------------------------------------------------------------
 
 
-def test_absolute_is_the_whole_offset_and_relative_adds_up():
+def test_absolute_values_are_the_whole_offset_and_relative_values_add_up():
     absolute = Correction(("A1", "E1"), Context())
     relative = Correction(("A1", "E1"), Context(mode=Mode.RELATIVE))
     for _ in range(3):
@@ -132,7 +132,7 @@ def test_absolute_is_the_whole_offset_and_relative_adds_up():
 
 
 @pytest.mark.parametrize("mode", Mode)
-def test_axiscorr_cuts_in_silence_at_five(mode):
+def test_axiscorr_cuts_without_notice_at_five(mode):
     correction = Correction(A_AXES, Context(mode=mode))
     for _ in range(4):
         assert correction.apply((-7.0, 2.0, 0.0, 0.0, 0.0, 0.0)) is None
@@ -140,7 +140,7 @@ def test_axiscorr_cuts_in_silence_at_five(mode):
     assert correction.offset[1] == (2.0 if mode is Mode.ABSOLUTE else 5.0)
 
 
-def test_axiscorrmon_stops_at_six_even_if_only_axiscorr_was_widened():
+def test_axiscorrmon_stops_at_six_even_if_axiscorr_is_wider():
     correction = Correction(A_AXES, Context(limits=Limits(170.0)))
     assert correction.apply((0.0, 6.0, 0.0, 0.0, 0.0, 0.0)) is None
     assert (
@@ -149,7 +149,7 @@ def test_axiscorrmon_stops_at_six_even_if_only_axiscorr_was_widened():
     )
 
 
-def test_limits_by_group_and_axis():
+def test_limits_are_read_by_group_and_axis():
     limits = Limits.from_text("A=170, E=2000,A6=350", 5.0)
     assert [limits[axis] for axis in ("A1", "A6", "E3")] == [170.0, 350.0, 2000.0]
     assert Limits.from_text("E1=10", 5.0)["A1"] == 5.0
@@ -157,7 +157,7 @@ def test_limits_by_group_and_axis():
 
 
 @pytest.mark.parametrize("text", ["", "A", "A7=3", "A=", "A=x", "0", "-5", "inf", "nan", "A=1,,E=2"])
-def test_limits_that_are_none_are_refused(text):
+def test_invalid_limits_are_refused(text):
     with pytest.raises(KrcError, match="expected a number above 0"):
         Limits.from_text(text, 5.0)
 
@@ -179,7 +179,7 @@ def moved(index, by, at=ARM.start):
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @given(data=st.data())
 def test_motion_within_the_axes_figures_never_faults(name, data):
-    """Any acceleration up to an axis's own in each cycle, at any speed up to its own."""
+    """Draw any acceleration and speed up to the axis's own in each cycle."""
     profile = PROFILES[name]
     index = data.draw(st.integers(0, 5))
     axis, T = ARM.axes[index], profile.cycle
@@ -195,18 +195,18 @@ def test_motion_within_the_axes_figures_never_faults(name, data):
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @pytest.mark.parametrize("index", range(6))
-def test_a_step_of_more_than_the_speed_is_command_velocity(name, index):
+def test_a_step_beyond_the_speed_is_a_command_velocity_fault(name, index):
     profile, axis = PROFILES[name], ARM.axes[index]
     largest = profile.tolerance.velocity * axis.speed * profile.cycle
     arm = drives(profile)
-    told = arm.move(moved(index, -1.001 * largest))
-    assert told.startswith(f"Command velocity {axis.name}: -")
+    found = arm.move(moved(index, -1.001 * largest))
+    assert found.startswith(f"Command velocity {axis.name}: -")
     assert arm.setpoint == ARM.start
 
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @pytest.mark.parametrize(("share", "faults"), [(0.99, False), (1.01, True)])
-def test_a_robot_held_for_a_cycle_bears_what_its_profile_states(name, share, faults):
+def test_a_robot_held_for_one_cycle_tolerates_the_step_of_its_profile(name, share, faults):
     profile, axis = PROFILES[name], ARM.axes[0]
     speed = share * profile.tolerance.step(axis.acceleration, profile.cycle)
     assert speed < axis.speed
@@ -214,42 +214,42 @@ def test_a_robot_held_for_a_cycle_bears_what_its_profile_states(name, share, fau
     for number in range(1, 100):
         q = moved(0, min(speed, number * axis.acceleration * profile.cycle) * profile.cycle, q)
         assert arm.move(q) is None
-    told = arm.move(q)
-    assert (told is not None) is faults
-    assert not faults or told.startswith("Command gear torque A1")
+    found = arm.move(q)
+    assert (found is not None) is faults
+    assert not faults or found.startswith("Command gear torque A1")
 
 
 @pytest.mark.parametrize(
     ("name", "cycle", "share"), [("krc2-rsi2", 0.012, 37), ("krc4-rsi3", 0.004, 26), ("krc4-rsi3", 0.012, 29)]
 )
-def test_the_documented_share_of_the_speed_at_which_a_robot_may_be_held(name, cycle, share):
+def test_the_documented_share_of_the_speed_agrees_with_the_profile(name, cycle, share):
     profile, axis = PROFILES[name].in_cycle(cycle), ARM.axes[0]
     assert round(100 * profile.tolerance.step(axis.acceleration, cycle) / axis.speed) == share
 
 
-def test_the_filter_forgives_what_is_short():
-    """The same acceleration for longer is too much."""
+def test_the_filter_tolerates_a_short_acceleration():
+    """Check that the same acceleration for a longer time is a fault."""
     profile, axis = PROFILES["krc4-rsi3"], ARM.axes[0]
-    arm, q, v, told = drives(profile), ARM.start, 0.0, []
+    arm, q, v, found = drives(profile), ARM.start, 0.0, []
     for _ in range(40):
         v += 2.2 * axis.acceleration * profile.cycle
         q = moved(0, v * profile.cycle, q)
-        told.append(arm.move(q))
-        if told[-1]:
+        found.append(arm.move(q))
+        if found[-1]:
             break
-    assert len(told) > 5
-    assert told[-1].startswith("Command gear torque A1")
+    assert len(found) > 5
+    assert found[-1].startswith("Command gear torque A1")
     assert max(arm.load) == pytest.approx(2.0, rel=0.1)
 
 
-def test_an_axis_outside_its_range_may_come_back_but_not_go_on():
+def test_an_axis_outside_its_range_may_move_back_but_not_further_out():
     profile = PROFILES["krc4-rsi3"]
     arm = drives(profile, moved(1, 126.0))  # A2 at 36 deg; its range ends at 35
     assert arm.move(moved(1, 125.99)) is None
     assert arm.move(moved(1, 126.0)).startswith("Software limit switch A2: 36.000 deg")
 
 
-def test_standing_still_forgets_the_past():
+def test_rest_resets_the_filter_of_the_drives():
     arm = drives(PROFILES["krc4-rsi3"])
     arm.move(moved(0, 0.01))
     arm.rest(ARM.start)
@@ -260,7 +260,7 @@ def test_standing_still_forgets_the_past():
 # --- profiles ---------------------------------------------------------------------------------------------
 
 
-def test_the_profiles_are_what_they_are_called():
+def test_profiles_have_the_figures_of_their_controllers():
     krc2, krc4, krc5 = (profile_named(name) for name in ("krc2-rsi2", "krc4-rsi3", "krc5-rsi5"))
     assert (krc2.cycle, krc2.ipoc_step, krc2.lag, krc2.short_first) == (0.012, 1, 0.12, True)
     assert krc2.linear_sent == pytest.approx(57.29578)
@@ -270,7 +270,7 @@ def test_the_profiles_are_what_they_are_called():
     assert all(profile.reply_within <= profile.cycle for profile in PROFILES.values())
 
 
-def test_ipo_is_twelve_ms():
+def test_the_ipo_cycle_is_twelve_ms():
     slow = PROFILES["krc4-rsi3"].in_cycle(0.012)
     assert (slow.cycle, slow.ipoc_step) == (0.012, 12)
     assert math.isclose(slow.reply_within, 0.012)
@@ -278,6 +278,6 @@ def test_ipo_is_twelve_ms():
         PROFILES["krc2-rsi2"].in_cycle(0.004)
 
 
-def test_an_unknown_profile_is_refused_with_those_that_there_are():
+def test_an_unknown_profile_is_refused_with_the_known_ones():
     with pytest.raises(KrcError, match="krc2-rsi2, krc4-rsi3, krc5-rsi5"):
         profile_named("krc3")

@@ -1,4 +1,4 @@
-"""The writer of telegrams, read back by a parser that is not ours."""
+"""Tests of the writer of telegrams, read back by an independent parser."""
 
 import xml.etree.ElementTree as ET
 
@@ -11,7 +11,7 @@ from support.krcs import element, ethernet, krc_file
 ROOT = ("Type", "KUKA")
 
 
-def test_the_files_order_then_delay_then_ipoc():
+def test_elements_have_the_order_of_the_file_then_delay_then_ipoc():
     writer = TelegramWriter(ethernet(sent=("DEF_Delay", "DEF_ASPos", "DEF_RIst", "DEF_MACur")), 1, ROOT)
     tree = ET.fromstring(writer.write({}, 17))
     assert [child.tag for child in tree] == ["ASPos", "RIst", "MACur", "Delay", "IPOC"]
@@ -20,14 +20,14 @@ def test_the_files_order_then_delay_then_ipoc():
 
 
 @pytest.mark.parametrize(("precision", "text"), [(0, "-12"), (1, "-12.3"), (4, "-12.3457")])
-def test_precision_rounds(precision, text):
+def test_values_are_rounded_to_the_precision(precision, text):
     writer = TelegramWriter(ethernet(), precision, ROOT)
     tree = ET.fromstring(writer.write({"AIPos": {"A1": -12.345678}, "Delay": {"D": 3.0}}, 1))
     assert tree.find("AIPos").get("A1") == text
     assert tree.find("Delay").get("D") == "3"
 
 
-def test_six_axes_are_sent_whatever_the_robot_has():
+def test_six_axes_are_sent_for_any_robot():
     writer = TelegramWriter(ethernet(sent=("DEF_EIPos",)), 1, ROOT)
     tree = ET.fromstring(writer.write({"EIPos": {"E1": 5.0}}, 1))
     assert list(tree.find("EIPos").attrib.items()) == [
@@ -50,7 +50,7 @@ def test_own_elements_are_grouped_and_typed():
     )
 
 
-def test_the_short_frame_is_short():
+def test_the_short_frame_has_only_the_ipoc():
     short = TelegramWriter(ethernet(), 1, ROOT).short(2**64 - 1)
     assert short == b'<Rob Type="KUKA"><IPOC>18446744073709551615</IPOC></Rob>'
     assert len(short) < 100
