@@ -30,7 +30,7 @@ CLEAR = re.compile(r"expected|export it again|export the file again|method: hull
 
 @dataclass
 class Tally:
-    """What became of the files of one format."""
+    """Results for the files of one format."""
 
     ends: Counter = field(default_factory=Counter)
     faces: int = 0
@@ -38,7 +38,7 @@ class Tally:
 
 
 def held(bodies, points):
-    """Which points lie in some body: no plane of the hull of its corners, moved by its radius, is beyond."""
+    """Return True for each point that lies in a body: inside all planes of its hull, moved by its radius."""
     inside = np.zeros(len(points), dtype=bool)
     for body in bodies:
         corners = np.array(body.vertices)
@@ -48,7 +48,7 @@ def held(bodies, points):
 
 
 def bodies_of(mesh, rng):
-    """The bodies; the hull if the surface is open, which the refusal of the other method says."""
+    """Return the bodies; the hull if the surface is open, as the error of the other method states."""
     try:
         if rng.random() < 0.1:
             return decompose(mesh, PARTS)
@@ -63,14 +63,14 @@ def bodies_of(mesh, rng):
 
 
 def _anywhere(mesh, rng):
-    """One or two cuts of the whole, across one axis."""
+    """Return one or two cuts of the whole, across one axis."""
     axis = int(rng.integers(3))
     low, high = mesh.vertices[:, axis].min(), mesh.vertices[:, axis].max()
     places = np.sort(rng.uniform(low, high, int(rng.integers(1, 3))))
     return [Plane(number, axis, float(at)) for number, at in enumerate(places)]
 
 
-def judge(data, suffix, rng):
+def check(data, suffix, rng):
     """Return the number of faces of an accepted file, all of them in its bodies; None if it is refused."""
     try:
         mesh = read_mesh(data, suffix, (1.0, 1.0, 1.0))
@@ -94,7 +94,7 @@ def _inside(face, rng):
 
 
 def run(suffix, runs, seed):
-    """Tries files of one format, half of them damaged."""
+    """Try files of one format, half of them damaged."""
     tally = Tally()
     for number in range(runs):
         rng = np.random.default_rng([seed, number])
@@ -103,9 +103,9 @@ def run(suffix, runs, seed):
         if broken:
             data = damaged(rng, data)
         try:
-            faces = judge(data, suffix, rng)
+            faces = check(data, suffix, rng)
             assert broken or faces is not None, "a valid file is refused"
-        except Exception as error:  # a traceback is a finding, too
+        except Exception as error:  # a traceback is an error, too
             tally.faults.append((number, f"{type(error).__name__}: {error}"[:300]))
             continue
         tally.ends["refused" if faces is None else "damaged, read" if broken else "valid, read"] += 1
@@ -113,7 +113,7 @@ def run(suffix, runs, seed):
     return tally
 
 
-def say(text):
+def print_line(text):
     sys.stdout.write(text + "\n")
 
 
@@ -125,10 +125,10 @@ def main():
         tally = run(suffix, runs, seed)
         ends = ", ".join(f"{count} {end}" for end, count in sorted(tally.ends.items()))
         spent = time.monotonic() - begin
-        say(f"{suffix}: {runs} files in {spent:.0f} s: {ends}; {tally.faces} faces held")
-        say(f"  {len(tally.faults)} faults")
+        print_line(f"{suffix}: {runs} files in {spent:.0f} s: {ends}; {tally.faces} faces held")
+        print_line(f"  {len(tally.faults)} faults")
         for number, text in tally.faults[:10]:
-            say(f"  SEED={seed} file {number}: {text}")
+            print_line(f"  SEED={seed} file {number}: {text}")
         wrong += len(tally.faults)
     return 1 if wrong else 0
 

@@ -53,7 +53,7 @@ def test_default_accelerations_reach_full_speed_in_a_quarter_second(demo):
         ("lag_difference: 0, link: {kind: emulated, lags: {A1: 33 ms}}", 0.033, 0.0),
     ],
 )
-def test_an_emulated_robots_lags_differ_as_its_joints_do_unless_declared(
+def test_the_lag_difference_of_an_emulated_robot_is_that_of_its_joints_unless_declared(
     configs, tmp_path, own, first, difference
 ):
     robot = built(configs, tmp_path, f"robots: {{FR: {{{own}}}}}").robots[0]
@@ -61,7 +61,7 @@ def test_an_emulated_robots_lags_differ_as_its_joints_do_unless_declared(
     assert robot.lag_difference == pytest.approx(difference, abs=1e-12)
 
 
-def test_a_real_robots_lags_are_taken_to_differ_by_ten_percent_unless_declared(configs, tmp_path):
+def test_the_lag_difference_of_a_real_robot_is_ten_percent_unless_declared(configs, tmp_path):
     link = configs / "links" / "rsi-example.yaml"
     robot = build_cell(load_config([configs / "demo.yaml", link])).robots[0]
     assert (set(robot.lags), robot.lag_difference) == ({0.03}, 0.003)
@@ -76,7 +76,7 @@ def test_a_lag_of_an_unknown_joint_is_refused(configs, tmp_path):
         built(configs, tmp_path, "robots: {FR: {link: {kind: emulated, lags: {B1: 0.03}}}}")
 
 
-def test_own_bounds_are_taken_over(configs, tmp_path):
+def test_configured_bounds_replace_those_of_the_urdf(configs, tmp_path):
     overlay = """
 robots:
   P:
@@ -91,7 +91,7 @@ robots:
     assert robot.velocity == pytest.approx([1.0, 1.0, 3.0])
     assert robot.acceleration == pytest.approx([np.pi / 2, 4.0, 12.0])
     assert robot.deceleration.tolist() == [np.inf, 5.0, 12.0]
-    assert robot.start[0] > robot.upper[0]  # outside: it may only retreat
+    assert robot.start[0] > robot.upper[0]  # outside its limits, where only retreat is admitted
 
 
 def test_arrays_are_read_only(demo):
@@ -111,7 +111,7 @@ def test_arrays_are_read_only(demo):
 # --- pairs ------------------------------------------------------------------------------------------------
 
 
-def test_neighbours_and_the_same_joint_are_left_out(planar):
+def test_pairs_on_one_joint_or_neighbouring_joints_are_left_out(planar):
     assert [pair for pair in named(planar) if pair[0].startswith("P/") and pair[1].startswith("P/")] == [
         ("P/base_link", "P/link_2"),
         ("P/base_link", "P/link_3"),
@@ -119,27 +119,27 @@ def test_neighbours_and_the_same_joint_are_left_out(planar):
     ]
 
 
-def test_fixed_bodies_are_not_checked_against_fixed_ones(demo):
+def test_pairs_of_fixed_bodies_are_left_out(demo):
     pairs = named(demo)
     assert ("FR/base_link", "floor") not in pairs
     assert ("GR/gantry_post_left_front", "floor") not in pairs
     assert ("FR/base_link", "GR/gantry_post_left_front") not in pairs
 
 
-def test_fixed_bodies_count_against_moving_ones_of_others(demo):
+def test_fixed_bodies_form_pairs_with_moving_bodies_of_other_robots(demo):
     pairs = named(demo)
     assert pairs["FR/link_4", "GR/gantry_post_left_front"].kind == "robots"
     assert pairs["FR/base_link", "GR/link_6"].limit == demo.config.stop_distance
     assert pairs["GR/link_6", "floor"].kind == "surroundings"
 
 
-def test_limits_by_kind(demo):
+def test_the_limit_of_a_pair_depends_on_its_kind(demo):
     for pair in demo.pairs:
         expected = demo.config.self_distance if pair.kind == "self" else demo.config.stop_distance
         assert pair.limit == expected
 
 
-def test_first_body_is_of_the_first_robot_or_nearer_to_the_base(demo):
+def test_the_first_body_of_a_pair_is_of_the_first_robot_or_nearer_to_the_base(demo):
     for pair in demo.pairs:
         a, b = demo.bodies[pair.a], demo.bodies[pair.b]
         assert a.robot is not None
@@ -153,11 +153,11 @@ def test_first_body_is_of_the_first_robot_or_nearer_to_the_base(demo):
             assert b.robot is None
 
 
-def test_every_pair_once(demo):
+def test_every_pair_occurs_once(demo):
     assert len({frozenset((pair.a, pair.b)) for pair in demo.pairs}) == len(demo.pairs)
 
 
-def test_ignored_pairs_by_link_or_body(configs, tmp_path, planar):
+def test_pairs_can_be_ignored_by_link_or_body(configs, tmp_path, planar):
     cell = built(configs, tmp_path, "robots: {P: {ignore_pairs: [[link_3, base_link]]}}\n", "planar.yaml")
     assert set(named(planar)) - set(named(cell)) == {("P/base_link", "P/link_3")}
     overlay = """
@@ -179,10 +179,10 @@ def test_a_surrounding_can_be_ignored_as_the_second_of_a_pair(configs, tmp_path,
         built(configs, tmp_path, "robots: {GR: {ignore_pairs: [[tank, link_3]]}}\n", "demo.yaml")
 
 
-def test_pairs_left_out_of_the_demo_keep_their_distance(demo):
-    # What ignore_pairs hides cannot come nearer: the second body's centre rests in the first one's frame (the
-    # wrist only turns about its own axis), or slides along the length of both, or the first keeps its height
-    # above the floor.
+def test_the_ignored_pairs_of_the_demo_keep_their_distance(demo):
+    # Ignored pairs cannot come nearer. The centre of the second body rests in the frame of the first one (the
+    # wrist only turns about its own axis), or slides along the length of both, or the first body keeps its
+    # height above the floor.
     rng = np.random.default_rng(4)
     for robot in demo.robots:
         names = [body.name for body in robot.model.bodies]
@@ -201,7 +201,7 @@ def test_pairs_left_out_of_the_demo_keep_their_distance(demo):
 # --- hash -------------------------------------------------------------------------------------------------
 
 
-def test_hash_does_not_depend_on_where_the_files_are(configs, tmp_path, demo):
+def test_the_hash_does_not_depend_on_the_paths_of_the_files(configs, tmp_path, demo):
     shutil.copytree(configs, tmp_path / "elsewhere")
     (tmp_path / "elsewhere/robots").rename(tmp_path / "elsewhere/arms")
     path = tmp_path / "elsewhere/demo.yaml"
@@ -209,7 +209,7 @@ def test_hash_does_not_depend_on_where_the_files_are(configs, tmp_path, demo):
     assert build_cell(load_config([path])).hash == demo.hash
 
 
-def test_hash_does_not_depend_on_units_or_the_server(configs, tmp_path, demo):
+def test_the_hash_does_not_depend_on_units_or_the_server(configs, tmp_path, demo):
     assert built(configs, tmp_path, "stop_distance: 50 mm\nserver: {port: 0}\n").hash == demo.hash
 
 
@@ -227,11 +227,11 @@ def test_hash_does_not_depend_on_units_or_the_server(configs, tmp_path, demo):
         "clock: {kind: lockstep, participants: [a]}\n",
     ],
 )
-def test_hash_changes_with_the_cell(configs, tmp_path, demo, overlay):
+def test_the_hash_changes_with_the_cell(configs, tmp_path, demo, overlay):
     assert built(configs, tmp_path, overlay).hash != demo.hash
 
 
-def test_any_number_of_robots(configs, tmp_path):
+def test_a_cell_can_have_more_than_two_robots(configs, tmp_path):
     overlay = f"""
 robots:
   Q: {{urdf: {configs}/robots/planar3.urdf, base: {{xyz: [3, 0, 0.5]}}, start: [0, 0, 0]}}

@@ -49,7 +49,7 @@ def refused(path, build=False) -> ConfigError:
     return caught.value
 
 
-def test_reads_with_defaults(write):
+def test_a_configuration_is_read_with_defaults(write):
     config = load_config([write()])
     assert (config.stop_distance, config.self_distance, config.response) == (0.05, 0.02, "stop")
     assert (config.robots["P"].period, config.robots["P"].link.lag) == (0.012, 0.03)
@@ -62,7 +62,7 @@ def test_a_sphere_needs_no_list(write):
     assert config.surroundings["post"].shape.shape == Sphere(0.2)
 
 
-def test_an_overlay_changes_only_what_it_names(write, tmp_path):
+def test_an_overlay_changes_only_its_own_keys(write, tmp_path):
     overlay = tmp_path / "over.yaml"
     overlay.write_text(
         "robots: {P: {link: {kind: emulated, lag: 0.0}}}\nclock: {kind: lockstep, participants: [a]}\n"
@@ -109,7 +109,7 @@ def test_an_error_in_an_overlay_names_the_overlay(write, tmp_path):
         ("  post:", "  a b:", 10, "surroundings.a b", "'a b' is not a valid name"),
     ],
 )  # fmt: skip
-def test_refused_in_a_line(write, old, new, line, path, message):
+def test_a_wrong_value_is_refused_with_its_line(write, old, new, line, path, message):
     error = refused(write((old, new)))
     assert (error.line, error.path) == (line, path)
     assert message in str(error)
@@ -134,20 +134,20 @@ def test_refused_in_a_line(write, old, new, line, path, message):
         ("stop_distance: .nan", "stop_distance", "nan is not finite"),
     ],
 )
-def test_refused_at_the_end(write, more, path, message):
+def test_a_wrong_section_is_refused_with_its_path(write, more, path, message):
     error = refused(write(more=more + "\n"))
     assert (error.line, error.path) == (11, path)
     assert message in str(error)
 
 
 @pytest.mark.parametrize("text", ["robots: {}\n", "robots: 3\n"])
-def test_a_cell_has_robots(tmp_path, text):
+def test_a_cell_needs_robots(tmp_path, text):
     path = tmp_path / "cell.yaml"
     path.write_text("armgate: 1\nname: x\n" + text)
     assert refused(path).line == 3
 
 
-def test_all_findings_are_listed(write):
+def test_all_errors_are_listed(write):
     error = refused(write(("50 mm", "x"), more="response: halt\nstop_distance: -1\n"))
     assert [line.split(":")[1] for line in str(error).splitlines()] == ["10", "11", "12"]
     assert error.line == 10
@@ -166,7 +166,7 @@ GANTRY = "    gantry: {{travel: {{x: [0, 1], y: {y}, z: {z}}}, height: 3.0, span
         ("[-1, 1.8]", "[1, 2]", "robots.P.gantry", "runs into a rail; expected travel.y within ±1.6 m"),
     ],
 )
-def test_a_gantry_that_does_not_fit(write, y, z, path, message):
+def test_a_gantry_that_does_not_fit_is_refused(write, y, z, path, message):
     error = refused(write(("    start", GANTRY.format(y=y, z=z) + "    start")))
     assert (error.line, error.path) == (6, path)
     assert message in str(error)
@@ -190,7 +190,7 @@ def test_a_gantry_that_does_not_fit(write, y, z, path, message):
         ("planar3.urdf", "../demo.yaml", 5, "urdf", "demo.yaml: not well-formed XML"),
     ],
 )  # fmt: skip
-def test_refused_with_the_model(write, old, new, line, path, message):
+def test_a_value_that_does_not_fit_the_model_is_refused_with_its_line(write, old, new, line, path, message):
     error = refused(write((old, new)), build=True)
     assert (error.line, error.path) == (line, f"robots.P.{path}")
     assert message in str(error)
@@ -208,19 +208,19 @@ def test_refused_with_the_model(write, old, new, line, path, message):
         ("ignore_pairs: [[link_1, no]]", "ignore_pairs.0.1", "is called 'no'; expected"),
     ],
 )  # fmt: skip
-def test_an_added_key_refused_with_the_model(write, key, path, message):
+def test_an_added_key_that_does_not_fit_the_model_is_refused(write, key, path, message):
     error = refused(write(("    joints", f"    {key}\n    joints")), build=True)
     assert (error.line, error.path) == (7, f"robots.P.{path}")
     assert message in str(error)
 
 
-def test_body_names_must_fit_the_wire(write):
+def test_body_names_that_are_too_long_are_refused(write):
     long = "b" * 64
     change = ("    joints", f"    bodies: {{{long}: {{link: link_1, shape: {{sphere: 1}}}}}}\n    joints")
     assert "is too long; expected at most 64 characters" in str(refused(write(change), build=True))
 
 
-def test_urdf_that_is_no_text(write, tmp_path):
+def test_a_urdf_that_is_not_text_is_refused(write, tmp_path):
     (tmp_path / "bad.urdf").write_bytes(b"\xff\xfe")
     path = write()
     text = path.read_text().splitlines()
@@ -231,7 +231,7 @@ def test_urdf_that_is_no_text(write, tmp_path):
     )
 
 
-def test_errors_without_a_file():
+def test_errors_of_a_configuration_without_file_have_no_place():
     config = CellConfig(armgate=1, name="x", robots={"P": {"urdf": "nowhere.urdf", "start": (0.0,)}})
     with pytest.raises(ConfigError) as caught:
         build_cell(config)
@@ -240,7 +240,7 @@ def test_errors_without_a_file():
 
 
 @pytest.mark.parametrize("name", ["demo.yaml", "planar.yaml"])
-def test_dumped_and_read_again(configs, name):
+def test_a_dumped_configuration_gives_the_same_cell(configs, name):
     config = load_config([configs / name])
     text = dump_config(config)
     again = CellConfig.model_validate(_tuples(yaml.safe_load(text)))
@@ -263,7 +263,7 @@ def _tuples(value):
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def test_reading_needs_no_robot_model():
+def test_reading_does_not_import_the_robot_model():
     code = (
         "import sys, armgate.cell.config, armgate.events, armgate.cell.urdf.gantry;"
         "sys.exit(bool({'pinocchio', 'coal', 'fcl'} & set(sys.modules)))"
@@ -279,7 +279,7 @@ def test_a_mapping_of_another_kind_is_replaced_not_merged(configs, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "said"),
+    ("key", "text"),
     [
         ("krc: robot.local", "is no address; expected one like"),
         ("krc: 127.0.0.1, listen: nowhere", "expected ADDRESS:PORT"),
@@ -288,12 +288,12 @@ def test_a_mapping_of_another_kind_is_replaced_not_merged(configs, tmp_path):
         ("krc: 127.0.0.1, lag: 3 deg", "is not a time"),
     ],
 )
-def test_a_wrong_rsi_link_is_refused_with_its_place(configs, tmp_path, key, said):
+def test_a_wrong_rsi_link_is_refused_with_its_place(configs, tmp_path, key, text):
     overlay = tmp_path / "real.yaml"
     overlay.write_text("armgate: 1\nrobots: {P: {link: {kind: rsi, ethernet: krc.xml, " + key + "}}}\n")
     with pytest.raises(ConfigError, match=r"real.yaml:2: robots.P.link") as caught:
         load_config([configs / "planar.yaml", overlay])
-    assert said in str(caught.value)
+    assert text in str(caught.value)
 
 
 # --- empty and extreme values -------------------------------------------------------------------------------
@@ -302,13 +302,13 @@ SECTIONS = ["clock", "server", "recording", "metrics", "stop_distance", "respons
 OF_A_ROBOT = ["base", "gantry", "frames", "bodies", "camera", "joints", "meshes", "ignore_pairs", "link"]
 
 
-def test_empty_surroundings_are_none(write):
+def test_empty_surroundings_count_as_absent(write):
     path = write(("  post: {shape: {capsule: [50 mm, 1 m]}, xyz: [1, 1, 0]}\n", ""))
     assert load_config([path]).surroundings == {}
 
 
 @pytest.mark.parametrize("key", SECTIONS)
-def test_an_empty_section_is_none_and_an_empty_value_is_refused(write, key):
+def test_an_empty_section_counts_as_absent_and_an_empty_value_is_refused(write, key):
     path = write(more=f"{key}:\n")
     if key in ("stop_distance", "response", "max_age_ticks"):
         error = refused(path)
@@ -320,7 +320,7 @@ def test_an_empty_section_is_none_and_an_empty_value_is_refused(write, key):
 
 
 @pytest.mark.parametrize("key", [*OF_A_ROBOT, "urdf", "tool", "start", "period", "lag_window", "q_tolerance"])
-def test_an_empty_section_of_a_robot_is_none_and_an_empty_value_is_refused(configs, tmp_path, key):
+def test_an_empty_section_of_a_robot_counts_as_absent_and_an_empty_value_is_refused(configs, tmp_path, key):
     robot = {"urdf": str(configs / "robots/planar3.urdf"), "start": [0, 0, 0]}
     text = yaml.safe_dump({"armgate": 1, "name": "c", "robots": {"P": robot | {key: 99}}}, sort_keys=False)
     path = tmp_path / "c.yaml"
@@ -335,12 +335,12 @@ def test_an_empty_section_of_a_robot_is_none_and_an_empty_value_is_refused(confi
     "more",
     ["surroundings: {a: }", "surroundings: {a: {shape: }}", "surroundings: {a: {shape: {sphere: 1}, xyz: }}"],
 )
-def test_an_empty_place_or_shape_is_refused(write, more):
+def test_an_empty_pose_or_shape_is_refused(write, more):
     whole = write(("surroundings:\n  post: {shape: {capsule: [50 mm, 1 m]}, xyz: [1, 1, 0]}\n", f"{more}\n"))
     assert "an empty value" in str(refused(whole))
 
 
-def test_an_empty_section_of_an_overlay_takes_nothing_away(write, tmp_path):
+def test_an_empty_section_of_an_overlay_changes_nothing(write, tmp_path):
     overlay = tmp_path / "over.yaml"
     overlay.write_text("armgate: 1\nsurroundings:\nrobots: {P: {joints: }}\n")
     config = load_config([write(), overlay])

@@ -1,4 +1,4 @@
-"""The demo cell's geometry by an engine of its own: room at the start and over the place of work."""
+"""Tests of the demo cell's geometry with an independent engine: clearances at the start and at work."""
 
 import coal
 import numpy as np
@@ -13,7 +13,7 @@ def geometries(demo):
 
 
 def distances(demo, geometries, positions):
-    """Distance of every pair, by the names of its bodies."""
+    """Return the distance of every pair by the names of its bodies."""
     places = [
         coal.Transform3s(np.ascontiguousarray(R), np.ascontiguousarray(t))
         for robot, q in zip(demo.robots, positions, strict=True)
@@ -39,14 +39,14 @@ def least(found, kind):
     return min(distance for pair, distance in found.items() if pair.kind == kind)
 
 
-def test_the_start_is_clear_by_a_wide_margin(demo, geometries):
+def test_the_start_has_wide_clearances(demo, geometries):
     found = distances(demo, geometries, [robot.start for robot in demo.robots])
     assert least(found, "self") > 0.09
     assert least(found, "robots") > 0.5
     assert least(found, "surroundings") > 0.35
 
 
-def test_the_place_of_work_is_clear(demo, geometries):
+def test_the_working_area_is_clear(demo, geometries):
     rng = np.random.default_rng(8)
     follower, leader = (robot.start for robot in demo.robots)
     for _ in range(150):
@@ -67,7 +67,7 @@ def test_the_floor_robot_never_reaches_the_gantry(demo, geometries):
         assert min(to_gantry) > 0.05
 
 
-def test_the_flange_stays_clear_of_the_forearm_over_the_whole_wrist(demo, geometries):
+def test_the_flange_is_clear_of_the_forearm_over_the_range_of_the_wrist(demo, geometries):
     names = [body.name for body in demo.bodies]
     forearm = names.index("FR/link_4")
     for a5 in np.radians(np.linspace(-130, 130, 53)):

@@ -1,4 +1,4 @@
-"""Texts of others as they are shown."""
+"""Tests of the escaping of texts before they are shown."""
 
 import sys
 import unicodedata
@@ -9,7 +9,7 @@ from armgate.cell.escaping import printable, printable_lines
 
 
 @pytest.mark.parametrize("text", ["", "plain", "A1 – 30°, δ ρ ×, 5 mm²", "ロボット", "naïve 𝕏", "\\n"])
-def test_visible_text_stays_as_it_is(text):
+def test_visible_text_is_unchanged(text):
     assert printable(text) == text
 
 
@@ -24,15 +24,15 @@ def test_visible_text_stays_as_it_is(text):
         ("\ud800 \U000e0041 \ue000", "\\ud800 \\U000e0041 \\ue000"),
     ],
 )
-def test_what_a_terminal_obeys_or_hides_is_escaped(text, shown):
+def test_control_and_invisible_characters_are_escaped(text, shown):
     assert printable(text) == shown
 
 
-def test_of_all_characters_none_controls_a_terminal():
+def test_no_character_of_unicode_controls_a_terminal():
     shown = printable("".join(map(chr, (*range(0x10000), *range(0xE0000, 0xE1000), sys.maxunicode))))
     assert {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"} == set()
     shown.encode()
 
 
-def test_lines_stay_lines_if_they_are_meant():
+def test_printable_lines_keeps_line_breaks():
     assert printable_lines("one\n\x1btwo") == "one\n\\x1btwo"

@@ -44,7 +44,7 @@ def test_the_demo_tool_hangs_down_towards_the_floor_robot(demo):
     assert np.allclose(robot.model.frame(robot.start, "base_link").R[:, 2], [0, 0, -1], atol=1e-9)
 
 
-def test_every_axis_carries_its_bodies(demo):
+def test_every_axis_moves_its_bodies(demo):
     bodies = {body.name: body.joint for body in demo.robot("GR").model.bodies}
     assert bodies["gantry_rail_left"] == bodies["gantry_post_right_back"] == -1
     assert [bodies[name] for name in ("gantry_bridge", "gantry_trolley", "gantry_column")] == [0, 1, 2]
@@ -73,14 +73,14 @@ def test_a_gantry_can_have_its_own_acceleration(configs, tmp_path):
     assert robot.acceleration[3] == pytest.approx(robot.velocity[3] / 0.25)
 
 
-def test_a_gantry_needs_its_names(demo):
+def test_an_arm_with_names_of_the_gantry_is_refused(demo):
     gantry = demo.config.robots["GR"].gantry
     text = demo.robot("FR").urdf.replace('"A1"', '"X"')
     with pytest.raises(ModelError, match="the arm uses the gantry's names X; expected others"):
         add_gantry(ET.fromstring(text), gantry)
 
 
-def test_clashes_are_blamed_on_the_gantry(configs, tmp_path):
+def test_clashes_of_names_are_errors_of_the_gantry(configs, tmp_path):
     arm = tmp_path / "arm.urdf"
     arm.write_text((configs / "robots/kr16.urdf").read_text().replace('name="A1"', 'name="Y"'))
     overlay = tmp_path / "o.yaml"

@@ -1,4 +1,4 @@
-"""Readers of mesh files: every face of a file is in the bodies, or there is one clear error."""
+"""Tests of the readers of mesh files: the bodies contain every face, or there is one clear error."""
 
 import re
 import struct
@@ -107,7 +107,7 @@ HALVES = ascii_stl(("a", TRIANGLES), ("b", TRIANGLES + np.array([5, 0, 0])))
         ("off", off_of(QUADS).replace(b"OFF\n", b"OFF ").replace(b"\n", b"\r\n"), 12),
     ],
 )  # fmt: skip
-def test_whole_files_are_read_face_by_face(suffix, data, faces):
+def test_valid_files_are_read_with_all_faces(suffix, data, faces):
     assert spot(data, suffix)[0] == faces
     bodies = decompose(read_mesh(data, suffix, UNIT), DecompositionOptions("hull", 0.1, 1, 64))
     assert mesh_fuzz.held(bodies, CUBE).all()
@@ -207,8 +207,8 @@ def test_damaged_files_are_refused_with_one_clear_error(suffix, data, text):
     assert mesh_fuzz.CLEAR.search(str(error.value))
 
 
-def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_what_is_lost():
-    """Whichever diagonal another program draws, the bodies contain the face."""
+def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_its_slack():
+    """Check that the bodies contain the face with either diagonal."""
     bent = CUBE.copy()
     bent[0] += [0.0005, 0.0, 0.0]
     mesh = read_mesh(obj_of(QUADS, bent), "obj", UNIT)
@@ -220,7 +220,7 @@ def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_what_is_lost():
     assert read_mesh(obj_of(QUADS), "obj", UNIT).slack == 0.0
 
 
-def test_a_face_without_an_area_is_in_the_bodies_too():
+def test_the_bodies_contain_a_face_without_an_area():
     data = OBJ + b"\nv 2 0 0\nv 3 0 0\nf 9 9 10"
     mesh = read_mesh(data, "obj", UNIT)
     assert (len(mesh.faces), mesh.open_edges) == (13, 0)
@@ -228,8 +228,8 @@ def test_a_face_without_an_area_is_in_the_bodies_too():
     assert mesh_fuzz.held(bodies, np.array([[2.0, 0, 0], [2.5, 0, 0], [3, 0, 0]])).all()
 
 
-def test_hulls_of_points_that_lie_in_planes_but_for_rounding():
-    """qhull with merged facets crashed the process on some of these."""
+def test_hulls_of_points_that_are_coplanar_up_to_rounding():
+    """Check points on some of which qhull with merged facets crashed the process."""
     for seed in range(400):
         rng = np.random.default_rng(seed)
         Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -243,8 +243,8 @@ def test_hulls_of_points_that_lie_in_planes_but_for_rounding():
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_random_files_are_read_whole_or_refused(suffix):
-    """In short; ``make fuzz-meshes`` goes on for longer."""
+def test_random_files_are_read_completely_or_refused(suffix):
+    """Run a short fuzz; ``make fuzz-meshes`` runs a longer one."""
     tally = mesh_fuzz.run(suffix, 160, seed=7)
     assert not tally.faults
     assert tally.ends["valid, read"] == 80

@@ -1,4 +1,4 @@
-"""Meshes: the parts contain all of them, seen with other eyes; files, packages, URDFs; what is refused."""
+"""Tests of meshes: containment in the parts (checked independently), files, packages, URDFs, errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ def on_surface(mesh, rng, count):
 
 
 def held(bodies, points, slack=0.0):
-    """Which points lie in some body: no plane of the hull of its corners, moved by its radius, is beyond."""
+    """Return True for each point that lies in a body: inside all planes of its hull, moved by its radius."""
     inside = np.zeros(len(points), dtype=bool)
     for body in bodies:
         corners = np.array(body.vertices)
@@ -84,8 +84,8 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
     assert held(found, inside).all()
 
 
-def test_wherever_it_is_cut_parts_contain_everything(monkeypatch):
-    """Even where nobody would: the cuts are proposals."""
+def test_parts_contain_everything_for_any_cuts(monkeypatch):
+    """Cut at random planes: containment does not depend on the proposed ones."""
     from armgate.cell.mesh.decomposition.cut_planes import Plane
 
     rng = np.random.default_rng(3)
@@ -116,7 +116,7 @@ def test_wherever_it_is_cut_parts_contain_everything(monkeypatch):
 @pytest.mark.parametrize(
     ("plan", "count"), [(meshes.ELL, 2), (meshes.U, 3), (meshes.FRAME, 4), (meshes.CROSS, 3), (meshes.BAR, 1)]
 )
-def test_blocks_fall_into_as_many_parts_as_they_have(plan, count):
+def test_blocks_are_cut_into_their_convex_parts(plan, count):
     (vertices, faces), _, _ = blocks(plan, (0.1, 0.2, 0.1, 0.2, 0.1, 0.05, 0.1))
     found = decompose(mesh_of(vertices, faces), PARTS)
     assert len(found) == count
@@ -131,7 +131,7 @@ def hull_volume(body):
     return float(np.abs(np.einsum("fi,fi->f", a, np.cross(b, c))).sum() / 6)
 
 
-def test_a_round_ring_keeps_its_hole_within_its_bounds():
+def test_the_parts_of_a_ring_leave_its_hole_open():
     vertices, faces = meshes.ring(0.3, 0.4, 0.1, 10)
     mesh, rng = mesh_of(vertices, faces), np.random.default_rng(3)
     found = decompose(mesh, replace(PARTS, threshold=0.3))
@@ -144,7 +144,7 @@ def test_a_round_ring_keeps_its_hole_within_its_bounds():
     assert held(few, on_surface(mesh, rng, 30)).all()
 
 
-def test_a_fine_mesh_is_thinned_and_thickened_by_what_that_loses():
+def test_a_fine_mesh_is_thinned_and_thickened_by_the_loss():
     mesh, rng = mesh_of(*meshes.ring(0.3, 0.4, 0.1, 400)), np.random.default_rng(4)
     (body,) = decompose(mesh, HULL)
     assert len(body.vertices) <= HULL.max_vertices
@@ -152,12 +152,12 @@ def test_a_fine_mesh_is_thinned_and_thickened_by_what_that_loses():
     assert held([body], on_surface(mesh, rng, 3)).all()
 
 
-# --- the proof's pieces -----------------------------------------------------------------------------------
+# --- parts of the proof -----------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 10**6))
 @settings(max_examples=60, deadline=None)
-def test_both_sides_of_a_cut_are_the_whole(seed):
+def test_both_sides_of_a_cut_add_up_to_the_whole(seed):
     rng = np.random.default_rng(seed)
     triangles = rng.integers(-2, 3, (12, 3, 3)).astype(float)  # corners in the plane, edges, whole triangles
     axis, at = int(rng.integers(3)), float(rng.choice([-2, -1, 0, 0.5, 1, 2]))
@@ -176,29 +176,29 @@ def area(triangles):
 
 @given(plans, st.lists(steps, min_size=7, max_size=7), st.integers(0, 10**6))
 @settings(max_examples=30, deadline=None)
-def test_nothing_that_is_enclosed_is_proven_outside(plan, sizes, seed):
+def test_no_enclosed_point_is_proven_outside(plan, sizes, seed):
     rng, rays = np.random.default_rng(seed), directions(RAYS)
     (vertices, faces), low, size = blocks(plan, sizes)
     Q = rotation(rng)
     triangles = (vertices @ Q.T)[faces][:, :: rng.choice([-1, 1])]
-    triangles = np.concatenate([triangles, triangles[:3] * [1, 1, 0] + 5.0])  # slivers and lines besides
+    triangles = np.concatenate([triangles, triangles[:3] * [1, 1, 0] + 5.0])  # slivers and lines as well
     k = rng.integers(len(low), size=5)
     for point in (low[k] + size[k] * rng.random((5, 3))) @ Q.T:
         assert not proven_outside(point, triangles, rays)
-    # On the surface, at corners and on edges, rays start in triangles and run along others.
+    # On the surface, at corners and on edges, rays start in triangles and run along other ones.
     for point in [*(vertices[:3] @ Q.T), triangles[0].mean(axis=0), triangles[0, :2].mean(axis=0)]:
         assert not proven_outside(point, triangles, rays)
     assert proven_outside(triangles[:-3].min(axis=(0, 1)) - 0.01, triangles, rays)
 
 
-def test_a_plane_beside_a_cell_does_not_cut_it():
+def test_a_plane_beside_a_piece_is_refused():
     surface = Surface(np.random.default_rng(0).random((5, 3, 3)))
     with pytest.raises(ValueError, match="does not meet"):
         surface.cut(surface.whole(), 0, 1.5)
 
 
 def test_a_cavity_counts_as_inside():
-    """Nothing gets there without crossing the surface."""
+    """Check a cavity: no path leads there without crossing the surface."""
     outer, faces = meshes.blocks(meshes.BAR, (0, 1), (0, 1), (0, 1))
     both = np.vstack([outer, outer * 0.5 + 0.25])
     mesh = mesh_of(both, np.vstack([faces, faces[:, ::-1] + len(outer)]))
@@ -208,7 +208,7 @@ def test_a_cavity_counts_as_inside():
 
 @given(st.integers(0, 10**6))
 @settings(max_examples=20, deadline=None)
-def test_a_thinned_hull_thickened_holds_all_points(seed):
+def test_a_thinned_hull_contains_all_points_after_thickening(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(300, 3)) * rng.uniform(0.01, 1.0, 3)
     thin, loss = thinned(points, 40)
@@ -271,7 +271,7 @@ FLAT = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
         ("a.dae", b"<COLLADA/>", "kind 'dae' are not supported"),
     ],
 )  # fmt: skip
-def test_what_is_no_mesh_is_refused(tmp_path, name, data, text):
+def test_unusable_mesh_files_are_refused(tmp_path, name, data, text):
     file = tmp_path / name
     file.write_bytes(data)
     with pytest.raises(ModelError, match=text) as error:
@@ -279,7 +279,7 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, data, text):
     assert str(file) in str(error.value)
 
 
-def test_packages_are_found(tmp_path, monkeypatch):
+def test_packages_are_found_in_the_options_the_path_and_the_parent_folders(tmp_path, monkeypatch):
     package = tmp_path / "src" / "arm_description"
     (package / "meshes").mkdir(parents=True)
     (package / "urdf").mkdir()
@@ -327,7 +327,7 @@ def written(tmp_path, hand="ell.obj", **robot):
     return path
 
 
-def test_other_peoples_urdfs_and_surroundings_become_convex_parts(tmp_path):
+def test_meshes_of_urdfs_and_surroundings_become_convex_parts(tmp_path):
     cell = build_cell(load_config([written(tmp_path)]))
     names = [b.name for b in cell.bodies]
     assert names == ["A/base/1", "A/base/2", "A/hand/1", "A/hand/2", "bracket/1", "bracket/2"]
@@ -340,8 +340,8 @@ def test_other_peoples_urdfs_and_surroundings_become_convex_parts(tmp_path):
     assert hull.hash != cell.hash
 
 
-def test_a_cell_with_meshes_is_packed_whole(tmp_path):
-    """From what a recording carries the same cell is built elsewhere; files of one name do not collide."""
+def test_a_cell_with_meshes_is_packed_with_all_files(tmp_path):
+    """Build the same cell from packed files elsewhere; files of the same name do not collide."""
     path = written(tmp_path / "here")
     other = tmp_path / "here" / "ell.stl"
     vertices, faces = meshes.blocks(meshes.U, (0, 0.1, 0.2, 0.3), (0, 0.1, 0.2), (0.0, 0.1))
@@ -364,11 +364,11 @@ def test_a_cell_with_meshes_is_packed_whole(tmp_path):
     ("robot", "hand", "text"),
     [
         ({}, "none.stl", r"cell\.yaml:\d+: robots\.A\.urdf: .*link 'tool0', body 'hand': .*there is no file"),
-        ({"meshes": {"bodies": {"nobody": {}}}}, "ell.obj", "names 'nobody', but the URDF has no such"),
+        ({"meshes": {"bodies": {"nothing": {}}}}, "ell.obj", "names 'nothing', but the URDF has no such"),
         ({"meshes": {"method": "best"}}, "ell.obj", r"meshes\.method: .*'parts' or 'hull'"),
         ({"meshes": {"max_parts": 0}}, "ell.obj", r"meshes\.max_parts"),
     ],
 )
-def test_mesh_errors_name_place_and_remedy(tmp_path, robot, hand, text):
+def test_mesh_errors_give_place_and_remedy(tmp_path, robot, hand, text):
     with pytest.raises(ConfigError, match=text):
         build_cell(load_config([written(tmp_path, hand, **robot)]))

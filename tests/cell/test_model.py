@@ -47,7 +47,7 @@ def sample(model, rng):
 
 
 def written_out(model, text, q, link):
-    """A link's frame by walking the URDF's own tree: independent of pinocchio."""
+    """Return a link's frame by walking the tree of the URDF, independently of pinocchio."""
     urdf = read_urdf(text)
     values = dict(zip((joint.name for joint in model.joints), q, strict=True))
     placement = Placement.identity()
@@ -65,7 +65,7 @@ def moved(joint, value):
     return Placement(np.eye(3), value * axis)
 
 
-# --- the KR 16: forward kinematics, tool0 in the base, against the published rows --------------------------
+# --- KR 16: forward kinematics, tool0 in the base, against published figures -------------------------
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_kr16_wrist_centre_reaches_1611_mm(demo):
     assert np.hypot(wrist[0], wrist[2] - 0.675) == pytest.approx(1.6109, abs=5e-5)
 
 
-def test_the_camera_sees_up_as_x(demo):
+def test_the_x_axis_of_the_camera_points_up(demo):
     robot = demo.robot("FR")
     level = np.radians([0, -90, 90, 0, 0, 0])
     camera = robot.model.frame(level, "camera")
@@ -142,7 +142,7 @@ def test_tree_with_fixed_joints_and_a_tilted_base(tree):
     assert (tree.frame_joint("plate"), tree.frame_joint("left"), tree.frame_joint("tip")) == (-1, 0, 2)
 
 
-def test_bodies_sit_on_their_links(models, demo):
+def test_bodies_are_placed_on_their_links(models, demo):
     rng = np.random.default_rng(1)
     for model, text in zip(models, (TREE, *(r.urdf for r in demo.robots)), strict=False):
         q = sample(model, rng)
@@ -209,7 +209,7 @@ def test_arrays_are_read_only(tree):
             array[0] = 0
 
 
-def test_questions_without_an_answer(tree):
+def test_queries_for_unknown_frames_joints_and_wrong_q_are_refused(tree):
     with pytest.raises(ModelError, match="there is no frame 'nose'; expected one of root, plate"):
         tree.frame([0, 0, 0], "nose")
     with pytest.raises(ModelError, match="there is no frame 'nose'"):
@@ -220,17 +220,17 @@ def test_questions_without_an_answer(tree):
         tree.point_jacobian([0, 0, 0], 3, [0, 0, 0])
 
 
-def test_a_robot_must_move():
+def test_a_robot_without_moving_joint_is_refused():
     with pytest.raises(ModelError, match="no joint that moves"):
         RobotModel.from_urdf('<robot name="r"><link name="a"/></robot>', BASE)
 
 
-def test_continuous_joints_are_refused_before_pinocchio_sees_them():
+def test_continuous_joints_are_refused_before_pinocchio_reads_them():
     with pytest.raises(ModelError, match="joint 'L': type 'continuous' is not supported"):
         RobotModel.from_urdf(TREE.replace('"L" type="revolute"', '"L" type="continuous"'), BASE)
 
 
-def test_what_pinocchio_refuses_is_a_model_error(monkeypatch):
+def test_errors_of_pinocchio_become_model_errors(monkeypatch):
     def refuse(text):
         raise ValueError("no")
 
@@ -240,7 +240,7 @@ def test_what_pinocchio_refuses_is_a_model_error(monkeypatch):
 
 
 @pytest.mark.parametrize("change", [('name="tree"', ""), ('"T"', '"tip"'), ('"root"', '"universe"')])
-def test_names_that_pinocchio_uses_too(tree, change):
+def test_names_that_pinocchio_uses_are_allowed(tree, change):
     same = RobotModel.from_urdf(TREE.replace(*change), BASE)
     q = [0.4, 0.3, -1.2]
     assert np.array_equal(same.frame(q, "tip").t, tree.frame(q, "tip").t)

@@ -23,7 +23,7 @@ def test_composition_is_associative(a, b, c):
 
 
 @given(placements)
-def test_inverse_undoes(a):
+def test_the_inverse_undoes_a_placement(a):
     assert same(a @ a.inverse(), Placement.identity())
     assert same(a.inverse() @ a, Placement.identity())
 
@@ -40,7 +40,7 @@ def test_rotation_is_orthonormal_and_right_handed(a):
 
 
 @given(placements)
-def test_quaternion_there_and_back(a):
+def test_a_quaternion_round_trip_keeps_the_rotation(a):
     xyzw = a.xyzw()
     assert math.hypot(*xyzw) == pytest.approx(1.0)
     assert xyzw[3] >= 0.0
@@ -58,11 +58,11 @@ def test_quaternion_of_half_a_turn(axis):
 
 def test_rpy_turns_about_fixed_axes_x_first():
     turned = Placement.from_rpy((0, 0, 0), (math.pi / 2, 0, math.pi / 2))
-    assert np.allclose(turned.apply([0, 1, 0]), [0, 0, 1])  # y to z by roll; yaw leaves z alone
+    assert np.allclose(turned.apply([0, 1, 0]), [0, 0, 1])  # roll turns y to z, which yaw does not change
     assert np.allclose(turned.apply([1, 0, 0]), [0, 1, 0])
 
 
-def test_apply_takes_many_points():
+def test_apply_accepts_many_points():
     moved = Placement.from_rpy((1, 2, 3), (0, 0, math.pi)).apply(np.zeros((4, 5, 3)))
     assert moved.shape == (4, 5, 3)
     assert np.allclose(moved, [1, 2, 3])
@@ -77,12 +77,12 @@ def test_arrays_are_read_only_copies():
         placement.t[0] = 1.0
 
 
-def test_wrong_shape_is_refused():
+def test_arrays_of_wrong_shape_are_refused():
     with pytest.raises(ValueError, match=r"expected an array of shape \(3,\), got \(2,\)"):
         Placement(np.eye(3), np.zeros(2))
 
 
 @pytest.mark.parametrize("xyzw", [(0, 0, 0, 0), (math.nan, 0, 0, 1)])
-def test_no_rotation_from_a_broken_quaternion(xyzw):
+def test_an_invalid_quaternion_is_refused(xyzw):
     with pytest.raises(ValueError, match="expected a quaternion"):
         Placement.from_quaternion((0, 0, 0), xyzw)

@@ -19,7 +19,7 @@ directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: math.hypot(*d) 
 
 
 def support(shape, direction):
-    """The shape's farthest point along a direction, written down without ``core``."""
+    """Return the distance of the shape's farthest point along a direction, without ``core``."""
     d = np.array(direction) / math.hypot(*direction)
     flat = math.hypot(d[0], d[1])
     match shape:
@@ -34,7 +34,7 @@ def support(shape, direction):
 
 
 @given(shapes, directions)
-def test_core_holds_the_shape(shape, direction):
+def test_the_core_contains_the_shape(shape, direction):
     d = np.array(direction) / math.hypot(*direction)
     by_core = max(float(np.dot(point, d)) for point in shape.core) + shape.core_radius
     assert by_core >= support(shape, direction) - 1e-12
@@ -43,7 +43,7 @@ def test_core_holds_the_shape(shape, direction):
 
 
 @given(shapes, directions)
-def test_bounding_ball_holds_the_shape(shape, direction):
+def test_the_bounding_ball_contains_the_shape(shape, direction):
     assert shape.bounding_radius >= support(shape, direction) - 1e-12
 
 
@@ -56,12 +56,12 @@ def test_bounding_ball_holds_the_shape(shape, direction):
         (Box(0.2, 0.4, 0.4), 0.3),
     ],
 )
-def test_bounding_radius_is_the_smallest(shape, farthest):
+def test_the_bounding_radius_is_the_smallest_one(shape, farthest):
     assert shape.bounding_radius == pytest.approx(farthest)
 
 
 @given(shapes)
-def test_there_and_back_by_kind_and_size(shape):
+def test_kind_and_size_give_the_same_shape(shape):
     assert shape_from(shape.kind, shape.size) == shape
 
 
@@ -71,7 +71,7 @@ def test_sizes_must_be_positive_numbers(size):
         Capsule(0.1, size)
 
 
-def test_unknown_kind_and_wrong_count():
+def test_unknown_kinds_and_wrong_numbers_of_sizes_are_refused():
     with pytest.raises(
         ModelError, match="unknown shape 'prism'; expected one of sphere, capsule, cylinder, box, cone"
     ):

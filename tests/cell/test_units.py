@@ -27,14 +27,14 @@ from armgate.cell.config.units import quantity, to_si
         (-0.5, "angle", -0.5),
     ],
 )
-def test_read(given, dimension, value):
+def test_numbers_and_texts_are_read(given, dimension, value):
     assert to_si(given, dimension) == pytest.approx(value, rel=1e-15)
 
 
 @pytest.mark.parametrize(
     "given", [True, None, [1.0], {}, "", "deg", "1", "1 2 m", "one m", "1 m/s3", "1 deg/m"]
 )
-def test_what_is_no_quantity(given):
+def test_invalid_quantities_are_refused(given):
     with pytest.raises(ValueError, match="expected"):
         quantity(given)
 
@@ -46,12 +46,12 @@ def test_unknown_units_are_listed(given):
 
 
 @pytest.mark.parametrize("given", [math.nan, math.inf, -math.inf, "1e999 m"])
-def test_not_finite(given):
+def test_numbers_that_are_not_finite_are_refused(given):
     with pytest.raises(ValueError, match="is not finite; expected a finite number"):
         quantity(given)
 
 
-def test_the_wrong_dimension_names_the_right_units():
+def test_a_wrong_dimension_is_refused_with_the_right_units():
     with pytest.raises(
         ValueError, match=r"'3 deg' is not a length; expected a number or a unit of m, cm or mm"
     ):
@@ -67,12 +67,12 @@ def test_a_bare_number_fits_every_dimension():
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_si_units_change_nothing(value):
+def test_si_units_keep_the_value(value):
     assert to_si(f"{value!r} rad", "angle") == value
     assert to_si(value, "time") == value
 
 
-def test_reading_twice_changes_nothing():
+def test_reading_twice_gives_the_same_quantity():
     read = quantity("3 mm")
     assert quantity(read) is read
     assert read.given == "3 mm"

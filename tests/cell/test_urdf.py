@@ -19,7 +19,7 @@ def body(geometry: str, name: str = "", origin: str = "") -> str:
     return f"<collision{name}>{origin}<geometry>{geometry}</geometry></collision>"
 
 
-def test_reads_joints():
+def test_joints_are_read():
     urdf = read_urdf(robot())
     (joint,) = urdf.joints
     assert (urdf.name, urdf.root, urdf.links) == ("r", "a", ("a", "b"))
@@ -38,7 +38,7 @@ def test_reads_joints():
         ('<box size="1 2 3"/>', Box(1, 2, 3)),
     ],
 )
-def test_reads_bodies(geometry, shape):
+def test_bodies_are_read(geometry, shape):
     (found,) = read_urdf(robot(body=body(geometry, origin='<origin xyz="0 1 0"/>'))).bodies
     assert (found.name, found.link, found.shape) == ("a", "a", shape)
     assert np.allclose(found.placement.t, [0, 1, 0])
@@ -50,7 +50,7 @@ def test_bodies_are_named_by_collision_or_link():
     assert [found.name for found in read_urdf(text).bodies] == ["a", "own", "a_3"]
 
 
-def test_only_kinematics_is_left_for_other_parsers():
+def test_kinematics_only_removes_everything_else():
     clutter = "<visual/><inertial/>"
     text = robot(
         JOINT.replace(' effort="9"', ""), body('<capsule radius="1" length="1"/>') + clutter, "<gazebo/>"
@@ -104,7 +104,7 @@ def joint(kind: str = "revolute", inner: str = '<limit lower="-1" upper="1" velo
         (robot(body=body('<sphere radius="1"/>', ' name="x"') * 2), "body 'x' occurs twice"),
     ],
 )
-def test_refused_by_name(text, message):
+def test_errors_are_reported_by_name(text, message):
     with pytest.raises(ModelError) as caught:
         read_urdf(text)
     assert message in str(caught.value)
@@ -126,5 +126,5 @@ def test_loops_are_refused():
         read_urdf(robot(more=aside))
 
 
-def test_parse_xml_gives_the_robot():
+def test_parse_xml_returns_the_robot():
     assert parse_xml(robot()).get("name") == "r"

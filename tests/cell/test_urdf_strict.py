@@ -1,4 +1,4 @@
-"""Robot descriptions: what is not read is refused by name and line, all findings of a run together."""
+"""Tests of strict reading of robot descriptions: unknown content, errors reported together, warnings."""
 
 import os
 import re
@@ -23,7 +23,7 @@ LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 
 
 def urdf(base=BOX, arm=BOX, joint=LIMIT, more="", attributes="", kind="revolute"):
-    """Line 1: the robot; 2: base; 3: arm; 4: tool0; 5: joint J; 6: its mount; 7: more."""
+    """Return a URDF with lines 1: robot, 2: base, 3: arm, 4: tool0, 5: joint J, 6: its mount, 7: more."""
     return f"""<robot name="r" {attributes}>
 <link name="base">{base}</link>
 <link name="arm">{arm}</link>
@@ -97,7 +97,7 @@ ORIGIN = BOX.replace("<geometry>", "<origin {}/><geometry>")
         ('<!DOCTYPE robot [<!ENTITY a "b">]>' + urdf(), "a document type or entities are not allowed"),
     ],
 )  # fmt: skip
-def test_what_is_not_read_is_refused_by_name_and_line(text, message):
+def test_unknown_content_is_refused_by_name_and_line(text, message):
     with pytest.raises(ModelError, match=re.escape(message)):
         read_urdf(text)
 
@@ -108,7 +108,7 @@ def test_joints_of_other_kinds_are_refused_by_name(kind):
         read_urdf(urdf(kind=kind))
 
 
-def test_what_is_ignored_knowingly_changes_nothing():
+def test_ignored_content_changes_nothing():
     ignored = {
         tag: "".join(f"<{child}><any thing='1'>text</any></{child}>" for child in form.ignored)
         for tag, form in FORMS.items()
@@ -122,7 +122,7 @@ def test_what_is_ignored_knowingly_changes_nothing():
     assert repr(read_urdf(text)) == repr(read_urdf(urdf()))
 
 
-def test_the_documentation_lists_what_is_ignored():
+def test_the_documentation_lists_the_ignored_content():
     page = (Path(__file__).parents[2] / "docs" / "configuration.md").read_text()
     table = page.partition("#### What is ignored in a URDF\n")[2].partition("\n#")[0]
     for tag, form in FORMS.items():
@@ -133,7 +133,7 @@ def test_the_documentation_lists_what_is_ignored():
 # --- read ---------------------------------------------------------------------------------------------------
 
 
-def test_quaternions_of_collisions_and_joints_are_followed():
+def test_quaternions_of_collisions_and_joints_are_read():
     rng = np.random.default_rng(0)
     for _ in range(20):
         place = Placement.from_quaternion((0.1, 0.2, 0.3), rng.normal(size=4))
@@ -150,7 +150,7 @@ def test_quaternions_of_collisions_and_joints_are_followed():
         assert np.allclose(model.frame([0.0], "arm").R, place.R, atol=1e-14)
 
 
-def test_every_rotation_has_its_rpy():
+def test_rpy_of_a_rotation_gives_the_rotation_back():
     rng = np.random.default_rng(1)
     steep = [(0.3, s * np.pi / 2, 0.4) for s in (-1, 1)] + [
         (0.3, np.pi / 2 - 10.0**-k, 1) for k in range(6, 12)
@@ -172,7 +172,7 @@ def test_every_rotation_has_its_rpy():
         ("", {"J": {"deceleration": None}}, (8.0, np.inf)),
     ],
 )
-def test_accelerations_of_a_urdf_count(tmp_path, limits, joints, found):
+def test_accelerations_of_the_urdf_are_bounds(tmp_path, limits, joints, found):
     text = urdf(joint=LIMIT.replace("effort", f"{limits} effort"))
     robot = cell_of(tmp_path, text, joints=joints).robots[0]
     assert (robot.acceleration[0], robot.deceleration[0]) == found
@@ -185,14 +185,14 @@ def test_accelerations_looser_than_the_urdfs_are_refused(tmp_path, own):
         cell_of(tmp_path, text, joints={"J": own})
 
 
-def test_links_may_use_the_same_name_for_a_collision(tmp_path):
+def test_several_links_may_use_the_same_name_for_a_collision(tmp_path):
     named = BOX.replace("<collision>", '<collision name="hull">')
     cell = cell_of(tmp_path, urdf(named, named + BOX), ignore_pairs=[["arm.hull", "post"]])
     assert [body.name for body in cell.bodies] == ["R/base.hull", "R/arm.hull", "R/arm_2", "post"]
     assert [cell.bodies[pair.a].name for pair in cell.pairs] == ["R/arm_2"]
 
 
-def test_a_nameless_collision_gives_way_to_a_name_that_is_given(tmp_path):
+def test_the_default_name_of_a_collision_avoids_given_names(tmp_path):
     named = BOX.replace("<collision>", '<collision name="{}">')
     cell = cell_of(tmp_path, urdf("", named.format("arm_2") + BOX + named.format("arm")))
     assert [body.name for body in cell.bodies] == ["R/arm_2", "R/arm_2_", "R/arm", "post"]
@@ -201,7 +201,7 @@ def test_a_nameless_collision_gives_way_to_a_name_that_is_given(tmp_path):
 # --- together, and before anything slow ---------------------------------------------------------------------
 
 
-def test_all_findings_come_together_before_a_mesh_is_cut(tmp_path, monkeypatch):
+def test_all_errors_are_reported_together_before_a_mesh_is_cut(tmp_path, monkeypatch):
     from armgate.cell.mesh import convex_parts
 
     def never(*_):
@@ -237,7 +237,7 @@ def test_all_findings_come_together_before_a_mesh_is_cut(tmp_path, monkeypatch):
     assert len(str(error.value).splitlines()) == 3
 
 
-def test_many_findings_are_counted(tmp_path):
+def test_more_than_ten_errors_are_counted(tmp_path):
     many = "".join(f"<a{i}/>" for i in range(30))
     with pytest.raises(ConfigError) as error:
         cell_of(tmp_path, urdf(more=many))
@@ -250,7 +250,7 @@ def test_many_findings_are_counted(tmp_path):
 VISUAL = BOX.replace("collision", "visual")
 
 
-def test_parts_that_nothing_guards_are_named(tmp_path):
+def test_parts_without_collision_bodies_give_warnings(tmp_path):
     assert cell_warnings(cell_of(tmp_path, urdf())) == []
     (seen, still) = (
         cell_warnings(cell_of(tmp_path, urdf(arm=VISUAL))),
@@ -265,12 +265,12 @@ def test_parts_that_nothing_guards_are_named(tmp_path):
     assert "R: joint J has a jerk limit, which the gate ignores" in jerk
 
 
-def test_a_cell_without_pairs_says_so(tmp_path):
+def test_a_cell_without_pairs_gives_a_warning(tmp_path):
     (text,) = cell_warnings(cell_of(tmp_path, urdf(), post=False))
     assert "no pair of bodies must stay apart" in text
 
 
-def test_lines_are_those_of_the_file():
+def test_line_numbers_are_those_of_the_file():
     root = parse_xml(urdf())
     assert [element.line for element in root] == [2, 3, 4, 5, 6]
     assert read_robot(root).root == "base"
@@ -314,7 +314,7 @@ def test_pipes_are_refused_as_a_urdf(tmp_path):
         ("package://../x.stl", "package '..' is not known"),
     ],
 )
-def test_file_names_of_meshes_that_no_file_can_have(tmp_path, name, reason):
+def test_impossible_file_names_of_meshes_are_refused(tmp_path, name, reason):
     arm = BOX.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{name}"/>')
     with pytest.raises(ConfigError, match=re.escape(reason)) as caught:
         cell_of(tmp_path, urdf(arm=arm))
@@ -329,7 +329,7 @@ def test_descriptions_with_too_many_elements_are_refused_at_once(tmp_path):
     assert len(str(caught.value)) < 500
 
 
-def test_a_robot_moves_as_many_joints_as_the_protocol_describes():
+def test_a_robot_has_at_most_as_many_moving_joints_as_the_protocol_describes():
     chain = "".join(
         f'<link name="l{number}"/><joint name="j{number}" type="revolute"><parent link="base"/>'
         f'<child link="l{number}"/>{LIMIT}</joint>'
@@ -346,6 +346,6 @@ def test_convex_bodies_with_too_many_corners_are_refused():
         read_urdf(urdf(arm=convex))
 
 
-def test_options_of_meshes_name_bodies_even_if_there_is_no_mesh(tmp_path):
+def test_mesh_options_for_unknown_bodies_are_refused_without_meshes_too(tmp_path):
     with pytest.raises(ConfigError, match=r"meshes.bodies names 'elbow', but the URDF has no such link"):
         cell_of(tmp_path, urdf(), meshes={"bodies": {"elbow": {"method": "hull"}}})

@@ -37,7 +37,7 @@ def test_mappings_merge_and_everything_else_is_replaced(write):
     assert tree.locate(("m", "b", "d")).file == above
 
 
-def test_values_know_their_lines(write):
+def test_values_keep_their_lines(write):
     path = write("a.yaml", "a:\n  b:\n    - 1\n    - c: 2\n  d: 3\n")
     tree = read_tree([path])
     lines = [tree.locate(p).line for p in (("a",), ("a", "b"), ("a", "b", 0), ("a", "b", 1, "c"), ("a", "d"))]
@@ -82,7 +82,7 @@ BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}
         ('a: 1\n"\\uD800": 1\n', 2, "the character '\\ud800' is not allowed; remove it"),
     ],
 )
-def test_refused_with_file_and_line(write, text, line, message):
+def test_errors_give_file_and_line(write, text, line, message):
     path = write("bad.yaml", text)
     with pytest.raises(ConfigError) as caught:
         read_tree([path])
@@ -91,7 +91,7 @@ def test_refused_with_file_and_line(write, text, line, message):
     assert (caught.value.file, caught.value.line) == (path, line)
 
 
-def test_files_that_cannot_be_read(tmp_path, write):
+def test_files_that_cannot_be_read_are_refused(tmp_path, write):
     with pytest.raises(ConfigError, match=r"nope\.yaml: cannot be read: No such file"):
         read_tree([tmp_path / "nope.yaml"])
     with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
@@ -102,14 +102,14 @@ def test_files_that_cannot_be_read(tmp_path, write):
         read_tree([write("big.yaml", b"#" * (MAX_BYTES + 1))])
 
 
-def test_the_second_file_is_named(write):
+def test_an_error_in_the_second_file_names_it(write):
     good, bad = write("a.yaml", "a: 1\n"), write("b.yaml", "b: 1\nb: 2\n")
     with pytest.raises(ConfigError) as caught:
         read_tree([good, bad])
     assert caught.value.file == bad
 
 
-def test_explicit_tags_that_fit_are_read(write):
+def test_values_that_fit_their_explicit_tags_are_read(write):
     text = "a: !!str 1\nb: !!int 2\nc: !!float 1.5\nd: !!map {e: !!seq [1]}\nf: !!null\n"
     assert read_tree([write("a.yaml", text)]).plain() == {
         "a": "1", "b": 2, "c": 1.5, "d": {"e": (1,)}, "f": None,

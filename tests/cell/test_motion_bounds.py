@@ -22,7 +22,7 @@ AXES = ("0 0 1", "1 0.5 0", "0 1 0", "0 0 -1", "1 1 1")
 
 
 def mixed() -> RobotModel:
-    """Revolute and prismatic joints in turn, skew axes, one of every shape."""
+    """Robot with alternating revolute and prismatic joints, skew axes, and one body of every shape."""
     links = '<link name="l0"/>' + "".join(LINK.format(f"l{i + 1}", shape) for i, shape in enumerate(SHAPES))
     joints = "".join(
         f'<joint name="J{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
@@ -39,7 +39,7 @@ def models(demo, planar):
 
 
 def surface(shape, rng):
-    """A point at the far side of the shape, in a random direction."""
+    """Return the farthest point of the shape in a random direction."""
     d = rng.normal(size=3)
     d /= np.linalg.norm(d)
     if isinstance(shape, Sphere):
@@ -53,7 +53,7 @@ def surface(shape, rng):
 
 
 def sampled(model, rng):
-    """Random positions (ends of the travel among them), each with a point per body."""
+    """Yield random positions (ends of the travel among them), each with a point for each body."""
     for _ in range(300):
         q = rng.uniform(model.lower, model.upper)
         at_end = rng.random(model.n) < 0.3
@@ -73,7 +73,7 @@ def test_no_point_moves_faster_than_its_bound(models):
             speed = np.linalg.norm(model.point_jacobian(q, body.joint, point), axis=0)
             assert (speed <= R[b] + 1e-9).all()
             best[b] = np.maximum(best[b], speed)
-        # Not too loose either: many bounds are nearly reached.
+        # The bounds are not too loose: many are nearly reached.
         assert np.mean(best[R > 0] / R[R > 0]) > 0.7
 
 
@@ -106,13 +106,13 @@ def test_no_point_bends_more_than_its_bound(models):
 
 
 def _slopes(model, q, q0, b, body, point):
-    """Speed per joint at q of the body's point that is at ``point`` at q0."""
+    """Return the speed per joint at q of the body's point that is at ``point`` at q0."""
     (R0, t0), (R, t) = model.body_placements(q0), model.body_placements(q)
     local = R0[b].T @ (point - t0[b])
     return model.point_jacobian(q, body.joint, R[b] @ local + t[b])
 
 
-def test_zero_where_a_joint_does_not_move_a_body(models):
+def test_the_bound_is_zero_if_a_joint_does_not_move_a_body(models):
     for model in models:
         R, G = motion_bounds(model), bend_bounds(model)
         assert not R[~model.chain].any()
@@ -121,13 +121,13 @@ def test_zero_where_a_joint_does_not_move_a_body(models):
             assert not G[b][~model.chain[b]].any()
 
 
-def test_prismatic_joints_bend_nothing_in_front_of_them(demo):
+def test_bend_bounds_of_prismatic_joints_in_front_are_zero(demo):
     R, G = motion_bounds(demo.robot("GR").model), bend_bounds(demo.robot("GR").model)
     assert (R[demo.robot("GR").model.chain[:, 0], 0] == 1.0).all()
     assert not G[:, :3].any()
 
 
-def test_a_prismatic_joint_behind_a_revolute_one_bends_by_one():
+def test_the_bend_bound_of_a_prismatic_joint_behind_a_revolute_one_is_one():
     G = bend_bounds(mixed())
     assert G[4, 0, 1] == G[4, 1, 0] == 1.0
     assert G[4, 1, 1] == 0.0
@@ -138,7 +138,7 @@ def test_a_straight_planar_arm_reaches_its_bounds(planar):
     assert R[3] == pytest.approx([1.2, 0.7, 0.3])
 
 
-def test_travel_outside_of_the_limits_can_be_counted():
+def test_travel_outside_the_limits_can_be_included():
     model = mixed()
     wider = motion_bounds(model, upper=model.upper + np.array([0, 1.0, 0, 0, 0]), lower=model.lower - 1.0)
     assert (wider >= motion_bounds(model)).all()
