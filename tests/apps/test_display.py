@@ -39,7 +39,7 @@ def test_the_picture_shows_robots_camera_path_and_warnings(
     state = make_state(48, angle=0.31, distance=-0.0042, progress=0.42, **more)
     shown = text_of(picture(seen_of(make_state(0), state), description, 1.0))
     for expected in (
-        "demo", "0.6 s by the clock", "1.0 × real time", "FR", "GR", "48", "follower",
+        "demo", "0.6 s by the wall clock", "1.0 × real time", "FR", "GR", "48", "follower",
         "28.6  -57.3°", "2.930 m", "FR refused: too near",
         "41", "5", "2", "400 mm", "FR/link_5 – GR/link_6", "+0.31°", "± 1°", "-4.2 mm", "± 20 mm", "300 mm",
         "42 %", "! engine gap",
@@ -117,7 +117,7 @@ def test_the_summary_says_what_holds(make_state: Make) -> None:
     assert shown.count("does not hold") == 1
     assert "ended early" in shown
     short = compute(seen_of(make_state(0)), 0.05, 0.0, False)
-    assert text_of(summary(short, Path("runs/x"), [])).count("too short to tell") == 2
+    assert text_of(summary(short, Path("runs/x"), [])).count("too short to decide") == 2
 
 
 def test_the_summary_names_reasons_and_missed_states(make_state: Make) -> None:

@@ -114,7 +114,7 @@ def test_a_dash_is_straight_and_as_long_as_wanted(scene: Scene) -> None:
     assert np.linalg.norm(end - begin) == pytest.approx(2.5)
     steps = np.linalg.norm(np.diff(straight(begin, end, 0.5, T), axis=0), axis=1)
     np.testing.assert_allclose(steps, 0.5 * T, rtol=0.01)
-    with pytest.raises(ValueError, match="no straight way of 9 m"):
+    with pytest.raises(ValueError, match="no straight line of 9 m"):
         dash(end, 3, 9.0, low, high)
 
 
@@ -266,8 +266,8 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
         (None, "m", "–"),
     ],
 )
-def test_figures_are_told_in_three_digits(value: float | None, unit: str, told: str) -> None:
-    assert Claim("it", "", value, unit, None).told == told
+def test_figures_have_three_digits(value: float | None, unit: str, told: str) -> None:
+    assert Claim("it", "", value, unit, None).text == told
 
 
 def test_a_beginning_does_not_hide_what_comes(tmp_path: Path) -> None:
@@ -277,7 +277,7 @@ def test_a_beginning_does_not_hide_what_comes(tmp_path: Path) -> None:
     figure, axes = plt.subplots()
     _enlarge(axes, run | {"angle_error_rad": angle})
     assert axes.get_ylim()[1] == pytest.approx(0.07)
-    assert [text.get_text() for text in axes.texts] == ["at first up to 7.0°"]
+    assert [text.get_text() for text in axes.texts] == ["initially up to 7.0°"]
     plt.close(figure)
 
 
@@ -324,5 +324,5 @@ def test_what_was_run_is_evaluated_however_it_ends(
     found = json.loads((tmp_path / "zoom" / "metrics.json").read_text())
     assert [one["seed"] for one in found["entries"]] == [first]
     assert found["aggregate"]["zoom"]["runs"] == 1
-    assert f"Not all was run:</b> {ended}" in (tmp_path / "zoom" / "report.html").read_text()
+    assert f"Incomplete:</b> {ended}" in (tmp_path / "zoom" / "report.html").read_text()
     assert not (tmp_path / "tracking").exists()

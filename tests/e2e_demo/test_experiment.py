@@ -63,7 +63,7 @@ def test_tracking(tmp_path: Path) -> None:
     assert 0.0 < predicted["moving_rms_deg"] < slow["moving_rms_deg"] / 3.0
     assert holding(found, "0.25 m/s, no lag, without prediction: angle") is True
     assert holding(found, "0.25 m/s: RMS") is True
-    assert holding(found, "too late") is True
+    assert holding(found, "late commands") is True
     folder = tmp_path / "run" / "tracking" / "slow-7"
     assert {"path.csv", "overlay.yaml", "series.csv", "metrics.json", "logs"} <= {
         file.name for file in folder.iterdir()
@@ -111,7 +111,7 @@ def test_ctrl_c_leaves_what_was_run(tmp_path: Path) -> None:
     assert "claim" in told
     found = json.loads((tmp_path / "run" / "tracking" / "metrics.json").read_text())
     assert [entry["case"] for entry in found["entries"]] == ["slow"]
-    assert "Not all was run" in (tmp_path / "run" / "tracking" / "report.html").read_text()
+    assert "Incomplete" in (tmp_path / "run" / "tracking" / "report.html").read_text()
 
 
 @pytest.fixture

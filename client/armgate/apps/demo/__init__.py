@@ -1,1 +1,1 @@
-"""``armgate demo``: the whole stack on one machine, watched, measured and drawn."""
+"""``armgate demo``: the whole stack on one machine, observed, measured and plotted."""

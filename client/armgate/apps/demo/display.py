@@ -1,4 +1,4 @@
-"""The live picture of a run in the terminal, drawn from what was observed, and the same in one line."""
+"""Live display of a run in the terminal, and the same as one line of text."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -18,31 +18,31 @@ from armgate.cell.escaping import printable
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31
-"""Width of a gauge in characters; odd, so that zero has a place of its own."""
+"""Width of a gauge, characters; odd, so that zero has a place of its own."""
 LINE_EVERY = 1.0
-"""Daemon time between two plain lines, s; in lock-step they come as much faster as the run is."""
+"""Daemon time between two lines of text, s."""
 
 
 def picture(seen: Observation, cell: Description, factor: float | None) -> RenderableType:
-    """The whole display.
+    """Return the whole display.
 
     Args:
-        seen: What was observed so far.
-        cell: The cell's description: units of the joints, distances kept.
-        factor: How much faster than the clock the run goes, None if not known yet.
+        seen: Observation so far.
+        cell: Description of the cell: units of the joints, margins.
+        factor: Speed of the run as a multiple of real time; None while unknown.
     """
     parts: list[RenderableType] = [
-        _robots(seen, cell), Text(), _gate(seen), *_bound(seen), Text(), _camera(seen), _path(seen),
+        _robots(seen, cell), Text(), _gate(seen), *_reasons(seen), Text(), _camera(seen), _path(seen),
     ]  # fmt: skip
     parts += [Text(f"! {printable(text)}", style="yellow") for text in seen.warnings[-3:]]
-    mode = "lock-step" if cell.lockstep else "by the clock"
+    mode = "lock-step" if cell.lockstep else "by the wall clock"
     speed = "" if factor is None else f" · {factor:.1f} × real time"
     title = Text(f"armgate · {printable(cell.name)} · {seen.elapsed:.1f} s {mode}{speed}")
     return Panel(Group(*parts), title=title, title_align="left", border_style="cyan", padding=(0, 1))
 
 
 def line(seen: Observation) -> str:
-    """The run in one line, for logs and pipes."""
+    """Return the run as one line, for logs and pipes."""
     angle, distance = seen.scalar("follow.angle_error"), seen.scalar("follow.distance_error")
     progress = seen.scalar("lead.progress")
     words = [
@@ -67,7 +67,7 @@ def _robots(seen: Observation, cell: Description) -> Table:
 
 
 def _gate(seen: Observation) -> Table:
-    """What the gate made of the commands, and what is nearest: a table of its own, to fit 80 columns."""
+    """Return the gate's verdicts and the nearest pairs, as a table of its own that fits into 80 columns."""
     table = _table("robot", "admitted", "limited", "refused", "nearest now")
     for entry in seen.entries:
         table.add_row(Text(entry.robot, style="bold"), *_counts(entry), _nearest(entry.nearest or ()))
@@ -82,7 +82,7 @@ def _table(*columns: str) -> Table:
 
 
 def _position(q: Sequence[float], units: Sequence[str]) -> str:
-    """Lengths in one line, angles in the next."""
+    """Return lengths in one line, angles in the next."""
     lengths = [f"{x:6.3f}" for x, unit in zip(q, units, strict=False) if unit == "m"]
     angles = [f"{math.degrees(x):6.1f}" for x, unit in zip(q, units, strict=False) if unit == "rad"]
     lines = [" ".join(lengths) + " m"] if lengths else []
@@ -90,7 +90,7 @@ def _position(q: Sequence[float], units: Sequence[str]) -> str:
 
 
 def tally(entry: Entry) -> tuple[int, int, int]:
-    """How many commands of a robot were admitted, limited and refused."""
+    """Return the numbers of admitted, limited and refused commands of a robot."""
     sums = {"admitted": 0, "limited": 0, "refused": 0}
     for key, number in (entry.counts or {}).items():
         sums[key.partition(":")[0]] += number
@@ -110,7 +110,7 @@ def _counts(entry: Entry) -> list[Text]:
 
 
 def _nearest(near: Sequence[Nearest]) -> Text:
-    """The nearest pair with something else; within the robot itself only where the others are not told."""
+    """Return the nearest pair of different owners; a pair within the robot only if there is no other."""
     if not near:
         return Text("–", style="dim")
     nearest = min(near, key=lambda pair: (same_robot(pair.pair), pair.distance))
@@ -120,8 +120,8 @@ def _nearest(near: Sequence[Nearest]) -> Text:
     return Text.assemble((_millimetres(nearest.distance), style), f"  {a} – {b}")
 
 
-def _bound(seen: Observation) -> list[Text]:
-    """What bound the newest command of a robot, in words."""
+def _reasons(seen: Observation) -> list[Text]:
+    """Return the reasons that limited or refused the newest command of each robot."""
     return [
         Text(
             printable(f"{entry.robot} {entry.verdict.outcome}: {entry.verdict.text or entry.verdict.cause}"),
@@ -148,7 +148,7 @@ def _pair(seen: Observation) -> Text:
 
 
 def _gauge(value: float | None, band: float, unit: str, digits: int) -> tuple[Text, Text]:
-    """A number, and a mark on a scale of twice the band to both sides."""
+    """Return a number, and a mark on a scale of twice the band to both sides."""
     if value is None:
         return Text("–", style="dim"), Text("")
     style = "green" if abs(value) <= band else "red"
@@ -179,7 +179,7 @@ def _millimetres(metres: float | None) -> str:
 
 @contextmanager
 def screen(terminal: bool, console: Console | None = None) -> Iterator[Callable[[Watch], None]]:
-    """A function that shows the run as it is now; whoever watches calls it as often as it shall be fresh."""
+    """Yield a function that shows the run: as a live display in a terminal, otherwise as lines."""
     console = console or Console(highlight=False)
     if not terminal:
         yield Lines(console).show
@@ -194,14 +194,14 @@ def _picture(watch: Watch) -> RenderableType:
 
 
 class Lines:
-    """Prints a line whenever a second of daemon time has passed."""
+    """Display that prints a line after each second of daemon time."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._due = 0.0
 
     def show(self, watch: Watch) -> None:
-        """Prints the run's line if one is due."""
+        """Print a line if one is due."""
         with watch.lock:
             if watch.seen.state is None or watch.seen.elapsed < self._due:
                 return

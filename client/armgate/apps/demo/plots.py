@@ -1,4 +1,4 @@
-"""The figures of a run as PNG: what the paper plots, with the bands that it promises."""
+"""Plots of a run as PNG: the paper's plots, with the error bands of the claims."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,15 +20,15 @@ _STYLE = {
 
 
 def draw(series: Mapping[str, Array], metrics: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Draws all figures of a run.
+    """Draw all plots of a run.
 
     Args:
         series: Columns of the observation by name.
         metrics: The content of ``metrics.json``.
-        folder: Where the pictures go.
+        folder: Folder for the pictures.
 
     Returns:
-        The pictures written; none for an empty series.
+        The pictures that were written; none for an empty series.
     """
     if not len(series["time_s"]):
         return []
@@ -56,7 +56,7 @@ def _figure(file: Path, paint: Any, series: Mapping[str, Array], metrics: Mappin
 
 
 def _shade_transient(axes: Any, series: Mapping[str, Array], metrics: Mapping[str, Any]) -> None:
-    """Greys out the approach, which the bands do not speak of."""
+    """Shade the transient, to which the bands do not apply."""
     end = metrics["transient_s"]
     until = float(series["time_s"][-1]) if end is None else end
     axes.axvspan(float(series["time_s"][0]), until, color=_SHADE, alpha=0.18, lw=0, label="approach")
@@ -69,7 +69,7 @@ def _band(axes: Any, low: float, high: float, label: str) -> None:
 
 
 def _focus_on(axes: Any, values: Array, after: NDArray[np.bool_], band: float, lowest: float) -> None:
-    """Scales the axis for what comes after the approach: its beginning may leave the picture at the top."""
+    """Scale the axis for the time after the transient, which may leave the picture at the top."""
     settled = values[after & np.isfinite(values)]
     reach = max(1.6 * band, 1.15 * float(np.max(np.abs(settled), initial=0.0)))
     axes.set_ylim(lowest * reach, reach)
@@ -118,8 +118,8 @@ def _clearance(axes: Any, series: Mapping[str, Array], metrics: Mapping[str, Any
     axes.plot(series["time_s"], 1000 * series["clearance_m"], color=_INK, label="nearest pair")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("clearance [mm]")
-    told = "" if least is None else f" — at least {1000 * least:.0f} mm"
-    axes.set_title(f"Certified clearance between robots and to the surroundings{told}")
+    least_text = "" if least is None else f" — at least {1000 * least:.0f} mm"
+    axes.set_title(f"Certified clearance between robots and to the surroundings{least_text}")
     axes.legend(loc="upper right", ncols=2)
 
 

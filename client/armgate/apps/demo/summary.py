@@ -1,4 +1,4 @@
-"""What a run says for itself at its end."""
+"""Summary of a run, printed at its end."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,15 +13,15 @@ from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 _VERDICT = {
     True: ("holds", "bold green"),
     False: ("does not hold", "bold red"),
-    None: ("too short to tell", "yellow"),
+    None: ("too short to decide", "yellow"),
 }
 
 
 def summary(metrics: Mapping[str, Any], folder: Path, pictures: Sequence[Path]) -> RenderableType:
-    """The promises with their figures, the verdicts, and where everything was written."""
+    """Return the demo's claims with their figures, the verdicts, and the location of the files."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    for claim, kept, figure in _claims(metrics):
-        table.add_row(claim, Text(*_VERDICT[kept]), figure)
+    for claim, holds, figure in _claims(metrics):
+        table.add_row(claim, Text(*_VERDICT[holds]), figure)
     robots = [
         Text(f"{robot}: {_sentence(verdicts, metrics['ticks'][robot])}")
         for robot, verdicts in metrics["verdicts"].items()
@@ -30,8 +30,8 @@ def summary(metrics: Mapping[str, Any], folder: Path, pictures: Sequence[Path]) 
     written = (
         f"{folder}: metrics.json, series.csv, {len(pictures)} pictures, recording, configuration and logs"
     )
-    judged = [Text(f"monitor: {metrics['monitor']['summary']}")] if metrics.get("monitor") else []
-    return Group(Text(), table, *robots, *judged, _pace(metrics), *notes, Text(written, style="dim"))
+    monitor = [Text(f"monitor: {metrics['monitor']['summary']}")] if metrics.get("monitor") else []
+    return Group(Text(), table, *robots, *monitor, _pace(metrics), *notes, Text(written, style="dim"))
 
 
 def _claims(metrics: Mapping[str, Any]) -> list[tuple[str, bool | None, str]]:
@@ -75,9 +75,9 @@ def _pace(metrics: Mapping[str, Any]) -> Text:
 def _notes(metrics: Mapping[str, Any]) -> list[str]:
     notes = list(metrics["warnings"])
     if not metrics["complete"]:
-        notes.append("the run was ended early: figures are of what was seen until then")
+        notes.append("the run ended early: the figures cover only the part that was observed")
     notes += [
-        f"{number} states of {robot} came too fast to be seen here; errors in them are not in the figures"
+        f"{number} states of {robot} were not observed; the figures do not cover them"
         for robot, number in metrics["states_missed"].items()
     ]
     return notes

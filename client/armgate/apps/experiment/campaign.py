@@ -1,4 +1,4 @@
-"""Experiments one after the other: all their runs, then figures, pictures and pages."""
+"""Campaign: run experiments one after the other, then write figures, pictures and pages."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -24,12 +24,12 @@ from armgate.apps.stack.run_folder import write_metrics
 
 _WORDS = {True: ("holds", "green"), False: ("does not hold", "bold red"), None: ("–", "dim")}
 _TOGETHER = ("approach", "limit")
-"""Cases whose runs are drawn one over the other, as the paper does."""
+"""Cases whose runs are drawn in one picture, as in the paper."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to run: how many seeds (None: as the file says), and whether by the clock."""
+    """Number of seeds (None: as in the file), and True to run by the wall clock."""
 
     seeds: int | None = None
     realtime: bool = False
@@ -37,12 +37,12 @@ class Options:
 
 @dataclass
 class Course:
-    """How far one experiment came.
+    """Runs of one experiment so far.
 
     Attributes:
-        planned: How many runs there were to be.
-        entries: What they gave.
-        failed: What ended them before they were all done; None: nothing, or somebody asked to end.
+        planned: Number of planned runs.
+        entries: Figures of the finished runs.
+        failed: Error that ended the experiment early; None if it is complete or was interrupted.
     """
 
     planned: int
@@ -51,12 +51,12 @@ class Course:
 
     @property
     def complete(self) -> bool:
-        """Whether all was run."""
+        """Return True if all runs are finished."""
         return len(self.entries) == self.planned
 
     @property
     def ended(self) -> str:
-        """Why not all was run, "" where it was."""
+        """Reason why runs are missing; "" if the experiment is complete."""
         if self.complete:
             return ""
         why = "interrupted" if self.failed is None else str(self.failed)
@@ -65,13 +65,13 @@ class Course:
 
 @dataclass
 class Campaign:
-    """Some experiments in one folder. However it ends, what was run until then is evaluated and written.
+    """Experiments in one folder; finished runs are evaluated and written even after a failure.
 
     Attributes:
         scene: The cell.
-        folder: Where everything goes.
-        options: How to run.
-        found: Claims of the experiments that were run.
+        folder: Folder for all results.
+        options: Options of the campaign.
+        found: Claims of the experiments so far.
     """
 
     scene: Scene
@@ -80,7 +80,7 @@ class Campaign:
     found: dict[str, list[Claim]] = field(default_factory=dict)
 
     def run(self, setups: Mapping[str, Experiment]) -> str:
-        """Runs them; returns why it ended before all was run, "" where it did not."""
+        """Run the experiments; return the reason why runs are missing, or ""."""
         fork_server = ForkServer()
         fork_server.warm()
         course = Course(0)
@@ -106,7 +106,7 @@ class Campaign:
             self._play(name, todo, course, fork_server, bar)
         except AppError as error:
             course.failed = error
-        except KeyboardInterrupt:  # between two runs; within a run it is an event
+        except KeyboardInterrupt:  # between two runs; during a run it is an event
             pass
         self.found[name] = claims(name, course.entries)
         self._write(name, setup, course)
@@ -142,7 +142,7 @@ class Campaign:
         (folder / "report.html").write_text(text, encoding="utf-8")
 
     def tables(self) -> list[Table]:
-        """The claims, for a terminal."""
+        """Return the claims as tables for a terminal."""
         return [_table(name, rows) for name, rows in self.found.items()]
 
 
@@ -159,7 +159,7 @@ def _pictures(folder: Path, entries: Sequence[Mapping[str, Any]]) -> list[tuple[
 
 
 def read_series(folder: Path) -> dict[str, Array]:
-    """The columns of a run's ``series.csv``."""
+    """Return the columns of a run's ``series.csv``."""
     with (folder / "series.csv").open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
     table = np.array(rows, dtype=float).reshape(len(rows), len(head))
@@ -171,5 +171,5 @@ def _table(name: str, rows: Sequence[Claim]) -> Table:
     for head in ("claim", "goal", "ours", ""):
         table.add_column(head, header_style="dim")
     for claim in rows:
-        table.add_row(claim.claim, claim.goal, claim.told, Text(*_WORDS[claim.holds]))
+        table.add_row(claim.claim, claim.goal, claim.text, Text(*_WORDS[claim.holds]))
     return table

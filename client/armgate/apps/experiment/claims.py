@@ -1,4 +1,4 @@
-"""The paper's claims, and what its future work promises, against the figures of all runs."""
+"""Claims of the paper and of its future work, checked against the figures of all runs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ Entry = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Claim:
-    """One row: what is claimed, its goal in words, the figure, and whether it holds (None: not tried).
+    """Claim with its goal in words, its figure, and its outcome (None: not checked).
 
     Attributes:
-        paper: What the paper reports of this, in words; "": nothing.
+        paper: Result that the paper reports, in words; "" if none.
     """
 
     claim: str
@@ -23,22 +23,22 @@ class Claim:
     paper: str = ""
 
     def row(self) -> dict[str, Any]:
-        """As it stands in ``metrics.json``."""
+        """Return the claim as in ``metrics.json``."""
         return dict(vars(self))
 
     @property
-    def told(self) -> str:
-        """The figure for people, "–" where there is none."""
+    def text(self) -> str:
+        """Figure as text, "–" without one."""
         return "–" if self.value is None else worded(self.value, self.unit)
 
 
 def digits(value: float) -> str:
-    """Three digits, and all of what stands before the point."""
+    """Return three significant digits, and all digits before the decimal point."""
     return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def worded(value: float, unit: str = "") -> str:
-    """A figure with its unit for people: three digits, lengths in mm; what is counted as it is."""
+    """Return a figure with its unit: three digits, lengths in mm; counts as integers."""
     match unit:
         case "m":
             return f"{digits(1000.0 * value)} mm"
@@ -51,13 +51,13 @@ def worded(value: float, unit: str = "") -> str:
 
 
 def claims(experiment: str, entries: Sequence[Entry]) -> list[Claim]:
-    """The claims of an experiment over its runs; ``entries`` are theirs in ``metrics.json``."""
+    """Return the claims of an experiment; ``entries`` are its runs in ``metrics.json``."""
     rows = list(_OF[experiment](entries)) if entries else []
     return [*rows, *_always(entries)]
 
 
 def at_most(claim: str, values: Iterable[float | None], bound: float, unit: str, paper: str = "") -> Claim:
-    """No value beyond a bound; a run without a value counts as beyond."""
+    """Return the claim that no value exceeds a bound; a run without a value counts as exceeding it."""
     found = list(values)
     known = [value for value in found if value is not None]
     holds = bool(found) and len(known) == len(found) and max(known) <= bound
@@ -87,8 +87,8 @@ def _always(entries: Sequence[Entry]) -> list[Claim]:
     missed = [float(sum(entry["states_missed"].values())) for entry in entries]
     return [
         near,
-        at_most("commands that came too late", late, 0.0, "commands"),
-        at_most("states that the figures lack", missed, 0.0, "states"),
+        at_most("late commands", late, 0.0, "commands"),
+        at_most("states missing in the figures", missed, 0.0, "states"),
     ]
 
 
@@ -172,7 +172,7 @@ _OF = {"tracking": _tracking, "approach": _approach, "zoom": _zoom, "collision":
 
 
 def aggregate(entries: Sequence[Entry]) -> dict[str, Any]:
-    """By case: number of runs, the worst errors and clearance, sums of verdicts, and the pace."""
+    """Return sums by case: number of runs, worst errors and clearance, verdicts, and speed."""
     return {case: _sum_up(_of(entries, case)) for case in dict.fromkeys(e["case"] for e in entries)}
 
 
@@ -199,7 +199,7 @@ def _sum_up(entries: Sequence[Entry]) -> dict[str, Any]:
 
 
 def _verdicts(entries: Sequence[Entry], outcome: str) -> dict[str, int]:
-    """By robot, how many commands."""
+    """Return the number of commands by robot."""
     found: dict[str, int] = {}
     for entry in entries:
         for robot, verdicts in entry["verdicts"].items():

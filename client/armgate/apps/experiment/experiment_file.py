@@ -1,4 +1,4 @@
-"""An experiment as its YAML file tells it: small strict models; errors name file and line."""
+"""YAML file of an experiment: small strict models; errors name file and line."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,20 +16,20 @@ Lag = Annotated[Duration, Field(ge=0.0)]
 
 
 class Box(ConfigModel):
-    """Where the leader's tool works: middle and half sides, world, m."""
+    """Region of the leader's tool: centre and half sides, world, m."""
 
     middle: Point
     half: Point
 
 
 class Common(ConfigModel):
-    """What all experiments have.
+    """Fields of all experiments.
 
     Attributes:
-        armgate: Version of this form.
-        seeds: How many leader paths or starts.
-        first_seed: The first seed; the others follow.
-        seconds: How long a run is.
+        armgate: Version of the format.
+        seeds: Number of leader paths or starts.
+        first_seed: First seed; the others follow it.
+        seconds: Length of a run.
         distance: Wanted view distance.
     """
 
@@ -41,11 +41,11 @@ class Common(ConfigModel):
 
 
 class Approach(Common):
-    """The leader rests; the follower starts far off, or at a limit of a joint.
+    """Experiment in which the leader rests, and the follower starts far off or at a joint limit.
 
     Attributes:
-        limit_share: Where in its half range a joint is in the starts at limits.
-        lag: Of the robots.
+        limit_share: Share of the half range at which a joint starts if it starts at its limit.
+        lag: Lag of the robots.
     """
 
     experiment: Literal["approach"]
@@ -54,7 +54,7 @@ class Approach(Common):
 
 
 class TrackingCase(ConfigModel):
-    """One way of following: the leader's largest speed, the robots' lag, with prediction or without."""
+    """Case of following: the leader's largest speed, the robots' lag, with or without prediction."""
 
     name: Name
     speed: Speed
@@ -63,7 +63,7 @@ class TrackingCase(ConfigModel):
 
 
 class Tracking(Common):
-    """The leader goes around as with a joystick."""
+    """Experiment in which the leader moves as driven by a joystick."""
 
     experiment: Literal["tracking"]
     box: Box
@@ -71,7 +71,7 @@ class Tracking(Common):
 
 
 class Zoom(Common):
-    """The same while an operator changes the wanted distance."""
+    """Experiment like tracking, in which an operator also changes the wanted distance."""
 
     experiment: Literal["zoom"]
     box: Box
@@ -83,7 +83,7 @@ class Zoom(Common):
 
 
 class Pursuit(ConfigModel):
-    """The leader goes for a link of the follower wherever that moves to: how often, how long, how fast."""
+    """Pursuit of a follower's link by the leader: number of seeds, duration, speeds."""
 
     seeds: Seeds
     seconds: Period
@@ -91,7 +91,7 @@ class Pursuit(ConfigModel):
 
 
 class Collision(Common):
-    """The leader dashes at the follower, whose focus stays; then it pursues it, where that is asked for."""
+    """Experiment in which the leader dashes at the follower, whose focus is fixed, or pursues it."""
 
     experiment: Literal["collision"]
     focus: Point
@@ -108,10 +108,10 @@ _KINDS: dict[str, type[Experiment]] = {
 
 
 def load_experiment(path: Path) -> Experiment:
-    """Reads an experiment's file.
+    """Read an experiment's file.
 
     Raises:
-        ConfigError: It cannot be read or is not what was expected; the text names file, line and key.
+        ConfigError: The file cannot be read or is malformed; the text names file, line and key.
     """
     tree = read_tree([path])
     plain = tree.plain()
@@ -124,6 +124,6 @@ def load_experiment(path: Path) -> Experiment:
 
 
 class Head(ConfigModel):
-    """What tells which experiment it is; asked where that cannot be told."""
+    """Head of the file, checked if the kind of the experiment is unknown."""
 
     experiment: Literal["approach", "tracking", "zoom", "collision"]

@@ -1,4 +1,4 @@
-"""What one run tells about the paper's claims, from the series that an observer saw."""
+"""Figures of one run for the paper's claims, from the observed series."""
 
 from typing import Any
 
@@ -16,13 +16,13 @@ Mask = NDArray[np.bool_]
 SETTLED = (0.1, 2e-3)
 """Angle, degrees, and distance error, m, below which an approach has settled."""
 QUIET = 2.0
-"""How long something must have been over to count no more, s."""
+"""Time after an event during which it still counts, s."""
 LAST = 1.0
-"""What counts as the end of a run, s."""
+"""Length of the end of a run, s."""
 
 
 def evaluate(trial: Trial, seen: Observation) -> dict[str, Any]:
-    """The figures of an experiment beside those of every run."""
+    """Return the figures of an experiment, in addition to those of every run."""
     series = columns(seen.rows)
     known = np.isfinite(series["angle_error_rad"])
     series = {name: column[known] for name, column in series.items()}
@@ -53,7 +53,7 @@ def _approach(series: dict[str, Array], positions: Array) -> dict[str, Any]:
 
 
 def _tour(series: dict[str, Array]) -> dict[str, Any]:
-    """The RMS angle over the same stretch whoever follows; when a transient is over depends on how well."""
+    """Return the RMS angle over a section of the path that is the same for all followers."""
     time, angle = series["time_s"], np.degrees(series["angle_error_rad"])
     moving = (time >= time[0] + QUIET) & (time <= time[-1] - LET_GO)
     return {"moving_rms_deg": float(np.sqrt(np.mean(angle[moving] ** 2))) if moving.any() else None}
@@ -90,7 +90,7 @@ def _dash(series: dict[str, Array]) -> dict[str, Any]:
 
 
 def recently(time: Array, what: Mask, within: float = QUIET) -> Mask:
-    """Where something holds or has held no longer than ``within`` s ago."""
+    """Return a mask of the times at which a condition holds or has held within the last ``within`` s."""
     last = np.maximum.accumulate(np.where(what, time, -np.inf))
     found: Mask = time - last <= within
     return found

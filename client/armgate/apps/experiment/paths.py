@@ -1,4 +1,4 @@
-"""Where the leader's tool goes: as with a joystick, or straight at the follower."""
+"""Paths of the leader's tool: as driven by a joystick, or straight at the follower."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,33 +6,33 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SMOOTH = 0.3
-"""Time constant with which the robot follows the stick, twice in a row, s."""
+"""Time constant of the two first-order lags between stick and velocity, s."""
 TURN = (0.4, 1.4)
-"""How long the stick stays where it is, s."""
+"""Time for which the stick stays at one position, s: minimum and maximum."""
 TRIES = 2_000
-"""Directions that are tried for a dash before it ends farther behind its place."""
-LET_GO = 2.0
-"""How long before the end the stick is let go, s: a path ends at rest."""
+"""Number of directions that are tried before a dash ends further behind its target."""
+RELEASE_TIME = 2.0
+"""Time before the end at which the stick is released, s: a path ends at rest."""
 FINER = 3
-"""How many steps of the hands make one sample."""
+"""Integration steps per sample."""
 FULL = 0.999
-"""Share of the largest speed that is reached: what is read from a file is rounded."""
+"""Share of the largest speed that is reached; the rest allows for rounding in the file."""
 RELEASED = 0.15
-"""How often the stick is let go."""
+"""Probability that the stick is released."""
 
 
 def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: float, period: float) -> Array:
-    """A tool's way under somebody's hands: full deflections in changing directions, with pauses.
+    """Return a tool path as driven with a joystick: full deflections in changing directions, with pauses.
 
-    Velocity follows the stick by two first-order lags, so that acceleration has no jumps. Near a side of the
-    box the stick points back inside.
+    Velocity follows the stick with two first-order lags, so that acceleration is continuous. Near a side of
+    the box the stick points inwards.
 
     Args:
-        seed: Of chance.
-        speed: Largest, m/s; it is reached.
-        middle: Of the box (3,), m; where it begins.
+        seed: Seed of the random numbers.
+        speed: Largest speed, m/s; it is reached.
+        middle: Centre of the box (3,), m; the path begins there.
         half: Half sides of the box (3,), m.
-        seconds: About how long; the way is played faster as a whole where it would not reach its speed.
+        seconds: Approximate duration; the path is scaled in time as a whole to reach its speed.
         period: Time between two samples, s.
 
     Returns:
@@ -57,11 +57,11 @@ def _under_hands(
         if k * step >= until:
             until = k * step + rng.uniform(*TURN)
             stick = _deflection(rng)
-        end = p + 2.0 * SMOOTH * v  # about where it would come to rest
+        end = p + 2.0 * SMOOTH * v  # approximate point of rest
         outside = np.abs(end - middle) > half
         stick = np.where(outside, -np.sign(end - middle) * np.maximum(np.abs(stick), 0.5), stick)
         stick = stick / max(1.0, float(np.linalg.norm(stick)))
-        if (count - k) * step < LET_GO:
+        if (count - k) * step < RELEASE_TIME:
             stick = np.zeros(3)
         command = command + share * (speed * stick - command)
         v = v + share * (command - v)
@@ -76,34 +76,34 @@ def _deflection(rng: np.random.Generator) -> Array:
     return np.asarray(u / np.linalg.norm(u), dtype=np.float64)
 
 
-def dash(place: Array, seed: int, way: float, low: Array, high: Array) -> tuple[Array, Array]:
-    """Beginning and end (3,), m, of a straight way that ends at a place, from a chance direction.
+def dash(place: Array, seed: int, length: float, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return start and end (3,), m, of a straight line to a point, from a random direction.
 
-    Where the tool cannot be as far away as that, the way goes through the place and ends behind it.
+    If the tool cannot start that far away, the line passes through the point and ends behind it.
 
     Args:
-        place: Where to (3,), m; cut to what the tool can reach.
-        seed: Of chance.
-        way: How long, m.
-        low: Where the tool can be, smallest coordinates (3,), m.
-        high: The same, largest.
+        place: Target (3,), m; clipped to the tool's region.
+        seed: Seed of the random numbers.
+        length: Length of the line, m.
+        low: Smallest coordinates of the tool (3,), m.
+        high: Largest coordinates of the tool (3,), m.
 
     Raises:
-        ValueError: No such way fits into where the tool can be.
+        ValueError: No such line fits into the tool's region.
     """
     rng = np.random.default_rng(seed)
     place = np.clip(place, low, high)
-    for beyond in np.repeat(np.linspace(0.0, 0.5 * way, 11), TRIES):
+    for beyond in np.repeat(np.linspace(0.0, 0.5 * length, 11), TRIES):
         u = rng.normal(size=3)
         u /= np.linalg.norm(u)
-        begin, end = place + (way - beyond) * u, place - beyond * u
+        begin, end = place + (length - beyond) * u, place - beyond * u
         if all(((p >= low) & (p <= high)).all() for p in (begin, end)):
             return begin, end
-    raise ValueError(f"no straight way of {way:g} m to {place} within {low} to {high}")
+    raise ValueError(f"no straight line of {length:g} m to {place} within {low} to {high}")
 
 
 def straight(begin: Array, end: Array, speed: float, period: float) -> Array:
-    """Samples (k, 3), m, of the straight way from one place to another at a speed."""
+    """Return samples (k, 3), m, of the straight line from one point to another at a speed."""
     steps = max(1, round(float(np.linalg.norm(end - begin)) / (speed * period)))
     shares = np.linspace(0.0, 1.0, steps + 1)[:, None]
     return begin + shares * (end - begin)

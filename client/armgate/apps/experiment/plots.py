@@ -1,4 +1,4 @@
-"""The paper's plots: angle error, view distance, place of the leader, and what happened when."""
+"""Plots as in the paper: angle error, view distance, leader's position, and events."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,23 +17,23 @@ _STYLE = {
     "axes.titleweight": "bold", "legend.frameon": False,
 }  # fmt: skip
 BEGINNING, LEAST_ANGLE, HIDES = 2.0, 0.05, 2.0
-"""Until when an approach may hide what comes, s; the least angle that is enlarged, degrees; by how much."""
+"""End of the initial phase, s; smallest angle that is enlarged, degrees; ratio from which it is enlarged."""
 MARKERS = (
     ("near_limit", 0.5, "joint near its limit", "#8e6bbf"),
     ("repulsion", 0.5, "repulsion", "#d9a520"),
     ("emergency", 0.5, "emergency mode", "#c0392b"),
-    ("gate_follower", 0.5, "gate bounds the follower", "#34495e"),
-    ("gate_others", 0.5, "gate bounds the leader", "#95a5a6"),
+    ("gate_follower", 0.5, "gate limits the follower", "#34495e"),
+    ("gate_others", 0.5, "gate limits the leader", "#95a5a6"),
 )
-"""Column, threshold, text and colour of what is marked under the curves."""
+"""Column, threshold, text and colour of the events that are marked below the curves."""
 
 
 def draw(file: Path, title: str, runs: Sequence[Series]) -> None:
-    """Draws one picture of one run, or of several one over the other (then without markers).
+    """Draw one picture of one run, or of several runs in one plot (then without events).
 
     Args:
         file: PNG to write.
-        title: What the picture shows.
+        title: Title of the picture.
         runs: Columns of the observation by name.
     """
     import matplotlib as mpl
@@ -68,13 +68,13 @@ def _angle(axes: Any, run: Series) -> None:
 
 
 def _enlarge(axes: Any, run: Series) -> None:
-    """The angle as it is after the beginning, where that would hide it, and in words what it was."""
+    """Scale the axis for the angle after the initial phase, and print the initial maximum as text."""
     angle = np.degrees(run["angle_error_rad"])
     later = angle[(run["time_s"] >= BEGINNING) & np.isfinite(angle)]
     top = 1.4 * max(float(later.max(initial=0.0)), LEAST_ANGLE)
     if len(later) and np.nanmax(angle) > HIDES * top:
         axes.set_ylim(top=top)
-        text = f"at first up to {np.nanmax(angle):.1f}°"
+        text = f"initially up to {np.nanmax(angle):.1f}°"
         axes.text(0.12, 0.85, text, transform=axes.transAxes, fontsize=8, color="#555")
 
 

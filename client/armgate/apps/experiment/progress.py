@@ -1,4 +1,4 @@
-"""How far the experiments are: bars in a terminal, a line a run anywhere else."""
+"""Progress of the experiments: bars in a terminal, otherwise a line per run."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -13,21 +13,21 @@ from armgate.apps.stack.run import Watch
 
 
 class Progress(Protocol):
-    """What the experiments tell."""
+    """Display of the experiments' progress."""
 
     def begin(self, name: str, runs: int) -> None:
-        """An experiment of so many runs begins."""
+        """Begin an experiment with this number of runs."""
 
     def show(self, watch: Watch) -> None:
-        """A run goes on."""
+        """Show a run in progress."""
 
     def done(self, name: str, entry: Mapping[str, Any]) -> None:
-        """A run has ended."""
+        """Show the result of a run."""
 
 
 @contextmanager
 def progress(console: Console | None = None) -> Iterator[Progress]:
-    """Bars if this is a terminal, else lines."""
+    """Yield bars in a terminal, otherwise lines."""
     console = console or Console(highlight=False)
     if not sys.stdout.isatty():
         yield Lines(console)
@@ -41,51 +41,51 @@ def progress(console: Console | None = None) -> Iterator[Progress]:
 
 
 class Lines:
-    """A line a run."""
+    """Display with a line per run."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._runs = self._number = 0
 
     def begin(self, name: str, runs: int) -> None:
-        """Says what comes."""
+        """Print the experiment and its number of runs."""
         self._runs, self._number = runs, 0
         self._console.print(f"{name}: {runs} runs")
 
     def show(self, watch: Watch) -> None:
-        """Says nothing."""
+        """Print nothing."""
 
     def done(self, name: str, entry: Mapping[str, Any]) -> None:
-        """Says what a run gave."""
+        """Print the result of a run."""
         self._number += 1
         self._console.print(f"{self._number:4}/{self._runs}  {name:28} {outcome(entry)}", soft_wrap=True)
 
 
 class InTerminal:
-    """A bar an experiment."""
+    """Display with a bar per experiment."""
 
     def __init__(self, bars: Bars) -> None:
         self._bars = bars
         self._task: TaskID | None = None
 
     def begin(self, name: str, runs: int) -> None:
-        """Adds a bar."""
+        """Add a bar."""
         self._task = self._bars.add_task(name, total=runs, now="")
 
     def show(self, watch: Watch) -> None:
-        """Tells the time of the run."""
+        """Show the time of the run."""
         if self._task is not None:
             with watch.lock:
                 self._bars.update(self._task, now=f"{watch.seen.elapsed:5.1f} s")
 
     def done(self, name: str, entry: Mapping[str, Any]) -> None:
-        """Moves the bar on."""
+        """Advance the bar."""
         if self._task is not None:
             self._bars.update(self._task, advance=1, now=f"{name}: {outcome(entry)}")
 
 
 def outcome(entry: Mapping[str, Any]) -> str:
-    """A run in some words."""
+    """Return the result of a run in words."""
     angle, clearance = entry["angle_error_deg"]["max"], entry["min_clearance_m"]
     words = [
         "angle –" if angle is None else f"angle {angle:.3f}°",

@@ -1,4 +1,4 @@
-"""``report.html``: one page that needs nothing else, our figures beside the paper's."""
+"""``report.html``: a self-contained page with our figures beside the paper's."""
 
 import base64
 import html
@@ -14,7 +14,7 @@ PAPER = {
     "zoom": "The wanted distance is not reached while repulsion acts; the angle is unaffected (figure 10).",
     "collision": "The focus is kept while (13) is inactive; repulsion goes before distance (figure 11).",
 }
-"""What the paper reports of each experiment."""
+"""Results that the paper reports for each experiment."""
 SOURCE = (
     "Bjerkeng, Transeth, Pettersen, Kyrkjebø, Fjerdingen: Active camera control with obstacle avoidance for "
     "remote operations with industrial manipulators: Implementation and experimental results"
@@ -44,21 +44,21 @@ def page(
     *,
     ended: str = "",
 ) -> str:
-    """The page.
+    """Return the page.
 
     Args:
-        experiment: Which one.
-        claims: Its rows.
-        aggregate: By case, as in ``metrics.json``.
-        pictures: Captions and PNG files, which are put into the page.
-        ended: Why not all was run, "" where it was.
+        experiment: Name of the experiment.
+        claims: Claims of the experiment.
+        aggregate: Sums by case, as in ``metrics.json``.
+        pictures: Captions and PNG files, which are embedded.
+        ended: Reason why runs are missing; "" if the experiment is complete.
     """
     title = f"armgate: {experiment}"
     parts = [
         "<!doctype html>", '<html lang="en"><meta charset="utf-8">', f"<title>{html.escape(title)}</title>",
         f"<style>{_CSS}</style>", f"<h1>{html.escape(title)}</h1>",
         f'<p class="paper"><b>The paper:</b> {html.escape(PAPER[experiment])}</p>',
-        *([f'<p class="ended"><b>Not all was run:</b> {html.escape(ended)}</p>'] if ended else []),
+        *([f'<p class="ended"><b>Incomplete:</b> {html.escape(ended)}</p>'] if ended else []),
         "<h2>Claims</h2>", _claims(claims), "<h2>Cases</h2>", _cases(aggregate), "<h2>Pictures</h2>",
         *(_picture(caption, file) for caption, file in pictures), f"<p>Paper: {html.escape(SOURCE)}.</p>",
         "</html>",
@@ -70,10 +70,10 @@ def _claims(claims: Sequence[Claim]) -> str:
     rows = [
         f'<tr><td>{html.escape(c.claim)}</td><td>{html.escape(c.paper) or "–"}</td>'
         f'<td class="g">{html.escape(c.goal)}</td>'
-        f'<td class="n">{html.escape(c.told)}</td>{_HOLDS[c.holds]}</tr>'
+        f'<td class="n">{html.escape(c.text)}</td>{_HOLDS[c.holds]}</tr>'
         for c in claims
     ]  # fmt: skip
-    note = "<p>Ours is the worst of all runs; a share is that of all runs together.</p>"
+    note = "<p>Our figure is the worst of all runs; a share counts all runs together.</p>"
     return _table(("claim", "paper", "goal", "ours", ""), rows) + note
 
 
@@ -95,10 +95,10 @@ def _cases(aggregate: Mapping[str, Any]) -> str:
         "runs",
         "angle, max / RMS",
         "distance, max / RMS",
-        "least clearance",
+        "smallest clearance",
         "limited",
         "refused",
-        "pace",
+        "speed",
     )
     return _table(heads, rows)
 

@@ -1,4 +1,4 @@
-"""The cell of the experiments: who leads, who follows, and places of theirs that runs are made of."""
+"""Scene of the experiments: leader, follower, and the positions from which runs start."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,26 +16,26 @@ from armgate.control.view_errors import view_errors
 Array = NDArray[np.float64]
 
 SPREAD = (2.6, 0.7, 0.8, 2.5, 1.6, 2.5)
-"""How far starts lie from the configured one, rad a joint."""
+"""Largest distance of a start from the configured one, rad per joint."""
 CLEAR = 0.08
-"""Bounding spheres of a start are this far from the leader and the floor, m …"""
+"""Smallest distance of a start's bounding spheres from the leader and the floor, m …"""
 CLEAR_ITSELF = 0.025
 """… and from each other."""
 TRIES = 20_000
-"""How many positions are tried for a start, from near the configured one to anywhere."""
+"""Number of positions that are tried for a start, from near the configured one to anywhere."""
 NEIGHBOURS = 3
-"""Spheres whose joints are no farther apart than this touch by construction, or cannot meet."""
+"""Largest distance of joints whose spheres touch by construction, or cannot meet."""
 _CARRIAGE = 3
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Two robots of a cell.
+    """Leader and follower of a cell.
 
     Attributes:
-        configs: Files of the cell's configuration.
-        follower: Carries the camera.
-        leader: Carries its tool around with three prismatic joints along the world's axes.
+        configs: Configuration files of the cell.
+        follower: Robot that carries the camera.
+        leader: Robot whose first three joints are prismatic along the world's axes.
     """
 
     configs: tuple[Path, ...]
@@ -49,18 +49,18 @@ class Scene:
 
     @property
     def tool(self) -> Array:
-        """Place of the leader's tool at its start (3,), m."""
+        """Position of the leader's tool at its start (3,), m."""
         t: Array = self.leader.model.frame(self.leader.start, self.leader.tool).t
         return t
 
     def carried(self, tool: Array) -> Array:
-        """The leader's positions (k, n) that bring its tool to places (k, 3) in its configured posture."""
+        """Return the leader's positions (k, n) for tool positions (k, 3), in its configured posture."""
         q = np.repeat(self.leader.start[None], len(tool), axis=0)
         q[:, :_CARRIAGE] += tool - self.tool
         return q
 
     def reach(self) -> tuple[Array, Array]:
-        """Smallest and largest coordinates (3,) of the tool, a hand's breadth from the carriage's ends, m."""
+        """Return the smallest and largest coordinates (3,) of the tool, 2 cm from the joint limits, m."""
         own = self.leader
         low = self.tool + own.lower[:_CARRIAGE] - own.start[:_CARRIAGE] + 0.02
         high = self.tool + own.upper[:_CARRIAGE] - own.start[:_CARRIAGE] - 0.02
@@ -68,17 +68,17 @@ class Scene:
 
 
 def build_scene(configs: tuple[Path, ...]) -> Scene:
-    """The scene of a cell: its robot with a camera follows, the first other one leads.
+    """Build the scene of a cell: its first robot with a camera follows, the first other robot leads.
 
     Raises:
         ConfigError: The configuration has an error.
-        UsageError: There is no such robot, or the leader cannot carry its tool along the world's axes.
+        UsageError: A robot is missing, or the leader cannot move its tool along the world's axes.
     """
     cell = build_cell(load_config(configs))
     followers = [robot for robot in cell.robots if robot.camera]
     leaders = [robot for robot in cell.robots if robot not in followers[:1]]
     if not followers or not leaders:
-        raise UsageError(f"cell {cell.config.name!r}: expected a robot with a camera, and another one")
+        raise UsageError(f"cell {cell.config.name!r}: expected a robot with a camera, and another robot")
     scene = Scene(configs, followers[0], leaders[0])
     _check_carriage(scene)
     return scene
@@ -94,12 +94,12 @@ def _check_carriage(scene: Scene) -> None:
         fits = bool(np.allclose(own.model.frame(q, own.tool).t - scene.tool, moved, atol=1e-9))
     if not fits:
         raise UsageError(
-            f"robot {own.name!r} cannot lead: expected three prismatic joints along x, y and z first"
+            f"robot {own.name!r} cannot lead: expected its first three joints to be prismatic along x, y and z"
         )
 
 
 def off_axis_start(scene: Scene, seed: int) -> Array:
-    """A start of the follower (n,) clear of everything, the leader's tool 30° to 150° off the view axis."""
+    """Return a clear start (n,) of the follower with the leader's tool 30° to 150° off the view axis."""
     rng, robot = np.random.default_rng(seed), scene.follower
     q: Array
     spread = np.resize(SPREAD, robot.model.n)
@@ -110,9 +110,9 @@ def off_axis_start(scene: Scene, seed: int) -> Array:
 
 
 def limit_starts(scene: Scene, share: float) -> list[Array]:
-    """Starts of the follower (n,), one at each limit of each joint, the others as they are configured.
+    """Return starts of the follower (n,), one at each limit of each joint, the others as configured.
 
-    Where that is not clear of everything the other joints are moved by chance until it is.
+    If that is not collision-free, the other joints are moved randomly until it is.
     """
     return [
         _limit_start(scene, joint, sign * share)
@@ -134,7 +134,7 @@ def _limit_start(scene: Scene, joint: int, share: float) -> Array:
 
 
 def _off_axis(scene: Scene, q: Array) -> float:
-    """Angle between the view axis at q (n,) and the leader's tool, degrees."""
+    """Return the angle between the view axis at q (n,) and the leader's tool, degrees."""
     robot = scene.follower
     return float(np.degrees(view_errors(robot.model, str(robot.camera), q, scene.tool, 1.0)[0]))
 
@@ -145,7 +145,7 @@ def _share(robot: Robot, q: Array) -> float:
 
 
 def clear(scene: Scene, q: Array) -> bool:
-    """Whether the follower at q (n,) is certainly clear of the floor, the leader and itself."""
+    """Return True if the follower at q (n,) is certainly clear of the floor, the leader and itself."""
     spheres, others = scene.spheres
     centres, around = spheres.centres(q), others.centres(scene.leader.start)
     if (centres[:, 2] - spheres.radii)[np.array(spheres.joints) > 0].min() < CLEAR:

@@ -1,4 +1,4 @@
-"""One trial through the whole stack: daemon, leader, follower and operator as processes, watched."""
+"""Run of one trial with the whole stack: daemon, leader, follower and operator as processes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -31,13 +31,13 @@ def play(
     realtime: bool,
     show: Callable[[Watch], None],
 ) -> dict[str, Any] | None:
-    """Runs a trial and writes its folder.
+    """Run a trial and write its folder.
 
     Returns:
-        Its figures; None if somebody asked to end.
+        The figures of the trial; None if it was interrupted.
 
     Raises:
-        AppError: A process failed, was stopped, or never became ready.
+        AppError: A process failed, was stopped, or was not ready in time.
     """
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     with Children(folder / "logs", fork_server) as children, interruptions(children):
@@ -57,7 +57,7 @@ def play(
 
 
 def plan(trial: Trial, scene: Scene, folder: Path, realtime: bool) -> Plan:
-    """What is run; writes the files that it needs."""
+    """Return the plan of a trial, and write the files that it needs."""
     overlay = folder / "overlay.yaml"
     overlay.write_text(yaml.safe_dump(_overlay(trial, scene), sort_keys=False), encoding="utf-8")
     follower, leader = scene.follower.name, scene.leader.name
@@ -84,7 +84,7 @@ def plan(trial: Trial, scene: Scene, folder: Path, realtime: bool) -> Plan:
 
 
 def _overlay(trial: Trial, scene: Scene) -> dict[str, Any]:
-    """What a trial changes in the cell's configuration."""
+    """Return the changes of a trial to the cell's configuration."""
     robots: dict[str, Any] = {
         robot.name: {"link": {"kind": "emulated", "lag": trial.lag}}
         for robot in (scene.follower, scene.leader)

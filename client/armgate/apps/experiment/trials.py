@@ -1,4 +1,4 @@
-"""From an experiment's file to the runs of the stack that it is made of."""
+"""Trials of an experiment: the runs of the stack that its file describes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,24 +15,24 @@ from armgate.control.spheres import Spheres
 Array = NDArray[np.float64]
 
 LIMIT_SECONDS = 10.0
-"""How long a start at a joint's limit may take, s."""
+"""Time limit of a run from a joint limit, s."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of the stack.
+    """Run of the stack.
 
     Attributes:
-        case: Which of the experiment's cases.
-        seed: Of its path, or number of its start.
-        lag: Of the robots, s.
+        case: Case of the experiment.
+        seed: Seed of its path, or number of its start.
+        lag: Lag of the robots, s.
         follow: Options of ``armgate follow``.
-        start: Of the follower (n,); None: as configured.
-        path: Of the leader's tool (k, 3), world, one sample a tick; None: it rests.
-        pursue: Options of ``armgate lead`` with which the leader pursues the follower, from the beginning of
-            its path; None: it goes along it.
-        zoom: Options of ``armgate zoom``; None: nobody zooms.
-        seconds: How long the follower follows; None: until the leader is done.
+        start: Start of the follower (n,); None as configured.
+        path: Path of the leader's tool (k, 3), world, one sample per tick; None if it rests.
+        pursue: Options of ``armgate lead`` to pursue the follower from the beginning of the path; None to
+            play the path.
+        zoom: Options of ``armgate zoom``; None without zoom.
+        seconds: Duration of the follower; None until the leader has finished.
     """
 
     case: str
@@ -47,12 +47,12 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of its folder."""
         return f"{self.case}-{self.seed}"
 
 
 def trials(experiment: Experiment, scene: Scene, seeds: int | None = None) -> list[Trial]:
-    """The runs of an experiment; ``seeds`` overrides its number of seeds."""
+    """Return the runs of an experiment; ``seeds`` overrides its number of seeds."""
     numbers = range(experiment.first_seed, experiment.first_seed + (seeds or experiment.seeds))
     match experiment:
         case Approach():
@@ -113,13 +113,13 @@ def _zooms(experiment: Zoom, scene: Scene, seeds: range) -> Iterator[Trial]:
 
 
 def _dashes(experiment: Collision, scene: Scene, seeds: range) -> Iterator[Trial]:
-    lag, looks = experiment.lag, _looks(experiment)
+    lag, focus = experiment.lag, _fixed_focus(experiment)
     for speed in experiment.speeds:
         for seed in seeds:
             _, begin, end = _attack(experiment, scene, seed)
             path = straight(begin, end, speed, scene.leader.period)
             seconds = experiment.way / speed + experiment.seconds
-            yield Trial(f"dash-{speed:g}", seed, lag, looks, path=path, seconds=seconds)
+            yield Trial(f"dash-{speed:g}", seed, lag, focus, path=path, seconds=seconds)
 
 
 def _pursuits(experiment: Collision, scene: Scene, seeds: int | None) -> Iterator[Trial]:
@@ -132,17 +132,17 @@ def _pursuits(experiment: Collision, scene: Scene, seeds: int | None) -> Iterato
             body, begin, _ = _attack(experiment, scene, seed)
             pursue = ("--pursue", f"{scene.follower.name}/{body}", "--tool-speed", str(speed))
             yield Trial(
-                f"pursuit-{speed:g}", seed, experiment.lag, _looks(experiment), path=begin[None],
+                f"pursuit-{speed:g}", seed, experiment.lag, _fixed_focus(experiment), path=begin[None],
                 pursue=pursue, seconds=own.seconds,
             )  # fmt: skip
 
 
-def _looks(experiment: Collision) -> tuple[str, ...]:
+def _fixed_focus(experiment: Collision) -> tuple[str, ...]:
     return (*_view(experiment), "--focus", *map(str, experiment.focus))
 
 
 def _attack(experiment: Collision, scene: Scene, seed: int) -> tuple[str, Array, Array]:
-    """The link that a seed attacks, each in its turn; where the leader's tool begins, and where it ends."""
+    """Return the link that a seed attacks, and the start and end of the leader's tool."""
     spheres = Spheres.of(scene.follower.model)
     links = sorted(set(spheres.bodies))
     link = links[seed % len(links)]

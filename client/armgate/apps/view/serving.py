@@ -15,7 +15,9 @@ from typing import Any
 from armgate.apps.connection import Login
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.view.access import Access, url_of
+from armgate.apps.view.guarded_server import ServerGuard, guard_server
 from armgate.apps.view.live import Live
+from armgate.apps.view.message_filter import MessageFilter
 from armgate.apps.view.player import Player
 from armgate.apps.view.viewer import Style, Viewer
 from armgate.client import ClientError, Role
@@ -114,9 +116,6 @@ def page_server(at: Place) -> Iterator[Any]:
         AppError: The address cannot be used.
     """
     import viser
-
-    from armgate.apps.view.guarded_server import ServerGuard, guard_server  # noqa: PLC0415
-    from armgate.apps.view.message_filter import MessageFilter  # noqa: PLC0415
 
     port = _free(at.host, at.port)
     guard = ServerGuard(at.access)
