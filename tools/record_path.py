@@ -98,7 +98,7 @@ def main(file: Path) -> None:
 
 
 def tour(robot: Robot) -> Iterator[Array]:
-    """The samples, leg by leg, in file units (k, 9)."""
+    """Return the samples, leg by leg, in file units (k, 9)."""
     here: Place = HOME
     yield np.array([here] * round(0.5 / PERIOD))
     for leg in LEGS:
@@ -108,7 +108,7 @@ def tour(robot: Robot) -> Iterator[Array]:
 
 
 def driven(robot: Robot, corners: Array, speed: float) -> Array:
-    """Samples from the first corner (left out) to the last, at rest there (k, 9)."""
+    """Return samples from the first corner (left out) to the last, at rest there (k, 9)."""
     curve = rounded(corners)
     way = np.concatenate([[0.0], np.cumsum(steps(robot, curve))])
     along = profile(float(way[-1]), speed)
@@ -116,7 +116,7 @@ def driven(robot: Robot, corners: Array, speed: float) -> Array:
 
 
 def rounded(corners: Array, samples: int = 3000) -> Array:
-    """A Bézier curve (samples, n) from the first corner to the last, drawn towards the ones between."""
+    """Return a Bézier curve (samples, n) from first to last corner, the others as control points."""
     u = np.linspace(0.0, 1.0, samples)[:, None]
     points = [np.broadcast_to(corner, (samples, corners.shape[1])) for corner in corners]
     while len(points) > 1:
@@ -125,7 +125,7 @@ def rounded(corners: Array, samples: int = 3000) -> Array:
 
 
 def steps(robot: Robot, curve: Array) -> Array:
-    """Length of each step of a curve (k - 1,), m: the tool's way, and what it and the wrist turn."""
+    """Return the length of each step of a curve (k - 1,), m: the tool's path, and the scaled rotations."""
     ways = np.linalg.norm(np.diff(tool_places(robot, curve), axis=0), axis=1)
     turns = np.linalg.norm(np.radians(np.diff(curve[:, 3:], axis=0)), axis=1)
     lengths: Array = np.hypot(ways, LEVER * turns)
@@ -133,13 +133,13 @@ def steps(robot: Robot, curve: Array) -> Array:
 
 
 def tool_places(robot: Robot, q: Array) -> Array:
-    """Places of the tool (k, 3), world, m, at positions in file units."""
+    """Return the positions of the tool (k, 3), world, m, for samples in file units."""
     inside = np.concatenate([q[:, :3], np.radians(q[:, 3:])], axis=1)
     return np.array([robot.model.frame(row, robot.tool).t for row in inside])
 
 
 def profile(length: float, speed: float) -> Array:
-    """Way along a leg at each sample after its start; its speed rises and falls as sin²."""
+    """Return the distance along a leg at each sample after its start; its speed rises and falls as sin²."""
     ramp = min(RAMP, length / speed)
     total = length / speed + ramp
     t: Array = np.arange(1.0, np.ceil(total / PERIOD) + 1.0) * PERIOD
@@ -148,7 +148,7 @@ def profile(length: float, speed: float) -> Array:
 
 
 def ramped(t: Array, ramp: float) -> Array:
-    """Way at time t at a speed that rises from 0 to 1 as sin²(πt / 2·ramp) and stays."""
+    """Return the distance at time t for a speed that rises from 0 to 1 as sin²(πt / 2·ramp), then stays."""
     rising = np.clip(t, 0.0, ramp)
     way = rising / 2 - ramp / (2 * np.pi) * np.sin(np.pi * rising / ramp)
     return way + np.clip(t - ramp, 0.0, None)

@@ -129,7 +129,7 @@ def test_the_command_draws_the_planar_arm_by_default(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ellipsoid(self_motion=True, count=3, out=tmp_path / "p.png")
-    assert "P of planar, frame tool0, self motion" in capsys.readouterr().out
+    assert "P of planar, frame tool0, self-motion" in capsys.readouterr().out
     assert (tmp_path / "p.png").stat().st_size > 10_000
 
 

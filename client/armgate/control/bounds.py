@@ -1,4 +1,4 @@
-"""What the gate lets through, as a controller that wants to be let through sees it."""
+"""Bounds of increments that the gate admits, for use by a controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armgate.control.weights import Vector
 
-# Stays this much, relatively, inside the bounds that the gate computes on its side from the same figures.
+# Relative distance from the bounds that the gate computes from the same figures.
 SLACK = 1e-6
 
 
@@ -19,10 +19,10 @@ class IncrementBounds:
     """Bounds on the increments of one robot, each (n,), rad or m.
 
     Attributes:
-        step: |dq| at most.
-        change: the increment differs from the one before by at most this.
-        lower: of the setpoint.
-        upper: of the setpoint.
+        step: largest |dq|.
+        change: largest difference from the previous increment.
+        lower: lower limit of the setpoint.
+        upper: upper limit of the setpoint.
     """
 
     step: Vector
@@ -43,18 +43,18 @@ class IncrementBounds:
         speed: float = 1.0,
         margin: float = 2e-4,
     ) -> IncrementBounds:
-        """From a robot's rates as its description gives them.
+        """Return bounds from the rates in a robot's description.
 
         Args:
-            lower: joint limits, rad or m.
-            upper: the same, upper.
+            lower: lower joint limits, rad or m.
+            upper: upper joint limits.
             velocity: rad/s or m/s.
             acceleration: rad/s² or m/s².
             period: of the robot's clock, s.
-            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. Where it is the tighter
-                one it bounds speeding up too, so that whatever speed is reached can be shed.
+            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. If it is the tighter bound
+                it also limits acceleration, so that every speed that is reached can be braked.
             speed: share of the velocity that the lease allows.
-            margin: kept from the joint limits, rad or m: the measured position counts for them too.
+            margin: distance kept from the joint limits, rad or m: the measured position counts for them, too.
 
         Raises:
             ValueError: if the arrays differ in length or a rate is not positive.
@@ -77,20 +77,20 @@ class IncrementBounds:
         )
 
     def tightened(self, lower: Vector, upper: Vector) -> IncrementBounds:
-        """The same where the setpoint has to stay within `lower` and `upper`, (n,), too."""
+        """Return the bounds with the setpoint also limited to `lower` and `upper`, (n,)."""
         return replace(self, lower=np.maximum(self.lower, lower), upper=np.minimum(self.upper, upper))
 
     def share(self, q: Vector) -> float:
-        """How far the worst joint at q (n,) is from its middle, as a share of its half range."""
+        """Return the largest distance of a joint at q (n,) from its middle, as a share of its half range."""
         away = np.abs(q - 0.5 * (self.upper + self.lower))
         return float((away / (0.5 * (self.upper - self.lower))).max())
 
     def braked(self, dq: Vector) -> Vector:
-        """The increment after `dq` on the quickest straight stop: `dq` shortened along its own direction."""
+        """Return the increment after `dq` on the quickest straight stop: `dq`, shortened."""
         return dq * max(0.0, 1.0 - self._decay(dq))
 
     def stop(self, dq: Vector) -> float:
-        """S: on the quickest straight stop the robot goes on by S · dq after the increment `dq`."""
+        """Return S: on the quickest straight stop the robot moves S · dq further after the increment `dq`."""
         decay = self._decay(dq)
         if decay >= 1.0:
             return 0.0
@@ -102,15 +102,16 @@ class IncrementBounds:
         return float((self.change[moving] / np.abs(dq[moving])).min()) if moving.any() else np.inf
 
     def admits(self, dq: Vector, setpoint: Vector) -> bool:
-        """Whether the increment and the stop after it stay within the joint limits."""
+        """Return True if the increment and the stop after it stay within the joint limits."""
         way = (1.0 + self.stop(dq)) * dq
         ahead = np.where(dq > 0.0, self.upper - setpoint, setpoint - self.lower)
         return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
 
     def box(self, wanted: Vector, last: Vector, setpoint: Vector) -> tuple[Vector, Vector]:
-        """Bounds (n,), (n,) on each joint's increment after `last` at `setpoint`, about as long as `wanted`.
+        """Return bounds (n,), (n,) on an increment about as long as `wanted`, after `last` at `setpoint`.
 
-        The step, what the limits leave with braking, and, above these, the change that is allowed.
+        They combine the step, the room that the limits leave with braking, and, above these, the allowed
+        change.
         """
         share = 1.0 / (1.0 + self.stop(wanted))
         down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)
@@ -120,11 +121,11 @@ class IncrementBounds:
         return low, high
 
     def within(self, wanted: Vector, last: Vector, setpoint: Vector) -> Vector:
-        """The increment nearest to `wanted` that may follow `last` at `setpoint`, (n,).
+        """Return the increment nearest to `wanted` that may follow `last` at `setpoint`, (n,).
 
-        Joint by joint: no longer than the step, than what the limits leave with braking, and no other
-        change than the acceleration allows. Where that leaves no stop within the limits, less of the way
-        from the braking increment, which always has one.
+        Each joint is limited to the step, to the room that the limits leave with braking, and to the change
+        that the acceleration allows. If that leaves no stop within the limits, the result is a blend with the
+        braking increment, which always has one.
         """
         low, high = self.box(np.clip(wanted, -self.step, self.step), last, setpoint)
         u: Vector = np.clip(wanted, low, high)

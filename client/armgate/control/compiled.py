@@ -1,4 +1,8 @@
-"""The camera law in its compiled form, where numba is installed (extra `fast`)."""
+"""Camera law in its compiled form, used if numba is installed (extra `fast`).
+
+`kernels.py` holds the compiled functions; `law.py` and the modules that it uses hold the same formulas in
+numpy.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,7 @@ _ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
 
 
 def available() -> bool:
-    """Whether numba is installed."""
+    """Return True if numba is installed."""
     try:
         import_module("numba")
     except ImportError:
@@ -39,16 +43,16 @@ def available() -> bool:
 
 
 def camera_law(model: RobotModel, frame: str, gains: Gains | None = None) -> CameraLaw:
-    """The camera law, compiled where that is possible; both forms are the same to rounding."""
+    """Return the camera law, compiled if possible; both forms agree to rounding."""
     return CompiledLaw(model, frame, gains) if available() else CameraLaw(model, frame, gains)
 
 
 @cache
 def prepare() -> None:
-    """Compile all kernels, or take them from numba's cache: some 20 s the first time, else about one.
+    """Compile all kernels, or load them from numba's cache: about 20 s the first time, then about 1 s.
 
-    To be called before anything waits for an increment; a `CompiledLaw` calls it when it is made. Does
-    nothing where numba is not installed.
+    Call it before anything waits for an increment; a `CompiledLaw` calls it when it is made. It does nothing
+    if numba is not installed.
     """
     if not available():
         return
@@ -72,11 +76,11 @@ def prepare() -> None:
 
 
 def _kernels() -> ModuleType:
-    return import_module("armgate.control.kernels")  # late: numba takes its time to import
+    return import_module("armgate.control.kernels")  # late: importing numba is slow
 
 
 def _pack(parts: Sequence[NDArray[Any]]) -> Packed:
-    """Records of all kinds, in their order, one after the other behind a head that says where each begins."""
+    """Return records of all kinds, one after the other, behind a head with their offsets."""
     head = np.empty(1, _kernels().HEAD)
     head[0] = tuple(np.cumsum([head.nbytes, *(part.nbytes for part in parts)]))
     return np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in (head, *parts)])
@@ -84,7 +88,7 @@ def _pack(parts: Sequence[NDArray[Any]]) -> Packed:
 
 @dataclass(frozen=True, slots=True)
 class PackedScene(Scene):
-    """A scene as the kernels take it.
+    """Scene in the form that the kernels take.
 
     Attributes:
         packed: the robot and the obstacles, with room for a goal.
@@ -95,17 +99,17 @@ class PackedScene(Scene):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedGoal(Goal):
-    """A goal as the kernels take it.
+    """Goal in the form that the kernels take.
 
     Attributes:
-        packed: the scene's with the goal in it, one argument of the kernels.
+        packed: the scene's array with the goal in it, one argument of the kernels.
     """
 
     packed: Packed
 
 
 class CompiledLaw(CameraLaw):
-    """`CameraLaw` with its evaluations compiled; see there. Scenes and goals are not exchangeable."""
+    """`CameraLaw` with compiled evaluations. Scenes and goals of the two classes are not interchangeable."""
 
     def __init__(
         self, model: RobotModel, frame: str, gains: Gains | None = None, spheres: Spheres | None = None
@@ -122,7 +126,7 @@ class CompiledLaw(CameraLaw):
         self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(none))
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
-        """As `CameraLaw.scene`."""
+        """Return a scene; see `CameraLaw.scene`."""
         records = np.empty(len(obstacles.radii), self._kernels.OBSTACLE)
         records["centre"], records["radius"] = obstacles.centres, obstacles.radii
         packed, around = self._packed_with(records), _own(q)
@@ -142,7 +146,7 @@ class CompiledLaw(CameraLaw):
         velocity: ArrayLike = (0.0, 0.0, 0.0),
         ways: Vector | None = None,
     ) -> PackedGoal:
-        """As `CameraLaw.goal`."""
+        """Return a goal; see `CameraLaw.goal`."""
         target, moving = (vector(np.asarray(v, dtype=np.float64)) for v in (p, velocity))
         around = self._alone if scene is None else scene
         if not isinstance(around, PackedScene):
@@ -156,8 +160,8 @@ class CompiledLaw(CameraLaw):
         return PackedGoal(target, distance, scene, emergency, moving, ways, packed=packed)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
-        """As `CameraLaw.__call__`."""
-        # Written out, for this is the shortest of all calls: each function call would add a twentieth.
+        """Return f(q, p, d_r); see `CameraLaw.__call__`."""
+        # Written out because this is the shortest of all calls: each function call would add 5 %.
         if not isinstance(goal, PackedGoal):
             raise TypeError(NOT_OURS)
         qd: Vector = np.array(q, dtype=np.float64)
@@ -167,7 +171,7 @@ class CompiledLaw(CameraLaw):
     def run(
         self, start: Vector, goal: Goal, reach: Vector, scheme: Scheme, origin: Vector | None = None
     ) -> Integration:
-        """As `CameraLaw.run`."""
+        """Run the on-line scheme; see `CameraLaw.run`."""
         q, steps, ended = self._kernels.integrate(
             _own(start),
             _own(start if origin is None else origin),
@@ -178,18 +182,18 @@ class CompiledLaw(CameraLaw):
         return Integration(q, steps, _ENDED[ended])
 
     def step(self, q: Vector, h: float, goal: Goal) -> Vector:
-        """As `CameraLaw.step`."""
+        """Return one step; see `CameraLaw.step`."""
         end = _own(q)
         self._kernels.advance(end, h, _packed(goal))
         return end
 
     def task(self, q: Vector, goal: Goal) -> tuple[tuple[float, float], Vector]:
-        """As `CameraLaw.task`."""
+        """Return Ψ and ∂Ψ/∂q; see `CameraLaw.task`."""
         psi1, psi2, M = self._kernels.task(_own(q), _packed(goal))
         return (psi1, psi2), M[:2]
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
-        """As `CameraLaw.induced`."""
+        """Return the induced joint velocity; see `CameraLaw.induced`."""
         moving = self.goal(goal.p, goal.distance, goal.scene, velocity=velocity, ways=goal.ways)
         qd: Vector = self._kernels.induced(_own(q), moving.packed)
         return qd
@@ -198,7 +202,7 @@ class CompiledLaw(CameraLaw):
         return _pack((*self._own_parts, obstacles))
 
     def _goal_in(self, packed: Packed) -> tuple[Records, Vector]:
-        """The goal's record and its rows (3, n), to be written into."""
+        """Return the goal's record and its rows (3, n), to be written into."""
         head = packed[: self._kernels.HEAD.itemsize].view(self._kernels.HEAD)[0]
         goal, rows = packed[head["goals"] : head["joints"]], packed[head["rows"] : head["spheres"]]
         return goal.view(self._kernels.GOAL), rows.view(np.float64).reshape(3, -1)
@@ -256,7 +260,7 @@ class CompiledLaw(CameraLaw):
 
 
 def _own(values: Vector) -> Vector:
-    """A copy of the one kind that the kernels are compiled for: contiguous, writable, of floats."""
+    """Return a copy of the kind that the kernels are compiled for: contiguous, writable, of floats."""
     return np.array(values, dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""The follower: one increment a tick that keeps the camera on the leader."""
+"""Follower: one increment per tick that keeps the camera on the leader."""
 
 from __future__ import annotations
 
@@ -18,29 +18,30 @@ from armgate.control.view_errors import view_errors
 from armgate.control.view_keeping import corrected, drawn_in, projection, slowed, view_vector
 from armgate.control.weights import Vector
 
-# Increments nearer to each other than this are the same, rad or m.
+# Largest difference of increments that count as equal, rad or m.
 SHORT = 1e-9
-# The chord is as long as what has to be braked for after so many ticks of speeding up. The longer it is, the
-# more it turns the view, and joints that brake and speed up at once cannot always take that back: with chords
-# for full speed 2 of 520 approaches got wider again, by up to 0.24°. With one tick it hardly speeds up.
+# The chord is as long as the distance needed to brake after this many ticks of accelerating. A longer chord
+# turns the view more, and joints that brake and accelerate at once cannot always correct that: with chords
+# for full speed, the angle rose again in 2 of 520 approaches, by up to 0.24°. With one tick the robot hardly
+# accelerates.
 SOON = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the follower knows at a tick of its robot.
+    """Inputs of the follower at a tick of its robot.
 
     Attributes:
         time: of the tick, s.
-        setpoint: its own, (n,), rad or m; where (17) starts.
+        setpoint: its own, (n,), rad or m; start of (17).
         last: the increment that led to it, (n,).
         q: measured, (n,).
-        target: p, the newest measured position of the leader's tool (3,), m, or None while none is known.
-        target_time: when that was measured, s, on the clock of `time`.
-        distance: d_r, the wanted view distance, m.
+        target: p, newest measured position of the leader's tool (3,), m; None while it is unknown.
+        target_time: time of that measurement, s, on the clock of `time`.
+        distance: d_r, wanted view distance, m.
         obstacles: the leader's spheres and the floor.
-        stop_end: where the stop that the gate holds ends, (n,); None if that is not known.
-        near: pairs of bodies that the gate tells of; they count where `stop_end` is known.
+        stop_end: end of the stop that the gate holds, (n,); None if it is unknown.
+        near: the gate's nearest pairs of bodies; used only if `stop_end` is known.
     """
 
     time: float
@@ -57,7 +58,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """What is followed in one increment: the target where dq takes effect, obstacles, mode, bounds."""
+    """Target of one increment: focus at the time at which dq takes effect, obstacles, mode, bounds."""
 
     focus: Vector
     velocity: Vector
@@ -69,7 +70,7 @@ class Aim:
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """What the law makes of a tick: from `start`, with what the target induces in it, to the reference."""
+    """Path of the law in a tick: its start, the motion induced by the target, and its end."""
 
     start: Vector
     induced: Vector
@@ -78,18 +79,17 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class FollowStep:
-    """What to do in this tick, and how it goes.
+    """Result of a tick.
 
     Attributes:
-        dq: the increment to send, (n,); within the bounds, and stoppable within the joint limits.
-        why: what decided its length, in words.
+        dq: increment to send, (n,); within the bounds, and stoppable within the joint limits.
+        why: reason for its length, in words.
         angle: measured view angle error, rad; None while no target is known.
         distance: measured distance error ‖p − x‖ − d_r, m; None while no target is known.
-        repulsion: whether an obstacle pushes, or the robot's own body.
-        emergency: whether (13) has replaced (9).
-        gap: least distance to an obstacle's bounding sphere, m (inf: no obstacles).
-        focus: the target as predicted for the time at which dq takes effect, (3,), m; None if none is
-            fresh.
+        repulsion: True if an obstacle or the robot's own body repels.
+        emergency: True if (13) has replaced (9).
+        gap: smallest distance to an obstacle's bounding sphere, m; inf without obstacles.
+        focus: predicted target at the time at which dq takes effect, (3,), m; None without a recent target.
         steps: Runge-Kutta steps made.
     """
 
@@ -105,23 +105,25 @@ class FollowStep:
 
 
 class Follower:
-    """Camera law, prediction, on-line scheme and shaping put together.
+    """Camera law, prediction, on-line scheme and shaping combined.
 
     Args:
         law: of the robot that carries the camera.
         bounds: of its increments, as the gate applies them.
         period: of its clock, s.
-        ahead: how long after `Situation.time` an increment sent in answer shows in the measured position,
+        ahead: time after `Situation.time` at which an increment shows in the measured position, s: the delay
+            of the loop (one period if the robot moves at its next tick) and the lag of the robot
+            (`predict.ramp_lag`).
             s: the delay of the loop (one period where the robot moves at its next tick) and the lag of the
             robot (`predict.ramp_lag`).
-        scheme: how (16) is integrated.
-        predictor: of the target; the default takes velocity and acceleration into account.
-        stale: a target older than this, s, has vanished: the follower slows to rest.
-        predict: False leaves the target where it was measured, as the paper does.
-        measured: (17) taken literally: start from the measured position. On robots that lag behind their
-            setpoint this overshoots; the default starts from the setpoint.
-        real_time: integrate one period of real time with the term P ṗ of (4), instead of as far as the
-            increment bounds allow in virtual time.
+        scheme: parameters of the integration of (16).
+        predictor: predictor of the target; by default with velocity and acceleration.
+        stale: age beyond which a target is lost, s: the follower comes to rest.
+        predict: False to use the measured target, as the paper does.
+        measured: True to start from the measured position, as (17) says literally. On robots that lag behind
+            their setpoint this overshoots; by default the setpoint is used.
+        real_time: True to integrate one period of real time with the term P ṗ of (4), instead of virtual time
+            up to the increment bounds.
     """
 
     def __init__(
@@ -153,11 +155,11 @@ class Follower:
         self._measured = measured
         self._real_time = real_time
         self._emergency = Emergency(law.gains)
-        # What has to be braked for at full speed.
+        # Braking distance at full speed.
         self._reach = braking_way(bounds.step, RESERVE * bounds.change)
 
     def step(self, now: Situation) -> FollowStep:
-        """The increment for the situation `now`.
+        """Return the increment for the situation `now`.
 
         Raises:
             ValueError: if positions or increments have the wrong length or are not finite.
@@ -168,23 +170,23 @@ class Follower:
         scene = self._law.scene(now.obstacles, now.setpoint)
         emergency = self._emergency.update(scene.gap)
         age = np.inf if self._predictor.time is None else now.time - self._predictor.time
-        bounds, ways = self._beside(now)
+        bounds, ways = self._near_body_bounds(now)
         if age > self._stale:
             dq = bounds.within(bounds.braked(now.last), now.last, now.setpoint)
-            return self._told(now, scene, dq, _lost(age))
+            return self._follow_step(now, scene, dq, _lost_reason(age))
         focus, velocity = self._focus(age)
         plan = self._drift if self._real_time else self._chase
         dq, why, steps = plan(now, Aim(focus, velocity, scene, emergency, bounds, ways))
-        return self._told(now, scene, dq, why, focus=focus, steps=steps)
+        return self._follow_step(now, scene, dq, why, focus=focus, steps=steps)
 
     def _focus(self, age: float) -> tuple[Vector, Vector]:
-        """The target where dq takes effect, and its velocity there."""
+        """Return the target at the time at which dq takes effect, and its velocity there."""
         if self._predict:
             return self._predictor.predict(age + self._ahead)
         return self._predictor.predict(0.0)[0], np.zeros(3)
 
-    def _beside(self, now: Situation) -> tuple[IncrementBounds, Vector | None]:
-        """Beside something tighter bounds, and what they leave of each joint's way; else the usual ones."""
+    def _near_body_bounds(self, now: Situation) -> tuple[IncrementBounds, Vector | None]:
+        """Return the bounds and each joint's remaining share near other bodies, or the usual bounds."""
         if now.stop_end is None or not now.near:
             return self._bounds, None
         lower, upper = limits_near_bodies(self._law.model, now.q, now.setpoint, now.stop_end, now.near)
@@ -192,30 +194,32 @@ class Follower:
         return self._bounds.tightened(lower, upper), ways
 
     def _chase(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
-        """As far towards the optimum as the bounds allow."""
+        """Return the increment towards the optimum, as far as the bounds allow."""
         law, bounds = self._law, aim.bounds
         q = now.q if self._measured else now.setpoint
         goal = law.goal(aim.focus, now.distance, aim.scene, emergency=aim.emergency, ways=aim.ways)
         induced = np.zeros_like(q)
         if not aim.emergency and aim.velocity.any():
             induced = self._period * law.induced(q, goal, aim.velocity)
-        run = law.run(q + induced, goal, self._far(now.last, induced), self._scheme, origin=q)
+        run = law.run(q + induced, goal, self._reference_reach(now.last, induced), self._scheme, origin=q)
         wanted = shape_chord(run.q - q, induced, bounds.step, bounds.change)
         dq = bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
-            dq = self._kept(dq, Way(q, induced, run.q), goal, now, bounds)
+            dq = self._with_kept_view(dq, Way(q, induced, run.q), goal, now, bounds)
         return dq, _reason(run.ended, aim.emergency, bounded), run.steps
 
-    def _far(self, last: Vector, induced: Vector) -> Vector:
-        """How far the reference goes, (n,): the braking way from the speed that soon may be reached."""
+    def _reference_reach(self, last: Vector, induced: Vector) -> Vector:
+        """Return the reach of the reference, (n,): the braking distance from the speed soon reached."""
         bounds = self._bounds
         soon = np.minimum(np.abs(last) + SOON * bounds.change, bounds.step)
         far: Vector = np.minimum(braking_way(soon, RESERVE * bounds.change) + np.abs(induced), self._reach)
         return far
 
-    def _kept(self, dq: Vector, way: Way, goal: Goal, now: Situation, bounds: IncrementBounds) -> Vector:
-        """`dq` with the view of the law, which a piece of the straight way to its reference has not."""
+    def _with_kept_view(
+        self, dq: Vector, way: Way, goal: Goal, now: Situation, bounds: IncrementBounds
+    ) -> Vector:
+        """Return `dq` with the view that the law has; part of the straight line to its reference loses it."""
         law = self._law
         psi, J_t = law.task(way.start + way.induced, goal)
         start, end = view_vector(psi), view_vector(law.task(way.end, goal)[0])
@@ -230,7 +234,7 @@ class Follower:
         return bounds.within(dq, now.last, now.setpoint)
 
     def _drift(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
-        """One period of real time along the law with P ṗ, the target at its place in the middle of it."""
+        """Return the increment of one real-time period with P ṗ, for the target in the middle of it."""
         law, q = self._law, now.q if self._measured else now.setpoint
         goal = law.goal(
             aim.focus - 0.5 * self._period * aim.velocity,
@@ -245,7 +249,7 @@ class Follower:
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         return dq, _reason(Ended.BOUND, aim.emergency, bounded), 1
 
-    def _told(
+    def _follow_step(
         self,
         now: Situation,
         scene: Scene,
@@ -289,15 +293,15 @@ _ENDED = {
 }
 
 
-def _lost(age: float) -> str:
+def _lost_reason(age: float) -> str:
     if age == np.inf:
-        return "no position of the leader yet: slowing to rest"
-    return f"no fresh position of the leader for {age:.2f} s: slowing to rest"
+        return "no position of the leader yet: coming to rest"
+    return f"no position of the leader for {age:.2f} s: coming to rest"
 
 
 def _reason(ended: Ended, emergency: bool, bounded: bool) -> str:
-    parts = ["emergency: obstacle avoidance alone"] if emergency else []
+    parts = ["emergency: obstacle avoidance only"] if emergency else []
     parts.append(_ENDED[ended])
     if bounded:
-        parts.append("acceleration or joint limit bounds it")
+        parts.append("limited by acceleration or a joint limit")
     return ", ".join(parts)

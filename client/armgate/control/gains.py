@@ -1,4 +1,4 @@
-"""The numbers of the camera law in one place."""
+"""Parameters of the camera law."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from armgate.control.weights import LimitRule
 class Gains:
     """Gains and ranges of the camera law; the letters are the paper's.
 
-    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so what
-    counts is the proportion of the gains to each other, not their size.
+    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so only the
+    ratios of the gains matter, not their size.
 
     Attributes:
         task: k_p of (9), 1/s.
@@ -23,11 +23,11 @@ class Gains:
         reach: ρ0 of (12), m. Bounding spheres farther than this from each other do not push.
         own_repulsion: η between spheres of the robot's own segments.
         own_reach: ρ0 between them, m.
-        contact: d in (12) is taken as no less than this, m: a pair that touches or overlaps pushes apart,
-            finitely.
-        push: no pair of spheres pushes harder than this.
-        limits: the rule by which joints near their limits are weighed.
-        limit: c of that rule where it is the unit-free one.
+        contact: lower bound of d in (12), m: a pair that touches or overlaps is pushed apart by a finite
+            force.
+        push: largest force of a pair of spheres.
+        limits: rule that weights joints near their limits.
+        limit: c of the unit-free rule.
         roll_fade: the roll control fades out between these angles of the view axis from the vertical, rad.
         emergency_on: (13) replaces (9) when a pair of spheres is nearer than this, m …
         emergency_off: … and (9) comes back when all are farther than this, m.

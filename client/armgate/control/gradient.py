@@ -13,23 +13,21 @@ import numpy as np
 
 from armgate.control.weights import Vector
 
-# S is damped only where a weighted joint speed of 1 turns the view by less than this in the worst
-# direction.
+# S is damped only if a weighted joint speed of 1 turns the view by less than this in the worst direction.
 DAMPING = 0.02
 
 
 def weighted_gradient(M: Vector, rate: tuple[float, float], w: Vector, steepness: float) -> Vector:
-    """q̇ of (9), (n,), rad/s.
+    """Return q̇ of (9), (n,), rad/s.
 
-    S gets μ²I where its least eigenvalue is below (DAMPING · steepness)², with μ² so that it is brought up
-    to
-    that: exact elsewhere, continuous, and bounded where the limits weigh the task away.
+    If the smallest eigenvalue of S is below (DAMPING · steepness)², S gets μ²I that raises it to that value:
+    exact elsewhere, continuous, and bounded where the limits make the task's weights small.
 
     Args:
         M: the task Jacobian ∂Ψ/∂q in the first two rows, the field F of the sub-tasks in the third, (3, n).
         rate: the wanted Ψ̇, 1/s.
         w: the diagonal of W⁻¹, (n,), each in [0, 1].
-        steepness: dΨ/dθ = (1 + ‖Ψ‖²)/2. It makes the damping the same at all angles.
+        steepness: dΨ/dθ = (1 + ‖Ψ‖²)/2. It makes the damping equal at all angles.
     """
     A = M * w
     (s11, s12, b1), (_, s22, b2), _ = (A @ M.T).tolist()
@@ -46,11 +44,11 @@ def weighted_gradient(M: Vector, rate: tuple[float, float], w: Vector, steepness
 def limited_gradient(
     M: Vector, rate: tuple[float, float], down: Vector, up: Vector, *, steepness: float
 ) -> Vector:
-    """(9) with a weight for each direction of a joint: near a limit only the way towards it is weighed.
+    """Return q̇ of (9) with weights by direction: near a limit only the motion towards it is weighted.
 
-    Which way joints go is a result of the law, so it is solved with the larger weights, then with those of
-    the ways that joints take. Where weighing them makes others take a weighed way (rare), it is solved again.
-    As a joint's q̇ passes zero its weight does not matter, so the switch is continuous.
+    The directions of the joints follow from the law, so it is solved first with the larger weights, then with
+    those of the actual directions. If weighting them makes other joints take a weighted direction (rare), it
+    is solved again. As a joint's q̇ passes zero its weight has no effect, so the switch is continuous.
 
     Args:
         M: as in `weighted_gradient`.

@@ -1,9 +1,9 @@
-"""The on-line scheme, equations (16) and (17): the law is integrated within a tick as far as makes sense.
+"""On-line scheme (16), (17): within a tick the law is integrated as far as is useful.
 
-The reference q^r starts at the robot's position (17), or where the target's known motion takes it within
-the tick, and follows q̇^r = f(q^r) (16) in virtual time by the explicit Runge-Kutta method of 4th order. It
-ends when a joint has left its reach (the increment bound, or what is needed to brake for it), when the
-budget of steps is used up, or, saving time, when the rest of the way is not worth a step.
+The reference q^r starts at the robot's position (17), or where the target's known motion moves it within the
+tick, and follows q̇^r = f(q^r) (16) in virtual time by the explicit Runge-Kutta method of 4th order. It ends
+when a joint has left its reach (the increment bound, or the distance needed to brake for it), when the budget
+of steps is used up, or, to save time, when the remaining distance is not worth a step.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Field = Callable[[Vector], Vector]
 
 
 class Ended(Enum):
-    """Why the integration ended."""
+    """Reason for the end of the integration."""
 
     CONVERGED = "converged"
     BOUND = "bound"
@@ -29,12 +29,12 @@ class Ended(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Integration:
-    """Where the reference came to.
+    """Result of the integration.
 
     Attributes:
-        q: the last q^r, (n,).
+        q: last q^r, (n,).
         steps: Runge-Kutta steps made.
-        ended: why no more.
+        ended: reason for the end.
     """
 
     q: Vector
@@ -44,17 +44,17 @@ class Integration:
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """How (16) is integrated.
+    """Parameters of the integration of (16).
 
     Attributes:
-        step: longest step in virtual time, s. With gains of 5/s, 0.2 s is one time constant: stable, and 2
-            % exact.
-        budget: at most this many steps.
-        split: no step moves a joint by more than this part of its reach.
-        resolution: a rest of the way below this, rad or m, is not worth a step …
-        tolerance: … nor one below this part of the way made.
-        turn: longest step in units of the field's own time, h ‖∂f/∂q‖/2. Where repulsion meets a pull the
-            field is stiff, and longer steps would cast the reference to and fro.
+        step: longest step in virtual time, s. With gains of 5/s, 0.2 s is one time constant: stable, and
+            accurate to 2 %.
+        budget: largest number of steps.
+        split: largest share of its reach by which a step moves a joint.
+        resolution: remaining distance below which no step is made, rad or m …
+        tolerance: … and as a share of the distance covered.
+        turn: longest step in units of the field's own time, h ‖∂f/∂q‖/2. The field is stiff where repulsion
+            opposes a pull, and with longer steps the reference would oscillate.
     """
 
     step: float = 0.2
@@ -66,17 +66,17 @@ class Scheme:
 
     @property
     def numbers(self) -> tuple[float, int, float, float, float, float]:
-        """All of them in this order, for the compiled form."""
+        """All parameters in this order, for the compiled form."""
         return self.step, self.budget, self.split, self.resolution, self.tolerance, self.turn
 
 
 def rk4(f: Field, q: Vector, h: float, k1: Vector) -> Vector:
-    """One step of the classical Runge-Kutta method from q over h, k1 being f(q)."""
+    """Return one step of the classical Runge-Kutta method from q over h; k1 is f(q)."""
     return rk4_turn(f, q, h, k1)[0]
 
 
 def rk4_turn(f: Field, q: Vector, h: float, k1: Vector) -> tuple[Vector, float]:
-    """The same, and h ‖∂f/∂q‖/2 as its stages show it: ‖k3 − k2‖ / ‖k2 − k1‖.
+    """Return the step, and h ‖∂f/∂q‖/2 estimated by its stages: ‖k3 − k2‖ / ‖k2 − k1‖.
 
     The stages lie h (k2 − k1)/2 apart, so that the field changes by about ∂f/∂q times this between them. The
     method is stable for real eigenvalues down to −2.8/h, which is a ratio of 1.4.
@@ -96,10 +96,10 @@ def integrate(
 
     Args:
         f: the law.
-        start: where the reference starts, (n,).
-        reach: how far a joint goes from the origin, (n,).
+        start: start of the reference, (n,).
+        reach: largest distance of a joint from the origin, (n,).
         scheme: steps and budget.
-        origin: the robot's position (17), from which the way made is counted; `start` by default.
+        origin: robot's position (17), from which distances are counted; `start` by default.
     """
     origin = start if origin is None else origin
     q, largest_step, longest = start, scheme.split * reach, scheme.step

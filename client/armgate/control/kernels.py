@@ -1,7 +1,8 @@
-"""The camera law compiled by numba: the same formulas as the readable modules, in loops.
+"""Kernels of the camera law for numba: the formulas of the numpy modules, in loops.
 
-Each kernel names the function that it repeats; what the formulas mean stands there. A test holds the two
-against each other. All kernels stand in one file, because numba's cache knows only the file of the function
+Each kernel names the function that it repeats, whose docstring explains the formulas. `compiled.py` calls the
+kernels, and tests/control/test_compiled.py compares both forms. All kernels are in one file because numba's
+cache tracks only the file of the function that it compiled: a change in here causes a new compilation.
 that it compiled: what changes here is compiled anew.
 """
 
@@ -20,9 +21,9 @@ from armgate.control.stereographic import ANTIPODE_GUARD, LENS_GUARD
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# One record a joint, sphere or obstacle, whatever their number: one compilation serves all robots. All of
-# them are handed over as one array of bytes, for numba looks at every array of a call: with seven of them
-# that took longer than f. The head says where each kind begins; they stand in this order.
+# One record per joint, sphere or obstacle, in any number: one compilation serves all robots. All records are
+# passed as one array of bytes, because numba inspects every array of a call: seven arrays took longer than f
+# itself. The head holds the offset of each kind; they follow in this order.
 KINDS = ("cameras", "goals", "joints", "rows", "spheres", "pairs", "obstacles", "end")
 HEAD = np.dtype([(kind, "i8") for kind in KINDS])
 JOINT = np.dtype(
@@ -78,10 +79,10 @@ _HEAD = HEAD.itemsize
 
 
 def kernel(function: F) -> F:
-    """The function compiled at its first call, from numba's cache where one can be written.
+    """Compile a function at its first call, or load it from numba's cache if that is writable.
 
-    numba caches beside this file, else in the user's cache folder. Where neither can be written (a
-    read-only installation without a home) each process compiles for itself.
+    numba caches beside this file, else in the user's cache folder. If neither is writable (a read-only
+    installation without a home), each process compiles for itself.
     """
     try:
         return cast("F", numba.njit(cache=True, error_model="numpy")(function))
@@ -91,7 +92,7 @@ def kernel(function: F) -> F:
 
 @kernel
 def _scene(packed):
-    """The robot; the goal; rows: the position around which all is seen, and `ways`; the obstacles."""
+    """Return the robot; the goal; rows: the position of the scene, and `ways`; the obstacles."""
     head = packed[:_HEAD].view(HEAD)[0]
     cameras = packed[head.cameras : head.goals].view(CAMERA)
     goals = packed[head.goals : head.joints].view(GOAL)
@@ -115,7 +116,7 @@ def _cross(a, b):
 
 @kernel
 def _turned(R, v):
-    """R v."""
+    """Return R v."""
     return (
         R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
         R[1, 0] * v[0] + R[1, 1] * v[1] + R[1, 2] * v[2],
@@ -132,7 +133,7 @@ def _product(A, B, out):
 
 @kernel
 def _about(axis, angle, out):
-    """Rodrigues' rotation matrix."""
+    """Write Rodrigues' rotation matrix to `out`."""
     c, s = cos(angle), sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     d = 1.0 - c
@@ -143,7 +144,7 @@ def _about(axis, angle, out):
 
 @kernel
 def _place(joints, q, R, t, J):
-    """`CameraArm.place`: placements (n, 3, 3), (n, 3) of the joints and their spatial Jacobian (6, n)."""
+    """Compute `CameraArm.place`: joint placements (n, 3, 3), (n, 3) and spatial Jacobian (6, n)."""
     here, turn = np.empty((3, 3)), np.empty((3, 3))
     for i in range(len(joints)):
         joint = joints[i]
@@ -171,7 +172,7 @@ def _place(joints, q, R, t, J):
 
 @kernel
 def _centres(spheres, R, t):
-    """`CameraArm.centres`, and those of the base, (k, 3)."""
+    """Compute `CameraArm.centres`, and those of the base, (k, 3)."""
     centres = np.empty((len(spheres), 3))
     for k in range(len(spheres)):
         sphere = spheres[k]
@@ -186,14 +187,14 @@ def _centres(spheres, R, t):
 
 @kernel
 def _apart(o, b):
-    """O − b and its length."""
+    """Return o − b and its norm."""
     x, y, z = o[0] - b[0], o[1] - b[1], o[2] - b[2]
     return (x, y, z), sqrt(x * x + y * y + z * z)
 
 
 @kernel
 def _gradients(e1, e2, e3, ray, distance):
-    """`stereographic._error`."""
+    """Compute `stereographic._error`."""
     s = 1.0 + _dot(e3, ray)
     psi1, psi2 = _dot(e1, ray) / s, _dot(e2, ray) / s
     h = (ray[0] + e3[0], ray[1] + e3[1], ray[2] + e3[2])
@@ -205,7 +206,7 @@ def _gradients(e1, e2, e3, ray, distance):
 
 @kernel
 def _error(e1, e2, e3, r):
-    """`stereographic.camera_error`."""
+    """Compute `stereographic.camera_error`."""
     distance = sqrt(_dot(r, r))
     if distance < LENS_GUARD:
         return _gradients(e1, e2, e3, e3, LENS_GUARD)
@@ -227,7 +228,7 @@ def _error(e1, e2, e3, r):
 
 @kernel
 def _roll(e1, e2, camera):
-    """`subtasks.roll_rate`."""
+    """Compute `subtasks.roll_rate`."""
     off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))
     share = (off_vertical - camera.fade[0]) / (camera.fade[1] - camera.fade[0])
     share = min(max(share, 0.0), 1.0)
@@ -236,7 +237,7 @@ def _roll(e1, e2, camera):
 
 @kernel
 def _push(d, eta, reach, camera):
-    """`repulsion.push`."""
+    """Compute `repulsion.push`."""
     d = max(d, camera.contact)
     strength = eta * (1.0 / d - 1.0 / reach) / (d * d)
     return min(max(strength, 0.0), camera.push)
@@ -244,7 +245,7 @@ def _push(d, eta, reach, camera):
 
 @kernel
 def _pushed(F, joints, J, joint, force, at):
-    """Adds Jᵀ [f; o × f] for a force at a point that `joint` carries."""
+    """Add Jᵀ [f; o × f] for a force at a point that `joint` carries."""
     moment = _cross(at, force)
     while joint >= 0:
         F[joint] += (
@@ -260,7 +261,7 @@ def _pushed(F, joints, J, joint, force, at):
 
 @kernel
 def _repulsion(F, q, scene, placed):
-    """`CameraLaw._repulsion`."""
+    """Compute `CameraLaw._repulsion`."""
     (joints, spheres, _, cameras), goals, rows, _ = scene
     R, t, J = placed
     camera, goal = cameras[0], goals[0]
@@ -279,7 +280,7 @@ def _repulsion(F, q, scene, placed):
 
 @kernel
 def _from_others(F, scene, J, centres):
-    """`Repulsion.wrenches`."""
+    """Compute `Repulsion.wrenches`."""
     (joints, spheres, _, cameras), goals, _, obstacles = scene
     camera, goal = cameras[0], goals[0]
     eta, reach = camera.repulsion, camera.reach
@@ -303,7 +304,7 @@ def _from_others(F, scene, J, centres):
 
 @kernel
 def _from_itself(F, scene, J, centres):
-    """`OwnPairs.force`."""
+    """Compute `OwnPairs.force`."""
     joints, spheres, pairs, cameras = scene[0]
     camera = cameras[0]
     for pair in pairs:
@@ -319,7 +320,7 @@ def _from_itself(F, scene, J, centres):
 
 @kernel
 def _terms(q, scene, M, F_rep):
-    """`CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
+    """Compute `CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
     (joints, _, _, cameras), goals, _, _ = scene
     camera, goal = cameras[0], goals[0]
     n = len(joints)
@@ -351,7 +352,7 @@ def _terms(q, scene, M, F_rep):
 
 @kernel
 def _weights(q, scene, directed):
-    """`CameraLaw._directed`, into `directed` (2, n)."""
+    """Compute `CameraLaw._directed`, into `directed` (2, n)."""
     (joints, _, _, cameras), _, rows, _ = scene
     for i in range(len(joints)):
         directed[0, i], directed[1, i] = rows[1, i], rows[2, i]
@@ -371,7 +372,7 @@ def _weights(q, scene, directed):
 
 @kernel
 def _gradient(M, F_rep, rate, w, steepness, qd):
-    """`gradient.weighted_gradient`."""
+    """Compute `gradient.weighted_gradient`."""
     n = len(w)
     s11 = s12 = s22 = b1 = b2 = 0.0
     for i in range(n):
@@ -395,7 +396,7 @@ def _gradient(M, F_rep, rate, w, steepness, qd):
 
 @kernel
 def _limited(M, F_rep, rate, weights, steepness, qd):
-    """`gradient.limited_gradient`; `weights` (3, n) holds those down and up, and room for the ones taken."""
+    """Compute `gradient.limited_gradient`; `weights` (3, n): down, up, and room for the chosen ones."""
     n = len(qd)
     directed, w = weights[:2], weights[2]
     for i in range(n):
@@ -415,7 +416,7 @@ def _limited(M, F_rep, rate, weights, steepness, qd):
 
 @kernel
 def _field(q, scene):
-    """f(q, p, d_r) of (16), (n,)."""
+    """Return f(q, p, d_r) of (16), (n,)."""
     arm, goals, _, _ = scene
     camera = arm[3][0]
     n = len(q)
@@ -435,13 +436,13 @@ def _field(q, scene):
 
 @kernel
 def evaluate(q, packed):
-    """`CameraLaw.__call__`, in place: q becomes f(q). To hand an array out takes half as long as f."""
+    """Compute `CameraLaw.__call__` in place: q becomes f(q). Returning an array would cost half of f."""
     q[:] = _field(q, _scene(packed))
 
 
 @kernel
 def _rk4(q, h, k1, scene):
-    """`integrate.rk4_turn`."""
+    """Compute `integrate.rk4_turn`."""
     k2 = _field(q + 0.5 * h * k1, scene)
     k3 = _field(q + 0.5 * h * k2, scene)
     k4 = _field(q + h * k3, scene)
@@ -454,14 +455,14 @@ def _rk4(q, h, k1, scene):
 
 @kernel
 def advance(q, h, packed):
-    """`CameraLaw.step`, in place: q becomes where the step leads."""
+    """Compute `CameraLaw.step`, in place: q becomes the result."""
     scene = _scene(packed)
     q[:] = _rk4(q, h, _field(q, scene), scene)[0]
 
 
 @kernel
 def integrate(start, origin, reach, scheme, packed):
-    """`integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
+    """Compute `integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
     scene = _scene(packed)
     step, budget, split, resolution, tolerance, most = scheme
     q, longest = start.copy(), step
@@ -491,7 +492,7 @@ def integrate(start, origin, reach, scheme, packed):
 
 @kernel
 def task(q, packed):
-    """`CameraLaw.task`: Ψ_1, Ψ_2 and M, whose first two rows are ∂Ψ/∂q."""
+    """Compute `CameraLaw.task`: Ψ_1, Ψ_2 and M, whose first two rows are ∂Ψ/∂q."""
     M, F_rep = np.empty((4, len(q))), np.empty(len(q))
     psi1, psi2, _, _, _ = _terms(q, _scene(packed), M, F_rep)
     return psi1, psi2, M
@@ -499,7 +500,7 @@ def task(q, packed):
 
 @kernel
 def induced(q, packed):
-    """`CameraLaw.induced` for the goal's own velocity, (n,)."""
+    """Compute `CameraLaw.induced` for the goal's own velocity, (n,)."""
     scene, n = _scene(packed), len(q)
     M, F_rep, w, directed = np.empty((4, n)), np.empty(n), np.empty(n), np.empty((2, n))
     psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
@@ -528,7 +529,7 @@ def induced(q, packed):
 
 @kernel
 def gaps(q, packed):
-    """`Repulsion.least_gap` and `OwnPairs.least_gap` at q."""
+    """Compute `Repulsion.least_gap` and `OwnPairs.least_gap` at q."""
     (joints, spheres, pairs, _), goals, _, obstacles = _scene(packed)
     floor = goals[0].floor
     n = len(joints)

@@ -1,8 +1,8 @@
-"""Where a robot's camera and bounding spheres are and how they move, fast.
+"""Fast kinematics of a robot's camera and bounding spheres.
 
-pinocchio itself costs next to nothing; what costs is to ask it for results one by one. So each sphere
-becomes a frame of our own copy of the model, one call places them all, and the arrays that pinocchio writes
-into are bound
+pinocchio itself takes almost no time; asking it for results one by one does. So each sphere becomes a frame
+of our own copy of the model, one call places them all, and the arrays that pinocchio writes into are bound
+once and remain valid.
 once: they stay live.
 """
 
@@ -21,21 +21,22 @@ from armgate.control.weights import Vector
 
 
 class CameraArm:
-    """Kinematics of a robot that carries a camera; `place` first, then read.
+    """Kinematics of a robot that carries a camera; call `place` first, then read.
 
     Attributes:
-        J: the spatial Jacobian, world axes, at the world's origin, (6, n); for [f; p × f] it gives joint
-            forces.
+        J: spatial Jacobian, world axes, at the world's origin, (6, n); its transpose times [f; p × f] gives
+            joint forces.
         last: index of the last joint that carries the camera.
-        carriers: row j: 1.0 for joint j and the joints that carry it, else 0.0, (n, n).
+        carriers: row j is 1.0 for joint j and the joints that carry it, else 0.0, (n, n).
         camera_moved: 1.0 for the joints that carry the camera, else 0.0, (n,).
         spheres_moved: the same for each sphere, (k, n).
         spin: ∂φ/∂q of the last joint, φ being the roll angle of (15).
         mount: placement of the camera in the frame of that joint.
-        moves: which spheres' centres any joint moves, (k,); one on the axis of the first joint stays.
-        sinks: which spheres can come nearer to the floor at all, (k,).
-        lever: no sphere's centre moves farther than lever · |Δq|, (n,), m/rad; nor does it move farther
-            than that against another one.
+        moves: True for spheres whose centres a joint moves, (k,); a sphere on the axis of the first joint
+            stays.
+        sinks: True for spheres whose height can change, (k,).
+        lever: no sphere's centre moves further than lever · |Δq|, (n,), m/rad, in the world or relative to
+            another sphere.
 
     Raises:
         ModelError: for a frame that the model does not have, or that no joint moves.
@@ -73,7 +74,7 @@ class CameraArm:
         return index
 
     def _sinking(self, model: RobotModel, spheres: Spheres) -> NDArray[np.bool_]:
-        """All but those that only turn about a vertical axis: a base joint is always where it is now."""
+        """Return True for spheres whose height can change: not those that only turn about the vertical."""
         level = [
             model.joints[j].kind == "revolute" and model.parents[j] < 0 and abs(self.J[5, j]) > 1.0 - 1e-9
             for j in range(model.n)
@@ -81,34 +82,34 @@ class CameraArm:
         return np.array([not level[joint] for joint in spheres.joints], dtype=np.bool_)
 
     def place(self, q: Vector) -> None:
-        """Make everything refer to q, (n,), rad or m."""
+        """Update all results for q, (n,), rad or m."""
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
 
     def camera_axes(self) -> tuple[V3, V3, V3]:
-        """e1, e2, e3 in world axes."""
+        """Return e1, e2, e3 in world axes."""
         e1, e2, e3 = self._R.tolist()
         return (*e1,), (*e2,), (*e3,)
 
     def camera_point(self) -> V3:
-        """x, the lens in the world, m."""
+        """Return x, the position of the lens in the world, m."""
         x, y, z = self._t.tolist()
         return x, y, z
 
     def centres(self) -> Vector:
-        """The spheres' centres in the world, (k, 3), m."""
+        """Return the spheres' centres in the world, (k, 3), m."""
         return np.array(self._centres).reshape(-1, 3)
 
 
 def _moving(model: RobotModel, spheres: Spheres) -> NDArray[np.bool_]:
-    """See `CameraArm.moves`."""
+    """Return `CameraArm.moves`."""
     places = [spheres.centres(q) for q in np.linspace(model.lower, model.upper, 5)]
     moves: NDArray[np.bool_] = np.ptp(places, axis=0).max(axis=1, initial=0.0) > 1e-6
     return moves
 
 
 def _carriers(model: RobotModel) -> Vector:
-    """See `CameraArm.carriers`."""
+    """Return `CameraArm.carriers`."""
     moved = np.eye(model.n)
     for joint, parent in enumerate(model.parents):
         if parent >= 0:

@@ -1,4 +1,7 @@
-"""The camera law f(q, p, d_r) of (16): equations (9) to (15) put together for one robot."""
+"""Camera law f(q, p, d_r) of (16): equations (9) to (15) combined for one robot.
+
+`kernels.py` repeats these formulas for numba; `compiled.CompiledLaw` has the same interface on top of it.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +23,19 @@ from armgate.control.subtasks import distance_pull, roll_rate
 from armgate.control.vectors import V3, dot, vector, wrench
 from armgate.control.weights import LimitWeights, Vector
 
-# (m or rad)² per rad²: bounds `induced` where the view distance cannot be kept, an elbow straight, say.
+# (m or rad)² per rad²: bounds `induced` where the view distance cannot be kept, for example with a straight
+# elbow.
 INDUCED_DAMPING = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Obstacles, as the robot's spheres feel them around one position; what they are made of is the law's.
+    """Obstacles as they act on the robot's spheres around one position; the representation is the law's own.
 
     Attributes:
-        around: that position, (n,).
-        gap: least distance to an obstacle there, m; inf without obstacles.
-        own_gap: least distance between own spheres that can meet, m.
+        around: the position, (n,).
+        gap: smallest distance to an obstacle there, m; inf without obstacles.
+        own_gap: smallest distance between own spheres that can meet, m.
     """
 
     around: Vector
@@ -41,7 +45,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class PushingScene(Scene):
-    """A scene for `CameraLaw`.
+    """Scene of `CameraLaw`.
 
     Attributes:
         repulsion: the forces (12).
@@ -52,17 +56,17 @@ class PushingScene(Scene):
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What the law is asked for, the same for all evaluations of one increment.
+    """Goal of the law, constant during the evaluations for one increment.
 
     Attributes:
         p: the target, world, m.
         distance: d_r, the wanted view distance, m.
         scene: the obstacles; None for none.
         emergency: (13) instead of (9).
-        velocity: ṗ, m/s, for the term P ṗ of (4). Only a law that integrates real time may have it: in the
+        velocity: ṗ, m/s, for the term P ṗ of (4). Only a law that integrates real time may use it: in the
             virtual time of (16) the target stands still.
-        ways: what is left to each joint of its way down and up, (2, n), each in [0, 1], on top of the weights
-            of its limits; None for all.
+        ways: share of each joint's motion down and up that is left, (2, n), each in [0, 1], in addition to
+            the limit weights; None for all.
     """
 
     p: V3
@@ -75,13 +79,13 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What an evaluation at one q is made of.
+    """Terms of an evaluation at one q.
 
     Attributes:
         psi: Ψ, (2).
         J_t: ∂Ψ/∂q, (2, n).
         J_d: ∂‖x − p‖/∂q, (n,), m/rad.
-        F: the sum of the fields of view distance (14) and roll (15), (n,).
+        F: sum of the fields of view distance (14) and roll (15), (n,).
         F_rep: repulsion (12) from obstacles and from itself, (n,).
         P: ∂Ψ/∂p, (2, 3), 1/m.
         ray: unit vector from lens to target, (3).
@@ -97,22 +101,22 @@ class Terms:
 
     @property
     def steepness(self) -> float:
-        """(1 + ‖Ψ‖²)/2 = dΨ/dθ: by how much Ψ is steeper than the angle."""
+        """(1 + ‖Ψ‖²)/2 = dΨ/dθ: slope of Ψ over the angle."""
         return 0.5 * (1.0 + self.psi[0] ** 2 + self.psi[1] ** 2)
 
 
 class CameraLaw:
-    """The weighted gradient law for a camera at `frame` of `model`.
+    """Weighted gradient law for a camera at `frame` of `model`.
 
     The camera's frame has its origin in the lens, e3 along the view and e1 up in the picture. Its robot may
-    have any number of joints; the roll (15) is that of the last joint that carries the camera. A law keeps
+    have any number of joints; the roll (15) is that of the last joint that carries the camera. A law uses
     pinocchio's work space, so one object must not be used by two threads at once.
 
     Args:
         model: the follower.
         frame: name of the camera's frame.
         gains: see `Gains`.
-        spheres: the bounding spheres that repulsion acts on; by default those of all its moving bodies.
+        spheres: bounding spheres that repulsion acts on; by default those of all moving bodies.
 
     Raises:
         ModelError: for a frame that the model does not have, or that no joint moves.
@@ -131,7 +135,7 @@ class CameraLaw:
         self._nothing = np.zeros(model.n)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> Scene:
-        """The obstacles as seen around q, (n,); the law stays valid for them everywhere."""
+        """Return the obstacles as seen around q, (n,); the result is valid for the law at every position."""
         self._arm.place(q)
         repulsion = Repulsion(self.spheres.radii, self._arm.moves, self._arm.sinks, obstacles, self.gains)
         centres = self._arm.centres()
@@ -147,7 +151,7 @@ class CameraLaw:
         velocity: ArrayLike = (0.0, 0.0, 0.0),
         ways: Vector | None = None,
     ) -> Goal:
-        """What to evaluate the law for.
+        """Return the goal for evaluations of the law.
 
         Args:
             p: the target, (3,), world, m.
@@ -161,28 +165,28 @@ class CameraLaw:
         return Goal(target, distance, scene, emergency, moving, ways)
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
-        """f(q, p, d_r) of (16), (n,), rad/s."""
+        """Return f(q, p, d_r) of (16), (n,), rad/s."""
         terms = self.terms(q, goal)
         drift = _drift(terms, goal.velocity)
         return self.velocity(q, terms, emergency=goal.emergency, drift=drift, ways=goal.ways)
 
     def step(self, q: Vector, h: float, goal: Goal) -> Vector:
-        """One step (16) of the Runge-Kutta method from q over h, s."""
+        """Return one step (16) of the Runge-Kutta method from q over h, s."""
         return rk4(lambda at: self(at, goal), q, h, self(q, goal))
 
     def run(
         self, start: Vector, goal: Goal, reach: Vector, scheme: Scheme, origin: Vector | None = None
     ) -> Integration:
-        """The on-line scheme (16), (17) for this law; see `integrate`."""
+        """Run the on-line scheme (16), (17) for this law; see `integrate`."""
         return integrate(lambda q: self(q, goal), start, reach, scheme, origin)
 
     def task(self, q: Vector, goal: Goal) -> tuple[tuple[float, float], Vector]:
-        """Ψ (2) and ∂Ψ/∂q (2, n) at q."""
+        """Return Ψ (2) and ∂Ψ/∂q (2, n) at q."""
         terms = self.terms(q, goal)
         return terms.psi, terms.J_t
 
     def terms(self, q: Vector, goal: Goal) -> Terms:
-        """Errors, Jacobians and fields at q, (n,).
+        """Return errors, Jacobians and fields at q, (n,).
 
         All forces and both rows of the task are wrenches at the world's origin, so that one product with
         the spatial Jacobian gives all joint forces at once.
@@ -192,7 +196,7 @@ class CameraLaw:
         e1, e2, e3 = arm.camera_axes()
         x = arm.camera_point()
         psi, g1, g2, ray, distance = camera_error(e1, e2, e3, (p[0] - x[0], p[1] - x[1], p[2] - x[2]))
-        # With minus signs: what the camera sees moves against the camera, and the distance shrinks along
+        # The minus signs: what the camera sees moves opposite to the camera, and the distance shrinks along
         # the ray.
         rows = np.array((wrench(g1, p), wrench(g2, p), wrench(ray, x)))
         J = (rows @ arm.J) * -arm.camera_moved
@@ -201,13 +205,13 @@ class CameraLaw:
         return Terms(psi, J[:2], J[2], F, self._repulsion(q, goal.scene), (g1, g2), ray)
 
     def _repulsion(self, q: Vector, scene: Scene | None) -> Vector:
-        """Jᵀ of the forces (12) at q, where the arm is placed, (n,)."""
+        """Return Jᵀ of the forces (12) at q, at which the arm is placed, (n,)."""
         if scene is None:
             return self._nothing
         if not isinstance(scene, PushingScene):
             raise TypeError("expected a scene made by this law")
         arm, F = self._arm, self._nothing
-        # Mostly all is far away, and the way made since cannot have changed that.
+        # Usually everything is far away, and the motion since then cannot have changed that.
         way = float(np.abs(q - scene.around) @ arm.lever)
         others, own = way >= scene.gap - self.gains.reach, way >= scene.own_gap - self.gains.own_reach
         if not (others or own):
@@ -229,7 +233,7 @@ class CameraLaw:
         drift: tuple[float, float] = (0.0, 0.0),
         ways: Vector | None = None,
     ) -> Vector:
-        """q̇ of (9), or of (13) in an emergency, from the terms at q, (n,), rad/s; `drift` is P ṗ of (4)."""
+        """Return q̇ of (9), or of (13) in an emergency, from the terms at q, (n,); `drift` is P ṗ of (4)."""
         down, up = self._directed(q, ways)
         if emergency:
             return np.where(terms.F_rep > 0.0, up, down) * terms.F_rep
@@ -241,16 +245,16 @@ class CameraLaw:
         return limited_gradient(M, rate, down, up, steepness=terms.steepness)
 
     def _directed(self, q: Vector, ways: Vector | None) -> tuple[Vector, Vector]:
-        """W⁻¹ for joints that go down, and for those that go up, (n,)."""
+        """Return W⁻¹ for joints that go down, and for those that go up, (n,)."""
         down, up = self._weights.directed(self._weights.position(q), always=self.gains.limits.always)
         return (down, up) if ways is None else (down * ways[0], up * ways[1])
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
-        """The joint velocity that keeps angle and distance while the target moves at `velocity` (3,), m/s.
+        """Return the joint velocity that keeps angle and distance for a target at `velocity` (3,), m/s.
 
-        The weighted least one with J_t q̇ = −P ṗ (4) and J_d q̇ = −ray · ṗ; (n,), rad/s. It tells what
-        motion to expect of the optimum in real time; in the virtual time of (16) the term P ṗ of (4) would
-        do harm.
+        The solution of J_t q̇ = −P ṗ (4) and J_d q̇ = −ray · ṗ with the least weighted norm; (n,), rad/s. It
+        is the expected motion of the optimum in real time; in the virtual time of (16) the term P ṗ of (4)
+        would be wrong.
         """
         terms = self.terms(q, goal)
         v = vector(np.asarray(velocity, dtype=np.float64))
@@ -263,5 +267,5 @@ class CameraLaw:
 
 
 def _drift(terms: Terms, velocity: V3) -> tuple[float, float]:
-    """P ṗ of (4), 1/s."""
+    """Return P ṗ of (4), 1/s."""
     return dot(terms.P[0], velocity), dot(terms.P[1], velocity)

@@ -1,10 +1,9 @@
-"""Beside something: where a body is near another, joints do not bring it nearer than they are about to.
+"""Near bodies: limits of the stop's end that keep joints from approaching a near body further.
 
-The gate admits an increment if the whole stop after it keeps its distance. So near a body the increments have
-to be chosen by where their stop ends. What is allowed there is told joint by joint, as limits for the end of
-the stop that hold for one tick: a joint that does not clearly lead away ends within the stop that is held
-already, which the gate has proven, or goes farther by its share of the room that is left. Where bodies are
-far apart these limits are beyond the joint's own.
+The gate admits an increment if the whole stop after it keeps its distance. So near a body the increments must
+be chosen by the end of their stop. The limits apply to the end of the stop, joint by joint, for one tick. A
+joint that does not clearly lead away ends within the current stop, which the gate has proven, or exceeds it
+by its share of the remaining room. Far from other bodies these limits lie beyond the joint limits.
 """
 
 from __future__ import annotations
@@ -16,22 +15,22 @@ import numpy as np
 from armgate.cell.model import RobotModel
 from armgate.control.weights import Vector
 
-# Of the room that is left so much is not used, m: directions change on the way to rest.
+# Part of the remaining room that is not used, m: directions change during the stop.
 RESERVE = 0.01
-# A joint leads clearly away if it opens the distance by this share of the way that it moves the body.
+# A joint clearly leads away if it opens the distance by this share of the distance that it moves the body.
 AWAY = 0.2
-# Joints that move the body by less than this, m/rad or m/m, do not matter.
+# Joints that move the body by less than this, m/rad or m/m, are ignored.
 STILL = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class NearPair:
-    """A body of the robot and one of another that are kept apart, at the measured positions.
+    """Pair of a body of the robot and another body, at the measured positions.
 
     Attributes:
-        points: the nearest points of both, ours and the other one, (2, 3), world, m.
-        joint: the joint that carries our body.
-        room: their distance less what must be kept, and less what the other one is about to take, m.
+        points: witness points of our body and the other one, (2, 3), world, m.
+        joint: joint that carries our body.
+        room: their distance, less the margin and the approach of the other body during its stop, m.
     """
 
     points: Vector
@@ -40,10 +39,10 @@ class NearPair:
 
 
 def opening(model: RobotModel, q: Vector, pair: NearPair) -> tuple[Vector, Vector]:
-    """How joints change the distance of a pair at q (n,), and how far they move our point at all.
+    """Return the effect of joints on a pair's distance at q (n,), and on our witness point.
 
     Returns:
-        ∂d/∂q (n,), and the length of ∂x/∂q for each joint, (n,), m per rad or m.
+        ∂d/∂q (n,), and the norm of ∂x/∂q for each joint, (n,), m per rad or m.
     """
     J = model.point_jacobian(q, pair.joint, pair.points[0])
     apart = pair.points[0] - pair.points[1]
@@ -52,15 +51,15 @@ def opening(model: RobotModel, q: Vector, pair: NearPair) -> tuple[Vector, Vecto
 
 
 def approach(model: RobotModel, body: int, q: Vector, end: Vector, point: Vector, to: Vector) -> float:
-    """How much nearer a body comes between q and the end of its stop, m; 0 where it goes away.
+    """Return by how much a body approaches between q and the end of its stop, m; 0 if it moves away.
 
     Args:
-        model: the robot that it belongs to.
+        model: robot of the body.
         body: its index in `model.bodies`.
         q: measured, (n,).
-        end: where the stop ends, (n,).
-        point: its nearest point at q, (3,), world, m.
-        to: the point to which it is near, (3,), world, m.
+        end: end of the stop, (n,).
+        point: its witness point at q, (3,), world, m.
+        to: the other witness point, (3,), world, m.
     """
     R, t = model.body_placements(q)
     local = R[body].T @ (point - t[body])
@@ -73,14 +72,14 @@ def approach(model: RobotModel, body: int, q: Vector, end: Vector, point: Vector
 def limits_near_bodies(
     model: RobotModel, q: Vector, setpoint: Vector, stop_end: Vector, pairs: tuple[NearPair, ...]
 ) -> tuple[Vector, Vector]:
-    """Limits, lower and upper (n,), for where the stop after the next increment ends.
+    """Return lower and upper limits (n,) for the end of the stop after the next increment.
 
     Args:
         model: this robot.
         q: measured, (n,).
         setpoint: its commanded position, (n,).
-        stop_end: where the stop that is held ends, (n,).
-        pairs: what is near.
+        stop_end: end of the current stop, (n,).
+        pairs: near pairs.
     """
     lower, upper = np.full(model.n, -np.inf), np.full(model.n, np.inf)
     low, high = np.minimum(setpoint, stop_end), np.maximum(setpoint, stop_end)

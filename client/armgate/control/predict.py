@@ -1,4 +1,4 @@
-"""Where a point will be: an α-β-γ filter over its stamped positions."""
+"""Prediction of a point's position: an α-β-γ filter over its time-stamped positions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armgate.control.weights import Vector
 
 
 def ramp_lag(lag: float, period: float) -> float:
-    """By how much a first-order lag, q ← q + (1 − e^(−T/τ)) (q_ref − q) each T, trails a ramp, s.
+    """Return by how much a first-order lag, q ← q + (1 − e^(−T/τ)) (q_ref − q) each T, trails a ramp, s.
 
     T / (e^(T/τ) − 1), which is about τ − T/2; 0 without lag.
 
@@ -23,20 +23,19 @@ def ramp_lag(lag: float, period: float) -> float:
 
 
 class Predictor:
-    """Estimates position, velocity and acceleration of a point and extrapolates them.
+    """Estimator and extrapolator of position, velocity and acceleration of a point.
 
     With the residual e of a new position against the one predicted for its time, dt after the one before,
 
         p ← p + α e,      v ← v + β e / dt,      a ← a + γ e / dt²
 
-    (Kalata 1984, with γ standing for his γ/2). γ = 0 gives the α-β filter, which takes the velocity as
-    constant.
+    (Kalata 1984; γ here is half of his γ). γ = 0 gives the α-β filter, which assumes a constant velocity.
 
     Args:
         alpha: share of the residual that goes into the position, (0, 1].
-        beta: into the velocity.
-        gamma: into the acceleration.
-        gap: after a pause longer than this, s, the past tells nothing: the filter starts anew.
+        beta: share that goes into the velocity.
+        gamma: share that goes into the acceleration.
+        gap: pause after which the filter restarts, s.
     """
 
     def __init__(self, alpha: float = 0.5, beta: float = 0.18, gamma: float = 0.02, gap: float = 0.2) -> None:
@@ -48,16 +47,16 @@ class Predictor:
 
     @property
     def time(self) -> float | None:
-        """The stamp of the newest position, s, or None before the first."""
+        """Time stamp of the newest position, s; None before the first."""
         return self._time
 
     @property
     def velocity(self) -> Vector:
-        """The velocity at the newest position, m/s."""
+        """Velocity at the newest position, m/s."""
         return self._v
 
     def update(self, time: float, point: ArrayLike) -> None:
-        """Take in the point (3,), m, as it was at `time`, s; ignored unless newer than the last.
+        """Add the point (3,), m, measured at `time`, s; ignored unless newer than the last.
 
         Raises:
             ValueError: if time or point is not finite or the point has not three coordinates.
@@ -79,13 +78,13 @@ class Predictor:
         self._a = self._a + (self._gamma / (dt * dt)) * e
 
     def predict(self, ahead: float) -> tuple[Vector, Vector]:
-        """Position (3,), m, and velocity (3,), m/s, `ahead` s after the newest position.
+        """Return position (3,), m, and velocity (3,), m/s, `ahead` s after the newest position.
 
         Raises:
             ValueError: before the first position.
         """
         if self._time is None:
-            raise ValueError("no position seen yet: call update first")
+            raise ValueError("no position yet: call update first")
         return self._ahead(ahead)
 
     def _ahead(self, dt: float) -> tuple[Vector, Vector]:

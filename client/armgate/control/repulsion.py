@@ -1,10 +1,10 @@
-"""Repulsion between bounding spheres, equation (12), and the switch to it alone, equation (13).
+"""Repulsion between bounding spheres, equation (12), and the switch to repulsion only, equation (13).
 
     F_rep = Σ J_oᵀ φ(d) n,      φ(d) = η (1/d − 1/ρ0) / d²,   d = ‖o − b‖ − r_o − r_b,   n = (o − b)/‖o − b‖
 
 is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the
-negative gradient of the potential η/2 (1/d − 1/ρ0)². Printed, (12) changes sign when d does and would pull
-overlapping bodies
+negative gradient of the potential η/2 (1/d − 1/ρ0)². As printed, (12) changes sign with d and would pull
+overlapping bodies together: d is bounded below by a contact distance, and φ is bounded above.
 together: d is taken as no less than a contact distance, and φ as no more than a cap.
 """
 
@@ -24,12 +24,12 @@ _NO_RADII = np.zeros(0)
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """What to stay clear of: spheres, and the floor as the plane z = floor.
+    """Obstacles: spheres, and the floor as the plane z = floor.
 
     Attributes:
         centres: (m, 3), world, m.
         radii: (m,), m.
-        floor: its height, m, or None for no floor.
+        floor: height of the floor, m; None without a floor.
     """
 
     centres: Vector = field(default_factory=lambda: _NO_CENTRES)
@@ -44,21 +44,21 @@ class Obstacles:
 
 
 def push(d: Vector, eta: float, reach: float, gains: Gains) -> Vector:
-    """φ(d) of (12) with η and ρ0: zero beyond ρ0, finite at contact. d is the distance of surfaces, m."""
+    """Return φ(d) of (12) with η and ρ0: 0 beyond ρ0, finite at contact. d is the surfaces' distance, m."""
     d = np.maximum(d, gains.contact)
     strength: Vector = eta * (1.0 / d - 1.0 / reach) / (d * d)
     return np.clip(strength, 0.0, gains.push)
 
 
 class Repulsion:
-    """The forces of (12) on the spheres of a robot from given obstacles; made once an increment.
+    """Forces of (12) on the spheres of a robot from given obstacles; made once per increment.
 
     Args:
-        radii: of the robot's spheres, (k,), m.
-        moves: which of them any joint moves, (k,): nothing else can be pushed, or go out of the way.
-        sinks: which of them can come nearer to the floor at all, (k,).
-        obstacles: what pushes.
-        gains: how.
+        radii: radii of the robot's spheres, (k,), m.
+        moves: True for spheres that a joint moves, (k,): others cannot evade.
+        sinks: True for spheres whose height can change, (k,).
+        obstacles: the obstacles.
+        gains: see `Gains`.
     """
 
     def __init__(
@@ -79,15 +79,16 @@ class Repulsion:
         self._resting = np.where(sinks, radii + floor, -np.inf)
 
     def least_gap(self, centres: Vector) -> float:
-        """Least distance between a sphere, at centres (k, 3), and an obstacle, m; inf without obstacles."""
+        """Return the smallest distance of sphere centres (k, 3) to an obstacle, m; inf without obstacles."""
         apart = np.linalg.norm(centres[:, None] - self._centres, axis=2) - self._touching
         above = centres[:, 2] - self._resting
         return float(min(np.min(apart, initial=np.inf), np.min(above, initial=np.inf)))
 
     def wrenches(self, centres: Vector) -> tuple[NDArray[np.intp], Vector] | None:
-        """Which spheres are pushed at centres (k, 3): indices (a,) and wrenches [f; o × f] (a, 6).
+        """Return the repelled spheres at centres (k, 3): indices (a,) and wrenches [f; o × f] (a, 6).
 
-        A sphere has an entry for each obstacle that pushes it. None where nothing pushes, the common case.
+        A sphere has an entry per obstacle that repels it. The result is None, in the common case, if none
+        does.
         """
         apart = centres[:, None] - self._centres
         squared = np.einsum("ijk,ijk->ij", apart, apart)
@@ -111,7 +112,7 @@ class Repulsion:
 
 
 class Emergency:
-    """Whether (13), q̇ = W⁻¹ F_rep, replaces (9): on below one distance, off above a larger one."""
+    """Switch to (13), q̇ = W⁻¹ F_rep, instead of (9): on below one distance, off above a larger one."""
 
     def __init__(self, gains: Gains) -> None:
         if gains.emergency_off < gains.emergency_on:
@@ -120,7 +121,7 @@ class Emergency:
         self.active = False
 
     def update(self, least_gap: float) -> bool:
-        """The mode at the least distance between spheres, m."""
+        """Return True if the emergency mode is active at this smallest distance between spheres, m."""
         threshold = self._gains.emergency_off if self.active else self._gains.emergency_on
         self.active = least_gap < threshold
         return self.active

@@ -1,13 +1,14 @@
 """Repulsion of a robot from itself: (12) between bounding spheres of its own segments.
 
-The paper checks each segment against the leader and the floor. A camera that turns far enough meets its own
-arm or base, too. For two own spheres a and b the potential U(d) of (12) depends on the joints between them
-alone, and
+The paper checks each segment against the leader and the floor. A camera that turns far enough can also
+collide with its own arm or base. For two own spheres a and b the potential U(d) of (12) depends only on the
+joints between them, and
 
     F = −∂U/∂q = (J_a − J_b)ᵀ φ(d) n,      n = (o_a − o_b) / ‖o_a − o_b‖.
 
-The two forces are opposite and act along one line, so as wrenches at the world's origin they are ± the same:
-one wrench, with a sign for each joint that carries a or b alone, and nothing for those that carry both.
+The two forces are opposite and act along one line, so as wrenches at the world's origin they are equal up to
+the sign: one wrench, with a sign for each joint that carries only a or only b, and zero for joints that carry
+both.
 """
 
 from __future__ import annotations
@@ -21,22 +22,23 @@ from armgate.control.repulsion import push
 from armgate.control.spheres import Spheres
 from armgate.control.weights import Vector
 
-# A pair whose distance varies by less than this, m, over chance positions, has a constant one.
+# Largest variation of a pair's distance over random positions, m, at which it counts as constant.
 CONSTANT = 1e-3
 POSITIONS = 16
 
 
 class OwnPairs:
-    """The pairs of own spheres that can come nearer to each other, those of the base included.
+    """Pairs of own spheres whose distance can decrease, including the spheres of the base.
 
-    Spheres on neighbouring joints overlap where the joint is, as the bodies do that they cover, and are left
-    out; so are pairs whose distance no joint changes.
+    Spheres on neighbouring joints overlap at the joint, like the bodies that they cover, and are left out, as
+    are pairs whose distance no joint changes.
 
     Attributes:
         base: centres of the base's spheres, world, (m, 3), m.
-        base_radii: theirs, (m,), m.
-        a: index of one sphere of each pair, (p,); the base's follow the moving ones.
-        b: of the other one.
+        base_radii: their radii, (m,), m.
+        a: index of the first sphere of each pair, (p,); indices of the base follow those of the moving
+            spheres.
+        b: index of the second sphere.
         touching: r_a + r_b, (p,), m.
 
     Args:
@@ -63,12 +65,12 @@ class OwnPairs:
         self._signs: Vector = moved[self.a] - moved[self.b]
 
     def least_gap(self, centres: Vector) -> float:
-        """Least distance in a pair, the moving spheres at centres (k, 3), m; inf without pairs."""
+        """Return the smallest distance of a pair, m, with sphere centres (k, 3), m; inf without pairs."""
         _, distance = self._apart(centres, self.a, self.b)
         return float(np.min(distance - self.touching, initial=np.inf))
 
     def force(self, centres: Vector, J: Vector, gains: Gains) -> Vector | None:
-        """F, (n,), with the spatial Jacobian J (6, n) at centres (k, 3); None where nothing pushes."""
+        """Return F, (n,), with the spatial Jacobian J (6, n) at centres (k, 3); None if no pair repels."""
         apart, distance = self._apart(centres, self.a, self.b)
         gap = distance - self.touching
         (near,) = np.nonzero(gap < gains.own_reach)
@@ -85,7 +87,7 @@ class OwnPairs:
         return np.concatenate((centres, self.base))
 
     def _apart(self, centres: Vector, a: NDArray[np.intp], b: NDArray[np.intp]) -> tuple[Vector, Vector]:
-        """o_a − o_b (p, 3) and its length (p,)."""
+        """Return o_a − o_b (p, 3) and its norm (p,)."""
         every = self._all(centres)
         apart = every[a] - every[b]
         return apart, np.linalg.norm(apart, axis=1)

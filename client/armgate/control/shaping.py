@@ -1,14 +1,13 @@
-"""From the way to go to the increment of this tick: the braking-aware chord.
+"""Shaping of the increment of a tick: the braking-aware chord.
 
-The integrated law gives the chord D = q^r − q from the setpoint to where the reference came. Robots with
-bounded acceleration that take the largest step towards the optimum each tick overshoot it and cycle. A
-joint that is D away and sheds at most a per tick arrives at rest if it goes no faster than
+The integrated law gives the chord D = q^r − q from the setpoint to the end of the reference. Robots with
+bounded acceleration that take the largest step towards the optimum in each tick overshoot it and oscillate. A
+joint that is D away and loses at most a per tick arrives at rest if its increment is at most
 
     u(D) = ½ (−a + √(a² + 8 a D)),
 
-since braking from u, in steps of a, takes u (u + a) / 2a. The chord is scaled as a whole, so that every
-joint obeys. A moving target leaves the optimum moving by u_ff a tick: then the chord less u_ff is what is
-to be braked for.
+since braking from u in steps of a takes u (u + a) / 2a. The chord is scaled as a whole, so that every joint
+obeys. A moving target moves the optimum by u_ff per tick: then the chord less u_ff is used.
 """
 
 from __future__ import annotations
@@ -17,24 +16,24 @@ import numpy as np
 
 from armgate.control.weights import Vector
 
-# Plans to brake with this part of the acceleration bound; the rest is for what the plan does not know.
+# Share of the acceleration bound used to plan braking; the rest is for disturbances.
 RESERVE = 0.7
 
 
 def braking_increment(way: Vector, change: Vector) -> Vector:
-    """u(D) for ways D ≥ 0 and changes a > 0 of the increment per tick, (n,), rad or m."""
+    """Return u(D) for distances D ≥ 0 and changes a > 0 of the increment per tick, (n,), rad or m."""
     u: Vector = 0.5 * (np.sqrt(change * (change + 8.0 * way)) - change)
     return u
 
 
 def braking_way(increment: Vector, change: Vector) -> Vector:
-    """D from which a joint with this increment just comes to rest, inverse of `braking_increment`."""
+    """Return D from which a joint with this increment just comes to rest; inverse of `braking_increment`."""
     way: Vector = increment * (increment + change) / (2.0 * change)
     return way
 
 
 def shape_chord(chord: Vector, induced: Vector, step: Vector, change: Vector) -> Vector:
-    """The increment to take along `chord`, (n,), rad or m.
+    """Return the increment along `chord`, (n,), rad or m.
 
     Args:
         chord: D = q^r − q.

@@ -13,22 +13,22 @@ from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sph
 from armgate.control.vectors import V3
 from armgate.control.weights import Vector
 
-# A row of spheres along a body is as much thicker than the body as keeps the row short: at this ratio a row
-# has a sphere every 1.5 radii.
+# Radius of a row's spheres over the radius of the body: larger spheres keep the row short. With this ratio a
+# row has a sphere every 1.5 radii.
 STRETCH = 1.25
-# No body has more spheres than this; a long thin one gets thicker ones.
+# Largest number of spheres of a body; a long thin body gets larger ones.
 MOST = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Spheres:
-    """Spheres that together cover bodies of a robot: those that move, or those of its base.
+    """Spheres that together cover bodies of a robot: the moving ones, or those of its base.
 
     Attributes:
-        model: whose bodies they cover.
-        bodies: for each sphere the index of its body in `model.bodies`, (k,).
-        joints: the joint that carries it, (k,); −1 for the base.
-        offsets: its centre in the body's own frame, (k, 3), m.
+        model: robot whose bodies they cover.
+        bodies: index of each sphere's body in `model.bodies`, (k,).
+        joints: joint that carries the sphere, (k,); −1 for the base.
+        offsets: centre in the body's own frame, (k, 3), m.
         radii: (k,), m.
     """
 
@@ -40,12 +40,12 @@ class Spheres:
 
     @classmethod
     def of(cls, model: RobotModel) -> Spheres:
-        """The spheres of all bodies of `model` that a joint moves."""
+        """Return the spheres of all bodies of `model` that a joint moves."""
         return cls._of(model, [index for index, body in enumerate(model.bodies) if body.joint >= 0])
 
     @classmethod
     def of_base(cls, model: RobotModel) -> Spheres:
-        """The spheres of the bodies of its base."""
+        """Return the spheres of the bodies of its base."""
         return cls._of(model, [index for index, body in enumerate(model.bodies) if body.joint < 0])
 
     @classmethod
@@ -64,25 +64,25 @@ class Spheres:
         )
 
     def centres(self, q: Vector) -> Vector:
-        """Their centres in the world at q ((n,), rad or m), (k, 3), m."""
+        """Return their centres in the world at q ((n,), rad or m), (k, 3), m."""
         R, t = self.model.body_placements(q)
         index = list(self.bodies)
         centres: Vector = np.einsum("kij,kj->ki", R[index], self.offsets) + t[index]
         return centres
 
     def in_joint(self, sphere: int) -> Vector:
-        """The centre of one sphere in the frame of its joint, (3,), m."""
+        """Return the centre of one sphere in the frame of its joint, (3,), m."""
         placement = self.model.bodies[self.bodies[sphere]].placement
         point: Vector = placement.R @ self.offsets[sphere] + placement.t
         return point
 
 
 def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
-    """Spheres (centre in the shape's frame, radius) that together contain the shape.
+    """Yield spheres (centre in the shape's frame, radius) that together contain the shape.
 
-    A row along its longest axis. Between two centres 2h apart spheres of radius √(c² + h²) cover a cross
-    section of radius c. Round ends need a sphere in their own centre, flat ones have the outer centres h
-    inside. A cone is covered as a cylinder, a convex body as its box.
+    The spheres form a row along the longest axis. Between two centres 2h apart, spheres of radius √(c² + h²)
+    cover a cross section of radius c. Round ends need a sphere in their own centre, flat ones have the outer
+    centres h inside. A cone is covered as a cylinder, a convex body as its box.
     """
     match shape:
         case Sphere(radius):

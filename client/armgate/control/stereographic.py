@@ -1,4 +1,4 @@
-"""The camera's direction error by stereographic projection, equations (3) and (4).
+"""Direction error of the camera by stereographic projection, equations (3) and (4).
 
 With the camera's axes e1, e2, e3 (e3 looks along the view) and the ray r = p − x to the target,
 
@@ -20,15 +20,15 @@ from typing import NamedTuple
 
 from armgate.control.vectors import V3, dot, norm
 
-# Within this angle of the exact antipode the error is taken at this angle: Ψ and J_t stay finite there and
-# the unstable equilibrium at the antipode, where no way round is the better one, is left along e1.
+# Within this angle of the exact antipode the error is taken at this angle: Ψ and J_t stay finite, and the
+# unstable equilibrium at the antipode, where both ways round are equally long, is left along e1.
 ANTIPODE_GUARD = 1e-4
-# A target nearer than this to the lens has no direction: it counts as straight ahead.
+# Distance from the lens below which a target has no direction, m: it counts as straight ahead.
 LENS_GUARD = 1e-6
 
 
 class CameraError(NamedTuple):
-    """What the camera's place and the target make of the task, all in world axes.
+    """Error of the task for a camera pose and a target, in world axes.
 
     Attributes:
         psi: Ψ, (3).
@@ -46,9 +46,9 @@ class CameraError(NamedTuple):
 
 
 def camera_error(e1: V3, e2: V3, e3: V3, r: V3) -> CameraError:
-    """Ψ (3) and its gradient (4) for the camera axes e1, e2, e3 and the ray r = p − x to the target, m.
+    """Return Ψ (3) and its gradient (4) for camera axes e1, e2, e3 and the ray r = p − x to the target, m.
 
-    Finite everywhere: at the antipode and with the target in the lens the guards above apply.
+    The result is finite everywhere: at the antipode and with the target in the lens the guards above apply.
     """
     distance = norm(r)
     if distance < LENS_GUARD:

@@ -8,10 +8,10 @@ from armgate.control.vectors import V3
 
 
 def distance_pull(distance: float, wanted: float, k: float) -> float:
-    """What to multiply ∂‖x − p‖/∂q by to get F_d of (14): k (d_r − ‖x − p‖), rad/s per (m/rad).
+    """Return the factor of ∂‖x − p‖/∂q that gives F_d of (14): k (d_r − ‖x − p‖), rad/s per (m/rad).
 
-    With the ray r̂ = (p − x)/‖p − x‖, −J_vᵀ r̂ is that gradient, so (14) is −∇ of ½ k (d_r − ‖x − p‖)²: it
-    vanishes at the wanted distance and draws the camera in when it is too far.
+    With the ray r̂ = (p − x)/‖p − x‖, −J_vᵀ r̂ is that gradient, so (14) is −∇ of ½ k (d_r − ‖x − p‖)²: it is
+    zero at the wanted distance and pulls the camera in when it is too far.
 
     Args:
         distance: ‖x − p‖, m.
@@ -22,22 +22,21 @@ def distance_pull(distance: float, wanted: float, k: float) -> float:
 
 
 def roll_angle(e1: V3, e2: V3) -> float:
-    """φ = Atan2(R_32, R_31) of (15), rad: of the camera's up-vector e1 from the world's, about the view."""
+    """Return φ = Atan2(R_32, R_31) of (15), rad: roll of the camera's up-vector e1 about the view axis."""
     return atan2(e2[2], e1[2])
 
 
 def roll_rate(e1: V3, e2: V3, spin: float, fade: tuple[float, float], k_c: float) -> float:
-    """Speed of the last joint that turns the camera upright, (15), rad/s.
+    """Return the speed of the last joint that turns the camera upright, (15), rad/s.
 
     Args:
         e1: the camera's up-vector, world axes.
         e2: the camera's second axis.
-        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 where the joint turns against the view axis, as A6 of
-            a KR16 with its camera looking along the flange does, and the printed sign of (15) holds; −1 the
-            other way round.
-        fade: angles of the view axis from the vertical, rad, between which the control fades in: looking
-            straight up or down there is no "up" in the picture, and close to that a small motion turns φ
-            fast.
+        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 if the joint turns against the view axis, as A6 of a
+            KR16 with its camera looking along the flange does, and the printed sign of (15) holds; −1
+            otherwise.
+        fade: angles of the view axis from the vertical, rad, between which the control fades in: with a
+            vertical view there is no "up" in the picture, and near it a small motion turns φ fast.
         k_c: gain.
     """
     off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))

@@ -1,4 +1,4 @@
-"""How well a camera sees its target: the two errors that the paper reports."""
+"""View errors of a camera: the two errors that the paper reports."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from armgate.control.weights import Vector
 
 
 def view_errors(model: RobotModel, frame: str, q: Vector, p: ArrayLike, wanted: float) -> tuple[float, float]:
-    """Angle and distance error of the camera at `frame`.
+    """Return angle and distance error of the camera at `frame`.
 
     Args:
-        model: the robot that carries it.
-        frame: its frame: origin in the lens, z along the view.
+        model: robot that carries the camera.
+        frame: frame of the camera: origin in the lens, z along the view.
         q: (n,), rad or m.
         p: the target, world, (3,), m.
         wanted: d_r, m.

@@ -1,15 +1,15 @@
-"""Keeping the view on an increment that is shorter than, or beside, the way of the law.
+"""Correction of the view for increments that differ from the path of the law.
 
-Null-space motion is exact along the integrated path (16) only. An increment that covers a part of the
-chord to its end, or that bounded accelerations bend away from it, turns the view. So the task is solved
-again at the end of the increment. With the view vector
+Null-space motion is exact only along the integrated path (16). An increment that covers a part of the chord
+to its end, or that bounded accelerations bend away from it, turns the view. So the task is solved again at
+the end of the increment. With the view vector
 
     v = θ Ψ / ‖Ψ‖,   θ = 2 arctan ‖Ψ‖,
 
-the increment may not end at a wider angle than the straight line of v, from where the increment starts to
-where the law takes it, has nearest to it; else it is corrected. An approach is free to turn another way,
-as long as the angle falls; where the view is right already, it stays so. The angle is braked for as a joint
-is, since no bounded correction could catch a view that sweeps past the target.
+the increment must not end at a wider angle than the nearest point of the straight line of v from its start to
+the end of the law's path; otherwise it is corrected. An approach may turn another way as long as the angle
+falls; a correct view stays correct. The angle is braked like a joint, since no bounded correction could catch
+a view that sweeps past the target.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from armgate.control.weights import Vector
 
 V2 = tuple[float, float]
 
-# Joints are tried in turn at most so often; each time some more have come to their bounds.
+# Largest number of rounds; in each round more joints reach their bounds.
 ROUNDS = 4
-# Against a task that the joints left free hardly move: per largest joint mobility, relative to Ψ's own scale.
+# Damping against tasks that the free joints hardly move: per largest joint mobility, relative to Ψ.
 DAMPING = 1e-6
 
 
-# The angle is braked with this part of what the joints could do together: they have their own ends to meet.
-# With 0.7, as each joint has, 1 of 80 approaches swept past the target, with 0.35 none of 160.
+# Share of the joints' joint effect with which the angle is braked; the joints also have limits of their own
+# to meet. With 0.7, as for each joint, 1 of 80 approaches swept past the target, with 0.35 none of 160.
 RESERVE = 0.35
 
 
 def view_vector(psi: V2) -> V2:
-    """The view vector, (2), rad, of Ψ."""
+    """Return the view vector, (2), rad, of Ψ."""
     rho = hypot(*psi)
     scale = 2.0 if rho < 1e-9 else 2.0 * atan(rho) / rho
     return scale * psi[0], scale * psi[1]
 
 
 def projection(v: V2) -> V2:
-    """Ψ (2) of a view vector: the inverse."""
+    """Return Ψ (2) of a view vector: the inverse of `view_vector`."""
     theta = hypot(*v)
     scale = 0.5 if theta < 1e-9 else tan(0.5 * theta) / theta
     return scale * v[0], scale * v[1]
 
 
 def slowed(dq: Vector, induced: Vector, psi: V2, J_t: Vector, change: Vector) -> Vector:
-    """The increment shortened towards `induced`, so that the angle can come to rest at zero.
+    """Return the increment shortened towards `induced`, so that the angle can come to rest at zero.
 
     Args:
         dq: the increment, (n,).
-        induced: the part of it that the target's own motion asks for.
+        induced: the part of it that the target's own motion requires.
         psi: Ψ at the start, (2).
         J_t: ∂Ψ/∂q there, (2, n).
         change: bounds on the change of the increment per tick.
@@ -69,7 +69,7 @@ def slowed(dq: Vector, induced: Vector, psi: V2, J_t: Vector, change: Vector) ->
 
 
 def drawn_in(v: V2, start: V2, end: V2) -> V2:
-    """The view vector v, its angle no wider than at the nearest point of the line from `start` to `end`."""
+    """Return v with its angle no wider than at the nearest point of the line from `start` to `end`."""
     way = end[0] - start[0], end[1] - start[1]
     length_squared = way[0] ** 2 + way[1] ** 2
     share = 1.0
@@ -83,10 +83,10 @@ def drawn_in(v: V2, start: V2, end: V2) -> V2:
 
 
 def corrected(dq: Vector, missing: V2, J_t: Vector, low: Vector, high: Vector) -> Vector:
-    """The increment between `low` and `high`, near `dq`, that changes Ψ by `missing` more than dq does.
+    """Return the increment in [`low`, `high`], near `dq`, that changes Ψ by `missing` more than `dq`.
 
-    Least squares, joints weighed by the room that they have; those at their bounds are left out and the
-    rest takes over what they could not do. Where all together cannot, what they can do.
+    Least squares, with joints weighted by their room; joints at their bounds are left out and the others take
+    over their part. If all joints together cannot reach the change, the result is as near as they can.
 
     Args:
         dq: within the bounds, (n,).

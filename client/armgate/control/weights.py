@@ -1,10 +1,10 @@
-"""Joint limit weights, equations (10) and (11), with the scaling of the angle made explicit.
+"""Joint limit weights, equations (10) and (11), with the unit of the angle made explicit.
 
     H_j = c_j · 8 x / (1 − x²)²,   W⁻¹_jj = 1 / (1 + H_j²),   x = (2 q − q_M − q_m) / (q_M − q_m)   (10), (11)
 
-(11) as printed has the unit 1/angle, so that radians or degrees make another controller of it: it is H
-above with c_j = 2 / (q_M − q_m). Here x is the position in the half range and c_j a number; `LimitRule`
-names the choices.
+(11) as printed has the unit 1/angle, so radians and degrees give different controllers: it is H above with
+c_j = 2 / (q_M − q_m). Here x is the position in the half range and c_j a number; `LimitRule` lists the
+choices.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ Vector = NDArray[np.float64]
 
 
 class LimitRule(Enum):
-    """How strongly, and when, joints near their limits are held back.
+    """Rule for the weights of joints near their limits.
 
     Attributes:
-        UNIT_FREE: c_j the same number for all joints; a joint is weighed only while it approaches its limit.
-        PAPER_RADIANS: (10) and (11) as printed, ranges in rad; joints that leave a limit are held back, too.
+        UNIT_FREE: c_j is the same number for all joints; a joint is weighted only while it approaches its
+            limit.
+        PAPER_RADIANS: (10) and (11) as printed, ranges in rad; joints that leave a limit are weighted, too.
         PAPER_DEGREES: the same with ranges in degrees: weights 57 times weaker.
-        CHAN_DUBEY: Chan and Dubey (1995), ranges in rad: H with their factor ¼, W⁻¹ = 1 / (1 + |H|), and
-            only while the joint approaches its limit.
+        CHAN_DUBEY: Chan and Dubey (1995), ranges in rad: H with their factor ¼, W⁻¹ = 1 / (1 + |H|), and only
+            while the joint approaches its limit.
     """
 
     UNIT_FREE = "unit-free"
@@ -37,11 +38,11 @@ class LimitRule(Enum):
 
     @property
     def always(self) -> bool:
-        """Whether a joint that leaves its limit is weighed like one that approaches it."""
+        """True if a joint that leaves its limit is weighted like one that approaches it."""
         return self in (LimitRule.PAPER_RADIANS, LimitRule.PAPER_DEGREES)
 
     def strengths(self, model: RobotModel, c: float) -> Vector:
-        """c_j, (n,); `c` is that of UNIT_FREE. Travels of prismatic joints count in m under every rule."""
+        """Return c_j, (n,); `c` is that of UNIT_FREE. Prismatic joints count in m under every rule."""
         span = model.upper - model.lower
         if self is LimitRule.UNIT_FREE:
             return np.full(model.n, c)
@@ -53,16 +54,16 @@ class LimitRule(Enum):
 
 
 class LimitWeights:
-    """W⁻¹ of (10) for the limits `lower` and `upper` ((n,), rad or m).
+    """Weights W⁻¹ of (10) for the limits `lower` and `upper` ((n,), rad or m).
 
     Args:
-        lower: joint limits.
-        upper: the same, upper.
-        c: the strength, one number or (n,).
+        lower: lower joint limits.
+        upper: upper joint limits.
+        c: strength, one number or (n,).
         squared: 1/(1 + H²) as (10) has it; False: 1/(1 + |H|).
 
     Raises:
-        ValueError: where a joint has no range (upper ≤ lower), or c ≤ 0.
+        ValueError: if a joint has no range (upper ≤ lower), or c ≤ 0.
     """
 
     def __init__(self, lower: Vector, upper: Vector, c: float | Vector, *, squared: bool = True) -> None:
@@ -77,19 +78,19 @@ class LimitWeights:
 
     @classmethod
     def of(cls, model: RobotModel, rule: LimitRule, c: float) -> LimitWeights:
-        """The weights that a rule gives the joints of a model."""
+        """Return the weights that a rule gives to the joints of a model."""
         squared = rule is not LimitRule.CHAN_DUBEY
         return cls(model.lower, model.upper, rule.strengths(model, c), squared=squared)
 
     def position(self, q: Vector) -> Vector:
-        """x: −1 at the lower limit, 0 in the middle, 1 at the upper limit."""
+        """Return x: −1 at the lower limit, 0 in the middle, 1 at the upper limit."""
         x: Vector = q * self.slope - self.offset
         return x
 
     def inverse(self, x: Vector) -> Vector:
-        """The diagonal of W⁻¹ at the positions x: 1 in the middle, 0 at the limits and beyond.
+        """Return the diagonal of W⁻¹ at the positions x: 1 in the middle, 0 at the limits and beyond.
 
-        1/(1 + H²) or 1/(1 + |H|) multiplied out, so that nothing is divided by zero at a limit.
+        1/(1 + H²) or 1/(1 + |H|) is expanded, so that there is no division by zero at a limit.
         """
         xx = x * x
         m = np.maximum(1.0 - xx, 0.0)
@@ -102,11 +103,11 @@ class LimitWeights:
         return w
 
     def directed(self, x: Vector, *, always: bool) -> tuple[Vector, Vector]:
-        """The diagonals of W⁻¹ at the positions x for joints that go down, and for those that go up.
+        """Return the diagonals of W⁻¹ at the positions x for joints that go down, and for joints that go up.
 
         Args:
             x: as in `inverse`.
-            always: whether joints that leave their limit are weighed, too.
+            always: True to weight joints that leave their limit, too.
         """
         w = self.inverse(x)
         return (w, w) if always else (np.where(x < 0.0, w, 1.0), np.where(x > 0.0, w, 1.0))

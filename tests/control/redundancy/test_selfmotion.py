@@ -92,7 +92,7 @@ def test_joint_limits_end_it(arm, models):
 
 def test_where_there_is_none_it_says_so(arm):
     two = FrameTask(arm(1.0, 1.0), "tip", ("x", "y"))
-    with pytest.raises(ValueError, match="no self motion"):
+    with pytest.raises(ValueError, match="no self-motion"):
         trace_self_motion(two, [0.1, 0.5])
     task = planar_task(arm)
     q = np.array([0.3, 0.8, 0.9])

@@ -96,7 +96,7 @@ def motion_of(
     if not self_motion:
         return Motion(f"{title}, at the start", robot.model, frame, rows, start[None])
     q = both_ways(FrameTask(robot.model, frame, rows), start)
-    return Motion(f"{title}, self motion", robot.model, frame, rows, q)
+    return Motion(f"{title}, self-motion", robot.model, frame, rows, q)
 
 
 def moving_rows(model: RobotModel, frame: str) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.experiment.paths import LET_GO
+from armgate.apps.experiment.paths import RELEASE_TIME
 from armgate.apps.experiment.trials import Trial
 from armgate.apps.stack.metrics import columns
 from armgate.apps.stack.observation import Observation
@@ -55,7 +55,7 @@ def _approach(series: dict[str, Array], positions: Array) -> dict[str, Any]:
 def _tour(series: dict[str, Array]) -> dict[str, Any]:
     """Return the RMS angle over a section of the path that is the same for all followers."""
     time, angle = series["time_s"], np.degrees(series["angle_error_rad"])
-    moving = (time >= time[0] + QUIET) & (time <= time[-1] - LET_GO)
+    moving = (time >= time[0] + QUIET) & (time <= time[-1] - RELEASE_TIME)
     return {"moving_rms_deg": float(np.sqrt(np.mean(angle[moving] ** 2))) if moving.any() else None}
 
 

@@ -1,6 +1,7 @@
-"""Signed distances of points from shapes, and the directions in which they grow.
+"""Signed distances of points from shapes, and their gradients.
 
-A cone is taken as the cylinder around it, a convex body as the box around it: nearer than it is.
+A cone is treated as its bounding cylinder, a convex body as its bounding box, which underestimates the
+distance.
 """
 
 import numpy as np
@@ -11,16 +12,16 @@ from armgate.control.redundancy.spaces import Array
 
 
 def point_distances(points: Array, shape: Shape, placement: Placement) -> tuple[Array, Array]:
-    """Distances of points from a shape's surface, negative inside.
+    """Return the distances of points from a shape's surface, negative inside.
 
     Args:
         points: (k, 3), world, m.
-        shape: what they are near.
-        placement: where it is in the world.
+        shape: the shape.
+        placement: pose of the shape in the world.
 
     Returns:
-        Distances (k,), m, and their gradients, unit vectors (k, 3) in the world. Where several points of the
-        surface are nearest (the centre of a sphere) it is the direction to one of them.
+        Distances (k,), m, and their gradients, unit vectors (k, 3) in the world. If several points of the
+        surface are nearest (at the centre of a sphere), the gradient is the direction to one of them.
     """
     local = placement.inverse().apply(points)
     match _simple(shape):
@@ -55,7 +56,7 @@ def _from_points(ways: Array, radius: float) -> tuple[Array, Array]:
 
 
 def _from_cylinder(local: Array, radius: float, length: float) -> tuple[Array, Array]:
-    """In the half plane through the axis and the point a cylinder is the corner of a box."""
+    """Return distances from a cylinder: in the half plane through axis and point it is a box corner."""
     across = local * np.array([1.0, 1.0, 0.0])
     outward = np.linalg.norm(across, axis=1)
     d, corner = _from_corner(np.stack([outward - radius, np.abs(local[:, 2]) - 0.5 * length], axis=1))
@@ -65,7 +66,7 @@ def _from_cylinder(local: Array, radius: float, length: float) -> tuple[Array, A
 
 
 def _from_corner(beyond: Array) -> tuple[Array, Array]:
-    """Distance from the corner {x ≤ 0}: `beyond` is how far a point is past each of its faces, (k, c)."""
+    """Return distances from the corner {x ≤ 0}; `beyond` is each point's distance past the faces, (k, c)."""
     outside = np.maximum(beyond, 0.0)
     length = np.linalg.norm(outside, axis=1)
     nearest = np.eye(beyond.shape[1])[np.argmax(beyond, axis=1)]
@@ -76,7 +77,7 @@ def _from_corner(beyond: Array) -> tuple[Array, Array]:
 
 
 def _units(ways: Array, length: Array) -> Array:
-    """Ways of these lengths, made unit vectors; x where there is no way."""
+    """Return displacements of these lengths as unit vectors; x for length 0."""
     none = length == 0.0
     units: Array = ways / np.where(none, 1.0, length)[:, None]
     units[none] = (1.0, 0.0, 0.0)

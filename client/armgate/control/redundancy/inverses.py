@@ -1,13 +1,13 @@
-"""Ways from a task velocity ẋ back to joint velocities q̇ (slides 10-13).
+"""Inverses of a Jacobian: from a task velocity ẋ to joint velocities q̇ (slides 10-13).
 
     pseudoinverse           J⁺ = Jᵀ(JJᵀ)⁻¹                 exact, the shortest q̇; ‖q̇‖ ≤ ‖ẋ‖ / σ_min
     weighted                J_w⁺ = W⁻¹Jᵀ(JW⁻¹Jᵀ)⁻¹         exact, the least q̇ᵀWq̇
     transpose               Jᵀ                             right in direction only; ‖q̇‖ ≤ σ_max ‖ẋ‖
     damped least squares    J* = Jᵀ(JJᵀ + k²I)⁻¹           nearly exact; ‖q̇‖ ≤ ‖ẋ‖ / 2k
 
-All are J's own decomposition with its singular values mapped, σ ↦ 1/σ, σ, σ/(σ² + k²): damping adds k² to
-each eigenvalue σ² of JJᵀ (slide 13). The printed pseudoinverse needs full rank; here, as Moore and Penrose
-define it, a singular value of zero stays zero.
+All are J's singular value decomposition with mapped singular values, σ ↦ 1/σ, σ, σ/(σ² + k²): damping adds k²
+to each eigenvalue σ² of JJᵀ (slide 13). The printed pseudoinverse needs full rank; here, following Moore and
+Penrose, a singular value of zero remains zero.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from armgate.control.redundancy.spaces import TOLERANCE, Array, matrix, spaces
 
 
 def pseudoinverse(J: ArrayLike, tolerance: float = TOLERANCE) -> Array:
-    """J⁺ (n, m), Moore and Penrose's inverse (slide 10).
+    """Return J⁺ (n, m), the Moore-Penrose inverse (slide 10).
 
     Raises:
         ValueError: if J is no matrix of finite numbers.
@@ -28,18 +28,18 @@ def pseudoinverse(J: ArrayLike, tolerance: float = TOLERANCE) -> Array:
 
 
 def weighted_pseudoinverse(J: ArrayLike, W_inv: ArrayLike, tolerance: float = TOLERANCE) -> Array:
-    """J_w⁺ (n, m): of all q̇ with Jq̇ = ẋ, J_w⁺ẋ has the least q̇ᵀWq̇.
+    """Return J_w⁺ (n, m): of all q̇ with Jq̇ = ẋ, J_w⁺ẋ has the smallest q̇ᵀWq̇.
 
-    With W⁻¹ = LLᵀ it is L(JL)⁺, which needs no full rank and lets a weight be infinite (W⁻¹ zero: that joint
+    With W⁻¹ = LLᵀ it is L(JL)⁺, which needs no full rank and allows infinite weights (W⁻¹ zero: that joint
     stands still).
 
     Args:
         J: (m, n).
         W_inv: W⁻¹, its diagonal (n,) ≥ 0, or a positive definite matrix (n, n).
-        tolerance: singular values of JL below this part of the largest one are zero.
+        tolerance: singular values of JL below this share of the largest one are zero.
 
     Raises:
-        ValueError: if W⁻¹ is neither, or J is no matrix of finite numbers.
+        ValueError: if W⁻¹ is neither, or J is not a matrix of finite numbers.
     """
     J = matrix(J)
     L = _root(np.asarray(W_inv, dtype=np.float64), J.shape[1])
@@ -48,7 +48,7 @@ def weighted_pseudoinverse(J: ArrayLike, W_inv: ArrayLike, tolerance: float = TO
 
 
 def _root(W_inv: Array, n: int) -> Array:
-    """An L with LLᵀ = W⁻¹."""
+    """Return an L with LLᵀ = W⁻¹."""
     if W_inv.shape == (n,) and np.isfinite(W_inv).all() and (W_inv >= 0.0).all():
         return np.diag(np.sqrt(W_inv))
     if W_inv.shape == (n, n):
@@ -60,16 +60,16 @@ def _root(W_inv: Array, n: int) -> Array:
 
 
 def damped_inverse(J: ArrayLike, k: float) -> Array:
-    """J* = Jᵀ(JJᵀ + k²I)⁻¹ (n, m), the damped least squares or singularity robust inverse (slide 12).
+    """Return J* = Jᵀ(JJᵀ + k²I)⁻¹ (n, m), the damped least-squares or singularity-robust inverse (slide 12).
 
-    J*ẋ is the q̇ with the least ‖Jq̇ − ẋ‖² + k²‖q̇‖².
+    J*ẋ is the q̇ that minimises ‖Jq̇ − ẋ‖² + k²‖q̇‖².
 
     Args:
         J: (m, n).
         k: damping, > 0, in the unit of J.
 
     Raises:
-        ValueError: if k is not positive, or J is no matrix of finite numbers.
+        ValueError: if k is not positive, or J is not a matrix of finite numbers.
     """
     if not k > 0.0:
         raise ValueError(f"expected a damping k > 0, got {k}; without damping it is the pseudoinverse")
@@ -79,7 +79,7 @@ def damped_inverse(J: ArrayLike, k: float) -> Array:
 
 
 def variable_damping(sigma_min: float, threshold: float, most: float) -> float:
-    """The damping k for a smallest singular value: none from `threshold` on, `most` in a singularity.
+    """Return the damping k for a smallest singular value: 0 from `threshold` on, `most` in a singularity.
 
         k² = (1 − (σ_min / ε)²) k_max²   for σ_min < ε, else 0
 
@@ -97,7 +97,7 @@ def variable_damping(sigma_min: float, threshold: float, most: float) -> float:
 
 
 def variably_damped_inverse(J: ArrayLike, threshold: float, most: float) -> Array:
-    """The damped inverse with `variable_damping`, the pseudoinverse where that is none, (n, m)."""
+    """Return the damped inverse with `variable_damping`, or the pseudoinverse if the damping is 0, (n, m)."""
     sigma = np.linalg.svd(matrix(J), compute_uv=False)
     k = variable_damping(float(sigma[-1]), threshold, most)
     return damped_inverse(J, k) if k > 0.0 else pseudoinverse(J)

@@ -1,4 +1,4 @@
-"""Numbers that tell how near to a singularity a Jacobian is (slides 19-22)."""
+"""Measures of a Jacobian's distance from a singularity (slides 19-22)."""
 
 import math
 
@@ -9,15 +9,15 @@ from armgate.control.redundancy.spaces import Array, matrix
 
 
 def singular_values(J: ArrayLike) -> Array:
-    """Singular values of J (m, n), falling, (min(m, n),).
+    """Return the singular values of J (m, n), in descending order, (min(m, n),).
 
-    They are the *square roots* of the eigenvalues of JJᵀ; slide 18 has them equal.
+    They are the *square roots* of the eigenvalues of JJᵀ; slide 18 equates them.
     """
     return np.asarray(np.linalg.svd(matrix(J), compute_uv=False), dtype=np.float64)
 
 
 def manipulability(J: ArrayLike) -> float:
-    """The measure w = √det(JJᵀ), the product of the singular values (slide 19; Yoshikawa 1985).
+    """Return w = √det(JJᵀ), the product of the singular values (slide 19; Yoshikawa 1985).
 
     Proportional to the volume of the velocity ellipsoid, whose semi-axes have these lengths. With more rows
     than joints it is √det(JᵀJ), since det(JJᵀ) is zero everywhere.
@@ -26,12 +26,12 @@ def manipulability(J: ArrayLike) -> float:
 
 
 def condition_number(J: ArrayLike) -> float:
-    """σ_max / σ_min ≥ 1, the eccentricity of the velocity ellipsoid (slide 21); infinite if singular."""
+    """Return σ_max / σ_min ≥ 1, the eccentricity of the velocity ellipsoid (slide 21); inf if singular."""
     sigma = singular_values(J)
     return float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else math.inf
 
 
 def isotropy(J: ArrayLike) -> float:
-    """σ_min / σ_max in [0, 1]: 1 where the ellipsoid is a sphere (slide 22), 0 in a singularity."""
+    """Return σ_min / σ_max in [0, 1]: 1 if the ellipsoid is a sphere (slide 22), 0 in a singularity."""
     sigma = singular_values(J)
     return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0

@@ -23,19 +23,19 @@ from armgate.control.spheres import Spheres
 
 
 class Objective(Protocol):
-    """A potential V(q) that shall become small."""
+    """Potential V(q) that is to be lowered."""
 
     def potential(self, q: ArrayLike) -> float:
-        """V at q (n,)."""
+        """Return V at q (n,)."""
         ...
 
     def gradient(self, q: ArrayLike) -> Array:
-        """∂V/∂q (n,), exact."""
+        """Return ∂V/∂q (n,), exact."""
         ...
 
 
 def wanted_velocity(objectives: Sequence[tuple[Objective, float]], q: Array) -> Array:
-    """q̇₀ = −Σ gain · ∂V/∂q (n,): down the gradients; `null_space_part` makes a self motion of it."""
+    """Return q̇₀ = −Σ gain · ∂V/∂q (n,), down the gradients; `null_space_part` makes it a self-motion."""
     wanted: Array = np.zeros(len(q))
     for objective, gain in objectives:
         wanted = wanted - gain * objective.gradient(q)
@@ -43,26 +43,26 @@ def wanted_velocity(objectives: Sequence[tuple[Objective, float]], q: Array) -> 
 
 
 class AwayFromSingularities:
-    """V = −w, w = √det(JJᵀ) of a task.
+    """Objective away from singularities (slide 41): V = −w, w = √det(JJᵀ) of a task.
 
     With J = Σ σ_i u_i v_iᵀ, ∂σ_i/∂q_k = u_iᵀ(∂J/∂q_k)v_i, so
 
         ∂w/∂q_k = Σ_i (Π_{j≠i} σ_j) u_iᵀ(∂J/∂q_k)v_i = w tr(J⁺ ∂J/∂q_k),
 
-    the first form without a division by what goes to zero. The lecture takes the gradient of det(JJᵀ) = w²:
-    2w ∂w/∂q, the same direction but vanishing where it is needed. In a singularity w has a kink, and this is
-    the gradient on one of its two sides, which leads away as well.
+    the first form without a division by a vanishing number. The lecture takes the gradient of det(JJᵀ) = w²:
+    2w ∂w/∂q, the same direction, but vanishing in the singularity. In a singularity w has a kink, and this is
+    the gradient on one of its two sides, which also leads away.
     """
 
     def __init__(self, task: Task[Any]) -> None:
         self._task = task
 
     def potential(self, q: ArrayLike) -> float:
-        """−w at q."""
+        """Return −w at q."""
         return -manipulability(self._task.jacobian(q))
 
     def gradient(self, q: ArrayLike) -> Array:
-        """∂V/∂q (n,)."""
+        """Return ∂V/∂q (n,)."""
         U, sigma, Vt = np.linalg.svd(self._task.jacobian(q), full_matrices=False)
         others = np.array([np.prod(np.delete(sigma, i)) for i in range(len(sigma))])
         slope = (U * others) @ Vt  # ∂w/∂J
@@ -71,14 +71,14 @@ class AwayFromSingularities:
 
 
 class TowardsCentre:
-    """V = ½ ‖q − q_m‖², q_m the middle of the range: the lecture's squared distance from the centre.
+    """Objective away from joint limits (slide 41): V = ½ ‖q − q_m‖², q_m the middle of the range.
 
-    Down its gradient every joint goes back at the same rate, q̇₀ = gain · (q_m − q), the gain in 1/s, be it
-    revolute or prismatic and its range wide or narrow.
+    Along its gradient every joint returns at the same rate, q̇₀ = gain · (q_m − q), with the gain in 1/s, for
+    revolute and prismatic joints and for wide and narrow ranges.
 
     Args:
-        lower: joint limits, rad or m, (n,).
-        upper: the same, upper.
+        lower: lower joint limits, rad or m, (n,).
+        upper: upper joint limits.
 
     Raises:
         ValueError: if a joint has no range.
@@ -91,36 +91,36 @@ class TowardsCentre:
         self._middle = 0.5 * (low + high)
 
     def potential(self, q: ArrayLike) -> float:
-        """V at q."""
+        """Return V at q."""
         way = self.gradient(q)
         return 0.5 * float(way @ way)
 
     def gradient(self, q: ArrayLike) -> Array:
-        """∂V/∂q (n,)."""
+        """Return ∂V/∂q (n,)."""
         gradient: Array = np.asarray(q, dtype=np.float64) - self._middle
         return gradient
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle:
-    """A primitive shape that stands somewhere in the world."""
+    """Primitive shape at a pose in the world."""
 
     shape: Shape
     placement: Placement
 
 
 class AwayFromObstacles:
-    """V = ½ Σ max(0, ρ − d)² over control points x_i and obstacles.
+    """Objective away from obstacles (slide 42): V = ½ Σ max(0, ρ − d)² over control points x_i and obstacles.
 
     The control points are the centres of the robot's bounding spheres, d the distance between the sphere and
     the obstacle's surface. With n the unit vector away from the obstacle the gradient is −Σ (ρ − d) J_iᵀ n:
-    the lecture's q̇₀ = Σ J_iᵀ(x_i − x_o), with a strength that fades to nothing at ρ instead of growing with
-    the distance. It stays finite where bodies overlap, and leads apart.
+    the lecture's q̇₀ = Σ J_iᵀ(x_i − x_o), with a strength that decreases to 0 at ρ instead of growing with
+    the distance. It remains finite if bodies overlap, and separates them.
 
     Args:
         model: The robot.
-        obstacles: What to keep away from.
-        reach: ρ, m: farther obstacles do not matter.
+        obstacles: The obstacles.
+        reach: ρ, m: obstacles further away have no effect.
 
     Raises:
         ValueError: ρ is not positive.
@@ -135,11 +135,11 @@ class AwayFromObstacles:
         self._reach = reach
 
     def potential(self, q: ArrayLike) -> float:
-        """V at q, m²."""
+        """Return V at q, m²."""
         return 0.5 * sum(float(depth @ depth) for depth, _ in self._pushes(self._centres(q)))
 
     def gradient(self, q: ArrayLike) -> Array:
-        """∂V/∂q (n,), m² per rad or m."""
+        """Return ∂V/∂q (n,), m² per rad or m."""
         centres = self._centres(q)
         forces = np.zeros_like(centres)
         for depth, n in self._pushes(centres):
@@ -151,14 +151,14 @@ class AwayFromObstacles:
         return gradient
 
     def least_distance(self, q: ArrayLike) -> float:
-        """Least d at q, m; infinite without obstacles."""
+        """Return the smallest d at q, m; infinite without obstacles."""
         return min((float(d.min()) for d, _ in self._distances(self._centres(q))), default=np.inf)
 
     def _centres(self, q: ArrayLike) -> Array:
         return self._spheres.centres(np.asarray(q, dtype=np.float64))
 
     def _pushes(self, centres: Array) -> Iterator[tuple[Array, Array]]:
-        """For each obstacle ρ − d where that is positive, else 0, (k,), and the directions away (k, 3)."""
+        """Yield for each obstacle max(0, ρ − d), (k,), and the directions away from it (k, 3)."""
         for d, n in self._distances(centres):
             yield np.maximum(self._reach - d, 0.0), n
 

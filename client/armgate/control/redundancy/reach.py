@@ -1,12 +1,14 @@
-"""Controllers that bring a task to a target: q̇ from the error, by one of the inverses (slides 10-13, 38-42).
+"""Controllers that move a task to a target: q̇ from the error, by one of the inverses (slides 10-13, 38-42).
 
-    ẋ = gain · error, no faster than a speed
+    ẋ = gain · error, limited to a speed
     q̇ = J^# ẋ + (I − J⁺J) q̇₀,   J^# the pseudoinverse, a damped inverse or the transpose
 
-The transpose's q̇ = Jᵀẋ goes down the gradient of ½‖error‖²: it never needs an inverse and always ends where
-Jᵀ·error = 0, but bends its way and is slow along short axes of the velocity ellipsoid.
+The transpose's q̇ = Jᵀẋ follows the gradient of ½‖error‖²: it needs no inverse and always ends where
+Jᵀ·error = 0, but its path bends, and it is slow along short axes of the velocity ellipsoid.
 
-A joint at a limit that q̇ would push against it is locked, its column of J taken as zero, and q̇ is computed
+A joint at a limit is locked if q̇ would push against the limit: its column of J becomes zero, and q̇ is
+computed again, so that the other joints take over its part. If it were only clamped, its part would be
+missing.
 anew: the other joints do its part. Clamped only, it would leave the task undone.
 """
 
@@ -27,11 +29,11 @@ from armgate.control.redundancy.tasks import Task
 P = TypeVar("P")
 
 AT_LIMIT = 5e-3
-"""A joint this near to a limit, rad or m, is at it."""
+"""Distance below which a joint is at its limit, rad or m."""
 
 
 class Method(Enum):
-    """How q̇ follows from ẋ."""
+    """Inverse that gives q̇ from ẋ."""
 
     PSEUDO = "pseudo"
     DAMPED = "damped"
@@ -41,14 +43,14 @@ class Method(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Numbers of a controller.
+    """Parameters of a controller.
 
     Attributes:
-        method: which inverse.
+        method: the inverse.
         gain: ẋ per error, 1/s. A loop of period T is stable below 2/T, the transpose's below 2/(T σ_max²).
-        speed: ‖ẋ‖ is no more, m/s and rad/s.
-        damping: k, or k_max of the variable one, in the unit of J.
-        threshold: σ_min below which the variable damping sets in.
+        speed: largest ‖ẋ‖, m/s and rad/s.
+        damping: k, or k_max of the variable damping, in the unit of J.
+        threshold: σ_min below which the variable damping begins.
     """
 
     method: Method = Method.DAMPED
@@ -65,11 +67,11 @@ class Tuning:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What the controller wants at one position.
+    """Result of the controller at one position.
 
     Attributes:
-        qd: q̇ (n,), rad/s or m/s, not yet bounded by what the joints can do.
-        error: the rows that are left, (m,), m and rad.
+        qd: q̇ (n,), rad/s or m/s, not yet limited to the joints' bounds.
+        error: remaining error, (m,), m and rad.
     """
 
     qd: Array
@@ -77,14 +79,14 @@ class Answer:
 
 
 class Reach(Generic[P]):
-    """Brings a task to a target and lowers potentials in its null space.
+    """Controller that moves a task to a target and lowers potentials in its null space.
 
     Args:
-        task: What is brought.
-        target: Where to.
-        tuning: How.
-        objectives: What to pursue beside it, each with its gain.
-        limits: Lower and upper joint limits (n,) that lock joints; by default the model's.
+        task: The task.
+        target: Target pose.
+        tuning: Parameters of the controller.
+        objectives: Null-space objectives, each with its gain.
+        limits: Lower and upper joint limits (n,) at which joints are locked; by default those of the model.
     """
 
     def __init__(
@@ -103,7 +105,7 @@ class Reach(Generic[P]):
         self._lower, self._upper = limits or (task.model.lower, task.model.upper)
 
     def velocity(self, q: ArrayLike) -> Answer:
-        """q̇ at q (n,)."""
+        """Return q̇ at q (n,)."""
         q = np.asarray(q, dtype=np.float64)
         J = self.task.jacobian(q)
         error = self.task.error(q, self.target)
@@ -113,7 +115,7 @@ class Reach(Generic[P]):
         low, high = q <= self._lower + AT_LIMIT, q >= self._upper - AT_LIMIT
         free = np.ones(len(q), dtype=bool)
         while True:
-            # Rounding must not move what is locked, nor keep this from coming to an end.
+            # Rounding must not move locked joints, nor prevent termination.
             qd = np.where(free, self._resolve(J * free, xd, wanted * free), 0.0)
             pushed = (low & (qd < 0.0)) | (high & (qd > 0.0))
             if not pushed.any():

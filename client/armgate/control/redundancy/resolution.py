@@ -1,4 +1,4 @@
-"""A wanted joint velocity beside a task (slides 38-40).
+"""Redundancy resolution: a wanted joint velocity in the null space of a task (slides 38-40).
 
 Of all q̇ that fulfil the task ẋ = Jq̇, take the one nearest to a wanted q̇₀:
 
@@ -9,7 +9,7 @@ JW⁻¹Jᵀλ = ẋ − Jq̇₀. Put in, with J_w⁺ = W⁻¹Jᵀ(JW⁻¹Jᵀ)�
 
     q̇ = J_w⁺(ẋ − Jq̇₀) + q̇₀ = J_w⁺ẋ + (I − J_w⁺J) q̇₀.
 
-The second term is the wanted velocity, projected into the null space: it does not move the task.
+The second term is the wanted velocity, projected to the null space: it does not move the task.
 """
 
 from numpy.typing import ArrayLike
@@ -25,9 +25,9 @@ def resolve(
     W_inv: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> Array:
-    """q̇ = J_w⁺ẋ + (I − J_w⁺J) q̇₀ (n,).
+    """Return q̇ = J_w⁺ẋ + (I − J_w⁺J) q̇₀ (n,).
 
-    Where J is singular the part of ẋ that it cannot give is left out.
+    If J is singular, the unreachable part of ẋ is left out.
 
     Args:
         J: (m, n).
@@ -47,9 +47,10 @@ def resolve(
 
 
 def null_space_part(J: ArrayLike, wanted: ArrayLike, tolerance: float = TOLERANCE) -> Array:
-    """(I − J⁺J) q̇₀ (n,): the part of the wanted velocity that does not move the task.
+    """Return (I − J⁺J) q̇₀ (n,), the part of the wanted velocity that does not move the task.
 
-    The projector is always J⁺'s: I − J*J of a damped inverse, or I − JJᵀ, would let q̇₀ disturb the task.
+    The projector is always that of J⁺: with I − J*J of a damped inverse, or I − JJᵀ, q̇₀ would disturb the
+    task.
     """
     J = matrix(J)
     return resolve(J, [0.0] * J.shape[0], wanted, tolerance=tolerance)

@@ -1,14 +1,14 @@
-"""Self-motion manifolds (slide 29): joint positions that all put the task in the same place.
+"""Self-motion manifolds (slide 29): joint positions with the same task pose.
 
-{q : error(q) = 0} has the dimension of the null space, n − m where J is regular: a set of curves for one
-joint too many. A curve is traced by predictor and corrector (Allgower and Georg, "Numerical Continuation
+{q : error(q) = 0} has the dimension of the null space, n − m if J is regular: a set of curves for one
+redundant joint. A curve is traced by predictor and corrector (Allgower and Georg, "Numerical Continuation
 Methods", 1990):
 
-    predict   q ← q + h t,   t the unit vector in N(J) that goes on in the direction of the last one
+    predict   q ← q + h t,   t the unit vector in N(J) that continues the last direction
     correct   q ← q + J⁺e,   Newton's method on the error e, orthogonal to the curve
 
-With more than one joint too many t is the projection of the last direction: the curve goes straight on
-through the manifold.
+With more than one redundant joint t is the projection of the last direction: the curve goes straight through
+the manifold.
 """
 
 from dataclasses import dataclass
@@ -26,30 +26,30 @@ from armgate.control.redundancy.tasks import Task
 P = TypeVar("P")
 
 EXACT = 1e-12
-"""The corrector ends at this error, m and rad."""
+"""Error at which the corrector ends, m and rad."""
 CORRECTIONS = 8
 SHORTEST = 2.0**-12
-"""The step is halved where the curve bends too much, down to this part of it."""
+"""Smallest share of the step to which it is halved where the curve bends too much."""
 STRAIGHT = 0.9
 """Cosine of the largest angle between the directions of two neighbouring points."""
 
 
 class Ended(Enum):
-    """Why a curve ends."""
+    """Reason for the end of a curve."""
 
     CLOSED = "closed"
     LIMIT = "joint limit"
     BUDGET = "budget of points"
-    STUCK = "no way on"
+    STUCK = "no continuation"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfMotion:
-    """A piece of a self-motion manifold.
+    """Piece of a self-motion manifold.
 
     Attributes:
-        q: points in order, (k, n); of a closed curve the last is the first again, but for whole turns.
-        ended: why it ends there.
+        q: points in order, (k, n); in a closed curve the last equals the first up to whole turns.
+        ended: reason for the end.
     """
 
     q: Array
@@ -65,19 +65,19 @@ def trace_self_motion(
     along: ArrayLike | None = None,
     limited: bool = True,
 ) -> SelfMotion:
-    """Trace the curve through `start` until it closes, meets a joint limit, or the budget is used up.
+    """Trace the curve through `start` until it closes, reaches a joint limit, or the budget is used up.
 
     Args:
-        task: what is held, at its place at `start`.
+        task: task that is held at its pose at `start`.
         start: (n,), rad or m.
-        step: distance between points, rad or m; where the curve bends it is less.
-        budget: at most this many points.
-        along: direction in which to set out, (n,), projected; by default along the first null vector.
-        limited: whether the joint limits end the curve; if not, joints turn as far as they please, and a
-            curve closes where all revolute joints have come back but for whole turns.
+        step: distance between points, rad or m; smaller where the curve bends.
+        budget: largest number of points.
+        along: initial direction, (n,), which is projected; by default the first null vector.
+        limited: True if joint limits end the curve; otherwise joints may turn any number of times, and a
+            curve closes when all revolute joints have returned up to whole turns.
 
     Raises:
-        ValueError: if there is no self motion at the start, or none along `along`.
+        ValueError: if there is no self-motion at the start, or none along `along`.
     """
     q = vector(start, task.model.n, "the start")
     curve = _Curve(task, task.place(q), limited)
@@ -98,7 +98,7 @@ def trace_self_motion(
 
 
 class _Curve(Generic[P]):
-    """The manifold of one task at one place."""
+    """Manifold of one task at one pose."""
 
     def __init__(self, task: Task[P], place: P, limited: bool) -> None:
         self._task = task
@@ -110,7 +110,7 @@ class _Curve(Generic[P]):
         J = self._task.jacobian(q)
         null = spaces(J).null
         if not null.shape[1]:
-            raise ValueError(f"there is no self motion at {q}: J has rank {len(q)}, as many as joints")
+            raise ValueError(f"there is no self-motion at {q}: J has rank {len(q)}, as many as joints")
         if along is None:
             return np.asarray(null[:, 0])
         direction = self._unit(null_space_part(J, vector(along, len(q), "along")))
@@ -119,7 +119,7 @@ class _Curve(Generic[P]):
         return direction
 
     def step(self, q: Array, direction: Array, h: float) -> tuple[Array, Array] | None:
-        """The next point and the direction there; None where even the shortest step finds none."""
+        """Return the next point and the direction there; None if even the shortest step finds none."""
         shortest = h * SHORTEST
         while h >= shortest:
             ahead = self._correct(q + h * direction)
@@ -151,12 +151,12 @@ class _Curve(Generic[P]):
         return not self._limited or bool(((q >= model.lower) & (q <= model.upper)).all())
 
     def way(self, a: Array, b: Array) -> Array:
-        """The way b − a, whole turns left out where joints may turn as they please."""
+        """Return b − a, without whole turns of joints that may turn any number of times."""
         way = b - a
         return np.where(self._turning, np.remainder(way + np.pi, 2.0 * np.pi) - np.pi, way)
 
     def passes(self, q: Array, a: Array, b: Array) -> bool:
-        """Whether the step from a to b leads past q: q lies between, and not beside."""
+        """Return True if the step from a to b passes q: q lies between them, not beside."""
         along, to_q = b - a, self.way(a, q)
         share = float(to_q @ along) / float(along @ along)
         aside = to_q - share * along

@@ -3,9 +3,9 @@
     J = U Σ Vᵀ,   rank r = number of σ_i that are not zero
 
     R(J)   the task velocities that some q̇ gives      first r columns of U
-    N(Jᵀ)  the singular directions: nothing moves there, and a force there needs no torque    the rest of U
-    R(Jᵀ)  the joint velocities that move the task, the torques that forces make    first r columns of V
-    N(J)   the self motions, the torques that no force makes       the rest of V
+    N(Jᵀ)  the singular directions: no motion, and a force needs no torque    the rest of U
+    R(Jᵀ)  the joint velocities that move the task, the torques of forces    first r columns of V
+    N(J)   the self-motions, the torques that no force causes    the rest of V
 
 N(J) is orthogonal to R(Jᵀ), and N(Jᵀ) to R(J).
 """
@@ -18,18 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
-"""A singular value below this part of the largest one counts as zero."""
+"""Share of the largest singular value below which a singular value counts as zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spaces:
-    """The decomposition of one Jacobian J (m, n); all bases are orthonormal columns.
+    """Decomposition of one Jacobian J (m, n); all bases are orthonormal columns.
 
     Attributes:
         U: (m, m).
-        sigma: singular values, falling, (min(m, n),).
+        sigma: singular values, descending, (min(m, n),).
         V: (n, n).
-        rank: how many of them count.
+        rank: number of non-zero singular values.
     """
 
     U: Array
@@ -66,17 +66,17 @@ class Spaces:
 
     @property
     def degree_of_manipulability(self) -> int:
-        """The dimension of R(J) (slide 32)."""
+        """Dimension of R(J) (slide 32)."""
         return self.rank
 
     @property
     def degree_of_redundancy(self) -> int:
-        """The dimension of N(J); with the degree of manipulability it makes n (slide 32)."""
+        """Dimension of N(J); with the degree of manipulability its sum is n (slide 32)."""
         return len(self.V) - self.rank
 
     @property
     def singular(self) -> bool:
-        """Whether rank is lost: det(JJᵀ) = 0 for m ≤ n (slide 7), det(JᵀJ) = 0 for more rows than joints."""
+        """True if rank is lost: det(JJᵀ) = 0 for m ≤ n (slide 7), det(JᵀJ) = 0 for more rows than joints."""
         return self.rank < len(self.sigma)
 
 
@@ -84,12 +84,12 @@ def spaces(J: ArrayLike, tolerance: float = TOLERANCE) -> Spaces:
     """Decompose J (m, n).
 
     Args:
-        J: the Jacobian. Its rows, and its columns, should share a unit: rank and bases do not mind, but how
-            near to singular it is depends on how m and rad are weighed against each other.
-        tolerance: singular values below this part of the largest one are zero.
+        J: the Jacobian. Its rows, and its columns, should have the same unit: rank and bases do not depend on
+            it, but the distance to a singularity depends on the ratio of m and rad.
+        tolerance: singular values below this share of the largest one are zero.
 
     Raises:
-        ValueError: if J is no matrix of finite numbers.
+        ValueError: if J is not a matrix of finite numbers.
     """
     U, sigma, Vt = np.linalg.svd(matrix(J))
     rank = int(np.count_nonzero(sigma > tolerance * sigma[0]))
@@ -97,10 +97,10 @@ def spaces(J: ArrayLike, tolerance: float = TOLERANCE) -> Spaces:
 
 
 def matrix(J: ArrayLike) -> Array:
-    """J as an array (m, n).
+    """Return J as an array (m, n).
 
     Raises:
-        ValueError: if it is no matrix of finite numbers with at least one row and one column.
+        ValueError: if it is not a matrix of finite numbers with at least one row and one column.
     """
     array = np.asarray(J, dtype=np.float64)
     if array.ndim != 2 or not array.size:
@@ -111,10 +111,10 @@ def matrix(J: ArrayLike) -> Array:
 
 
 def vector(values: ArrayLike, length: int, what: str) -> Array:
-    """Values as an array (length,).
+    """Return values as an array (length,).
 
     Raises:
-        ValueError: if there are more or fewer; the text says of `what`.
+        ValueError: if there are more or fewer; the text names `what`.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (length,):

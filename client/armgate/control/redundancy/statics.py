@@ -1,8 +1,8 @@
-"""Statics: joint torques and the forces that they hold, τ = JᵀF (slides 34-36).
+"""Statics: joint torques and the forces that they balance, τ = JᵀF (slides 34-36).
 
-By virtual work, τᵀq̇ = Fᵀẋ for every q̇. So what is a null space for motion is a range space for forces:
+By virtual work, τᵀq̇ = Fᵀẋ for every q̇. So null spaces of motion are range spaces of forces:
 
-    R(Jᵀ) = N(J)⊥    a force makes no torque along a self motion (slide 36)
+    R(Jᵀ) = N(J)⊥    a force makes no torque along a self-motion (slide 36)
     N(Jᵀ) = R(J)⊥    a force in a singular direction is held by the structure, without torque
 
 `armgate.control.redundancy.spaces` gives all four.
@@ -18,7 +18,7 @@ from armgate.control.redundancy.spaces import TOLERANCE, Array, matrix, vector
 
 
 def torques(J: ArrayLike, force: ArrayLike) -> Array:
-    """τ = JᵀF (n,): the joint torques [Nm, or N of prismatic joints] that make the task force F (m,).
+    """Return τ = JᵀF (n,), the joint torques [Nm, or N of prismatic joints] of the task force F (m,).
 
     Raises:
         ValueError: if F does not fit J.
@@ -30,11 +30,11 @@ def torques(J: ArrayLike, force: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """What joint torques τ amount to.
+    """Decomposition of joint torques τ.
 
     Attributes:
-        force: F (m,): the smallest one with JᵀF as near to τ as can be.
-        inner: τ − JᵀF (n,), in N(J): it accelerates self motions, and no force at the task balances it.
+        force: F (m,): the smallest force with JᵀF as near to τ as possible.
+        inner: τ − JᵀF (n,), in N(J): it accelerates self-motions, and no task force balances it.
     """
 
     force: Array
@@ -42,7 +42,7 @@ class Balance:
 
 
 def balance(J: ArrayLike, tau: ArrayLike, tolerance: float = TOLERANCE) -> Balance:
-    """Split joint torques τ (n,) into what a task force balances and what is left.
+    """Split joint torques τ (n,) into the part that a task force balances and the rest.
 
     Raises:
         ValueError: if τ does not fit J.

@@ -1,6 +1,6 @@
-"""Tasks: rows of the Jacobians of frames, how far a position is from a target, and how the rows change.
+"""Tasks: rows of the Jacobians of frames, errors to a target, and derivatives of the rows.
 
-Rows are of the velocity [v; ω] of a frame: linear at its origin, then angular, world axes.
+Rows belong to the velocity [v; ω] of a frame: linear at its origin, then angular, world axes.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ P = TypeVar("P")
 
 
 class Task(Protocol[P]):
-    """What the toolbox asks of a task; P is the type of its places.
+    """Interface of a task; P is the type of its poses.
 
     Attributes:
         model: The robot.
@@ -32,64 +32,64 @@ class Task(Protocol[P]):
     m: int
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """J (m, n) at q (n,)."""
+        """Return J (m, n) at q (n,)."""
         ...
 
     def jacobian_derivative(self, q: ArrayLike) -> Array:
-        """∂J/∂q (m, n, n), the last index that of the joint by which is derived."""
+        """Return ∂J/∂q (m, n, n), whose last index is that of the joint of the derivative."""
         ...
 
     def place(self, q: ArrayLike) -> P:
-        """Where the task is at q."""
+        """Return the pose of the task at q."""
         ...
 
     def error(self, q: ArrayLike, target: P) -> Array:
-        """The rows of the way from the place at q to the target (m,), m and rad."""
+        """Return the error from the pose at q to the target (m,), m and rad."""
         ...
 
 
 class FrameTask:
-    """Some rows of one frame's motion.
+    """Rows of one frame's motion.
 
     Args:
         model: The robot.
-        frame: A frame of it.
-        rows: Names out of `ROWS`, or a matrix (m, 6) whose rows say which combinations are meant.
+        frame: Name of a frame of it.
+        rows: Names from `ROWS`, or a matrix (m, 6) whose rows are linear combinations of them.
 
-    With all three angular rows, or none, the error's derivative at the target is −J. Angular rows that leave
-    directions out (rx without ry and rz, on a robot that turns in space) are velocities that belong to no
-    position; what is said of errors and self motions holds for them on robots that cannot turn otherwise, a
-    planar arm for one.
+    With all three angular rows, or none, the error's derivative at the target is −J. Angular rows that omit
+    directions (rx without ry and rz, on a robot that turns in space) are velocities without a corresponding
+    pose; statements on errors and self-motions hold for them only on robots that cannot turn otherwise, such
+    as a planar arm.
 
     Raises:
-        ModelError: There is no such frame.
-        ValueError: A row has another name, or the matrix another shape.
+        ModelError: The model has no such frame.
+        ValueError: A row has another name, or the matrix has another shape.
     """
 
     def __init__(self, model: RobotModel, frame: str, rows: Sequence[str] | Array) -> None:
-        model.frame_joint(frame)  # raises for an unknown one
+        model.frame_joint(frame)  # raises for an unknown frame
         self.model = model
         self.frame = frame
         self._S = _selection(rows)
         self.m = len(self._S)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """J (m, n) at q (n,)."""
+        """Return J (m, n) at q (n,)."""
         J: Array = self._S @ self.model.frame_jacobian(q, self.frame)
         return J
 
     def jacobian_derivative(self, q: ArrayLike) -> Array:
-        """∂J/∂q (m, n, n), exact."""
+        """Return ∂J/∂q (m, n, n), exact."""
         whole = frame_jacobian_derivative(self.model.frame_jacobian(q, self.frame))
         rows: Array = np.tensordot(self._S, whole, axes=1)
         return rows
 
     def place(self, q: ArrayLike) -> Placement:
-        """Where the frame is at q, in the world."""
+        """Return the pose of the frame at q, in the world."""
         return self.model.frame(q, self.frame)
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
-        """The rows of [t* − t; log(R*Rᵀ)] (m,): way of the origin and rotation vector that are left."""
+        """Return the rows of [t* − t; log(R*Rᵀ)] (m,): displacement and rotation vector to the target."""
         here = self.place(q)
         way = np.concatenate([target.t - here.t, rotation_vector(target.R @ here.R.T)])
         rows: Array = self._S @ way
@@ -109,10 +109,10 @@ def _selection(rows: Sequence[str] | Array) -> Array:
 
 
 class StackedTask:
-    """Several frames' tasks of one robot at once, row under row; its places are tuples.
+    """Tasks of several frames of one robot, stacked by rows; its poses are tuples.
 
     Raises:
-        ValueError: There is none, or they are of different robots.
+        ValueError: There is no task, or the tasks belong to different robots.
     """
 
     def __init__(self, tasks: Sequence[FrameTask]) -> None:
@@ -123,28 +123,28 @@ class StackedTask:
         self._tasks = tuple(tasks)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """J (m, n) at q (n,)."""
+        """Return J (m, n) at q (n,)."""
         return np.concatenate([task.jacobian(q) for task in self._tasks])
 
     def jacobian_derivative(self, q: ArrayLike) -> Array:
-        """∂J/∂q (m, n, n), exact."""
+        """Return ∂J/∂q (m, n, n), exact."""
         return np.concatenate([task.jacobian_derivative(q) for task in self._tasks])
 
     def place(self, q: ArrayLike) -> tuple[Placement, ...]:
-        """Where the frames are at q, in the world."""
+        """Return the poses of the frames at q, in the world."""
         return tuple(task.place(q) for task in self._tasks)
 
     def error(self, q: ArrayLike, target: tuple[Placement, ...]) -> Array:
-        """The errors of the tasks, one after the other (m,)."""
+        """Return the errors of the tasks, one after the other (m,)."""
         errors = [task.error(q, place) for task, place in zip(self._tasks, target, strict=True)]
         return np.concatenate(errors)
 
 
 def frame_jacobian_derivative(J: Array) -> Array:
-    """∂J/∂q (6, n, n) of a frame's Jacobian J (6, n), rows as in `ROWS`, from J alone.
+    """Return ∂J/∂q (6, n, n) of a frame's Jacobian J (6, n), rows as in `ROWS`, from J alone.
 
-    Let joint i come before joint k on the way to the frame. Moving i turns all that k does, moving k leaves
-    alone what i is:
+    Let joint i come before joint k on the way to the frame. Moving i turns all that k moves; moving k does
+    not affect i:
 
         ∂²x/∂q_i∂q_k = ω_i × v_k,    ∂ω_k/∂q_i = ω_i × ω_k,    ∂ω_i/∂q_k = 0,
 
@@ -161,7 +161,7 @@ def frame_jacobian_derivative(J: Array) -> Array:
 
 
 def rotation_vector(R: Array) -> Array:
-    """Axis times angle (3,), rad, of a rotation matrix; the angle is in [0, π]."""
+    """Return axis times angle (3,), rad, of a rotation matrix; the angle is in [0, π]."""
     x, y, z, w = Placement(R, np.zeros(3)).xyzw()
     v = np.array([x, y, z])
     s = float(np.linalg.norm(v))
