@@ -79,7 +79,7 @@ def test_map_gives_points_of_the_surface():
     np.testing.assert_allclose(((points.T / ellipsoid.lengths) ** 2).sum(axis=1), 1.0)
 
 
-def test_a_shadow_needs_an_ellipsoid_that_is_bounded():
+def test_a_projection_needs_a_bounded_ellipsoid():
     with pytest.raises(ValueError, match="not bounded"):
         force_ellipsoid([[1.0, 0.0], [0.0, 0.0]]).projection(np.eye(2)[:1])
     with pytest.raises(ValueError, match="expected a map"):
