@@ -1,4 +1,4 @@
-"""What the camera law costs, in units of one step of the QP-based IK library pink on the same arm.
+"""Cost of the camera law, in units of one step of the QP-based IK library pink on the same arm.
 
 The step of pink is a 6-D frame task and a posture task under joint limits: model update, QP, integration.
 All cases are measured in turns in one process, as many calls in a row as a tick may make, so that what

@@ -1,4 +1,4 @@
-"""How fast the whole stack runs in lock-step: daemon, leader, follower and observer as processes.
+"""Speed of the whole stack in lock-step: daemon, leader, follower and observer as processes.
 
 The demo as a user starts it, with its recording, without the viewer. What counts is the time by the clock for
 a second of the run, from the first state to the last; starting processes and drawing pictures do not count.

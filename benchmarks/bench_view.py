@@ -36,9 +36,9 @@ PATHS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2
 BLOCKS = 6
 """Of a path, half of them connected."""
 SETTLE, BLOCK = 3.0, 4.5
-"""How long after each change nothing counts, and then how long it does, s."""
+"""Time after each change that is not measured, and time that is measured, s."""
 LOADING = 6.0
-"""How long a page that was just opened is left alone, s."""
+"""Time for which a page that was just opened is not measured, s."""
 
 # Counts what reaches the page, and lets its connection be cut: viser's socket is in a worker.
 _COUNTER = """

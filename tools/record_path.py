@@ -1,6 +1,6 @@
 """Makes ``configs/paths/inspection.csv``: an inspection tour of GR's tool, as if an operator had driven it.
 
-The file is synthetic: nobody has recorded it on a machine. It visits the instruments at the demo cell's
+The file is synthetic: no one has recorded it on a machine. It visits the instruments at the demo cell's
 process structure and rests at each. A leg is a Bézier curve in joint space through the places below; the
 tool's speed along it rises and falls smoothly and reaches 0.25 m/s on the long ones.
 

@@ -95,7 +95,7 @@ def test_success_and_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
     assert called(monkeypatch, do, "3", "--unknown") == 2
 
 
-def test_an_unknown_command_and_none(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_command_and_no_command(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (["fly"], []):
         with pytest.raises(SystemExit) as ended:
             cli.main(arguments)
@@ -153,7 +153,7 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("demo", "--out", "FILE"), "cannot be created"),
     ],
 )
-def test_wrong_use_is_status_2_and_says_what(tmp_path: Path, arguments: tuple[str, ...], text: str) -> None:
+def test_wrong_usage_is_status_2_with_a_reason(tmp_path: Path, arguments: tuple[str, ...], text: str) -> None:
     (tmp_path / "file").write_text("")
     places = {
         "PATH": str(default_file("paths/inspection.csv")),
@@ -176,7 +176,7 @@ def test_wrong_use_is_status_2_and_says_what(tmp_path: Path, arguments: tuple[st
         ("--speed", "nan"),
     ],
 )
-def test_strange_numbers_are_refused_before_anything_is_connected(options: tuple[str, ...]) -> None:
+def test_bad_numbers_are_refused_before_connecting(options: tuple[str, ...]) -> None:
     done = armgate("reach", "127.0.0.1:9", "--robot", "FR", *options)
     assert done.returncode == 2
     assert options[0] in done.stderr
@@ -191,7 +191,7 @@ def every_parameter() -> Iterator[tuple[str, Any]]:
         yield from ((f"{command.name} {parameter.name}", parameter) for parameter in command.params)
 
 
-def test_no_option_of_any_command_takes_a_strange_number() -> None:
+def test_no_option_accepts_a_non_finite_or_huge_number() -> None:
     found = dict(every_parameter())
     assert len(found) > 100
     for parameter in found.values():
@@ -200,7 +200,7 @@ def test_no_option_of_any_command_takes_a_strange_number() -> None:
                 parameter.callback(None, parameter, value)
 
 
-def test_nobody_listens_is_status_1() -> None:
+def test_a_refused_connection_is_status_1() -> None:
     done = armgate("follow", "127.0.0.1:9", "--robot", "FR", "--leader", "GR")
     assert done.returncode == 1
     assert done.stderr.startswith("armgate: no connection to 127.0.0.1:9")

@@ -69,7 +69,7 @@ def test_the_picture_fits_eighty_columns(description: Description, make_state: M
     assert "FR/link_5" in shown
 
 
-def test_the_line(make_state: Make) -> None:
+def test_the_line_of_text(make_state: Make) -> None:
     counts = {"admitted": 41, "refused:stale": 2}
     shown = line(
         seen_of(make_state(0), make_state(100, angle=0.5, distance=0.001, progress=0.25, counts=counts))
@@ -104,7 +104,7 @@ def test_in_a_terminal_the_picture_is_drawn_at_once(description: Description, ma
         assert "view angle" in out.getvalue()
 
 
-def test_the_summary_says_what_holds(make_state: Make) -> None:
+def test_the_summary_shows_which_claims_hold(make_state: Make) -> None:
     states = [make_state(k, angle=0.1, distance=0.001) for k in range(200)]
     good = compute(seen_of(*states), 0.05, 2.0, True)
     shown = text_of(summary(good, Path("runs/x"), []))

@@ -28,7 +28,7 @@ def swing() -> RecordedPath:
     return path_of(np.stack([0.3 * s, 0.2 * s, -0.1 * s], axis=1))
 
 
-def test_a_path_for_its_robot_is_taken(description: Description) -> None:
+def test_a_path_for_its_robot_is_accepted(description: Description) -> None:
     assert check_path(swing(), description, "GR").name == "GR"
 
 
@@ -97,7 +97,7 @@ def driven(
     return ended, told, lines
 
 
-def test_it_tells_its_progress_and_ends_at_rest(description: Description) -> None:
+def test_the_leader_shares_its_progress_and_ends_at_rest(description: Description) -> None:
     ended, told, lines = driven(description, Held(3))
     assert ended == "2.0 s of the path played, at rest"
     assert told.progress[-1] == 1.0
@@ -105,7 +105,7 @@ def test_it_tells_its_progress_and_ends_at_rest(description: Description) -> Non
     assert lines == []
 
 
-def test_it_says_when_the_gate_holds_it_up(description: Description) -> None:
+def test_the_leader_reports_when_the_gate_holds_the_path_up(description: Description) -> None:
     blocked = range(60, 160)
     ended, told, lines = driven(description, Held(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq))
     assert [line.split(" at")[0].split(" from")[0] for line in lines] == ["path held", "path continues"]
@@ -114,7 +114,7 @@ def test_it_says_when_the_gate_holds_it_up(description: Description) -> None:
     assert "played" in ended
 
 
-def test_interrupted_it_slows_to_rest(description: Description) -> None:
+def test_an_interrupted_follower_comes_to_rest(description: Description) -> None:
     interrupt, robot = Interrupt(), Held(3)
     speeds: list[float] = []
 
@@ -132,7 +132,7 @@ def test_interrupted_it_slows_to_rest(description: Description) -> None:
     assert told.progress[-1] < 1.0
 
 
-def test_the_increment_played_is_what_the_setpoints_say() -> None:
+def test_the_played_increment_follows_from_the_setpoints() -> None:
     last = LastIncrement()
     np.testing.assert_array_equal(last.update(5, (1.0, 2.0)), [0.0, 0.0])
     np.testing.assert_allclose(last.update(6, (1.1, 2.0)), [0.1, 0.0])

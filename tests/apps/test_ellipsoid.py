@@ -37,7 +37,7 @@ def path_file(folder: Path, q: np.ndarray, joints: str = "J1 J2 J3") -> Path:
     return file
 
 
-def test_a_planar_arm_is_seen_to_move_in_its_plane(planar: Cell, demo: Cell) -> None:
+def test_the_rows_of_a_planar_arm_are_those_of_its_plane(planar: Cell, demo: Cell) -> None:
     assert moving_rows(planar.robots[0].model, "tool0") == ("x", "y")
     assert moving_rows(demo.robot("FR").model, "tool0") == ("x", "y", "z")
 
@@ -78,9 +78,7 @@ def test_skeletons_lead_from_the_base_to_the_frame(planar: Cell, demo: Cell) -> 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 @pytest.mark.parametrize("name", ["FR", "GR"])
-def test_spatial_robots_are_drawn_from_three_sides(
-    demo: Cell, tmp_path: Path, suffix: str, name: str
-) -> None:
+def test_spatial_robots_are_drawn_in_three_views(demo: Cell, tmp_path: Path, suffix: str, name: str) -> None:
     file = tmp_path / f"p{suffix}"
     motion = motion_of(demo, name, None, None, self_motion=False)
     told = draw(motion, file, count=3, force=True)
@@ -92,14 +90,14 @@ def test_spatial_robots_are_drawn_from_three_sides(
         assert "Matplotlib" in texts or data.count(b"<path") > 40
 
 
-def test_the_same_picture_twice(planar: Cell, tmp_path: Path) -> None:
+def test_drawing_twice_gives_the_same_picture(planar: Cell, tmp_path: Path) -> None:
     motion = motion_of(planar, None, None, None, self_motion=True)
     for name in ("a.svg", "b.svg"):
         draw(motion, tmp_path / name, count=4, force=False)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_what_is_drawn_is_the_ellipse_at_the_frame(planar: Cell) -> None:
+def test_the_ellipse_is_drawn_at_the_frame(planar: Cell) -> None:
     from matplotlib.figure import Figure
 
     motion = motion_of(planar, None, None, None, self_motion=False)
@@ -115,7 +113,7 @@ def test_what_is_drawn_is_the_ellipse_at_the_frame(planar: Cell) -> None:
     assert [label.split(",")[0] for label in labels] == ["velocity", "force"]
 
 
-def test_a_singular_position_is_drawn_with_its_force_ellipse_cut(planar: Cell, tmp_path: Path) -> None:
+def test_a_singular_position_is_drawn_with_a_clipped_force_ellipse(planar: Cell, tmp_path: Path) -> None:
     robot = planar.robots[0]
     q = np.linspace([0.0, 1.0, 1.0], [0.0, 0.0, 0.0], 20)
     motion = Motion("stretched", robot.model, "tool0", ("x", "y"), q)
@@ -142,7 +140,9 @@ def test_the_command_draws_the_planar_arm_by_default(
         ({"path": Path("p.csv"), "self_motion": True}, "exclude each other"),
     ],
 )
-def test_what_does_not_fit_is_wrong_use(planar: Cell, change: dict[str, object], said: str) -> None:
+def test_options_that_do_not_fit_the_cell_are_wrong_usage(
+    planar: Cell, change: dict[str, object], said: str
+) -> None:
     asked = {"name": None, "frame": None, "path": None, "self_motion": False, **change}
     with pytest.raises(UsageError, match=said):
         motion_of(planar, **asked)

@@ -51,7 +51,7 @@ def test_an_error_in_a_file_names_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "runs"), [("approach", 3 + 6), ("tracking", 9 * 3), ("zoom", 3), ("collision", 4 * 3)]
 )
-def test_the_experiments_that_come_with_armgate(scene: Scene, name: str, runs: int) -> None:
+def test_the_bundled_experiment_files_are_valid(scene: Scene, name: str, runs: int) -> None:
     found = trials(load_experiment(default_file(f"experiments/{name}.yaml")), scene, seeds=3)
     assert len({trial.name for trial in found}) == len(found) == runs
     low, high = scene.reach()
@@ -86,7 +86,7 @@ def test_in_a_pursuit_the_leader_begins_where_a_dash_does(scene: Scene, tmp_path
     np.testing.assert_allclose(moved.tool, dashed.path[0], atol=1e-12)
 
 
-def test_a_leader_that_cannot_carry_its_tool_is_refused(tmp_path: Path) -> None:
+def test_a_leader_without_prismatic_axes_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text("armgate: 1\nrobots: {FR: {camera: null}, GR: {camera: tool0}}\n")
     with pytest.raises(UsageError, match="'FR' cannot lead"):
@@ -132,12 +132,12 @@ def observed(**columns: Any) -> Observation:
     return seen
 
 
-def test_what_was_recently_so() -> None:
+def test_recently_extends_a_condition() -> None:
     time = np.arange(6.0)
     assert recently(time, time == 1.0, 2.0).tolist() == [False, True, True, True, False, False]
 
 
-def test_an_approach_that_rises_or_ends_off_is_seen() -> None:
+def test_an_approach_that_rises_or_does_not_settle_is_detected() -> None:
     fall = np.radians(np.linspace(60.0, 0.0, 400))
     good = evaluate(Trial("approach", 0, 0.0), observed(angle_error_rad=fall))
     assert (good["rise_deg"], good["start_angle_deg"]) == (0.0, pytest.approx(60.0))
@@ -147,7 +147,7 @@ def test_an_approach_that_rises_or_ends_off_is_seen() -> None:
     assert bad["settled_s"] is None
 
 
-def test_a_tour_counts_from_two_seconds_on_until_the_stick_is_let_go() -> None:
+def test_a_tour_counts_from_two_seconds_until_the_stick_is_released() -> None:
     time = 0.01 * np.arange(400)
     angle = np.radians(np.where(time < 1.9, 90.0, np.where(time > 2.05, 45.0, 3.0)))
     assert evaluate(Trial("slow", 0, 0.0), observed(angle_error_rad=angle)) == {"moving_rms_deg": None}
@@ -155,7 +155,7 @@ def test_a_tour_counts_from_two_seconds_on_until_the_stick_is_let_go() -> None:
     assert evaluate(Trial("slow", 0, 0.0), longer)["moving_rms_deg"] > 45.0
 
 
-def test_in_a_dash_the_angle_counts_where_nothing_excuses_it() -> None:
+def test_in_a_dash_the_angle_counts_except_while_the_gate_or_13_acts() -> None:
     time = 0.01 * np.arange(400)
     peak = np.where(np.abs(time - 3.0) < 0.1, np.radians(5.0), 0.0)
     trial = Trial("dash-0.5", 0, 0.03)
@@ -166,7 +166,7 @@ def test_in_a_dash_the_angle_counts_where_nothing_excuses_it() -> None:
     assert (excused["free_angle_deg"], excused["follower_refused"]) == (0.0, True)
 
 
-def test_while_zooming_the_distance_counts_where_repulsion_is_long_gone() -> None:
+def test_while_zooming_the_distance_counts_without_recent_repulsion() -> None:
     time = 0.01 * np.arange(400)
     pushed = (time > 2.1) & (time < 2.5)
     found = evaluate(
@@ -228,7 +228,7 @@ def test_a_pursuit_is_only_reported() -> None:
     assert (leader.value, leader.holds) == (1.0, None)
 
 
-def test_what_no_run_may_do() -> None:
+def test_claims_of_every_run() -> None:
     rows = claims("collision", dashed(0, 2, min_clearance_m=0.049, late_commands=1, states_missed={"FR": 3}))
     assert [row.holds for row in rows[-3:]] == [False, False, False]
     assert [row.holds for row in claims("collision", dashed(0, 2))[-3:]] == [True, True, True]
@@ -242,7 +242,7 @@ def test_cases_are_summed_up() -> None:
     assert sums["slow"]["realtime_factor"] == pytest.approx(4.0)
 
 
-def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
+def test_the_report_page_is_self_contained(tmp_path: Path) -> None:
     picture = tmp_path / "p.png"
     picture.write_bytes(b"\x89PNG")
     entries = dashed(1, 2)
@@ -270,7 +270,7 @@ def test_figures_have_three_digits(value: float | None, unit: str, told: str) ->
     assert Claim("it", "", value, unit, None).text == told
 
 
-def test_a_beginning_does_not_hide_what_comes(tmp_path: Path) -> None:
+def test_the_initial_angle_does_not_hide_the_later_one(tmp_path: Path) -> None:
     time = np.arange(0.0, 8.0, T)
     run = {name: np.zeros(len(time)) for name in COLUMNS} | {"time_s": time}
     angle = np.radians(np.where(time < 0.5, 7.0, 0.03 * np.sin(time)))
@@ -296,7 +296,7 @@ def test_a_beginning_does_not_hide_what_comes(tmp_path: Path) -> None:
     ],
     ids=["asked", "asked between runs", "died"],
 )
-def test_what_was_run_is_evaluated_however_it_ends(
+def test_finished_runs_are_evaluated_after_any_end(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: BaseException | None, ended: str
 ) -> None:
     def play(trial: Trial, _scene: Scene, folder: Path, *_: Any, **__: Any) -> dict[str, Any] | None:

@@ -131,7 +131,7 @@ def chased(
     return ended, cell, robot
 
 
-def test_it_follows_until_the_path_is_done_within_its_bounds(built: BuiltCell) -> None:
+def test_the_follower_follows_until_the_path_ends_within_its_bounds(built: BuiltCell) -> None:
     ended, cell, robot = chased(built, lambda tick: min(1.0, tick / 150))
     assert ended == "the leader's path is done, at rest"
     angles = [value[0] for name, value in cell.shared if name == "follow.angle_error"]
@@ -159,7 +159,7 @@ def proximity(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple
     return Proximity(RobotBodies.of("FR", fr.model), RobotBodies.of("GR", gr.model)).pairs(*entries)
 
 
-def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell) -> None:
+def test_a_near_pair_has_the_room_left_by_the_leaders_stop(built: BuiltCell) -> None:
     (pair,) = proximity(built, NEAR)
     np.testing.assert_array_equal(pair.points, POINTS)
     assert (pair.joint, pair.room) == (2, pytest.approx(0.1))
@@ -179,11 +179,11 @@ def test_a_near_pair_has_the_room_that_the_leaders_stop_leaves(built: BuiltCell)
         {"distance": 0.3},
     ],
 )
-def test_other_pairs_do_not_matter(built: BuiltCell, other: dict[str, Any]) -> None:
+def test_pairs_of_other_bodies_are_ignored(built: BuiltCell, other: dict[str, Any]) -> None:
     assert proximity(built, NEAR | other) == ()
 
 
-def test_it_shares_what_it_measures(built: BuiltCell) -> None:
+def test_the_follower_shares_its_measured_errors(built: BuiltCell) -> None:
     _, cell, robot = chased(built, lambda tick: None, duration=1.0)
     names = {name for name, _ in cell.shared}
     assert names == {
@@ -207,13 +207,13 @@ def test_it_shares_what_it_measures(built: BuiltCell) -> None:
 
 
 @pytest.mark.parametrize("nonsense", [0.0, -1.0, 0.049, 1e300])
-def test_a_distance_that_nobody_can_want_leaves_the_last_one(built: BuiltCell, nonsense: float) -> None:
+def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, nonsense: float) -> None:
     zooms = [None, 1.1, nonsense, 1.2, None]
     _, cell, _ = chased(built, lambda tick: None, duration=0.6, zoom=lambda tick: zooms[min(tick // 10, 4)])
     assert [value[0] for name, value in cell.shared if name == "follow.distance"] == [1.0, 1.1, 1.2, 1.0]
 
 
-def test_time_and_interrupt_end_it(built: BuiltCell) -> None:
+def test_timeout_and_interrupt_end_the_schedule(built: BuiltCell) -> None:
     ended, _, robot = chased(built, lambda tick: None, duration=0.6)
     assert ended == "time is over, at rest"
     assert 50 <= len(robot.sent) < 150
@@ -222,7 +222,7 @@ def test_time_and_interrupt_end_it(built: BuiltCell) -> None:
     assert chased(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
 
 
-def test_a_leader_that_leaves_early_is_told_at_rest(built: BuiltCell) -> None:
+def test_a_leader_that_leaves_early_is_reported_at_rest(built: BuiltCell) -> None:
     ended, _, robot = chased(built, lambda tick: tick / 100 if tick < 30 else None)
     assert ended == "FR is at rest: the leader left at 29 % of its path"
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
@@ -232,13 +232,13 @@ def told(owner: str, value: float) -> Any:
     return SimpleNamespace(owner=owner, value=(value,))
 
 
-def test_progress_before_the_leader_came() -> None:
+def test_a_progress_shared_before_the_leader_connects_is_ignored() -> None:
     watched = Progress()
     assert watched.ending(None, None) is None
     assert not watched.left
 
 
-def test_only_the_holder_of_the_leaders_robot_tells_the_progress(built: BuiltCell) -> None:
+def test_only_the_holder_of_the_leaders_robot_sets_the_progress(built: BuiltCell) -> None:
     watched = Progress()
     for foreign in (0.5, 1.0, 1e300):
         assert watched.ending(told("stranger", foreign), "leader") is None
@@ -253,7 +253,7 @@ def test_only_the_holder_of_the_leaders_robot_tells_the_progress(built: BuiltCel
 
 
 @pytest.mark.parametrize("strange", [-1.0, 1.0000001, 1e300])
-def test_a_progress_that_cannot_be_leaves_the_last_one(strange: float) -> None:
+def test_a_progress_out_of_range_keeps_the_last_one(strange: float) -> None:
     watched = Progress()
     assert watched.ending(told("leader", 0.4), "leader") is None
     assert watched.ending(told("leader", strange), "leader") is None
@@ -262,7 +262,7 @@ def test_a_progress_that_cannot_be_leaves_the_last_one(strange: float) -> None:
 
 
 @pytest.mark.parametrize("code", ["signal_owned", "too_many_signals", "forbidden"])
-def test_refused_signals_are_told_once_and_end_nothing(built: BuiltCell, code: str) -> None:
+def test_refused_signals_are_reported_once_and_end_no_motion(built: BuiltCell, code: str) -> None:
     cell, robot = Connection(built), Held(built, lambda tick: None)
     cell.refusal = Refused(Error(code=code, text="no", fatal=False))
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
@@ -273,7 +273,7 @@ def test_refused_signals_are_told_once_and_end_nothing(built: BuiltCell, code: s
     assert line.startswith("some signals are not shared")
 
 
-def test_robots_that_cannot_do_it_are_named(built: BuiltCell) -> None:
+def test_unsuitable_robots_are_named(built: BuiltCell) -> None:
     cell: Any = Connection(built)
     with pytest.raises(UsageError, match="no robot 'XR'; it has FR, GR"):
         FollowLoop.build(cell, "XR", "GR", FollowOptions(1.0, 0.0))
@@ -290,7 +290,7 @@ def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
     assert floor_of(tilted.description) is None
 
 
-def test_only_what_is_new_is_shared(built: BuiltCell) -> None:
+def test_only_changed_values_are_shared(built: BuiltCell) -> None:
     cell: Any = Connection(built)
     sharing = Sharing(cell, cell.lines.append)
     known = share_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
@@ -298,7 +298,7 @@ def test_only_what_is_new_is_shared(built: BuiltCell) -> None:
     assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]
 
 
-def test_an_interrupt_is_a_wish_first() -> None:
+def test_the_first_interrupt_sets_a_flag() -> None:
     with catch_interrupt() as interrupt:
         os.kill(os.getpid(), signal.SIGTERM)
         assert interrupt.requested

@@ -23,7 +23,7 @@ def keys(description, clock, told):
     return Keys(Setting(description.robots[0], "joint", told.append), clock)
 
 
-def test_the_dead_zone_is_dead_and_what_is_behind_it_rises_evenly():
+def test_the_dead_zone_is_zero_and_values_rise_linearly_outside():
     assert [beyond(x) for x in (0.0, DEAD_ZONE, -DEAD_ZONE)] == [0.0, 0.0, 0.0]
     assert beyond(1.0) == -beyond(-32768 / 32767) == 1.0
     middle = (1.0 + DEAD_ZONE) / 2.0
@@ -31,7 +31,7 @@ def test_the_dead_zone_is_dead_and_what_is_behind_it_rises_evenly():
     assert beyond(-middle) == pytest.approx(-0.5)
 
 
-def test_a_pace_is_halved_and_doubled_within_bounds(told):
+def test_a_speed_share_is_halved_and_doubled_within_bounds(told):
     pace = SpeedShare(told.append)
     for _ in range(9):
         pace.slower()
@@ -42,7 +42,7 @@ def test_a_pace_is_halved_and_doubled_within_bounds(told):
     assert told[-1] == "100% of the speed"
 
 
-def test_what_a_terminal_sends_is_read_as_keys():
+def test_terminal_input_is_read_as_keys():
     assert [*keys_in(b"w\x1b[A\x1bOB2\xc3")] == ["w", "+", "-", "2", "unknown"]
     assert [*keys_in(b"\x1b[5~")] == ["unknown"]
 
@@ -58,7 +58,7 @@ def test_a_key_moves_for_a_moment_and_then_the_robot_rests(keys, clock):
 
 
 @pytest.mark.parametrize("key", [" ", "unknown", "x", "2", "m", "]"])
-def test_every_other_key_lets_it_rest(keys, key):
+def test_every_other_key_brings_the_robot_to_rest(keys, key):
     keys.press("+")
     keys.press(key)
     assert keys.request().motion is None
@@ -84,7 +84,7 @@ def test_keys_choose_joints_modes_and_speeds(keys, told):
     assert keys.request().ended == "ended by the keyboard"
 
 
-def test_a_mailbox_holds_a_wish_for_a_moment(clock):
+def test_a_mailbox_holds_a_motion_for_its_validity(clock):
     box, motion = Mailbox(now=clock), JointRate(np.zeros(3))
     assert box.request(STATE) == MotionRequest()
     box.put(motion)

@@ -39,7 +39,7 @@ def test_the_transient_is_over_after_one_second_in_the_band() -> None:
     assert transient_end(time, angle) == pytest.approx(0.39 + 1.0)
 
 
-def test_leaving_the_band_starts_the_second_again_and_five_seconds_end_it() -> None:
+def test_leaving_the_band_restarts_the_second_and_five_seconds_end_the_transient() -> None:
     time = np.arange(1000) * 0.01
     restless = np.radians(np.where((time * 2).astype(int) % 2 == 0, 5.0, 0.2))
     assert transient_end(time, restless) == pytest.approx(5.0)
@@ -53,7 +53,7 @@ def test_time_counts_from_the_followers_first_value_and_nothing_is_over_without_
     assert transient_end(time[:50], np.zeros(50)) == math.inf
 
 
-def test_figures_are_of_what_comes_after_the_transient(make_state: Make) -> None:
+def test_figures_cover_the_time_after_the_transient(make_state: Make) -> None:
     metrics = compute(approach(make_state), 0.05, wall=2.4, complete=True)
     assert metrics["transient_s"] == pytest.approx(49 * T + 1.0, abs=T)
     assert metrics["angle_error_deg"] == pytest.approx({"max": 0.5, "rms": 0.5})
@@ -65,7 +65,7 @@ def test_figures_are_of_what_comes_after_the_transient(make_state: Make) -> None
     assert metrics["holds"] == {"angle": True, "distance": True, "clearance": True, "in_time": True}
 
 
-def test_what_does_not_hold_is_told(make_state: Make) -> None:
+def test_a_violated_claim_is_reported(make_state: Make) -> None:
     states = [make_state(k, angle=0.1) for k in range(200)]
     states.append(make_state(200, angle=1.2, distance=-0.021, least=0.049, late=2))
     metrics = compute(seen_of(states), 0.05, 1.0, True)
@@ -73,7 +73,7 @@ def test_what_does_not_hold_is_told(make_state: Make) -> None:
     assert metrics["late_commands"] == 4  # of both robots
 
 
-def test_a_run_too_short_to_tell(make_state: Make, tmp_path: Path) -> None:
+def test_a_run_too_short_to_decide(make_state: Make, tmp_path: Path) -> None:
     metrics = compute(seen_of([make_state(0, angle=None)]), 0.05, 0.0, False)
     assert metrics["angle_error_deg"] == {"max": None, "rms": None}
     assert metrics["holds"]["angle"] is None
@@ -108,7 +108,7 @@ def test_states_of_the_other_robot_make_no_rows(make_state: Make) -> None:
     assert len(seen_of([make_state(1, robot="GR"), make_state(1)]).rows) == 1
 
 
-def test_distances_within_one_robot_are_no_clearance(make_state: Make) -> None:
+def test_distances_within_one_robot_do_not_count_as_clearance(make_state: Make) -> None:
     near = (("FR/link_1", "FR/link_4", 0.01, 0.02), ("GR/link_6", "floor", 0.2, 0.05))
     seen = seen_of([make_state(1, near=near)])
     assert seen.nearest == (0.2, ("GR/link_6", "floor"))

@@ -18,7 +18,7 @@ VIOLATED = "armgate: monitor: violated: FR, tick 7 (0.084 s): FR/link_3 and post
     "text",
     ["armgate: monitor: watching FR: 45 bodies, 628 pairs", "armgate: monitor: 9 states, no violations", ""],
 )
-def test_other_lines_mean_nothing(text):
+def test_other_lines_of_the_monitor_are_ignored(text):
     assert monitoring.violation_error(Printed(monitoring.MONITOR, text)) is None
 
 
@@ -34,11 +34,11 @@ def test_a_monitor_that_ends_before_the_run_does_fails_it(tmp_path):
             _goes_on(children, Exited(monitoring.MONITOR, 0))
 
 
-def test_the_line_of_another_child_is_no_finding():
+def test_a_line_of_another_child_is_not_a_violation():
     assert monitoring.violation_error(Printed("viewer", VIOLATED)) is None
 
 
-def test_a_broken_rule_is_the_cause_of_an_end_that_comes_before_it(tmp_path):
+def test_a_violation_explains_the_end_of_a_child_before_it(tmp_path):
     with Children(tmp_path) as children:
         children.log("follower").write_text("stopped\n")
         children.events.put(Printed(monitoring.MONITOR, VIOLATED))
@@ -77,21 +77,21 @@ def test_an_audit_fails_a_run_if_it_finds_something_or_fails_itself(tmp_path, mo
             raise error
 
 
-def test_an_audit_ends_when_the_user_asks_for_it(tmp_path, monkeypatch):
+def test_an_interrupted_audit_ends(tmp_path, monkeypatch):
     (tmp_path / "monitor.json").write_text('{"states":')  # not whole
     code = "import time; time.sleep(600)"
     assert audited(tmp_path, code, monkeypatch, Interrupted(signal.SIGINT)) == (False, None)
     assert monitoring.read_report(tmp_path) is None
 
 
-def test_an_audit_has_one_limit_of_time_however_much_it_prints(tmp_path, monkeypatch):
+def test_output_does_not_extend_the_timeout_of_an_audit(tmp_path, monkeypatch):
     monkeypatch.setattr(monitoring, "AUDIT_TIME", 1.0)
     code = "import time\nfor _ in range(300): print('on', flush=True); time.sleep(0.1)"
     _, error = audited(tmp_path, code, monkeypatch)
     assert "took longer than 1 s" in str(error)
 
 
-def test_the_account_is_what_the_monitor_wrote(tmp_path):
+def test_the_report_is_read_from_the_monitors_file(tmp_path):
     assert monitoring.read_report(None) is None
     assert monitoring.read_report(tmp_path) is None
     (tmp_path / "monitor.json").write_text(json.dumps({"states": 7}))

@@ -78,7 +78,7 @@ def test_errors_name_file_and_line(tmp_path: Path, lines: list[str], line: int, 
     assert (caught.value.line, caught.value.exit_code) == (line, 2)
 
 
-def test_a_missing_file_and_one_that_is_no_text(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_binary_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PathError, match="No such file"):
         read_path(tmp_path / "none.csv")
     (tmp_path / "path.csv").write_bytes(b"\xff\xfe\x00")
@@ -95,7 +95,7 @@ def path_of(q: np.ndarray, period: float = 0.05) -> RecordedPath:
 
 @settings(deadline=None)
 @given(samples)
-def test_it_goes_through_its_samples_and_stays_between_neighbours(q: np.ndarray) -> None:
+def test_the_path_passes_its_samples_and_stays_between_neighbours(q: np.ndarray) -> None:
     path = path_of(q)
     for i, row in enumerate(q):
         np.testing.assert_allclose(path.at(i * path.period), row, atol=1e-9)
@@ -109,7 +109,7 @@ def test_it_goes_through_its_samples_and_stays_between_neighbours(q: np.ndarray)
 
 @settings(deadline=None)
 @given(samples, st.floats(0, 1))
-def test_it_is_once_continuously_differentiable(q: np.ndarray, share: float) -> None:
+def test_the_path_is_once_continuously_differentiable(q: np.ndarray, share: float) -> None:
     path = path_of(q)
     h = 1e-7
     for i in range(len(q)):  # across every sample: both sides have one velocity
@@ -122,7 +122,7 @@ def test_it_is_once_continuously_differentiable(q: np.ndarray, share: float) -> 
 
 @settings(deadline=None)
 @given(samples)
-def test_it_rests_at_both_ends_and_beyond(q: np.ndarray) -> None:
+def test_the_path_rests_at_both_ends_and_beyond(q: np.ndarray) -> None:
     path = path_of(q)
     for t in (0.0, path.duration, -1.0, path.duration + 1.0):
         np.testing.assert_allclose(path.velocity(t), 0.0, atol=1e-9)
@@ -142,7 +142,7 @@ def test_samples_cannot_be_changed() -> None:
         path.q[0, 0] = 1.0
 
 
-def test_a_device_without_an_end_is_refused(monkeypatch):
+def test_a_device_file_is_refused(monkeypatch):
     monkeypatch.setattr(path_module, "MAX_BYTES", 1000)
     with pytest.raises(PathError, match="more than 1000 bytes; expected a path file"):
         read_path(Path("/dev/zero"))

@@ -50,7 +50,7 @@ def within_bounds(played: list[np.ndarray]) -> None:
     assert np.all(np.abs(np.diff(u, axis=0)) <= BOUNDS.gain + 1e-12)
 
 
-def test_it_follows_the_path_closely_and_ends_there_at_rest() -> None:
+def test_playback_follows_the_path_closely_and_ends_at_rest() -> None:
     path, robot = swing(), Robot(np.zeros(2))
     playback = Playback(path, BOUNDS)
     while not playback.finished(robot.setpoint, robot.last):
@@ -63,7 +63,7 @@ def test_it_follows_the_path_closely_and_ends_there_at_rest() -> None:
     assert len(robot.played) * T < path.duration + 1.0
 
 
-def test_an_unheld_run_takes_as_long_as_the_path_but_for_the_start() -> None:
+def test_an_unobstructed_run_takes_the_duration_of_the_path() -> None:
     path = swing(6.0)
     ticks = Robot(np.zeros(2)).run(Playback(path, BOUNDS))
     assert path.duration <= ticks * T <= path.duration + 0.5
@@ -71,7 +71,7 @@ def test_an_unheld_run_takes_as_long_as_the_path_but_for_the_start() -> None:
 
 @given(st.floats(0.3, 3.9))
 @settings(max_examples=25, deadline=None)
-def test_a_shortened_run_rests_where_the_path_is_then(seconds: float) -> None:
+def test_a_shortened_run_rests_at_the_paths_position(seconds: float) -> None:
     path, robot = swing(), Robot(np.zeros(2))
     playback = Playback(path, BOUNDS, seconds)
     robot.run(playback)
@@ -80,7 +80,7 @@ def test_a_shortened_run_rests_where_the_path_is_then(seconds: float) -> None:
     assert playback.progress == 1.0
 
 
-def test_off_the_path_it_goes_to_its_start_first_slowly_and_straight() -> None:
+def test_the_robot_first_moves_to_the_start_slowly_and_straight() -> None:
     path, robot = swing(), Robot(np.array([-0.4, 0.3]))
     playback = Playback(path, BOUNDS)
     places = [robot.setpoint]
@@ -96,7 +96,7 @@ def test_off_the_path_it_goes_to_its_start_first_slowly_and_straight() -> None:
     within_bounds(robot.played)
 
 
-def test_the_path_waits_while_the_gate_refuses_and_goes_on_after() -> None:
+def test_the_path_waits_while_the_gate_refuses_and_then_continues() -> None:
     path, robot = swing(), Robot(np.zeros(2))
     playback = Playback(path, BOUNDS)
     for _ in range(120):
@@ -137,5 +137,5 @@ def test_braking_is_straight_and_ends_at_rest(share: tuple[float, float]) -> Non
     np.testing.assert_array_equal(last, 0.0)
 
 
-def test_no_duration_beyond_the_path() -> None:
+def test_a_duration_beyond_the_path_is_clipped() -> None:
     assert Playback(swing(), BOUNDS, 100.0).end == pytest.approx(4.0)

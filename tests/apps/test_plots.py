@@ -35,14 +35,14 @@ def test_four_pictures(run: Observation, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("states", [1, 2])
-def test_a_run_too_short_for_a_transient_is_drawn_too(make_state: Make, tmp_path: Path, states: int) -> None:
+def test_a_run_shorter_than_the_transient_is_drawn(make_state: Make, tmp_path: Path, states: int) -> None:
     seen = Observation("FR")
     for k in range(states):
         seen.take(make_state(k, angle=None))
     assert len(plots.draw(columns(seen.rows), compute(seen, 0.05, 0.0, False), tmp_path)) == 4
 
 
-def test_nothing_seen_nothing_drawn(tmp_path: Path) -> None:
+def test_an_empty_series_draws_nothing(tmp_path: Path) -> None:
     seen = Observation("FR")
     assert plots.draw(columns(seen.rows), compute(seen, 0.05, 0.0, False), tmp_path) == []
 

@@ -44,7 +44,7 @@ def test_lines_and_the_exit_come_as_events_and_both_streams_go_into_the_log(chil
     assert children.running() == []
 
 
-def test_no_event_in_time(children: Children) -> None:
+def test_next_returns_none_after_the_timeout(children: Children) -> None:
     assert children.next(0.0) is None
 
 
@@ -66,7 +66,7 @@ def test_children_do_not_get_the_terminals_interrupt(children: Children) -> None
     assert int(event.text) != os.getpgrp()
 
 
-def test_leaving_kills_what_is_left(tmp_path: Path) -> None:
+def test_leaving_the_context_kills_running_children(tmp_path: Path) -> None:
     with Children(tmp_path) as children:
         children.start("stubborn", [*PYTHON, STUBBORN])
         assert expect(children, Printed) == Printed("stubborn", "ready")
@@ -87,7 +87,7 @@ def test_an_event_from_a_signal_handler(children: Children) -> None:
     assert children.next(WAIT) == Interrupted(signal.SIGINT)
 
 
-def test_children_hurry_where_they_may(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_children_become_real_time_processes_if_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *how: asked.append(how))
     child.set_priority(0)

@@ -21,7 +21,7 @@ def cell() -> Cell:
     return build_cell(load_config([default_file("demo.yaml")]))
 
 
-def test_the_tool_comes_to_the_body_at_its_speed_and_keeps_its_posture(cell: Cell) -> None:
+def test_the_tool_reaches_the_body_at_its_speed_and_keeps_its_orientation(cell: Cell) -> None:
     fr, gr = cell.robot("FR"), cell.robot("GR")
     bounds = Bounds(gr.velocity, gr.acceleration, gr.deceleration, T)
     task = FrameTask(gr.model, gr.tool, ROWS)
@@ -44,14 +44,14 @@ def test_the_tool_comes_to_the_body_at_its_speed_and_keeps_its_posture(cell: Cel
     np.testing.assert_allclose(at.R, posture, atol=0.02)
 
 
-def test_it_waits_for_a_prey_that_is_not_seen(cell: Cell) -> None:
+def test_a_pursuit_rests_while_the_target_is_unknown(cell: Cell) -> None:
     gr = cell.robot("GR")
     pursuit = Pursuit(TargetBody.of("FR", "shoulder", cell.robot("FR").model), gr.model, gr.tool)
     wish = pursuit.request(RobotState(0.0, gr.start, gr.start))
     assert (wish.motion, wish.ended) == (None, "")
 
 
-def test_what_cannot_be_pursued_is_named(cell: Cell) -> None:
+def test_an_unknown_body_to_pursue_is_named(cell: Cell) -> None:
     with pytest.raises(UsageError, match="no moving body 'nose'; it has link_1, shoulder, link_2"):
         TargetBody.of("FR", "nose", cell.robot("FR").model)
     with pytest.raises(UsageError, match="no moving body 'base_link'"):

@@ -114,7 +114,7 @@ def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, Told]:
 START = np.radians([0.0, 45.0, 45.0])
 
 
-def test_it_reaches_the_target_within_the_bounds_and_rests(connected: Any) -> None:
+def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) -> None:
     arm = build(connected, "P", goal())
     held = Held(START)
     done, told = go(arm, held)
@@ -138,7 +138,7 @@ def test_without_a_target_the_frame_stays_while_an_objective_moves_the_arm(conne
     assert np.sum(done.setpoints[-1] ** 2) < np.sum(START**2)
 
 
-def test_a_robot_that_is_refused_is_stuck_and_the_reason_is_told(connected: Any) -> None:
+def test_a_refused_robot_is_stuck_and_the_reason_is_reported(connected: Any) -> None:
     arm = build(connected, "P", goal())
     done, _ = go(arm, Held(START, admit=np.zeros_like))
     assert done.reached is False
@@ -146,13 +146,13 @@ def test_a_robot_that_is_refused_is_stuck_and_the_reason_is_told(connected: Any)
         done.check("P")
 
 
-def test_a_target_out_of_reach_is_given_up(connected: Any) -> None:
+def test_a_target_out_of_reach_times_out(connected: Any) -> None:
     done, _ = go(build(connected, "P", goal(xyz=(3.0, 0.0, 0.5))), Held(START))
     assert done.reached is False
     assert done.text.startswith("stuck 1.8")
 
 
-def test_time_is_over(connected: Any) -> None:
+def test_the_duration_ends_the_follower(connected: Any) -> None:
     done, _ = go(build(connected, "P", goal()), Held(START), duration=0.5)
     assert (done.reached, done.text.startswith("timeout")) == (False, True)
 
@@ -172,7 +172,7 @@ def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(conne
     done.check("P")
 
 
-def test_an_objective_is_waited_for_although_the_target_is_reached() -> None:
+def test_the_motion_continues_until_the_objectives_settle() -> None:
     watch = Watch(tolerance=1e-3, duration=60.0)
     assert [watch.update(0.1 * k, 0.0, 0.5) for k in range(100)] == [None] * 100
     ends = [watch.update(10.0 + 0.1 * k, 0.0, 0.0) for k in range(5)]
@@ -180,14 +180,14 @@ def test_an_objective_is_waited_for_although_the_target_is_reached() -> None:
     assert ends[-1] == ("target reached in 10.40 s, 0.0e+00 left", True)
 
 
-def test_slow_progress_is_progress_and_none_is_none() -> None:
+def test_slow_progress_continues_and_no_progress_is_stuck() -> None:
     watch = Watch(tolerance=1e-3, duration=1000.0)
     assert all(watch.update(2.9 * k, 1.0 - 2e-3 * k, 0.5) is None for k in range(100))
     stuck = [watch.update(2.9 * 99 + t, 0.8015, 0.5) for t in (2.9, 3.1)]
     assert stuck == [None, ("stuck 0.8015 from the target after 290.20 s", False)]
 
 
-def test_a_fast_wish_is_shortened_as_a_whole() -> None:
+def test_a_fast_request_is_scaled_as_a_whole() -> None:
     bounds = IncrementBounds.from_rates(
         lower=[-9, -9], upper=[9, 9], velocity=[1, 2], acceleration=[1e6, 1e6], period=T
     )
@@ -198,7 +198,7 @@ def test_a_fast_wish_is_shortened_as_a_whole() -> None:
     )
 
 
-def test_targets_keep_what_is_not_named() -> None:
+def test_targets_keep_unspecified_parts() -> None:
     here = Placement.from_rpy([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
     stays = target(goal(xyz=None), here)
     np.testing.assert_array_equal(stays.t, here.t)
@@ -209,7 +209,7 @@ def test_targets_keep_what_is_not_named() -> None:
 
 
 @pytest.mark.parametrize("name", GAINS)
-def test_every_objective_moves_the_arm_beside_its_task(connected: Any, name: str) -> None:
+def test_every_objective_moves_the_arm_in_the_null_space(connected: Any, name: str) -> None:
     q = np.array([0.6, 0.4, 0.7])
     arm = build(connected, "P", goal(xyz=None, objectives=(name,), clear=1.0))
     controller = arm.controller(q)
@@ -234,7 +234,7 @@ def test_obstacles_are_the_surroundings_at_their_places(connected: Any, planar: 
         ("P", {"rows": ("x", "w")}, "rows 'x,w'; expected some of x, y, z, rx, ry, rz"),
     ],
 )
-def test_what_does_not_fit_is_wrong_use(
+def test_options_that_do_not_fit_the_cell_are_wrong_usage(
     connected: Any, robot: str, change: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(UsageError, match=said):

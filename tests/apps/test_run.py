@@ -59,7 +59,7 @@ def listening(children: Children) -> str:
     return course._printed(children, DAEMON, course.LISTENING)
 
 
-def test_the_commands() -> None:
+def test_the_command_lines_of_a_plan() -> None:
     assert plan().daemon() == ["serve", "a.yaml", "b.yaml", "--port", "0"]
     assert plan(lockstep=True).daemon()[-2:] == ["--lockstep", "leader,follower"]
     lead = plan(duration=2.5).controller("leader", "h:1")
@@ -77,7 +77,7 @@ def test_the_address_is_what_the_daemon_prints(children: Children) -> None:
     assert listening(children) == "127.0.0.1:4711"
 
 
-def test_a_run_in_a_used_folder_does_not_show_the_earlier_monitors_account(
+def test_a_run_in_a_used_folder_does_not_show_the_earlier_monitors_report(
     children: Children, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def connect(*_: object, **__: object) -> None:
@@ -92,7 +92,7 @@ def test_a_run_in_a_used_folder_does_not_show_the_earlier_monitors_account(
     assert read_report(tmp_path) is None
 
 
-def test_a_daemon_that_cannot_start_is_told_with_its_log(children: Children) -> None:
+def test_a_daemon_that_cannot_start_is_reported_with_its_log(children: Children) -> None:
     children.start(
         "daemon", [*PYTHON, "import sys; print('armgate: port in use', file=sys.stderr); sys.exit(2)"]
     )
@@ -100,7 +100,7 @@ def test_a_daemon_that_cannot_start_is_told_with_its_log(children: Children) -> 
         listening(children)
 
 
-def test_nobody_waits_for_a_daemon_when_asked_to_end(children: Children) -> None:
+def test_an_interrupt_ends_the_wait_for_the_daemon(children: Children) -> None:
     children.events.put(Interrupted(signal.SIGINT))
     with pytest.raises(AppError, match="interrupted before the daemon was ready"):
         listening(children)
@@ -114,7 +114,7 @@ def test_a_run_is_done_when_both_controllers_have_ended(children: Children) -> N
     assert pictures
 
 
-def test_asked_to_end_it_is_not_complete_and_controllers_may_rest(children: Children) -> None:
+def test_an_interrupted_run_is_incomplete_and_its_controllers_come_to_rest(children: Children) -> None:
     for name, script in (("daemon", TERMINATED), ("leader", POLITE), ("follower", POLITE)):
         children.start(name, script)
         assert children.next(30.0) == Printed(name, "ready")
@@ -135,7 +135,7 @@ class SlowEnds(queue.SimpleQueue[Event]):
         super().put(item)
 
 
-def test_a_failure_counts_although_its_event_comes_after_the_child_is_gone(children: Children) -> None:
+def test_a_failure_counts_if_its_event_follows_the_childs_end(children: Children) -> None:
     children.events = SlowEnds()
     for name in NAMES:
         children.start(name, [*PYTHON, "raise SystemExit(1)"])
@@ -143,7 +143,7 @@ def test_a_failure_counts_although_its_event_comes_after_the_child_is_gone(child
         course._until_done(children, NAMES, lambda: None)
 
 
-def test_a_participant_that_somebody_stops_ends_the_run(children: Children) -> None:
+def test_a_participant_that_is_stopped_ends_the_run(children: Children) -> None:
     children.start("leader", POLITE)
     children.start("follower", [*PYTHON, f"raise SystemExit({INTERRUPTED})"])
     with pytest.raises(AppError, match="the follower was interrupted before its work was done"):
@@ -180,7 +180,7 @@ def test_the_first_failure_is_the_one_that_is_reported(children: Children) -> No
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "was killed by SIGKILL"),
     ],
 )
-def test_a_controller_that_dies_ends_the_run_and_is_named(children: Children, code: str, told: str) -> None:
+def test_a_failed_controller_ends_the_run_and_is_named(children: Children, code: str, told: str) -> None:
     children.start("leader", POLITE)
     children.start("follower", [*PYTHON, code])
     with pytest.raises(AppError, match=f"(?s)the follower {told}"):
@@ -217,7 +217,7 @@ def test_a_hangup_ends_a_run_unless_its_parent_ignored_it(children: Children, ig
         signal.signal(signal.SIGHUP, before)
 
 
-def test_how_a_death_is_told(children: Children) -> None:
+def test_the_error_of_a_child_names_its_status_or_signal(children: Children) -> None:
     children.log("leader").write_text("one\ntwo\n")
     text = str(exit_error(children, Exited("leader", 1)))
     assert text.splitlines()[-2:] == ["  | one", "  | two"]
@@ -226,9 +226,7 @@ def test_how_a_death_is_told(children: Children) -> None:
 LINKS = Path(__file__).parents[2] / "configs" / "links" / "rsi-virtual.yaml"
 
 
-def test_what_stands_in_for_real_robots_follows_from_their_links(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_virtual_krcs_follow_from_the_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     files = [LINKS.parents[1] / "demo.yaml", LINKS]
     robots = robots_of(load_config(files), files, Path("r"))
@@ -244,7 +242,7 @@ def test_what_stands_in_for_real_robots_follows_from_their_links(
     assert robots_of(load_config(files[:1]), files[:1], tmp_path) is None
 
 
-def test_a_real_robot_is_not_moved_by_a_demonstration(tmp_path: Path) -> None:
+def test_the_demo_refuses_to_move_a_real_robot(tmp_path: Path) -> None:
     real = tmp_path / "real.yaml"
     real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
@@ -277,6 +275,6 @@ def test_the_stops_of_a_failed_run_are_reported_with_their_reasons(tmp_path: Pat
     assert stops_in(log) == "\n  FR stopped by gate: no telegram for 0.1 s"
 
 
-def test_the_nearer_to_the_robots_the_sooner() -> None:
+def test_processes_nearer_to_the_robots_have_higher_priorities() -> None:
     assert plan().priority("robots") > plan().priority("daemon") > plan().priority("controller") > 0
     assert {plan(lockstep=True).priority(what) for what in PRIORITIES} == {0}

@@ -45,7 +45,7 @@ phases = st.lists(st.tuples(shares | targets | st.none(), st.integers(1, 60)), m
 
 @settings(max_examples=60, deadline=None)
 @given(phases, st.floats(0.1, 1.0))
-def test_whatever_a_hand_does_the_bounds_hold_and_it_comes_to_rest(phases, share):
+def test_any_sequence_of_motions_keeps_the_bounds_and_comes_to_rest(phases, share):
     wishes = [wish for wish, ticks in phases for _ in range(ticks)] + [None] * 60
     before = np.zeros(N)
     for dq, setpoint in driven(joints(share), wishes):
@@ -66,12 +66,12 @@ def test_a_joint_reaches_its_share_of_the_speed_and_stops_short_of_its_limit():
     assert found[-1][1][0] == pytest.approx(UPPER[0], abs=1e-3)
 
 
-def test_a_target_is_reached_and_one_outside_the_limits_as_far_as_they_allow():
+def test_a_target_is_reached_and_clipped_to_the_limits():
     setpoint = driven(joints(), [JointTarget(np.array([0.5, -1.0, 7.0]))] * 600)[-1][1]
     assert setpoint == pytest.approx([0.5, -1.0, UPPER[2]], abs=1e-4)
 
 
-def test_one_outside_its_limits_may_come_back_only():
+def test_a_joint_outside_its_limits_may_only_return():
     start = np.array([1.5, 0.0, 0.0])
     assert driven(joints(), [JointRate(np.ones(N))] * 50, start)[-1][1][0] == 1.5
     assert driven(joints(), [JointRate(-np.ones(N))] * 50, start)[-1][1][0] < 1.4
@@ -119,14 +119,14 @@ def test_the_tool_moves_along_one_row_and_stays_in_the_others(arm, row):
     assert np.all(np.abs(np.delete(error, row)) < 0.1 * error[row])
 
 
-def test_the_tool_is_no_faster_than_it_may_be(arm):
+def test_the_tool_keeps_its_speed_limit(arm):
     steering, task, _ = arm
     setpoint, last = moved(arm, ToolTwist(np.array([1.0, 0, 0, 0, 0, 0])), 60)
     speed = task.jacobian(setpoint - last)[:3] @ last / steering.bounds.period
     assert TOOL_SPEED * 0.9 < np.linalg.norm(speed) < TOOL_SPEED * 1.02
 
 
-def test_the_tool_comes_to_its_target_and_rests(arm):
+def test_the_tool_reaches_its_target_and_rests(arm):
     _, task, start = arm
     here = task.place(start)
     goal = Placement(here.R, here.t + np.array([-0.05, 0.08, -0.04]))
@@ -135,7 +135,7 @@ def test_the_tool_comes_to_its_target_and_rests(arm):
     assert np.all(np.abs(last) < 1e-5)
 
 
-def test_through_a_singularity_no_joint_runs_away(arm):
+def test_no_joint_exceeds_its_speed_in_a_singularity(arm):
     steering, _, start = arm
     setpoint, last = start.copy(), np.zeros(len(start))
     setpoint[-2] = 1e-4  # the wrist stretched

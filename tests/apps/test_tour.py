@@ -26,9 +26,7 @@ def tool(robot: Robot, tour: RecordedPath) -> np.ndarray:
     return np.array([robot.model.frame(tour.at(t), robot.tool).t for t in times])
 
 
-def test_it_takes_about_a_minute_and_starts_and_ends_where_the_robot_starts(
-    tour: RecordedPath, robot: Robot
-) -> None:
+def test_the_tour_takes_about_a_minute_and_is_closed(tour: RecordedPath, robot: Robot) -> None:
     assert 50.0 < tour.duration < 60.0
     np.testing.assert_allclose(tour.at(0.0), robot.start, atol=1e-9)
     np.testing.assert_allclose(tour.at(tour.duration), robot.start, atol=1e-9)

@@ -11,7 +11,7 @@ from armgate.apps.zoom.schedule import DistanceSchedule, share
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_wishes_stay_between_their_bounds_and_change_at_their_rate(seed: int) -> None:
+def test_distances_stay_within_bounds_and_change_at_their_rate(seed: int) -> None:
     schedule = DistanceSchedule(0.5, 1.3, 1.0, 0.1, seed)
     told = np.array([schedule.at(0.012 * k) for k in range(5000)])
     assert told[0] == 1.0
@@ -22,7 +22,7 @@ def test_wishes_stay_between_their_bounds_and_change_at_their_rate(seed: int) ->
     assert (steps == 0.0).any()
 
 
-def test_they_are_shared_when_they_change_and_each_step_is_passed() -> None:
+def test_distances_are_shared_when_they_change_and_each_step_is_passed() -> None:
     said: list[Any] = []
     cell: Any = SimpleNamespace(
         subscribe=lambda **_: None,

@@ -24,7 +24,7 @@ def _decay(dq, bounds):
 
 @settings(max_examples=200, deadline=None)
 @given(wishes, st.floats(-0.99, 0.99))
-def test_any_sequence_of_wishes_stays_within_all_bounds(sequence, start):
+def test_any_sequence_of_requests_stays_within_all_bounds(sequence, start):
     setpoint, last = start * BOUNDS.upper, np.zeros(3)
     for wish in sequence:
         dq = BOUNDS.within(np.array(wish), last, setpoint)
@@ -36,12 +36,12 @@ def test_any_sequence_of_wishes_stays_within_all_bounds(sequence, start):
         setpoint, last = setpoint + dq, dq
 
 
-def test_a_wish_inside_is_left_alone():
+def test_a_request_within_the_bounds_is_unchanged():
     wish = np.array([0.001, -0.0005, 0.003])
     np.testing.assert_array_equal(BOUNDS.within(wish, np.zeros(3), np.zeros(3)), wish)
 
 
-def test_the_stop_is_what_braking_makes_of_it():
+def test_stop_equals_the_sum_of_braking_increments():
     dq = np.array([0.02, -0.01, 0.05])
     decay = _decay(dq, BOUNDS)
     shares = np.maximum(1.0 - decay * np.arange(1, 100), 0.0)
@@ -50,7 +50,7 @@ def test_the_stop_is_what_braking_makes_of_it():
     assert BOUNDS.stop(np.zeros(3)) == 0.0
 
 
-def test_a_joint_beyond_its_limit_only_comes_back():
+def test_a_joint_beyond_its_limit_only_returns():
     setpoint = np.array([1.1, 0.0, 0.0])
     assert BOUNDS.within(np.full(3, 0.001), np.zeros(3), setpoint)[0] == 0.0
     assert BOUNDS.within(np.full(3, -0.001), np.zeros(3), setpoint)[0] == -0.001
@@ -65,7 +65,7 @@ def test_speed_share_and_deceleration_bound():
 @pytest.mark.parametrize(
     "wrong", [{"velocity": [1.0, 2.0]}, {"period": 0.0}, {"acceleration": [1.0, 0.0, 1.0]}]
 )
-def test_rates_that_make_no_sense_are_refused(wrong):
+def test_invalid_rates_are_refused(wrong):
     with pytest.raises(ValueError, match="expected"):
         IncrementBounds.from_rates(**(RATES | wrong))
 

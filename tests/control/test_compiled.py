@@ -49,7 +49,7 @@ def goals(pair, q, p, distance, around, **more):
 
 
 @pytest.mark.parametrize("emergency", [False, True])
-def test_f(pair, fr, emergency):
+def test_f_equals_the_numpy_form(pair, fr, emergency):
     pushed = 0
     for q, p, distance, around, v in states(fr, 100):
         (law, goal), (fast, packed) = goals(pair, q, p, distance, around, emergency=emergency, velocity=v)
@@ -88,7 +88,7 @@ def test_induced_velocity(pair, fr):
         same(fast.induced(q, packed, v), law.induced(q, goal, v))
 
 
-def test_ways_that_are_left(pair, fr):
+def test_remaining_shares_scale_the_weights(pair, fr):
     rng = np.random.default_rng(6)
     for q, p, distance, around, v in states(fr, 60, seed=6):
         ways = rng.uniform(0.1, 1.0, (2, 6))
@@ -135,7 +135,7 @@ def test_guarded_places(pair, fr, where, q):
         np.testing.assert_allclose(ours, reference, rtol=1e-5, atol=1e-5)
 
 
-def test_any_array_will_do(pair, fr):
+def test_any_array_like_is_accepted(pair, fr):
     _, fast = pair
     goal = fast.goal([2.0, 0.1, 1.0], 1.0)
     fixed = np.array(fr.start)
@@ -154,7 +154,7 @@ def test_scenes_and_goals_of_the_other_form_are_refused(pair, fr):
         law(fr.start, law.goal([2.0, 0.0, 1.0], 1.0, fast.scene(Obstacles(), fr.start)))
 
 
-def test_it_is_used_where_numba_is(fr):
+def test_the_compiled_form_is_used_with_numba(fr):
     assert available()
     assert type(camera_law(fr.model, "camera")) is CompiledLaw
 

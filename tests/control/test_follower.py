@@ -60,7 +60,7 @@ PASSING = [
 
 
 @pytest.mark.parametrize("start", PASSING)
-def test_a_long_way_in_the_null_space_does_not_turn_the_view_back(loop, leader, start):
+def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, start):
     """With a chord as long as full speed needs these got wider again, by 0.24° and 0.12°."""
     tool = leader.robot.model.frame(leader.robot.start, leader.robot.tool).t
     angle, distance = after(loop.run(still(tool), 3.0, start=np.array(start)), 0.0)
@@ -71,7 +71,7 @@ def test_a_long_way_in_the_null_space_does_not_turn_the_view_back(loop, leader, 
 
 @pytest.mark.parametrize("link", [5, 9, 13, 18])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_view_is_kept_while_dodging(loop, fr, leader, law, link, seed):
+def test_the_view_is_kept_while_evading(loop, fr, leader, law, link, seed):
     """The leader comes straight at a link: bounded accelerations must not bend the way off the task."""
     path = dash(law.spheres.centres(fr.start)[link], seed, 0.5)
     trace = loop.run(still(FOCUS), 6.0, obstacles=lambda t: leader.obstacles(path(t)))
@@ -86,7 +86,7 @@ def test_the_view_is_kept_while_dodging(loop, fr, leader, law, link, seed):
     ("speed", "lag", "worst", "off"),
     [(0.5, 0.0, 0.2, 5e-3), (1.0, 0.0, 0.5, 10e-3), (0.25, 0.12, 0.3, 20e-3)],
 )
-def test_prediction_follows_fast_and_lagging(loop, leader, speed, lag, worst, off):
+def test_prediction_follows_fast_leaders_and_lagging_robots(loop, leader, speed, lag, worst, off):
     ours, without = (loop.run(leader.path(3, speed), 9.0, lag=lag, predict=p) for p in (True, False))
     angle, distance = after(ours, SETTLED)
     assert angle.max() < worst
@@ -95,7 +95,7 @@ def test_prediction_follows_fast_and_lagging(loop, leader, speed, lag, worst, of
     assert rms[0] < rms[1] / 3.0
 
 
-def test_from_the_measured_position_it_overshoots_where_the_robot_lags(loop, fr):
+def test_starting_from_the_measured_position_overshoots_with_lag(loop, fr):
     """(17) taken literally; the reason why the default starts from the setpoint."""
     start, rise = approach_starts(fr, 2, FOCUS)[1], {}
     for measured in (True, False):
@@ -106,7 +106,7 @@ def test_from_the_measured_position_it_overshoots_where_the_robot_lags(loop, fr)
     assert rise[True] > 2.0
 
 
-def test_in_real_time_the_leaders_velocity_is_what_follows(loop, leader):
+def test_in_real_time_the_velocity_term_follows_the_leader(loop, leader):
     """P ṗ of (4) in a law that integrates real time: without it the view trails by ṗ/(k_p ‖r‖)."""
     path = leader.path(1, 0.25)
     following, trailing = (
@@ -118,7 +118,7 @@ def test_in_real_time_the_leaders_velocity_is_what_follows(loop, leader):
 
 
 @pytest.mark.parametrize("where", ["behind", "in the lens", "out of reach"])
-def test_awkward_targets_end_well(loop, fr, where):
+def test_awkward_targets_converge(loop, fr, where):
     at = fr.model.frame(fr.start, "camera")
     p = {"behind": at.t - at.R[:, 2], "in the lens": at.t, "out of reach": np.array([6.0, 1.0, 1.0])}[where]
     trace = loop.run(still(p), 6.0, obstacles=nowhere)
@@ -155,7 +155,7 @@ def test_leaves_a_joint_limit_without_oscillation(loop, fr, joint, limit):
     assert np.ptp(trace.q[-80:], axis=0).max() < 1e-3
 
 
-def test_dodges_an_obstacle_and_keeps_the_view(loop, fr, law):
+def test_the_follower_evades_an_obstacle_and_keeps_the_view(loop, fr, law):
     """A sphere drifts towards the elbow until its bounding sphere would have been touched."""
     elbow = law.spheres.centres(fr.start)[9]
 
@@ -198,7 +198,7 @@ def follower(law, bounds):
     return Follower(law, bounds, period=0.012, ahead=0.024)
 
 
-def test_a_vanished_leader_slows_it_to_rest(follower, fr):
+def test_a_lost_leader_brings_the_follower_to_rest(follower, fr):
     now, whys = situation(fr), []
     for k in range(80):
         time = 0.012 * k
@@ -212,7 +212,7 @@ def test_a_vanished_leader_slows_it_to_rest(follower, fr):
     assert np.abs(now.last).max() < 1e-12
 
 
-def test_without_a_leader_it_rests_and_says_so(follower, fr):
+def test_without_a_leader_the_follower_rests_and_reports_it(follower, fr):
     step = follower.step(situation(fr, target=None))
     assert (step.dq == 0.0).all()
     assert step.why.startswith("no position of the leader yet")
@@ -220,7 +220,7 @@ def test_without_a_leader_it_rests_and_says_so(follower, fr):
     assert step.focus is None
 
 
-def test_tells_the_measured_errors(follower, fr):
+def test_the_step_contains_the_measured_errors(follower, fr):
     at = fr.model.frame(fr.start, "camera")
     step = follower.step(situation(fr, target=at.t + 1.1 * at.R[:, 2] + 0.0 * at.R[:, 0]))
     assert step.angle == pytest.approx(0.0, abs=1e-7)
@@ -231,7 +231,7 @@ def test_tells_the_measured_errors(follower, fr):
     "wrong",
     [{"setpoint": np.zeros(5)}, {"last": np.full(6, np.nan)}, {"distance": 0.0}, {"time": np.inf}],
 )
-def test_nonsense_is_refused(follower, fr, wrong):
+def test_invalid_parameters_are_refused(follower, fr, wrong):
     with pytest.raises(ValueError, match="expected"):
         follower.step(situation(fr, **wrong))
 

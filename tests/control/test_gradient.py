@@ -39,7 +39,7 @@ def test_only_approaching_joints_are_weighted(rng):
     np.testing.assert_allclose(M[:2] @ qd, rate, rtol=1e-6)
 
 
-def test_a_joint_leaves_its_limit_as_if_it_had_none():
+def test_a_joint_leaves_its_limit_without_weighting():
     M = np.zeros((3, 6))
     M[0, 0] = M[1, 1] = 1.0
     M[2, 2] = -1.0
@@ -50,7 +50,7 @@ def test_a_joint_leaves_its_limit_as_if_it_had_none():
     assert limited_gradient(M, (0.0, 0.0), *ways, steepness=0.5)[2] == 0.0
 
 
-def test_what_is_weighed_both_ways_stands_still(rng):
+def test_a_joint_weighted_in_both_directions_stands_still(rng):
     M, ways = rng.normal(size=(3, 6)), np.ones(6)
     ways[1] = 0.0
     qd = limited_gradient(M, (0.4, -0.3), ways, ways, steepness=0.5)

@@ -26,7 +26,7 @@ def test_order_four_in_a_smooth_scene(fr):
     assert (orders < 4.5).all(), orders
 
 
-def test_converges_and_says_so():
+def test_integration_converges_and_reports_it():
     run = integrate(lambda q: -5.0 * q, np.ones(6), FAR, Scheme(budget=50))
     assert run.ended is Ended.CONVERGED
     assert np.abs(run.q).max() < 0.05
@@ -46,7 +46,7 @@ def test_ends_at_the_bound_and_hardly_beyond():
 
 
 @pytest.mark.parametrize("rate", [5.0, 300.0, 30_000.0])
-def test_a_stiff_field_is_approached_from_one_side(rate):
+def test_a_stiff_field_is_approached_without_oscillation(rate):
     """Where repulsion meets a pull one direction is stiff; steps that are too long would leap over it."""
 
     def f(q):

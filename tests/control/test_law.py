@@ -106,7 +106,7 @@ def test_task_error_decays_exponentially(law, q):
     )
 
 
-def test_null_space_part_leaves_the_task_alone(law, q):
+def test_null_space_part_does_not_move_the_task(law, q):
     terms = law.terms(q, law.goal(P, 1.0, law.scene(scene_beside(law, q), q)))
     bare = replace(terms, F=np.zeros(6), F_rep=np.zeros(6))
     with_fields, without = law.velocity(q, terms), law.velocity(q, bare)
@@ -154,7 +154,7 @@ BACKWARDS = """
 
 @pytest.mark.parametrize("frame", ["camera", "backwards"])
 @pytest.mark.parametrize("turned", [-0.8, 0.8])
-def test_roll_turns_the_picture_upright_whichever_way_the_camera_looks(fr, frame, turned):
+def test_roll_turns_the_picture_upright_for_every_view_direction(fr, frame, turned):
     """The sign of (15) comes from the model."""
     model = RobotModel.from_urdf(fr.urdf.replace("</robot>", BACKWARDS), fr.config.base.placement)
     law = CameraLaw(model, frame, Gains(distance=0.0))

@@ -36,7 +36,7 @@ def test_opening_is_the_slope_of_the_distance(fr, q):
         assert lever[j] == pytest.approx(np.linalg.norm(ways) / (2 * h), abs=1e-6)
 
 
-def test_what_a_stop_still_takes(cell):
+def test_approach_is_the_distance_covered_during_a_stop(cell):
     gantry = cell.robot("GR")
     q, body = np.array(gantry.start), len(gantry.model.bodies) - 1
     end = q - 0.04 * np.eye(len(q))[0]
@@ -77,7 +77,7 @@ def test_without_room_joints_only_lead_away(fr):
     assert np.isinf([lower[3:], upper[3:]]).all()  # the wrist does not move the forearm
 
 
-def test_a_body_on_its_axis_turns_no_farther_than_it_is_about_to(fr):
+def test_a_body_on_its_axis_stays_within_its_stop(fr):
     """Of link 1 A1 moves no point nearer, but all: the leader may be beside it as near as may be."""
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 1, np.array([0.3, 0.0, 0.0]))
@@ -93,7 +93,7 @@ def test_room_is_shared(fr):
     assert upper[0] - q[0] == pytest.approx(0.01 / lever[0])
 
 
-def test_the_own_stop_takes_room_too(fr):
+def test_the_robots_own_stop_reduces_the_room(fr):
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 4, np.array([0.0, -0.2, 0.0]), room=RESERVE + 0.05)
     end = q + 0.05 * np.eye(6)[0]  # A1 on its way there

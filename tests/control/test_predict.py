@@ -6,7 +6,7 @@ from armgate.control.predict import Predictor, ramp_lag
 T = 0.012
 
 
-def test_constant_velocity_is_learnt_exactly():
+def test_constant_velocity_is_estimated_exactly():
     predictor, v = Predictor(gamma=0.0, beta=0.1), np.array([0.2, -0.1, 0.05])
     for k in range(400):
         predictor.update(k * T, 1.0 + k * T * v)
@@ -15,7 +15,7 @@ def test_constant_velocity_is_learnt_exactly():
     np.testing.assert_allclose(speed, v, atol=1e-8)
 
 
-def test_constant_acceleration_is_learnt_exactly_with_gamma():
+def test_constant_acceleration_is_estimated_exactly_with_gamma():
     predictor, a = Predictor(), np.array([0.2, -0.1, 0.05])
     for k in range(2000):
         predictor.update(k * T, 0.5 * a * (k * T) ** 2)
@@ -30,7 +30,7 @@ def test_ramp_lag_is_what_a_lagging_robot_trails_by(lag):
     assert 999 * T - q == pytest.approx(ramp_lag(lag, T), abs=1e-12)
 
 
-def test_lost_samples_do_no_harm():
+def test_lost_samples_are_tolerated():
     predictor, v = Predictor(), np.array([0.2, 0.0, 0.0])
     for k in range(600):
         if k % 7 not in (2, 3):
@@ -47,7 +47,7 @@ def test_old_and_repeated_positions_are_ignored():
     assert predictor.time == 1.0
 
 
-def test_a_pause_starts_it_anew():
+def test_a_pause_restarts_the_filter():
     predictor = Predictor(gap=0.2)
     for k in range(20):
         predictor.update(k * T, [k * T, 0.0, 0.0])
@@ -56,7 +56,7 @@ def test_a_pause_starts_it_anew():
     np.testing.assert_array_equal(predictor.predict(1.0)[0], [5.0, 0.0, 0.0])
 
 
-def test_nothing_to_predict_before_the_first_position():
+def test_predict_before_the_first_position_is_an_error():
     with pytest.raises(ValueError, match="no position"):
         Predictor().predict(0.1)
 

@@ -60,7 +60,7 @@ def test_forces_act_along_the_line_of_centres_at_the_centre():
     np.testing.assert_allclose(wrenches[0], [*force, *np.cross(o, force)])
 
 
-def test_the_floor_pushes_up_what_can_sink():
+def test_the_floor_repels_spheres_whose_height_can_change():
     floor, low = Obstacles(floor=-0.1), np.array([[0.3, 0.0, 0.2]])
     _, wrenches = repulsion([0.1], floor).wrenches(low)
     assert wrenches[0, 2] == pytest.approx(pushed(np.array([0.2]))[0])
@@ -69,13 +69,13 @@ def test_the_floor_pushes_up_what_can_sink():
     assert repulsion([0.1], floor, sinks=False).least_gap(low) == np.inf
 
 
-def test_nothing_near_nothing_pushed():
+def test_without_near_spheres_there_is_no_force():
     far = Obstacles(np.array([[5.0, 0.0, 0.0]]), np.array([0.1]))
     assert repulsion([0.1, 0.1], far).wrenches(np.zeros((2, 3))) is None
     assert repulsion([0.1], Obstacles()).least_gap(np.zeros((1, 3))) == np.inf
 
 
-def test_what_no_joint_moves_is_not_pushed_nor_counted():
+def test_a_sphere_that_no_joint_moves_is_ignored():
     """A sphere on the axis of the first joint: who stands beside it is no emergency that could be left."""
     beside = Obstacles(np.array([[0.25, 0.0, 0.0]]), np.array([0.1]))
     assert repulsion([0.1], beside).least_gap(np.zeros((1, 3))) == pytest.approx(0.05)

@@ -58,7 +58,7 @@ def test_the_force_is_the_gradient_of_its_potential(law, folded, differences):
     np.testing.assert_allclose(F, -differences(lambda at: potential(law, at), folded), rtol=1e-4, atol=1e-6)
 
 
-def test_joints_that_carry_both_do_not_feel_it(law):
+def test_joints_that_carry_both_spheres_get_no_force(law):
     """Of the forearm along the upper arm only what lies between: A3 opens them, A1 and A2 carry both."""
     F = terms(law, FOLDED["forearm and upper arm"]).F_rep
     assert F[2] < -0.1
@@ -69,20 +69,20 @@ def test_the_least_gap_is_that_of_the_nearest_pair(law, folded):
     assert law.scene(Obstacles(), folded).own_gap == pytest.approx(min(own_pairs(law.model, folded)))
 
 
-def test_in_the_middle_of_its_range_nothing_pushes(law, fr):
+def test_in_the_middle_of_its_range_no_sphere_repels(law, fr):
     scene = law.scene(Obstacles(), fr.start)
     assert scene.own_gap > law.gains.own_reach
     np.testing.assert_array_equal(terms(law, fr.start).F_rep, 0.0)
 
 
-def test_it_leaves_the_view_alone(law, folded):
+def test_own_repulsion_keeps_the_view(law, folded):
     own = terms(law, folded)
     with_it, without = law.velocity(folded, own), law.velocity(folded, replace(own, F_rep=np.zeros(6)))
     assert np.abs(with_it - without).max() > 1e-3
     np.testing.assert_allclose(own.J_t @ with_it, own.J_t @ without, atol=1e-10 * own.steepness)
 
 
-def test_alone_it_opens_the_arm(fr, folded):
+def test_own_repulsion_opens_the_arm(fr, folded):
     law = CameraLaw(fr.model, "camera", Gains(distance=0.0, roll=0.0))
     own = terms(law, folded)
     qd = law.velocity(folded, own) - law.velocity(folded, replace(own, F_rep=np.zeros(6)))

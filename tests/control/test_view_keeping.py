@@ -25,14 +25,14 @@ def test_drawn_in_is_no_wider_than_the_way_and_points_the_same_way(v, start, end
     assert ours[0] * v[1] == pytest.approx(ours[1] * v[0], abs=1e-9)
 
 
-def test_narrow_enough_is_left_alone():
+def test_a_view_that_is_narrow_enough_is_unchanged():
     assert drawn_in((0.1, 0.05), (0.4, 0.0), (0.2, 0.0)) == (0.1, 0.05)
 
 
 J = np.array([[1.0, 0.2, 0.0, 0.3], [0.0, -0.5, 1.0, 0.1]])
 
 
-def test_a_correction_in_reach_is_exact():
+def test_a_correction_within_the_bounds_is_exact():
     dq, missing = np.zeros(4), (0.01, -0.02)
     ours = corrected(dq, missing, J, np.full(4, -1.0), np.full(4, 1.0))
     np.testing.assert_allclose(J @ ours, missing, rtol=1e-5)
@@ -46,7 +46,7 @@ def test_others_take_over_from_a_joint_at_its_bound():
 
 
 @given(st.tuples(*[st.floats(-5.0, 5.0)] * 2), st.tuples(*[st.floats(0.0, 0.1)] * 4))
-def test_bounds_are_kept_whatever_is_missing(missing, room):
+def test_corrections_stay_within_bounds(missing, room):
     high = np.array(room)
     ours = corrected(np.zeros(4), missing, J, -high, high)
     assert (np.abs(ours) <= high).all()
@@ -58,7 +58,7 @@ def test_a_task_that_no_joint_moves_changes_nothing():
     )
 
 
-def test_the_angle_is_braked_for_and_what_the_target_induces_is_not():
+def test_the_angle_is_braked_but_the_induced_motion_is_not():
     J_t, change = np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]), np.full(3, 1e-3)
     psi, induced = (np.tan(0.05), 0.0), np.array([0.0, 0.01, 0.02])
     fast, slow = np.array([-0.1, 0.0, 0.0]), np.array([-1e-3, 0.0, 0.0])

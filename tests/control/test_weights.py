@@ -72,7 +72,7 @@ def test_chan_and_dubey_weigh_by_the_gradient_of_their_potential(fr, differences
     np.testing.assert_allclose(weights.inverse(weights.position(q)), expected, rtol=1e-6)
 
 
-def test_travels_in_metres_have_no_degrees(cell):
+def test_prismatic_ranges_are_in_metres(cell):
     model = cell.robot("GR").model
     rad, deg = (rule.strengths(model, 1.0) for rule in (LimitRule.PAPER_RADIANS, LimitRule.PAPER_DEGREES))
     slides = np.array([joint.kind == "prismatic" for joint in model.joints])

@@ -91,7 +91,7 @@ def check(metrics: dict[str, Any]) -> None:
     assert min(metrics["ticks"].values()) > 200
 
 
-def test_lock_step_from_any_folder_leaves_everything_in_its_own(tmp_path: Path) -> None:
+def test_lock_step_from_any_folder_writes_only_its_own_folder(tmp_path: Path) -> None:
     done = demo("--lockstep", "--duration", "3", "--no-view", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (out,) = (tmp_path / "runs").iterdir()
@@ -140,7 +140,7 @@ def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
     assert series[0][:shorter] == series[1][:shorter]
 
 
-def test_by_the_clock(tmp_path: Path) -> None:
+def test_a_demo_by_the_wall_clock(tmp_path: Path) -> None:
     done = demo("--no-view", "--duration", "5", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     metrics = metrics_of(tmp_path / "run")
@@ -180,7 +180,7 @@ def within_bounds(run: Path, links: str, robots: tuple[str, ...], least: int) ->
     ("name", "robots"),
     [("rsi-virtual", ("FR", "GR")), ("rsi-virtual-4ms", ("FR", "GR")), ("mixed", ("FR",))],
 )
-def test_through_virtual_krcs_by_configuration_alone(
+def test_virtual_krcs_need_only_another_configuration(
     tmp_path: Path, name: str, robots: tuple[str, ...]
 ) -> None:
     links = virtual_links(tmp_path, name)
@@ -198,7 +198,7 @@ def test_through_virtual_krcs_by_configuration_alone(
 
 
 @pytest.mark.parametrize(("command", "ends"), [("serve", "running"), ("robot-server", "broken_off")])
-def test_killed_in_motion_krcs_are_answered_or_break_off_by_themselves_and_no_drive_faults(
+def test_after_a_kill_in_motion_krcs_are_answered_or_stop_and_no_drive_faults(
     tmp_path: Path, command: str, ends: str
 ) -> None:
     links = virtual_links(tmp_path)
@@ -218,7 +218,7 @@ def test_killed_in_motion_krcs_are_answered_or_break_off_by_themselves_and_no_dr
         assert '"event": "ended", "resting": true' in robots
 
 
-def test_ctrl_c_ends_all_cleanly_with_what_was_seen(tmp_path: Path) -> None:
+def test_ctrl_c_ends_all_processes_and_writes_the_observed_part(tmp_path: Path) -> None:
     with running(tmp_path, "--lockstep", "--out", "run") as child:
         started = children(child.pid)
         assert set(started) == {"serve", "lead", "follow"}
@@ -236,7 +236,7 @@ def test_ctrl_c_ends_all_cleanly_with_what_was_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "name"), [("lead", "leader"), ("follow", "follower"), ("serve", "daemon")]
 )
-def test_a_child_that_dies_is_named_and_nothing_is_left(tmp_path: Path, command: str, name: str) -> None:
+def test_a_failed_child_is_named_and_no_process_is_left(tmp_path: Path, command: str, name: str) -> None:
     with running(tmp_path, "--lockstep", "--out", "run") as child:
         started = children(child.pid)
         os.kill(started[command], signal.SIGKILL)

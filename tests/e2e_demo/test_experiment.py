@@ -70,14 +70,14 @@ def test_tracking(tmp_path: Path) -> None:
     }
 
 
-def test_zoom_with_an_operator_of_its_own(tmp_path: Path) -> None:
+def test_zoom_with_an_operator_process(tmp_path: Path) -> None:
     (entry,) = experiment("zoom", ZOOM, tmp_path)["entries"]
     assert 0.9 <= entry["wanted_m"]["min"] < entry["wanted_m"]["max"] <= 1.1
     assert entry["quiet_share"] == 1.0
     assert entry["quiet_distance_m"] < 0.02
 
 
-def test_collision_by_the_clock(tmp_path: Path) -> None:
+def test_collision_by_the_wall_clock(tmp_path: Path) -> None:
     found = experiment("collision", COLLISION, tmp_path, "--realtime")
     (entry,) = found["entries"]
     assert found["realtime"] is True
@@ -85,7 +85,7 @@ def test_collision_by_the_clock(tmp_path: Path) -> None:
     assert 0.5 < entry["realtime_factor"] < 1.5
 
 
-def test_a_wrong_file_is_told_before_anything_runs(tmp_path: Path) -> None:
+def test_a_wrong_file_is_reported_before_any_process_starts(tmp_path: Path) -> None:
     file = tmp_path / "x.yaml"
     file.write_text(ZOOM.replace("low: 0.9", "low: tall"))
     command = [*ARMGATE, "experiment", "zoom", "--file", str(file), "--out", str(tmp_path / "run")]
@@ -95,7 +95,7 @@ def test_a_wrong_file_is_told_before_anything_runs(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_ctrl_c_leaves_what_was_run(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path) -> None:
     file = tmp_path / "tracking.yaml"
     file.write_text(TRACKING)
     command = [*ARMGATE, "experiment", "tracking", "--file", str(file), "--seeds", "1", "--out", "run"]
@@ -126,7 +126,7 @@ def daemon() -> Iterator[str]:
             process.communicate(timeout=30)
 
 
-def test_a_leader_that_vanishes_brings_the_follower_to_rest(daemon: str) -> None:
+def test_a_lost_leader_process_brings_the_follower_to_rest(daemon: str) -> None:
     lead = [*ARMGATE, "lead", daemon, "--path", str(TOUR), "--name", "leader"]
     follow = [*ARMGATE, "follow", daemon, "--robot", "FR", "--leader", "GR", "--name", "follower"]
     with (
@@ -140,7 +140,7 @@ def test_a_leader_that_vanishes_brings_the_follower_to_rest(daemon: str) -> None
     assert re.search(r"FR is at rest: the leader left at \d+ % of its path", told), told
 
 
-def test_a_leader_in_pursuit_comes_as_near_as_the_gate_lets_it(daemon: str) -> None:
+def test_a_pursuing_leader_approaches_as_far_as_the_gate_admits(daemon: str) -> None:
     lead = [*ARMGATE, "lead", daemon, "--robot", "GR", "--pursue", "FR/link_3", "--tool-speed", "1.0"]
     follow = [*ARMGATE, "follow", daemon, "--robot", "FR", "--leader", "GR", "--focus", "2", "0", "1"]
     with (

@@ -120,7 +120,7 @@ def test_a_slider_moves_its_joint_while_it_is_held(page, eye):
     give_back(page, eye)
 
 
-def test_a_stop_while_dragging_ends_it_and_is_said(page, eye):
+def test_a_stop_while_dragging_ends_the_drive_and_is_reported(page, eye):
     take(page)
     drag_gizmo(page, eye)
     page.press("STOP")
@@ -143,7 +143,7 @@ def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, e
     assert eye.resting() == pytest.approx(rest)
 
 
-def test_what_another_holds_is_not_taken_and_who_loses_it_is_told(page, eye):
+def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, eye):
     with eye.cell.acquire("GR"):
         page.press("Drive GR")
         # Reading states keeps the lease alive.
@@ -158,7 +158,7 @@ def test_what_another_holds_is_not_taken_and_who_loses_it_is_told(page, eye):
     page.let_go()
 
 
-def test_of_two_pages_one_drives(page, eye):
+def test_only_one_of_two_pages_drives_a_robot(page, eye):
     take(page)
     other = Page(page.browser, page.url)
     other.press("Drive GR")
@@ -171,7 +171,7 @@ def test_of_two_pages_one_drives(page, eye):
     give_back(page, eye)
 
 
-def test_a_daemon_that_dies_while_dragging_is_told_and_the_page_goes_on_with_the_next(browser):
+def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(browser):
     with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, daemon):
         port = found.rpartition(":")[2]
         view = ("view", found, *PLAIN, "--role", "controller")

@@ -31,7 +31,7 @@ def secured(tmp_path):
         yield address
 
 
-def test_a_wrong_token_shows_nothing_and_is_told(secured, tmp_path):
+def test_a_wrong_token_shows_no_cell_and_is_reported(secured, tmp_path):
     (tmp_path / "wrong").write_text("armgate_wrong\n")
     (tmp_path / "wrong").chmod(0o600)
     ended = run("view", secured, "--port", "0", "--token-file", tmp_path / "wrong")
@@ -41,7 +41,7 @@ def test_a_wrong_token_shows_nothing_and_is_told(secured, tmp_path):
     assert "armgate_wrong" not in ended.stderr + ended.stdout
 
 
-def test_a_token_for_controllers_is_not_one_for_operators(secured, tmp_path):
+def test_a_controller_token_does_not_grant_the_operator_role(secured, tmp_path):
     ended = run("view", secured, "--port", "0", "--role", "operator", "--token-file", tmp_path / "right")
     assert ended.returncode == 1
     assert "use a valid token for this role" in ended.stderr
@@ -50,14 +50,14 @@ def test_a_token_for_controllers_is_not_one_for_operators(secured, tmp_path):
         pass
 
 
-def test_nobody_listens_there():
+def test_a_refused_connection_is_reported():
     ended = run("view", "127.0.0.1:9", "--port", "0")
     assert ended.returncode == 1
     assert "armgate serve" in ended.stderr
     assert "Traceback" not in ended.stderr
 
 
-def test_two_operators_who_stop_and_reset_at_once_are_both_answered(address):
+def test_two_operators_that_stop_and_reset_at_once_both_get_responses(address):
     login = {"token": None, "tls": None}
     with Live(address, "one", "operator", login) as one, Live(address, "two", "operator", login) as two:
         begin, said = threading.Barrier(2), []

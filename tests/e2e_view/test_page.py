@@ -94,14 +94,14 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
     page.tab.keep("viewer-stopped.png")
 
 
-def test_the_token_leaves_the_address_bar_and_the_page_connects_nowhere_else(page):
+def test_the_token_leaves_the_address_bar_and_the_page_makes_no_other_connection(page):
     assert "token" in page.url
     assert "token" not in page.tab.url
     directive = page.tab.evaluate(_CONNECT_ELSEWHERE)
     assert directive == "connect-src"
 
 
-def test_a_reload_disturbs_nothing_and_reset_lifts_the_stop(page, address):
+def test_a_reload_has_no_effect_and_reset_ends_the_stop(page, address):
     page.press("STOP")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
     page.tab.reload()

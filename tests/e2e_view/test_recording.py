@@ -51,7 +51,7 @@ def drag_time(page, share):
     page.let_go()
 
 
-def test_the_time_slider_leads_through_the_run(page):
+def test_the_time_slider_seeks_in_the_run(page):
     assert page.time == 0.0
     assert page.length > SECONDS
     start, first = page.joints("GR"), page.screenshot().astype(int)
@@ -75,7 +75,7 @@ def changed(page, first, window):
     return (np.abs(seen - first).max(axis=2)[y : y + height, x : x + width] > 30).sum()
 
 
-def test_it_is_played_to_its_end_and_paused(page):
+def test_a_recording_is_played_to_its_end_and_paused(page):
     page.press("Play")
     page.until(lambda: page.time > 0.2, "time that passes")
     page.press("Pause")
@@ -89,7 +89,7 @@ def test_it_is_played_to_its_end_and_paused(page):
     assert "STOP" not in page.text  # there is nothing to be stopped
 
 
-def test_what_is_no_whole_recording_is_refused(recording, tmp_path):
+def test_an_incomplete_recording_is_refused(recording, tmp_path):
     broken = tmp_path / "recording-0001.mcap"
     shutil.copy(recording / broken.name, broken)
     with broken.open("r+b") as file:

@@ -120,7 +120,7 @@ class Follower:
         predictor: predictor of the target; by default with velocity and acceleration.
         stale: age beyond which a target is lost, s: the follower comes to rest.
         predict: False to use the measured target, as the paper does.
-        measured: True to start from the measured position, as (17) says literally. On robots that lag behind
+        measured: True to start from the measured position, as in (17) literally. On robots that lag behind
             their setpoint this overshoots; by default the setpoint is used.
         real_time: True to integrate one period of real time with the term P ṗ of (4), instead of virtual time
             up to the increment bounds.

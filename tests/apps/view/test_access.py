@@ -122,7 +122,7 @@ def test_the_printed_address_can_be_opened(host, url):
 
 
 @pytest.mark.parametrize("name", ["https://robots.example", "", "a b", "robots.example:port"])
-def test_a_crooked_name_is_refused(name):
+def test_a_malformed_name_is_refused(name):
     with pytest.raises(ValueError, match=name or "^$"):
         parse_names([name])
 
@@ -155,14 +155,14 @@ def upgrade(port, host, origin, path="/?token=s3cret"):
         return wire.recv(400).split(b"\r\n")[0].decode()
 
 
-def test_a_name_that_was_pointed_here_gets_neither_page_nor_websocket(port):
+def test_a_rebound_name_gets_no_page_and_no_websocket(port):
     answer, body = get(port, "/?token=s3cret", Host=f"evil.example:{port}")
     assert (answer.status, b"evil.example is not allowed" in body) == (403, True)
     assert "403" in upgrade(port, f"evil.example:{port}", f"http://evil.example:{port}")
     assert "101" in upgrade(port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}")
 
 
-def test_behind_a_reverse_proxy_its_name_is_allowed(port):
+def test_the_name_of_a_reverse_proxy_is_allowed(port):
     for host in (f"127.0.0.1:{port}", "robots.example", "robots.example:443"):
         assert "101" in upgrade(port, host, "https://robots.example")
     assert "403" in upgrade(port, f"127.0.0.1:{port}", "https://other.example")
@@ -179,7 +179,7 @@ def test_the_token_moves_from_the_address_into_a_cookie(port):
     assert get(port, "/")[0].status == 403
 
 
-def test_viewers_at_one_address_keep_each_others_cookies(port):
+def test_viewers_at_one_address_keep_their_own_cookies(port):
     """A browser sends the cookies of a host to all its ports."""
     with page_server(Place("127.0.0.1", 0, Access(secret="0ther"))) as other:
         pages = [(port, "s3cret"), (other.get_port(), "0ther")]
@@ -208,7 +208,7 @@ def test_cookies_of_many_old_viewers_are_removed_and_no_others():
 
 
 @pytest.mark.parametrize("path", ["/?token=s3cret", "/", "/none?token=s3cret"])
-def test_no_site_may_frame_an_answer_or_read_it(port, path):
+def test_no_site_may_frame_or_read_a_response(port, path):
     headers = get(port, path)[0].headers
     assert headers["X-Frame-Options"] == "DENY"
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
@@ -227,7 +227,7 @@ def test_a_program_with_the_token_is_served_and_one_without_is_not(port):
         connect(f"ws://127.0.0.1:{port}", **how)
 
 
-def test_idle_connections_make_room_for_new_ones(port, monkeypatch):
+def test_the_oldest_idle_connection_is_closed_for_a_new_one(port, monkeypatch):
     monkeypatch.setattr("armgate.apps.view.guarded_server.MOST_WAITING", 4)
     idle = [socket.create_connection(("127.0.0.1", port), timeout=20) for _ in range(6)]
     for oldest in idle[:2]:

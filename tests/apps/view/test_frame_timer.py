@@ -3,7 +3,7 @@ import pytest
 from armgate.apps.view.frame_timer import FrameTimer
 
 
-def test_turns_that_begin_late_are_caught_up_and_those_that_are_missed_left_out(clock):
+def test_late_frames_are_caught_up_and_missed_frames_left_out(clock):
     timer = FrameTimer(10.0, clock)
     assert timer.remaining() == pytest.approx(0.1)
     clock.time += 0.13  # woken late

@@ -19,7 +19,7 @@ from armgate.cell.placement import Placement
         ("left_finger_slide", "m", "[m]", "left_finger_slide"),
     ],
 )
-def test_a_long_name_stands_above_its_slider(monkeypatch, joint, unit, label, above):
+def test_a_long_joint_name_is_shown_above_its_slider(monkeypatch, joint, unit, label, above):
     monkeypatch.setattr("armgate.apps.view.handles.add_pointer_buttons", MagicMock())
     page = MagicMock()
     robot = SimpleNamespace(name="R", joints=[SimpleNamespace(name=joint, unit=unit, lower=-1.0, upper=1.0)])

@@ -92,7 +92,7 @@ def moved(**more):
     return {"type": "TransformControlsUpdateMessage", **GIZMO, **place, **more}
 
 
-def test_what_our_page_sends_passes(controls):
+def test_messages_of_our_page_are_admitted(controls):
     inbound = MessageFilter(controls.server)
     for kind, value in (("button", True), ("slider", 1.5), ("slider", 2), ("box", False), ("choice", "2 ×")):
         assert inbound.admits(packed(controls.value(kind, value)))
@@ -102,7 +102,7 @@ def test_what_our_page_sends_passes(controls):
         assert inbound.admits(packed({"type": f"TransformControlsDrag{kind}Message", **GIZMO}))
 
 
-def test_what_nothing_on_the_page_can_have_is_ignored(controls):
+def test_values_that_no_control_can_have_are_ignored(controls):
     inbound = MessageFilter(controls.server)
     gone = controls.value("button", True) | {"uuid": "removed-a-moment-ago"}
     crooked = [controls.value("slider", value) for value in (0.4, 2.1, 1e300, float("nan"), float("inf"))]
@@ -127,7 +127,7 @@ def test_other_messages_are_refused(controls, kind):
         MessageFilter(controls.server).admits(packed({"type": kind, "uuid": controls.button._impl.uuid}))
 
 
-def test_crooked_messages_are_refused(controls):
+def test_malformed_messages_are_refused(controls):
     inbound, value = MessageFilter(controls.server), controls.value
     deep = b"\x91" * 10000 + b"\xc0"
     kinds = [
@@ -218,7 +218,7 @@ def test_more_pages_than_allowed_get_a_reason(controls, monkeypatch):
             controls.page()
 
 
-def test_a_page_that_takes_nothing_is_closed(controls, page, monkeypatch):
+def test_a_page_that_receives_nothing_is_closed(controls, page, monkeypatch):
     monkeypatch.setattr(guard_module, "STALLED", 0.3)
     with controls.page(max_queue=1) as bad:  # reads no more than one message ahead
         bad.send(packed(CAMERA))

@@ -35,13 +35,13 @@ def test_pairs_without_witness_points_are_not_drawn():
     assert nearest_lines((entry(nearest=({"pair": ("a", "b"), "distance": 1.0, "limit": 0.05},)),)) == []
 
 
-def test_a_stop_path_is_drawn_only_where_there_is_a_way_to_go():
+def test_a_stop_path_is_drawn_only_if_the_robot_would_still_move():
     assert moves_visibly(entry(q=(0.0, 0.0), stop_end=(0.0, 0.1)))
     assert not moves_visibly(entry(q=(0.0, 0.1), stop_end=(0.0, 0.1)))
     assert not moves_visibly(entry(q=(0.0, 0.1)))
 
 
-def test_the_ellipsoid_holds_every_velocity_of_unit_joint_speeds(scene):
+def test_the_ellipsoid_contains_every_velocity_of_unit_joint_speeds(scene):
     poses = Poses(scene)
     robot = scene.robots[0]
     q = np.array(robot.described.start)

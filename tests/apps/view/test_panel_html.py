@@ -8,7 +8,7 @@ def entry(**more):
     return Entry.model_validate({"robot": "FR", "tick": 1, "time": 0.1, "q": (0.5, -2.9)} | more)
 
 
-def test_a_robots_condition_in_words():
+def test_a_robots_state_in_words():
     for more, word in (
         ({"stops": (3, 4), "holder": "leader"}, "stopped (3, 4)"),
         ({"link": "faulted"}, "link faulted"),
@@ -19,7 +19,7 @@ def test_a_robots_condition_in_words():
         assert panel_html.condition(entry(**more))[0] == word
 
 
-def test_the_block_tells_holder_verdict_and_joints(description):
+def test_the_block_shows_holder_verdict_and_joints(description):
     judged = {
         "seq": 1,
         "outcome": "refused",
@@ -35,7 +35,7 @@ def test_the_block_tells_holder_verdict_and_joints(description):
     assert "no command yet" in panel_html.robot_html(description.robots[0], entry())
 
 
-def test_what_came_over_the_network_stays_text(description):
+def test_text_from_the_network_is_escaped(description):
     judged = {"seq": 1, "outcome": "refused", "cause": "clearance", "text": '"><script>alert(1)</script>'}
     html = panel_html.robot_html(description.robots[0], entry(verdict=judged))
     assert "<script>" not in html

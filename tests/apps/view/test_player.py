@@ -22,7 +22,7 @@ def shown(player):
     return player.newest().entries[0].tick
 
 
-def test_it_shows_what_was_in_force_at_a_moment(player):
+def test_the_player_shows_the_values_at_a_moment(player):
     assert player.length == pytest.approx(99 * PERIOD)
     assert shown(player) == 0
     for tick in (50, 7, 98):
@@ -39,7 +39,7 @@ def test_it_shows_what_was_in_force_at_a_moment(player):
     assert player.problem is None
 
 
-def test_it_moves_on_while_it_is_played_and_stands_at_its_end(player, clock):
+def test_the_player_advances_during_playback_and_stops_at_the_end(player, clock):
     player.seek(10 * PERIOD)
     clock.time += 5.0
     assert player.time == pytest.approx(10 * PERIOD)
@@ -62,13 +62,13 @@ def test_it_moves_on_while_it_is_played_and_stands_at_its_end(player, clock):
     assert player.playing
 
 
-def test_it_says_of_what_time_it_is(player):
+def test_the_player_describes_the_time_of_the_recording(player):
     player.seek(0.5)
     assert "0.5 of 1.2 s" in player.describe(player.newest())
     assert "recorded 2023-11-1" in player.describe(player.newest())
 
 
-def test_what_is_no_recording_is_refused_with_a_reason(tmp_path):
+def test_a_file_that_is_not_a_recording_is_refused_with_a_reason(tmp_path):
     with pytest.raises(ForeignError, match="no such file or folder"):
         Player(tmp_path / "nothing")
     with pytest.raises(ForeignError, match="holds no recording"):
@@ -92,7 +92,7 @@ def test_an_asset_that_is_missing_is_named(player):
         player.asset("1" * 64)
 
 
-def test_an_asset_that_is_not_what_its_hash_says_is_named(player):
+def test_an_asset_with_a_wrong_hash_is_named(player):
     name = player.description.robots[0].urdf.hash
     player._recording.header.assets[name] = "Infinity"  # valid base64
     with pytest.raises(
@@ -101,7 +101,7 @@ def test_an_asset_that_is_not_what_its_hash_says_is_named(player):
         player.asset(name)
 
 
-def test_damage_on_the_way_is_a_problem_and_no_end(tmp_path, clock):
+def test_damage_during_playback_is_reported_as_a_problem(tmp_path, clock):
     file = records.write(tmp_path)
     player = Player(tmp_path, clock)
     assert shown(player) == 0

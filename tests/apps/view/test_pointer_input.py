@@ -19,7 +19,7 @@ def wish(pointer, setpoint=HOME):
     return pointer.request(RobotState(0.0, setpoint, setpoint))
 
 
-def test_nothing_is_wanted_unless_the_pointer_is_held(pointer):
+def test_no_motion_is_requested_unless_the_pointer_is_held(pointer):
     assert wish(pointer) == MotionRequest()
     pointer.move_to(MOTION)
     assert wish(pointer) == MotionRequest()
@@ -31,7 +31,7 @@ def test_nothing_is_wanted_unless_the_pointer_is_held(pointer):
     assert pointer.moving
 
 
-def test_let_go_is_rest_at_once_and_what_comes_late_counts_for_nothing(pointer):
+def test_a_release_rests_at_once_and_late_motions_are_ignored(pointer):
     pointer.hold()
     pointer.move_to(MOTION)
     pointer.release()
@@ -42,7 +42,7 @@ def test_let_go_is_rest_at_once_and_what_comes_late_counts_for_nothing(pointer):
     assert wish(pointer) == MotionRequest()  # a new press does not want what an old one wanted
 
 
-def test_a_page_that_says_nothing_any_more_lets_the_robot_rest(pointer, clock):
+def test_a_silent_page_brings_the_robot_to_rest(pointer, clock):
     pointer.hold()
     pointer.move_to(MOTION)
     for _ in range(5):
@@ -54,7 +54,7 @@ def test_a_page_that_says_nothing_any_more_lets_the_robot_rest(pointer, clock):
     assert not pointer.moving
 
 
-def test_a_joint_is_pulled_from_where_all_were_when_it_was_taken(pointer):
+def test_a_joint_moves_from_the_positions_at_the_start_of_the_drag(pointer):
     pointer.hold()
     pointer.move_joint(1, 0.7)
     assert wish(pointer) == MotionRequest()  # it is not known yet where the robot is
@@ -71,7 +71,7 @@ def test_a_joint_is_pulled_from_where_all_were_when_it_was_taken(pointer):
     assert wish(pointer).motion.q.tolist() == pytest.approx([0.0, 1.2, 1.3])
 
 
-def test_who_ends_wants_nothing_any_more(pointer):
+def test_an_ended_input_requests_no_motion(pointer):
     pointer.hold()
     pointer.move_to(MOTION)
     pointer.end("released")

@@ -52,7 +52,7 @@ def package(tmp_path, monkeypatch):
     return arm
 
 
-def test_known_arms_get_their_meshes_and_keep_what_was_added_to_them(package, cell):
+def test_known_arms_get_real_meshes_and_keep_added_bodies(package, cell):
     scene = Scene.build(*described(cell))
     for robot in scene.robots:
         for link in LINKS:
@@ -72,6 +72,6 @@ def test_other_arms_keep_their_primitives(package, cell):
     assert real_meshes.real_meshes(urdf.replace("link_3", "elbow")) == {}
 
 
-def test_without_the_extra_there_are_none(cell, monkeypatch):
+def test_without_the_extra_there_are_no_real_meshes(cell, monkeypatch):
     monkeypatch.setattr(real_meshes, "find_spec", lambda name: None)
     assert real_meshes.real_meshes(cell.robots[0].urdf) == {}

@@ -31,7 +31,7 @@ def shot(scene, renderer, camera, q=None):
 
 
 @pytest.mark.parametrize("aside", [(0.0, 0.0), (0.15, 0.1), (-0.2, 0.05)])
-def test_a_point_is_drawn_where_the_optics_say(scene, renderer, aside):
+def test_a_point_is_drawn_at_the_pixel_of_the_camera_model(scene, renderer, aside):
     tool = Poses(scene).models["GR"].frame(start(scene)["GR"], "tool0")
     # From below the tool, which points down: nothing can hide its tip.
     z = np.array([aside[0], aside[1], 1.0])
@@ -65,7 +65,7 @@ def test_the_picture_stands_upright_and_shows_the_cell(scene, renderer):
     assert middle_of(shot(scene, renderer, camera, q), colours.HAND)[0] < low[0] - 20
 
 
-def test_the_frustum_is_drawn_the_way_graphics_have_it():
+def test_the_frustum_uses_the_convention_of_computer_graphics():
     camera = Placement.from_rpy((1.0, 2.0, 3.0), (0.3, -0.2, 0.9))
     drawn = drawn_frustum(camera)
     assert drawn.R[:, 2] == pytest.approx(camera.R[:, 2])

@@ -15,7 +15,7 @@ from armgate.apps.view.scene import Poses
 CAMERA = CameraModel(160, 120)
 
 
-def test_it_draws_what_the_renderer_draws_and_its_end_is_told(scene):
+def test_the_process_draws_like_the_renderer_and_its_end_is_reported(scene):
     poses = Poses(scene)
     start = {robot.name: np.array(robot.described.start) for robot in scene.robots}
     links = {name: poses.links(name, q) for name, q in start.items()}
@@ -31,7 +31,7 @@ def test_it_draws_what_the_renderer_draws_and_its_end_is_told(scene):
         renderer.close()
 
 
-def test_why_there_are_none_is_told(scene, monkeypatch):
+def test_missing_opengl_is_reported_with_the_packages(scene, monkeypatch):
     # What the child inherits: no driver for EGL that could be loaded.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")

@@ -10,7 +10,7 @@ from armgate.apps.view.viewpoint import initial_viewpoint
 rng = np.random.default_rng(4)
 
 
-def test_links_are_where_the_gate_has_the_bodies(cell, scene):
+def test_links_are_drawn_at_the_poses_of_the_gates_bodies(cell, scene):
     poses = Poses(scene)
     for robot in cell.robots:
         q = rng.uniform(robot.lower, robot.upper)
@@ -45,7 +45,7 @@ def test_margins_run_from_red_to_green():
     assert colours.margin(0.125, 0.05) == colours.STATES["near"]
 
 
-def test_the_first_look_is_from_above_the_floor_and_outside(scene):
+def test_the_initial_viewpoint_is_above_the_floor_and_outside(scene):
     eye, at = initial_viewpoint(scene)
     assert eye[2] > at[2] > 0.0
     assert np.linalg.norm(np.subtract(eye, at)) > 3.0

@@ -27,7 +27,7 @@ def volume(mesh):
 
 
 @pytest.mark.parametrize("kind", SIZES)
-def test_surface_is_the_shape(kind):
+def test_surface_points_lie_on_the_shape(kind):
     mesh = mesh_of(kind, SIZES[kind])
     shape = shape_from(kind, SIZES[kind])
     # Closed and wound outward: its signed volume is the shape's, but for the corners of what is round.

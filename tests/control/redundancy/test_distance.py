@@ -72,7 +72,7 @@ def test_direction_is_the_gradient(shape, points, differences):
         np.testing.assert_allclose(direction, slope, atol=1e-5)
 
 
-def test_in_the_very_middle_it_is_one_of_the_directions(shape):
+def test_the_gradient_in_the_centre_is_one_of_the_directions(shape):
     d, n = point_distances(PLACE.t[None], shape, PLACE)
     assert np.linalg.norm(n) == pytest.approx(1.0)
     step, _ = point_distances(PLACE.t[None] + 1e-3 * n, shape, PLACE)

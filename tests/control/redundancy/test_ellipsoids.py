@@ -56,11 +56,11 @@ def test_measures_are_those_of_the_ellipsoid(J):
         assert manipulability(J) == pytest.approx(np.sqrt(np.linalg.det(smaller)))
 
 
-def test_measures_of_nothing():
+def test_measures_of_a_zero_matrix():
     assert (isotropy(np.zeros((2, 2))), condition_number(np.zeros((2, 2)))) == (0.0, np.inf)
 
 
-def test_shadow_of_a_velocity_ellipsoid_is_that_of_the_rows(case):
+def test_the_projection_of_a_velocity_ellipsoid_is_that_of_the_rows(case):
     J = case.task.jacobian(case.q())
     if len(J) < 3:
         return

@@ -102,7 +102,7 @@ def test_a_joint_of_infinite_weight_stands_still():
 
 
 @pytest.mark.parametrize("bad", [[1.0, 1.0], [1.0, -1.0, 1.0], np.zeros((3, 3)), np.ones((2, 2))])
-def test_what_is_no_weight_is_refused(bad):
+def test_an_invalid_weight_is_refused(bad):
     with pytest.raises(ValueError, match="W⁻¹"):
         weighted_pseudoinverse(np.ones((2, 3)), bad)
 
@@ -126,7 +126,7 @@ def test_variably_damped_is_exact_far_from_singularities_and_bounded_in_them(arm
 
 
 @pytest.mark.parametrize("k", [0.0, -1.0, np.nan])
-def test_no_damping_is_no_damped_inverse(k):
+def test_zero_damping_is_refused(k):
     with pytest.raises(ValueError, match="damping"):
         damped_inverse(np.eye(2), k)
     with pytest.raises(ValueError, match="damping"):

@@ -69,7 +69,7 @@ def test_gradient(task, build, differences):
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)
-def test_alone_it_moves_q_leaves_the_task_alone_and_lowers_its_potential(task, name):
+def test_an_objective_lowers_its_potential_without_moving_the_task(task, name):
     objective, gain = OBJECTIVES[name][0](task), OBJECTIVES[name][1]
     moved = 0
     for q in positions(task.model, 6, seed=1):
@@ -86,7 +86,7 @@ def test_alone_it_moves_q_leaves_the_task_alone_and_lowers_its_potential(task, n
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)
-def test_followed_for_long_it_comes_to_rest_lower_with_the_task_in_place(task, name):
+def test_an_objective_ends_at_a_lower_potential_with_the_task_in_place(task, name):
     objective, gain = OBJECTIVES[name][0](task), OBJECTIVES[name][1]
     q = positions(task.model, 1, seed=2)[0]
     place, potentials = task.place(q), [objective.potential(q)]
@@ -111,7 +111,7 @@ def test_away_from_a_singularity_from_within_one(models):
     assert manipulability(task.jacobian(q - 1e-3 * gradient)) > 1e-5
 
 
-def test_the_centre_is_the_middle_and_every_joint_goes_back_at_the_same_rate():
+def test_every_joint_returns_to_the_middle_at_the_same_rate():
     objective = TowardsCentre([-1.0, 0.0], [3.0, 0.1])
     assert objective.potential([1.0, 0.05]) == 0.0
     np.testing.assert_allclose(wanted_velocity([(objective, 2.0)], np.array([2.0, 0.0])), [-2.0, 0.1])
@@ -119,7 +119,7 @@ def test_the_centre_is_the_middle_and_every_joint_goes_back_at_the_same_rate():
         TowardsCentre([0.0], [0.0])
 
 
-def test_far_obstacles_do_not_matter(models):
+def test_far_obstacles_have_no_effect(models):
     model = models["P"]
     far = Obstacle(Sphere(0.1), Placement.from_rpy([9.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
     objective = AwayFromObstacles(model, [far], 0.5)
@@ -135,6 +135,6 @@ def test_least_distance_of_a_known_place(models):
     assert 0.65 < objective.least_distance(np.zeros(3)) <= 0.7 + 1e-9
 
 
-def test_a_reach_of_nothing_is_refused(models):
+def test_a_reach_of_zero_is_refused(models):
     with pytest.raises(ValueError, match="reach"):
         AwayFromObstacles(models["P"], [], 0.0)

@@ -29,7 +29,7 @@ def test_every_method_arrives(method, models):
     assert (np.diff(errors) < 1e-9).all()
 
 
-def test_the_tool_is_no_faster_than_asked_and_goes_straight(models):
+def test_the_tool_keeps_its_speed_and_moves_straight(models):
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     target = Placement.from_rpy([0.3, 0.7, 0.5], [0.0, 0.0, 0.0])
     qs, _ = run(Reach(task, target, Tuning(Method.PSEUDO, speed=0.1)), np.array([0.0, 0.8, 0.8]), 6.0)
@@ -42,7 +42,7 @@ def test_the_tool_is_no_faster_than_asked_and_goes_straight(models):
 
 
 @pytest.mark.parametrize("method", [Method.DAMPED, Method.VARIABLE, Method.TRANSPOSE])
-def test_a_target_out_of_reach_is_approached_without_haste(method, models):
+def test_a_target_out_of_reach_is_approached_within_the_speed(method, models):
     """The pseudoinverse would rush the joints here; these stretch the arm towards it and rest."""
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     target = Placement.from_rpy([1.5, 0.0, 0.5], [0.0, 0.0, 0.0])
@@ -81,7 +81,7 @@ def test_numbers_must_be_positive(name):
         Tuning(**{name: 0.0})
 
 
-def test_a_joint_at_its_limit_is_locked_and_the_others_do_its_part(models):
+def test_a_joint_at_its_limit_is_locked_and_the_others_take_over(models):
     model = models["P"]
     task = FrameTask(model, "tool0", ("x", "y"))
     q = np.array([0.3, 2.6, 0.5])

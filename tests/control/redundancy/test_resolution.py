@@ -26,7 +26,7 @@ def test_solves_the_constrained_least_squares_problem(redundant):
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-def test_the_wanted_velocity_leaves_the_task_alone(redundant, weighted):
+def test_the_wanted_velocity_does_not_move_the_task(redundant, weighted):
     for _ in range(20):
         J = redundant.task.jacobian(redundant.q())
         m, n = J.shape
@@ -46,7 +46,7 @@ def test_null_space_part_is_the_orthogonal_projection(J):
     np.testing.assert_allclose(null_space_part(J, part), part, atol=1e-10)
 
 
-def test_in_a_singularity_the_task_gets_what_there_is(arm):
+def test_in_a_singularity_the_reachable_part_of_the_task_is_kept(arm):
     from armgate.control.redundancy.tasks import FrameTask
 
     J = FrameTask(arm(0.5, 0.4, 0.3), "tip", ("x", "y")).jacobian([0.0, 0.0, 0.0])
@@ -54,7 +54,7 @@ def test_in_a_singularity_the_task_gets_what_there_is(arm):
     np.testing.assert_allclose(J @ qd, [0.0, 1.0], atol=1e-12)
 
 
-def test_why_the_projector_is_not_made_of_the_damped_inverse():
+def test_a_projector_of_the_damped_inverse_would_disturb_the_task():
     J = np.random.default_rng(6).normal(size=(2, 4))
     leaks = np.eye(4) - damped_inverse(J, 0.5) @ J
     assert np.abs(J @ leaks).max() > 0.01

@@ -41,7 +41,7 @@ def test_holds_the_task(redundant):
 
 
 @pytest.mark.parametrize("start", [(0.3, 0.8, 0.9), (0.0, 1.5, 1.5), (-1.0, -0.6, 2.0)])
-def test_of_the_planar_arm_lies_on_the_known_curve_and_closes(arm, start):
+def test_the_self_motion_of_the_planar_arm_lies_on_the_known_curve_and_closes(arm, start):
     task = planar_task(arm)
     tip = task.place(start).t[:2]
     found = trace_self_motion(task, start, limited=False)
@@ -52,7 +52,7 @@ def test_of_the_planar_arm_lies_on_the_known_curve_and_closes(arm, start):
 
 
 @pytest.mark.parametrize(("start", "elbows"), [((0.3, 0.8, 0.4), (1, -1)), ((0.0, 1.5, 1.5), (1,))])
-def test_of_the_planar_arm_is_the_whole_curve(arm, start, elbows):
+def test_the_self_motion_of_the_planar_arm_is_the_whole_curve(arm, start, elbows):
     """Every heading that the closed form allows is passed, with both elbows where the curve stretches them.
 
     With the tip near the base the two links to the wrist never stretch or fold: there are two curves.
@@ -71,7 +71,7 @@ def test_of_the_planar_arm_is_the_whole_curve(arm, start, elbows):
     assert count > 60
 
 
-def test_sets_out_along_a_wish_and_back(arm):
+def test_tracing_starts_along_a_given_direction_and_back(arm):
     task, start = planar_task(arm), np.array([0.3, 0.8, 0.9])
     there = trace_self_motion(task, start, budget=5, along=[1.0, 0.0, 0.0])
     back = trace_self_motion(task, start, budget=5, along=[-1.0, 0.0, 0.0])
@@ -79,7 +79,7 @@ def test_sets_out_along_a_wish_and_back(arm):
     assert (there.q[-1] - start)[0] > 0.0 > (back.q[-1] - start)[0]
 
 
-def test_joint_limits_end_it(arm, models):
+def test_joint_limits_end_the_curve(arm, models):
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     low, high = models["P"].lower, models["P"].upper
     start = np.array([0.3, 0.8, 2.0])
@@ -90,7 +90,7 @@ def test_joint_limits_end_it(arm, models):
         assert np.minimum(end.q[-1] - low, high - end.q[-1]).min() < 0.02
 
 
-def test_where_there_is_none_it_says_so(arm):
+def test_no_self_motion_is_an_error(arm):
     two = FrameTask(arm(1.0, 1.0), "tip", ("x", "y"))
     with pytest.raises(ValueError, match="no self-motion"):
         trace_self_motion(two, [0.1, 0.5])
@@ -111,7 +111,7 @@ def test_a_step_too_long_for_a_bend_is_shortened(arm):
     assert np.linalg.norm(np.diff(found.q[:-1], axis=0), axis=1).min() < 0.8
 
 
-def test_where_no_position_holds_the_task_it_is_stuck(arm):
+def test_a_task_without_a_continuation_is_stuck(arm):
     class Drifting(FrameTask):
         """A task whose error never goes away."""
 

@@ -4,7 +4,7 @@ import pytest
 from armgate.control.redundancy.spaces import spaces
 
 
-def test_bases_are_orthonormal_and_span_what_they_say(J):
+def test_bases_are_orthonormal_and_span_their_spaces(J):
     found = spaces(J)
     m, n = J.shape
     for basis, dimension in [
@@ -37,7 +37,7 @@ def test_null_projector(J):
     np.testing.assert_allclose(P, np.eye(J.shape[1]) - np.linalg.pinv(J) @ J, atol=1e-10)
 
 
-def test_a_robot_that_cannot_move_the_task_at_all():
+def test_a_robot_that_cannot_move_the_task_stands_still():
     found = spaces(np.zeros((2, 3)))
     assert (found.rank, found.singular, found.degree_of_redundancy) == (0, True, 3)
 
@@ -50,6 +50,6 @@ def test_tolerance_is_relative_to_the_largest_singular_value():
 
 
 @pytest.mark.parametrize("bad", [np.zeros(3), np.zeros((0, 3)), [[np.nan, 1.0]], [[np.inf]]])
-def test_what_is_no_jacobian_is_refused(bad):
+def test_a_value_that_is_not_a_matrix_is_refused(bad):
     with pytest.raises(ValueError, match="expected a Jacobian"):
         spaces(bad)

@@ -35,7 +35,7 @@ def test_the_stretched_arm_holds_any_force_along_itself(arm):
     np.testing.assert_allclose(torques(J, [0.0, 1.0]), [1.2, 0.7, 0.3])
 
 
-def test_torques_split_into_a_force_and_what_no_force_balances(J):
+def test_torques_split_into_a_force_and_an_unbalanced_part(J):
     tau = np.random.default_rng(4).normal(size=J.shape[1])
     split = balance(J, tau)
     np.testing.assert_allclose(torques(J, split.force) + split.inner, tau, atol=1e-12)
@@ -43,7 +43,7 @@ def test_torques_split_into_a_force_and_what_no_force_balances(J):
     np.testing.assert_allclose(spaces(J).singular_directions.T @ split.force, 0.0, atol=1e-10)
 
 
-def test_a_force_is_found_again_from_its_torques(case):
+def test_a_force_is_recovered_from_its_torques(case):
     J = case.task.jacobian(case.q())
     F = spaces(J).range @ case.rng.normal(size=spaces(J).rank)
     split = balance(J, torques(J, F))

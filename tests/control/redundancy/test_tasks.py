@@ -31,7 +31,7 @@ def test_rows_may_be_combinations(models, differences):
     np.testing.assert_allclose(task.jacobian_derivative(q), differences(task.jacobian, q), atol=1e-8)
 
 
-def test_frames_under_each_other(models, differences):
+def test_stacked_frames(models, differences):
     model = models["branches"]
     parts = [FrameTask(model, "tip", ("x", "y")), FrameTask(model, "right", ("z",))]
     task = StackedTask(parts)
@@ -64,7 +64,7 @@ def test_error_leads_to_the_target(models):
 
 
 @pytest.mark.parametrize("rows", [(), ("x", "x"), ("x", "w"), np.ones((1, 5)), np.ones(6)])
-def test_what_names_no_rows_is_refused(models, rows):
+def test_invalid_rows_are_refused(models, rows):
     with pytest.raises(ValueError, match="expected"):
         FrameTask(models["P"], "tool0", rows)
 
@@ -74,6 +74,6 @@ def test_an_unknown_frame_is_refused(models):
         FrameTask(models["P"], "nowhere", ("x",))
 
 
-def test_tasks_of_two_robots_are_not_one(models):
+def test_tasks_of_two_robots_cannot_be_stacked(models):
     with pytest.raises(ValueError, match="one robot model"):
         StackedTask([FrameTask(models["P"], "tool0", ("x",)), FrameTask(models["FR"], "tool0", ("x",))])

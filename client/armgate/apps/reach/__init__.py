@@ -1,1 +1,1 @@
-"""Brings a frame of a robot to a target, through the daemon, and uses the joints that are over."""
+"""``armgate reach``: move a robot's frame to a target, with redundancy resolution."""

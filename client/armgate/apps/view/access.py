@@ -58,7 +58,7 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> "Address | None":
-        """Return the address in ``HOST`` or ``HOST:PORT``; None if the text is neither."""
+        """Return the address in ``HOST`` or ``HOST:PORT``; None for any other text."""
         match = _HOST.fullmatch(text)
         if match is None or (match[2] and int(match[2]) > 65535):
             return None

@@ -55,7 +55,7 @@ class Buttons:
     ) -> None:
         """Start ``act`` when a control is used.
 
-        One act runs at a time per page and control; if the control is used meanwhile, the act runs once more.
+        One act runs at a time per page and control; if the control is used meanwhile, the act runs again.
         It is a coroutine, not a thread of viser's pool: a page that floods one control cannot block others.
         """
 
