@@ -1,8 +1,8 @@
-"""What a decision of the gate costs, in units of one bare ``pin.computeDistances`` over the same pairs.
+"""Cost of a decision of the gate, in units of one bare ``pin.computeDistances`` over the same pairs.
 
 Both forms of the gate, in numpy and compiled, decide about the same commands one after the other, and the
-unit is measured in the same process, interleaved with them. A control, the same loop deciding nothing, tells
-the machine's noise. The tail is that of many decisions in the demo cell.
+unit is measured in the same process, interleaved with them. A control, the same loop without a decision,
+shows the noise of the machine. The tail is that of many decisions in the demo cell.
 
     bench_gate.py [DECISIONS [DECISIONS OF THE TAIL]]
 """
@@ -39,7 +39,7 @@ GOALS = {  # case: form: (median, p99) in units
 
 
 class Unit:
-    """All pairs of a cell in one pinocchio geometry model: one C++ loop over them."""
+    """Unit of the benchmark: all pairs of a cell in one pinocchio geometry model, one C++ loop over them."""
 
     def __init__(self, cell: Cell) -> None:
         self.model = pin.Model()
@@ -71,29 +71,29 @@ class Unit:
 
 
 class Rig:
-    """Drives all robots of a cell through a gate with ideal links in virtual time."""
+    """Driver of all robots of a cell through a gate with ideal links in virtual time."""
 
     def __init__(self, cell: Cell, compiled: bool) -> None:
         self.cell, self.gate = cell, Gate(cell, "bench", compiled)
         self.setpoint = [tuple(float(x) for x in r.start) for r in cell.robots]
         self.plan: list[tuple[Plan, int] | None] = [None] * len(cell.robots)
-        self.tick, self.refused, self.asked = 0, 0, 0
-        self.within, self.most = 0, 0
+        self.tick, self.refused, self.decided = 0, 0, 0
+        self.queries, self.most = 0, 0
         for robot, q in zip(cell.robots, self.setpoint, strict=True):
             self.gate.step(LinkChange(robot.name, LinkState.READY))
             self.gate.step(LeaseChange(robot.name, 1))
             self.gate.step(Tick(robot.name, 0, 0.0, q, q, (0.0,) * robot.model.n))
 
     def decide(self, robot: int, dq: np.ndarray) -> int:
-        """Sends one command; returns the ns of the decision."""
+        """Send one command and return the duration of the decision, ns."""
         name = self.cell.robots[robot].name
-        command = Command(name, 1, self.asked, self.tick, tuple(float(x) for x in dq))
+        command = Command(name, 1, self.decided, self.tick, tuple(float(x) for x in dq))
         before, begin = self.evaluations, perf_counter_ns()
         out = self.gate.step(command)
         spent = perf_counter_ns() - begin
         self.most = max(self.most, self.evaluations - before)
-        self.within += self.evaluations - before
-        self.asked += 1
+        self.queries += self.evaluations - before
+        self.decided += 1
         self.refused += len(out) == 1
         if len(out) == 2:
             self.plan[robot] = (out[1], -1)
@@ -102,7 +102,7 @@ class Rig:
 
     @property
     def evaluations(self) -> int:
-        """How often the distance engines were asked."""
+        """Number of engine queries."""
         return self.gate._clearance.certifier.queries
 
     def advance(self) -> None:
@@ -119,12 +119,12 @@ class Rig:
             self.gate.step(Tick(robot.name, self.tick, now, q, self.setpoint[i], u, key, index))
 
 
-def wander(rig: Rig, speed: float, spread: float) -> "list[np.ndarray]":
-    """Smooth wandering of every robot around its start: sines of its own per joint."""
+def wander(rig: Rig, speed: float, spread: float) -> Callable[[], list[np.ndarray]]:
+    """Return a controller that moves every robot smoothly around its start: sines of its own per joint."""
     rng = np.random.default_rng(3)
     waves = [(rng.uniform(0.2, 0.5, r.model.n), rng.uniform(0, 6.3, r.model.n)) for r in rig.cell.robots]
 
-    def wishes() -> list[np.ndarray]:
+    def increments() -> list[np.ndarray]:
         t, T = rig.tick * rig.cell.robots[0].period, rig.cell.robots[0].period
         out = []
         for robot, (f, phase) in zip(rig.cell.robots, waves, strict=True):
@@ -132,14 +132,14 @@ def wander(rig: Rig, speed: float, spread: float) -> "list[np.ndarray]":
             out.append(amplitude * T * np.sin(2 * np.pi * f * t + phase) * np.minimum(1.0, t / 1.0))
         return out
 
-    return wishes
+    return increments
 
 
-def glide(rig: Rig):
-    """FR lowers its camera to just above the stop distance from the floor and sweeps there at 10 % speed."""
+def glide(rig: Rig) -> Callable[[], list[np.ndarray]]:
+    """Return a controller that sweeps FR's camera just above the stop distance, at 10 % speed."""
     robot = rig.cell.robots[0]
 
-    def wishes() -> list[np.ndarray]:
+    def increments() -> list[np.ndarray]:
         t, T = rig.tick * robot.period, robot.period
         near = min(n.distance for n in rig.gate.view(robot.name).nearest if n.limit > 0.03)
         v = np.zeros(robot.model.n)
@@ -147,11 +147,11 @@ def glide(rig: Rig):
         v[0] = 0.1 * robot.velocity[0] * np.sin(0.6 * t)
         return [v * T, np.zeros(rig.cell.robots[1].model.n)]
 
-    return wishes
+    return increments
 
 
 class Nothing:
-    """Decides nothing: what is left is the loop, the clock and the machine's noise."""
+    """Control without decisions: it measures the loop, the clock and the noise of the machine."""
 
     def step(self, command: Command) -> list[object]:
         return []
@@ -159,10 +159,10 @@ class Nothing:
 
 @dataclass
 class Run:
-    """One form's rig and what its decisions took, ns."""
+    """Rig of one form and the durations of its decisions, ns."""
 
     rig: Rig
-    wishes: Callable[[], list[np.ndarray]]
+    increments: Callable[[], list[np.ndarray]]
     times: list[int] = field(default_factory=list)
 
 
@@ -175,14 +175,14 @@ def control(nothing: Nothing, command: Command) -> int:
 def measure(
     cell: Cell, drive, warm: int, count: int, units: bool
 ) -> tuple[dict[str, Run], list[int], list[int]]:
-    """Has all forms decide in turn, tick by tick; returns their runs, and control and unit, ns."""
+    """Let all forms decide in turn, tick by tick; return their runs, and control and unit, ns."""
     rigs = {form: Rig(cell, compiled) for form, compiled in FORMS.items()}
     runs = {form: Run(rig, drive(rig)) for form, rig in rigs.items()}
     nothing, idle, unit, bare = Nothing(), [], Unit(cell), []
     command = Command(cell.robots[0].name, 1, 0, 0, (0.0,) * cell.robots[0].model.n)
     while len(next(iter(runs.values())).times) < count:
         for run in runs.values():
-            for i, dq in enumerate(run.wishes()):
+            for i, dq in enumerate(run.increments()):
                 spent = run.rig.decide(i, dq)
                 idle.append(control(nothing, command))
                 if run.rig.tick >= warm and np.any(dq):
@@ -212,15 +212,15 @@ def case(name: str, cell: Cell, drive, warm: int) -> list[Row]:
             rows.append(Row(f"{what}: {label}", percentile(run.times, p) / one, "units", goal[k]))
             rows.append(Row(f"{what}: {label}", percentile(run.times, p) / 1e3, "µs"))
         rows += [
-            Row(f"{what}: evaluations per decision", rig.within / rig.asked, "1"),
+            Row(f"{what}: evaluations per decision", rig.queries / rig.decided, "1"),
             Row(f"{what}: most evaluations in a decision", rig.most, "1", BUDGET),
-            Row(f"{what}: refused", rig.refused / rig.asked, "share"),
+            Row(f"{what}: refused", rig.refused / rig.decided, "share"),
         ]
     return rows
 
 
 def tail() -> list[Row]:
-    """p99.9 of many decisions in the demo cell, beside the control."""
+    """Return p99.9 of many decisions in the demo cell, and of the control."""
     runs, idle, _ = measure(demo_cell(), lambda rig: wander(rig, 0.3, 0.3), 50, TAIL, False)
     rows = [Row(f"demo, {TAIL} decisions, control: p99.9", percentile(idle, 99.9) / 1e3, "µs")]
     for form, run in runs.items():

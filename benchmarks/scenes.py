@@ -1,4 +1,4 @@
-"""The cells that the gate is measured in, and how their robots are driven."""
+"""Cells for the benchmarks of the gate."""
 
 import tempfile
 from pathlib import Path
@@ -17,14 +17,14 @@ def demo_cell() -> Cell:
 
 
 def crowded_cell(count: int = 1000) -> Cell:
-    """The demo cell with so many small obstacles around its place of work, clear of the robots."""
+    """Return the demo cell with ``count`` small obstacles around its working area, clear of the robots."""
     rng = np.random.default_rng(1)
     extra = {f"obstacle_{k}": _obstacle(rng, _place_around(rng)) for k in range(count)}
     return _overlaid({"surroundings": extra})
 
 
 def six_robots(obstacles: int = 200) -> Cell:
-    """Six KR 16 on the floor, 3 m apart in two rows, 36 joints, with obstacles between them."""
+    """Return six KR 16 on the floor, 3 m apart in two rows, 36 joints, with obstacles between them."""
     rng = np.random.default_rng(2)
     start = ["0 deg", "-90 deg", "90 deg", "0 deg", "30 deg", "0 deg"]
     robots = {
@@ -56,7 +56,7 @@ def _obstacle(rng: np.random.Generator, xyz: np.ndarray) -> dict[str, object]:
 
 
 def _place_around(rng: np.random.Generator) -> np.ndarray:
-    """On a wide ring around the place of work, outside the robots' reach at their working postures."""
+    """Return a position on a wide ring around the working area, out of reach at the working postures."""
     angle, radius = rng.uniform(0, 2 * np.pi), rng.uniform(2.6, 4.5)
     return np.array([1.5 + radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.1, 1.0)])
 
