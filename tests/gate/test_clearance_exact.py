@@ -374,6 +374,13 @@ def test_the_distance_that_the_tubes_cost_is_not_regained():
     assert ask.loss(alone.space.static) == pytest.approx(0.07 + MARGIN, abs=1e-15)
 
 
+def test_no_side_of_a_chain_moves_at_its_own_time():
+    clearance = Clearance(scenes.tree(), False)
+    chain, apart = clearance.groups[0][0], clearance.groups[0][1]
+    mine = clearance.space.still(0, (0.0,) * 5)
+    assert [PairCheck(group, 0, 0, mine, LIMIT).moving for group in (chain, apart)] == [None, apart.other]
+
+
 @pytest.mark.parametrize(("need", "free"), [(0.0399, True), (0.0401, False)])
 def test_a_tube_counts_in_every_cell(need, free):
     clearance = ball({"b": sphere(-0.15, 0.15)})

@@ -11,6 +11,7 @@ from armgate.gate import decision as decisions
 from armgate.gate.clearance import ClearanceResult
 from armgate.gate.clearance.pair_check import Binding
 from armgate.gate.joint_limits import LimitedIncrement
+from armgate.gate.retreat import Requirements
 from gate import scenes
 from gate.rig import Rig
 from gate.scripted_gate import STEP, ScriptedGate
@@ -178,6 +179,15 @@ def test_a_smaller_blend_that_would_leave_the_limits_is_not_tried(upper, outcome
     assert len(answers) == (outcome == 0.0)
 
 
+@pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
+def test_a_retreat_of_axes_that_lag_alike_is_tried_once(response, trials):
+    scripted = lane_scripted(0.0, response)
+    decisions, s = scripted.gate._decisions, scripted.gate._robots[0]
+    need, binding = np.zeros(1), Binding(0, 0.0, 0.05, None)
+    assert decisions._trials(s, Requirements(need, (binding,), None)) == 1
+    assert decisions._trials(s, Requirements(need, (), None)) == trials
+
+
 def test_a_new_path_extends_the_held_one_by_the_difference_of_their_ends():
     """The kept bounds do not apply if several paths are held."""
     scripted = lane_scripted(-1.0)
@@ -199,6 +209,8 @@ def test_a_faster_path_extends_the_held_one_by_the_growth_of_its_lag_tube():
     share = s.hull_deviation.ticks + s.hull_deviation.between
     faster = s.occupancy_to(s.end, (3e-4, 5e-4))
     assert judge._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
+    farther = s.occupancy_to((s.end[0] + 0.25, s.end[1]), (3e-4, 5e-4))
+    assert judge._extension(s, farther) == pytest.approx([0.25 + 2e-4 * share, 5e-4 * share])
     slower = s.occupancy_to(s.end, (0.0, 0.0))
     assert judge._extension(s, slower) == pytest.approx([0.0, 0.0])
     assert slower.tube == pytest.approx((1e-4 * share, 0.0))

@@ -135,7 +135,9 @@ def test_a_robot_off_its_path_is_stopped_alone_if_no_robot_is_near():
 def test_a_robot_off_its_path_stops_the_robots_that_it_may_meet():
     rig = Rig(scenes.crossing(window=0.0), stops=0.0)
     out = off_by(rig, 0, (0.4, 0.4))
-    assert [o.robots for o in out if isinstance(o, Stopped)] == [("fast",), ("slow",)]
+    first, second = [o for o in out if isinstance(o, Stopped)]
+    assert (first.robots, second.robots) == (("fast",), ("slow",))
+    assert second.reason == "its stop path may meet fast, which faulted"
 
 
 def test_after_a_fault_and_its_reset_the_robot_continues_from_its_position():
@@ -223,13 +225,14 @@ def one_cart(q=(0.0, 0.5)):
 @pytest.mark.parametrize("answer_first", [False, True])
 def test_a_late_plan_is_counted_once_whether_the_tick_or_the_answer_comes_first(answer_first):
     gate = one_cart()
-    plan = asked(gate, "slow", 0, (0.0001, 0.0))
-    unplayed = Tick("slow", 1, 0.004, (0.0, 0.5), (0.0, 0.5), (0.0, 0.0))
-    answer = PlanAnswer("slow", plan.key, False, "late")
-    for event in (answer, unplayed) if answer_first else (unplayed, answer):
-        gate.step(event)
-    assert gate.view("slow").late == 1
-    assert asked(gate, "slow", 1, (0.0001, 0.0)).key.last_played == -1
+    for k in range(2):
+        plan = asked(gate, "slow", k, (0.0001, 0.0))
+        assert plan.key.last_played == -1
+        unplayed = Tick("slow", k + 1, 0.004 * (k + 1), (0.0, 0.5), (0.0, 0.5), (0.0, 0.0))
+        answer = PlanAnswer("slow", plan.key, False, "late")
+        for event in (answer, unplayed) if answer_first else (unplayed, answer):
+            gate.step(event)
+        assert gate.view("slow").late == k + 1
 
 
 def test_a_rebase_that_is_still_under_way_keeps_the_old_setpoint_reserved():

@@ -214,6 +214,23 @@ def test_the_distances_off_the_path_are_added_up_and_reported():
     assert all(e >= 0.03 for e in state.main.occupied.tube)
 
 
+def test_a_contradiction_of_the_plan_alone_is_no_distance_off_the_path():
+    scripted = ScriptedGate(scenes.head_on(1.2, (T, T), tolerance=0.01))
+    (x,) = scripted.q[0]
+    (stopped,) = scripted.gate.step(Tick("left", 1, T, (x + 0.005,), (x + 1e-6,), (0.0,)))
+    assert "add up" in stopped.reason
+    assert scripted.gate._robots[0].off_path == 0.0
+
+
+def test_a_measurement_at_the_edge_of_the_occupancy_is_moved_inside():
+    scripted = ScriptedGate(scenes.head_on(1.2, (T, T), tolerance=0.01))
+    (x,) = scripted.q[0]
+    assert scripted.rest(0, (x + 0.015,)) == []
+    state = scripted.gate._robots[0]
+    assert state.measured == (x + 0.015,)
+    assert abs(state.q[0] - x) <= 0.01
+
+
 def test_a_fault_stops_robots_that_it_may_meet_unless_they_are_stopped_already():
     scripted = pair(0.1)
     first = scripted.gate.step(Stop(("right",), "x", "y"))[0].id
@@ -240,6 +257,13 @@ def test_stops_are_numbered_and_a_reset_frees_all_stopped_robots():
     assert out[0] == ResetAnswer(one.id, True)
     assert [o.robot for o in out[1:] if isinstance(o, Rebase)] == ["left"]
     assert (scripted.view(0).stops, scripted.view(1).stops) == ((), (2,))
+
+
+def test_a_reset_by_the_id_of_a_repeated_stop_reports_the_id_that_it_lifts():
+    scripted = pair()
+    first, second = (scripted.gate.step(Stop(("left",), "x", "y"))[0] for _ in range(2))
+    assert second.replaces == first.id
+    assert scripted.gate.step(Reset(first.id, "y"))[0] == ResetAnswer(first.id, True, lifted=second.id)
 
 
 def test_a_reset_needs_rest_of_all_robots_that_it_frees():

@@ -116,6 +116,21 @@ def test_an_increment_that_braking_cannot_contain_is_blended_toward_the_held_pat
     assert stays_inside(steep.u, (0.7, 0.0), b) is None
 
 
+def test_each_binding_limit_is_a_reason_in_the_order_of_the_checks():
+    limited = limit_increment((5.0,), (0.0,), (0.0,), (0.95,), bounds(speed=0.5, decel=math.inf), 1.0)
+    assert limited.u == pytest.approx((0.05,))
+    assert [reason.cause for reason in limited.reasons] == [Cause.INCREMENT, Cause.JOINT_LIMIT]
+
+
+def test_a_blend_toward_a_lower_limit_names_that_limit():
+    b = StepBounds(("a", "b"), (-1.0,) * 2, (1.5,) * 2, (1.0,) * 2, (1.0, 1.0), (0.01, 0.01))
+    last = (0.0, -0.1)
+    limited = limit_increment((-0.15, -0.2), last, stop_increments(last, b.decel)[1], (0.0, -0.55), b, 1.0)
+    reason = limited.reasons[-1]
+    assert (reason.joint, reason.value, reason.bound) == ("b", -0.55, -1.0)
+    assert "-1" in reason.text
+
+
 def test_a_blend_names_the_joint_its_setpoint_and_its_limit():
     b = StepBounds(("a", "b"), (-1.0,) * 2, (1.0,) * 2, (1.0,) * 2, (1.0, 1.0), (0.01, 0.01))
     last = (0.0, 0.1)

@@ -128,6 +128,8 @@ def test_every_pair_of_a_robot_is_in_one_of_its_groups_and_those_of_its_chain_co
         assert chained == sorted(chained, reverse=True)
         assert sum(chained) <= 1
         for group in groups:
+            static = [not _moves(cell, cell.bodies[k]) for k in group.shape_theirs]
+            assert static == [group.other is None] * len(static)
             for k, pair in enumerate(group.ids):
                 assert clearance.find(robot, int(pair)) == (group, k)
                 shapes = {int(group.shape_mine[k]), int(group.shape_theirs[k])}

@@ -59,7 +59,7 @@ ABOUT = {
     "support": ("pair_groups_exact", "shapes_certificates"),
     "swept": ("pair_groups_exact", "screen", "lever_range", "resets"),
     "tick_checks": ("tick_checks", "gate_exact"),
-    "wording": ("verdicts", "gate_order", "gate_exact", "joint_limits_exact", "decision_exact"),
+    "wording": ("wording", "verdicts", "joint_limits_exact", "decision_exact"),
 }
 """Test modules about a module of the gate: the likeliest to notice a fault in it."""
 

@@ -151,9 +151,8 @@ def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
 def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Joints]]:
     """Return the stretches of the polyline within tube and ``extra`` of ``q``, each by its two ends."""
     width = tuple(e + extra + _ROUNDING for e in one.tube)
-    pairs = zip(one.nodes, one.nodes[1:], strict=False) if len(one.nodes) > 1 else [(one.nodes[0],) * 2]
     found = []
-    for a, b in pairs:
+    for a, b in one.segments:
         low, high = _shares(q, a, b, width)
         if low <= high:
             found.append((_between(a, b, low), _between(a, b, high)))

@@ -87,8 +87,7 @@ class Stops:
 
     def find(self, id_: int) -> StopInForce | None:
         """Return the stop in force that an id names, also if it was replaced; None if there is none."""
-        stop = self._in_force.get(id_) or self._replaced.get(id_)
-        return stop if stop is not None and stop.id in self._in_force else None
+        return self._in_force.get(id_) or self._replaced.get(id_)
 
     def lift(self, stop: StopInForce) -> None:
         """End a stop: none of its ids is in force any more."""

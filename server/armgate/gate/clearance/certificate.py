@@ -54,11 +54,15 @@ class Certifier:
         self.gaps = 0
 
     def prove(self, group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]) -> Proof:
-        """Prove a lower bound for the group's k-th pair with both sides standing at the nodes ``at``."""
+        """Prove a lower bound for the group's k-th pair with both sides standing at the nodes ``at``.
+
+        For a group of one chain ``theirs`` is the same as ``mine``.
+        """
         self.queries += 1
-        other = mine if isinstance(group, ChainGroup) else theirs
         a = _Posed(int(group.shape_mine[k]), group.rows_mine[k], *mine.pose(at[0], int(group.mine[k])))
-        b = _Posed(int(group.shape_theirs[k]), group.rows_theirs[k], *other.pose(at[1], int(group.theirs[k])))
+        b = _Posed(
+            int(group.shape_theirs[k]), group.rows_theirs[k], *theirs.pose(at[1], int(group.theirs[k]))
+        )
         n, lb, points = self._best(a, b)
         if isinstance(group, ChainGroup):
             n = n @ a.R
