@@ -374,6 +374,18 @@ def test_the_distance_that_the_tubes_cost_is_not_regained():
     assert ask.loss(alone.space.static) == pytest.approx(0.07 + MARGIN, abs=1e-15)
 
 
+def test_two_arms_of_one_robot_are_checked_at_their_new_position():
+    clearance = Clearance(scenes.tree(), False)
+    clearance.hold(0, [clearance.space.still(0, (0.0, 0.3, -0.2, -0.3, 0.2))])
+    own = [clearance.cell.pairs[pair].kind == "self" for pair in clearance.pairs_of[0]]
+    need = np.where(own, clearance.limits_of[0], -10.0)
+    one, both = (0.0, -0.7, -0.2, -0.3, 0.2), (0.0, -0.7, -0.2, 0.7, 0.2)
+    for q, clear in ((one, True), (both, False)):
+        still = clearance.space.still(0, q)
+        found = clearance.check(0, still, None, need, Budget(PLENTY))
+        assert (found.binding is None) == clear
+
+
 def test_no_side_of_a_chain_moves_at_its_own_time():
     clearance = Clearance(scenes.tree(), False)
     chain, apart = clearance.groups[0][0], clearance.groups[0][1]

@@ -214,6 +214,18 @@ def test_the_distances_off_the_path_are_added_up_and_reported():
     assert all(e >= 0.03 for e in state.main.occupied.tube)
 
 
+def test_braking_that_exceeds_a_lowered_speed_bound_is_admitted_without_reasons():
+    scripted = ScriptedGate(scenes.head_on(3.0, (T, T)))
+    for _ in range(2):  # to twice the deceleration per tick: then the braking is exact
+        assert scripted.ask((T,)).outcome is Outcome.LIMITED
+        scripted.play()
+    scripted.gate.step(LeaseChange("left", 1, 0.01))
+    state = scripted.gate._robots[0]
+    verdict = scripted.ask(state.brake)
+    assert state.brake[0] > 0.01 * T
+    assert (verdict.outcome, verdict.dq, verdict.reasons) == (Outcome.ADMITTED, state.brake, ())
+
+
 def test_a_contradiction_of_the_plan_alone_is_no_distance_off_the_path():
     scripted = ScriptedGate(scenes.head_on(1.2, (T, T), tolerance=0.01))
     (x,) = scripted.q[0]
