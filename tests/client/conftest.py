@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from armgate.client import aio, blocking
-from support.wire import Seat, Server
+from support.fake_server import FakeConnection, FakeServer
 
 
 class Awaited:
@@ -49,17 +49,17 @@ def awaited(value):
 
 @pytest.fixture
 async def server():
-    fake = Server()
+    fake = FakeServer()
     sock = socket.socket()
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full soon if the server does not read
     sock.bind(("127.0.0.1", 0))
-    listening = await asyncio.get_running_loop().create_server(lambda: Seat(fake), sock=sock)
+    listening = await asyncio.get_running_loop().create_server(lambda: FakeConnection(fake), sock=sock)
     fake.address = f"127.0.0.1:{listening.sockets[0].getsockname()[1]}"
     fake.listening = listening
     yield fake
     listening.close()
-    for seat in fake.seats:
-        seat.transport.abort()
+    for connection in fake.connections:
+        connection.transport.abort()
     await listening.wait_closed()
 
 

@@ -8,7 +8,7 @@ from armgate.client.pending import KEPT_VERDICTS
 from armgate.client.session import Session, build
 from armgate.protocol import CODES, Connection, ErrorCode, Side
 from armgate.protocol import messages as m
-from support.wire import Server, state, verdict
+from support.fake_server import FakeServer, state, verdict
 
 
 class Pair:
@@ -17,7 +17,7 @@ class Pair:
     def __init__(self, ttl=0.9):
         self.session = Session()
         self.server = Connection(Side.SERVER)
-        self.fake = Server()
+        self.fake = FakeServer()
         self.fake.ttl = ttl
         self.forward(self.session.hello("c", "controller", None, ""))
 

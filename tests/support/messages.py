@@ -1,4 +1,4 @@
-"""Hypothesis strategies for every message, drawn from the models' own annotations."""
+"""Hypothesis strategies for every message, from the models' annotations."""
 
 import string
 import typing
@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from armgate.protocol.messages import CLIENT_MESSAGES, SERVER_MESSAGES
 
 BIGGEST = 3
-"""Collections are kept this small; their bounds have tests of their own."""
+"""Largest generated collection; other tests cover the bounds."""
 
 PATTERNS = {
     "^[A-Za-z0-9_.:/-]{1,64}$": st.text(
@@ -22,11 +22,11 @@ PATTERNS = {
     | st.just("x" * 64),
     "^[0-9a-f]{64}$": st.binary(min_size=32, max_size=32).map(bytes.hex),
 }
-"""Much faster than strategies from the expressions themselves."""
+"""Strategies by pattern, much faster than ``st.from_regex``."""
 
 
 def of_model(model: type[BaseModel]) -> st.SearchStrategy[Any]:
-    """Instances of a model: required fields always, others sometimes given."""
+    """Return a strategy for a model: required fields always, other fields sometimes."""
     hints = typing.get_type_hints(model, include_extras=True)
     fields = {name: of_type(hints[name]) for name in model.model_fields if name != "type"}
     needed = {name: s for name, s in fields.items() if model.model_fields[name].is_required()}
@@ -35,7 +35,7 @@ def of_model(model: type[BaseModel]) -> st.SearchStrategy[Any]:
 
 
 def of_type(kind: Any) -> st.SearchStrategy[Any]:
-    """Values of an annotation."""
+    """Return a strategy for an annotation."""
     if get_origin(kind) is Annotated:
         return of_annotated(*get_args(kind))
     if get_origin(kind) in (Union, UnionType):
@@ -50,7 +50,7 @@ def of_type(kind: Any) -> st.SearchStrategy[Any]:
 
 
 def of_annotated(kind: Any, *notes: Any) -> st.SearchStrategy[Any]:
-    """Values of an annotation with constraints."""
+    """Return a strategy for an annotation with constraints."""
     flat = [part for note in notes for part in (note.metadata if isinstance(note, FieldInfo) else [note])]
     known = {type(part): part for part in flat}
     if text := known.get(StringConstraints):
@@ -72,14 +72,14 @@ def of_annotated(kind: Any, *notes: Any) -> st.SearchStrategy[Any]:
 
 
 def of_tuple(items: tuple[Any, ...], at_least: int, at_most: int) -> st.SearchStrategy[Any]:
-    """Tuples of one kind of item, or of a fixed length."""
+    """Return a strategy for tuples of one kind of item, or of a fixed length."""
     if items[-1] is Ellipsis:
         return st.lists(of_type(items[0]), min_size=at_least, max_size=at_most).map(tuple)
     return st.tuples(*map(of_type, items))
 
 
 def of_number(kind: type, known: dict[type, Any]) -> st.SearchStrategy[Any]:
-    """Numbers within their bounds; floats are finite where they are constrained at all."""
+    """Return a strategy for numbers within bounds; floats with constraints are finite."""
     low = known[Ge].ge if Ge in known else known[Gt].gt if Gt in known else None
     high = known[Le].le if Le in known else known[Lt].lt if Lt in known else None
     if kind is int:

@@ -1,4 +1,4 @@
-"""Recordings for tests: small, made without a daemon."""
+"""Small recordings for tests, made without a daemon."""
 
 from armgate import events as e
 from armgate.protocol import messages as m
@@ -30,7 +30,7 @@ def header(part=1, **more):
 
 
 def tick_items(k, period=0.012):
-    """What is recorded of the k-th tick of robot A: event, state, and a line of the log now and then."""
+    """Return the items of the k-th tick of robot A: event, state, and a log line at some ticks."""
     time = k * period
     tick = e.Tick("A", k, time, (0.001 * k,), (0.0011 * k,), (0.001,), e.PlanKey(START, 0, k, -1), 0)
     entry = m.Entry(robot="A", tick=k, time=time, q=(0.001 * k,), setpoint=(0.0011 * k,))
@@ -42,7 +42,7 @@ def tick_items(k, period=0.012):
 
 
 class File:
-    """A stream on a path: what was flushed is there, as after a kill."""
+    """Unbuffered stream to a file: after a kill, all flushed bytes are in the file."""
 
     def __init__(self, path):
         self.file = path.open("xb", buffering=0)
@@ -53,16 +53,16 @@ class File:
 
 
 def write(folder, ticks=range(100), part=1, close=True, every=8, **more):
-    """One file with these ticks, flushed at every eighth; returns its path."""
+    """Write one file with these ticks, flushed at every eighth; return its path."""
     path = folder / part_name(part)
     stream = File(path)
-    sink = RecordingWriter(stream, header(part, **more))
+    writer = RecordingWriter(stream, header(part, **more))
     for k in ticks:
         for time, item in tick_items(k):
-            sink.put(item, time)
+            writer.put(item, time)
         if k % every == every - 1:
-            sink.flush()
+            writer.flush()
     if close:
-        sink.close()
+        writer.close()
     stream.file.close()
     return path

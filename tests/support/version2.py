@@ -1,7 +1,7 @@
-"""A second version of the protocol, for tests alone: what it says differs in every way that a version may.
+"""Second version of the protocol, only for tests; it differs in every way in which a version may.
 
-A command holds increments for several ticks (``steps``), a jog moves one joint, a verdict says ``done``
-instead of an outcome and a blend, states have no counts, and a signal is answered by nothing.
+A command contains increments for several ticks (``steps``), a jog moves one joint, a verdict contains
+``done`` instead of an outcome and a blend, states have no counts, and a signal has no answer.
 """
 
 from typing import Annotated, Literal
@@ -54,7 +54,7 @@ class State(m.Message):
 def _inward(message):
     match message:
         case Command() if len(message.steps) > 1:
-            text = "this server takes one step at a time"
+            text = "this server accepts one step at a time"
             raise RemoteProtocolError(ErrorCode.INVALID_MESSAGE, text, about="command", seq=message.seq)
         case Command():
             return _command(message, message.steps[0])
@@ -87,9 +87,9 @@ _SERVER = {key: model for key, model in DIALECTS[0].server.items() if key != "si
 }  # fmt: skip
 
 SERVER_SIDE = Dialect(2, _CLIENT, _SERVER, _inward, _outward)
-"""How a program of version 1 speaks version 2."""
+"""Dialect of version 2 for a program that uses version 1."""
 
 CLIENT_SIDE = Dialect(2, _CLIENT, _SERVER)
-"""How a client of version 2 speaks it: its program knows these forms."""
+"""Dialect of version 2 for a client that uses version 2."""
 
 BOTH = (*DIALECTS, SERVER_SIDE)

@@ -1,4 +1,4 @@
-"""The same search over sockets: clients of a real ``armgate serve``, which must end well afterwards."""
+"""The same search over sockets: clients of a real ``armgate serve``, which must then end with status 0."""
 
 import asyncio
 import signal
@@ -16,28 +16,28 @@ from tools.fuzz.valid.oracle import Expectations, Knowledge, ViolationError, req
 
 _ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator", "controller")
 _LEAVE = 0.003
-_PATIENCE = 60.0
-"""How long an answer may take, s: the machine may be busy."""
+_TIMEOUT = 60.0
+"""Timeout of an answer on a busy machine, s."""
 
 
 class LiveClient:
-    """A client on a socket.
+    """Client on a socket.
 
     Args:
-        knowledge: What it knows of the cell.
-        rng: The source of all choices.
+        knowledge: Knowledge of the client about the cell.
+        rng: Source of all choices.
     """
 
     def __init__(self, knowledge: Knowledge, rng: Random) -> None:
         self.expects = Expectations(knowledge, exact=False)
         self.generator = MessageGenerator(rng, knowledge)
         self._connection = Connection(Side.CLIENT)
-        self._news = asyncio.Event()
+        self._arrival = asyncio.Event()
         self._writer: asyncio.StreamWriter
         self._task: asyncio.Task[None]
 
     async def open(self, port: int, name: str, role: m.Role) -> None:
-        """Connect, say hello and wait for the welcome."""
+        """Connect, send hello and wait for the welcome."""
         reader, self._writer = await asyncio.open_connection("127.0.0.1", port)
         self._task = asyncio.create_task(self._read(reader))
         self.send(m.Hello(id=0, versions=(1,), name=name, role=role))
@@ -49,27 +49,28 @@ class LiveClient:
         self._writer.write(self._connection.send(message))
 
     async def answered(self) -> None:
-        """Wait until nothing is due any more.
+        """Wait until all answers and verdicts have arrived.
 
         Raises:
-            ViolationError: The server broke the specification, or does not answer.
+            ViolationError: The server violated the specification.
+            TimeoutError: The server did not answer in time.
         """
-        async with asyncio.timeout(_PATIENCE):
+        async with asyncio.timeout(_TIMEOUT):
             while self.expects.waiting and not self.expects.ended and not self._task.done():
-                await self.news()
+                await self.arrival()
         if self._task.done():
             self._task.result()
 
-    async def news(self) -> None:
-        """Wait until something comes."""
-        self._news.clear()
-        await self._news.wait()
+    async def arrival(self) -> None:
+        """Wait until bytes arrive."""
+        self._arrival.clear()
+        await self._arrival.wait()
 
     async def leave(self) -> None:
-        """Say bye and wait for the server's."""
+        """Send bye and wait for the server's bye."""
         if not self._task.done():
             self.send(m.Bye())
-        async with asyncio.timeout(_PATIENCE):
+        async with asyncio.timeout(_TIMEOUT):
             await self._task
         self._writer.close()
         with suppress(OSError):
@@ -80,22 +81,22 @@ class LiveClient:
             while data := await reader.read(1 << 16):
                 for item in self._connection.receive(data):
                     if isinstance(item, Refusal):
-                        raise ViolationError(f"the server sent what a client refuses: {item}")
+                        raise ViolationError(f"the server sent an invalid message: {item}")
                     self.expects.check(item)
-                self._news.set()
-            require(self.expects.ended, "the server closed without a word")
+                self._arrival.set()
+            require(self.expects.ended, "the server closed the connection without bye or a fatal error")
         finally:
-            self._news.set()
+            self._arrival.set()
 
 
 class Live:
-    """A daemon process and its clients.
+    """Daemon process and its clients.
 
     Args:
-        folder: Where the cell's files may be written.
-        rng: The source of all choices.
+        folder: Folder for the cell's files.
+        rng: Source of all choices.
         robots: Number of robots.
-        joints: Most joints of a robot.
+        joints: Largest number of joints of a robot.
     """
 
     def __init__(self, folder: Path, rng: Random, robots: int, joints: int) -> None:
@@ -104,10 +105,10 @@ class Live:
         self._file = folder / "cell.yaml"
 
     async def run(self, clients: int, messages: int) -> None:
-        """Have so many clients send so many messages each, lift all stops, and end the daemon.
+        """Send ``messages`` messages from each of ``clients`` clients, lift all stops, and end the daemon.
 
         Raises:
-            ViolationError: The specification was not kept, or the daemon failed.
+            ViolationError: The server violated the specification, or the daemon failed.
         """
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "armgate.apps", "serve", str(self._file), "--port", "0",
@@ -122,7 +123,7 @@ class Live:
             await asyncio.gather(*(self._converse(port, number, messages) for number in range(clients)))
             await self._recover(port)
             process.send_signal(signal.SIGTERM)
-            status = await asyncio.wait_for(process.wait(), _PATIENCE)
+            status = await asyncio.wait_for(process.wait(), _TIMEOUT)
             require(status == 0, f"the daemon ended with {status}: {(await errors)[-3000:]}")
         finally:
             if process.returncode is None:
@@ -151,15 +152,15 @@ class Live:
         await client.leave()
 
     async def _recover(self, port: int) -> None:
-        """An operator lifts every stop and gets every robot: the daemon works as before."""
+        """Lift every stop and acquire every robot, which shows that the daemon still works."""
         operator = self._client()
         await operator.open(port, "op", "operator")
-        asked = 0
-        async with asyncio.timeout(_PATIENCE):
+        sent = 0
+        async with asyncio.timeout(_TIMEOUT):
             while stops := await self._stops(operator):
                 for stop in stops:
-                    asked += 1
-                    operator.send(m.Reset(id=asked, stop=stop))
+                    sent += 1
+                    operator.send(m.Reset(id=sent, stop=stop))
                 await operator.answered()
         for number, robot in enumerate(self._cell.robots):
             operator.send(m.Acquire(id=2**30 + number, robot=robot.name))
@@ -169,13 +170,13 @@ class Live:
         await operator.leave()
 
     async def _stops(self, operator: LiveClient) -> set[int]:
-        """The stops in force, as the state after a few ticks shows them."""
+        """Return the stops in force, from a state some ticks later."""
         known = operator.expects.known
         operator.send(m.Subscribe(id=2**31 - 1, fields=("stops",)))
         await operator.answered()
         begin = dict(known.ticks)
         while any(known.ticks.get(name, 0) < begin.get(name, 0) + 20 for name in known.robots):
-            await operator.news()
+            await operator.arrival()
         return set(known.in_force)
 
 

@@ -1,4 +1,4 @@
-"""A core with its gate, emulated robots and clients in memory; every message goes through the codec."""
+"""Core with its gate, emulated robots and clients in memory; every message passes through the codec."""
 
 import io
 import itertools
@@ -30,15 +30,15 @@ from tools.fuzz.valid.oracle import Expectations, Knowledge, ViolationError, req
 _ROLES: tuple[m.Role, ...] = ("observer", "controller", "operator")
 _CLIENTS = 6
 _TICK = 0.04
-"""How often a message is followed by a tick of the robots that are due."""
+"""Probability that a tick of the robots that are due follows a message."""
 
 _LEAVE = 0.002
 _EARLY = 0.02
-"""How often a client says something else before its hello."""
+"""Probability that a client sends another message before its hello."""
 
 
 class Client:
-    """A client and the server's end of its connection."""
+    """Client, and the server's end of its connection."""
 
     def __init__(self, rig: "Rig", number: int, name: str, role: m.Role) -> None:
         self.name = name
@@ -50,14 +50,14 @@ class Client:
         self._rig, self._number = rig, number
         self._here, self._there = Connection(Side.CLIENT), Connection(Side.SERVER)
 
-    # --- the server's end: a Peer -------------------------------------------------------------------------
+    # --- the server's end, which implements `Peer` --------------------------------------------------------
 
     def identify(self, session: str) -> None:
-        """Take the id of its session."""
+        """Set the id of the session."""
         self.client = replace(self.client, id=session)
 
     def send(self, message: m.Message, frame: bytes | None = None) -> None:
-        """Send a message to the client, which holds it against the specification at once."""
+        """Send a message to the client, which checks it against the specification at once."""
         if not self.gone:
             self._deliver(self._there.send(message, frame))
 
@@ -68,7 +68,7 @@ class Client:
                 self._deliver(self._there.send(state.state, state.frame))
 
     def batch(self) -> Batch:
-        """Return a batch that holds nothing back: here everything is sent at once."""
+        """Return a batch without buffering: messages in memory are delivered at once."""
         return NoBatch()
 
     def drop_states(self) -> None:
@@ -88,7 +88,7 @@ class Client:
     def _deliver(self, frame: bytes) -> None:
         for item in self._here.receive(frame):
             if isinstance(item, Refusal):
-                raise ViolationError(f"the server sent what a client refuses: {item}")
+                raise ViolationError(f"the server sent an invalid message: {item}")
             self.expects.check(item)
 
     # --- the client's end ---------------------------------------------------------------------------------
@@ -99,10 +99,10 @@ class Client:
         for item in self._there.receive(self._here.send(message)):
             if isinstance(item, Refusal):
                 raise ViolationError(f"a valid message was refused: {item}")
-            self._rig.heard(self, item)
+            self._rig.handle_message(self, item)
 
-    def speak_early(self, message: m.Message) -> None:
-        """Send something else than hello first: a fatal error is due."""
+    def send_before_hello(self, message: m.Message) -> None:
+        """Send another message before hello; a fatal error is due."""
         frame = Connection(Side.CLIENT)
         frame.send(m.Hello(versions=(1,), name="x"))
         frame.state = type(frame.state).READY
@@ -111,17 +111,17 @@ class Client:
         self.gone = True
 
     def join(self) -> None:
-        """Say hello."""
+        """Send hello."""
         self.request(m.Hello(id=0, versions=(1,), name=self.name, role=self.role))
 
     @property
     def number(self) -> int:
-        """Count of the connection."""
+        """Number of the connection."""
         return self._number
 
 
 class NoBatch:
-    """A batch that holds nothing back."""
+    """Batch without buffering."""
 
     def close(self) -> None:
         """Do nothing."""
@@ -136,8 +136,8 @@ class NoBatch:
         self.close()
 
 
-class Wall:
-    """Pace of a daemon by the clock, whose time the search sets forward."""
+class SteppedWallClock:
+    """Pace of a daemon by the wall clock, whose time the search advances."""
 
     def __init__(self, periods: list[float], handler: "Rig") -> None:
         self._clock = VirtualClock(periods)
@@ -145,25 +145,25 @@ class Wall:
         self.time = 0.0
 
     def tick(self) -> None:
-        """Let those robots tick whose time has come next."""
+        """Advance to the next instant at which robots tick."""
         instant = self._clock.advance()
         self.time = instant.time
         self._handler.due(instant.time, instant.due, None)
 
 
 class Rig:
-    """One cell and its clients.
+    """Cell and its clients.
 
     Args:
-        folder: Where the cell's files may be written.
-        rng: The source of all choices.
+        folder: Folder for the cell's files.
+        rng: Source of all choices.
         robots: Number of robots.
-        joints: Most joints of a robot.
-        lockstep: Let time pass in lock-step.
+        joints: Largest number of joints of a robot.
+        lockstep: Run in lock-step instead of by the wall clock.
     """
 
     types = frozenset(RIGHTS)
-    """Messages that the core answers."""
+    """Types of messages that the core handles."""
 
     def __init__(self, folder: Path, rng: Random, robots: int, joints: int, *, lockstep: bool) -> None:
         self.rng = rng
@@ -178,9 +178,9 @@ class Rig:
         log = Log(io.StringIO())
         clock = self.cell.config.clock
         if isinstance(clock, LockstepClockConfig):
-            self.pace: LockstepPace | Wall = LockstepPace(periods, clock.participants, 1e9, log)
+            self.pace: LockstepPace | SteppedWallClock = LockstepPace(periods, clock.participants, 1e9, log)
         else:
-            self.pace = Wall(periods, self)
+            self.pace = SteppedWallClock(periods, self)
         lease_time = (lambda: LeaseTime(0.0, 0.0)) if lockstep else None
         self.core = Core(
             self.cell, runner, self.links, self._now, log, lockstep=lockstep, lease_time=lease_time
@@ -194,17 +194,17 @@ class Rig:
             self.pace.tick()
 
     def knowledge(self) -> Knowledge:
-        """Return what a new client knows."""
+        """Return the knowledge of a new client."""
         return Knowledge(self.core.robots, {robot.name: robot.model.n for robot in self.cell.robots})
 
     def run(self, messages: int) -> None:
-        """Send so many messages, then lift all stops and have every robot acquired.
+        """Send this number of messages, then lift all stops and acquire every robot.
 
         Raises:
-            ViolationError: The specification was not kept.
+            ViolationError: The server violated the specification.
         """
         for _ in range(messages):
-            self._turn()
+            self._send_one()
         self._recover()
 
     def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
@@ -217,8 +217,8 @@ class Rig:
     def idle(self, time: float) -> None:
         """Do nothing."""
 
-    def heard(self, client: Client, message: m.Message) -> None:
-        """Act on a message as the daemon does."""
+    def handle_message(self, client: Client, message: m.Message) -> None:
+        """Handle a message like the daemon."""
         match message:
             case m.Hello():
                 self._welcome(client, message)
@@ -238,10 +238,10 @@ class Rig:
     def _now(self) -> float:
         return self.pace.now() if isinstance(self.pace, LockstepPace) else self.pace.time
 
-    def _turn(self) -> None:
+    def _send_one(self) -> None:
         self.clients = [client for client in self.clients if not client.gone]
         if len(self.clients) < _CLIENTS and (not self.clients or self.rng.random() < 0.1):
-            self._enter()
+            self._connect()
             return
         client = self.rng.choice(self.clients)
         if self.rng.random() < _LEAVE:
@@ -250,15 +250,15 @@ class Rig:
             self._closed(client)
             return
         client.request(client.generator.next())
-        if isinstance(self.pace, Wall) and self.rng.random() < _TICK:
+        if isinstance(self.pace, SteppedWallClock) and self.rng.random() < _TICK:
             self.pace.tick()
 
-    def _enter(self, name: str | None = None, role: m.Role | None = None) -> Client:
+    def _connect(self, name: str | None = None, role: m.Role | None = None) -> Client:
         free = [one for one in cells.PARTICIPANTS if all(one != client.name for client in self.clients)]
         name = name or (self.rng.choice(free) if free and self.lockstep else self.rng.choice("abc"))
         client = Client(self, next(self._numbers), name, self.rng.choice(_ROLES) if role is None else role)
         if self.rng.random() < _EARLY:
-            client.speak_early(client.generator.next())
+            client.send_before_hello(client.generator.next())
             return client
         client.join()
         if not client.gone:
@@ -293,7 +293,7 @@ class Rig:
         )  # fmt: skip
 
     def leave(self, client: Client) -> None:
-        """Take the session of a client away."""
+        """End the session of a client."""
         if isinstance(self.pace, LockstepPace):
             self.pace.leave(client)
         else:
@@ -301,15 +301,15 @@ class Rig:
 
     def _closed(self, client: Client) -> None:
         if not self.lockstep:
-            require(client.client.id not in self.core.peers, "a session that said bye is still there")
+            require(client.client.id not in self.core.peers, "a session still exists after its bye")
 
     def _recover(self) -> None:
-        """An operator lifts every stop, and a controller gets every robot: the server works as before."""
-        self._part()
-        operator = self._enter_surely("op", "operator")
+        """Lift every stop and acquire every robot, which shows that the server still works."""
+        self._disconnect_all()
+        operator = self._connect_surely("op", "operator")
         if isinstance(self.pace, LockstepPace):
-            return  # time passes for participants only
-        assert isinstance(self.pace, Wall)
+            return  # in lock-step, time advances only with the participants
+        assert isinstance(self.pace, SteppedWallClock)
         for _ in range(400):
             self.pace.tick()
         operator.request(m.Subscribe(fields=("stops",)))
@@ -322,14 +322,14 @@ class Rig:
             operator.request(m.Acquire(id=2**30 + number, robot=robot))
         require(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
 
-    def _part(self) -> None:
+    def _disconnect_all(self) -> None:
         for client in self.clients:
             if not client.gone:
                 client.request(m.Bye())
                 client.gone = True
         self.clients = []
 
-    def _enter_surely(self, name: str, role: m.Role) -> Client:
-        while (client := self._enter(name, role)).gone:
+    def _connect_surely(self, name: str, role: m.Role) -> Client:
+        while (client := self._connect(name, role)).gone:
             pass
         return client

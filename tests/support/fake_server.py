@@ -1,4 +1,4 @@
-"""A server on loopback made of the protocol's own server side."""
+"""Fake server on loopback, made of the protocol's own server side."""
 
 import asyncio
 import hashlib
@@ -67,72 +67,72 @@ def verdict(command: m.Command, **more: Any) -> m.Verdict:
     return m.Verdict(**fields | more)
 
 
-class Seat(asyncio.Protocol):
-    """One connection to the fake server."""
+class FakeConnection(asyncio.Protocol):
+    """Connection to the fake server."""
 
-    def __init__(self, server: "Server") -> None:
+    def __init__(self, server: "FakeServer") -> None:
         self.server = server
-        self.connection = Connection(Side.SERVER)
+        self.protocol = Connection(Side.SERVER)
 
     def connection_made(self, transport):
         self.transport = transport
-        self.server.seats.append(self)
+        self.server.connections.append(self)
 
     def data_received(self, data):
-        for item in self.connection.receive(data):
+        for item in self.protocol.receive(data):
             if isinstance(item, Refusal):
-                self.say(item.error)
+                self.send(item.error)
             else:
-                self.server.take(self, item)
+                self.server.handle(self, item)
 
     def connection_lost(self, exc):
         self.server.gone.set()
 
-    def say(self, *messages):
-        """All in one write, so that they arrive together."""
-        self.transport.write(b"".join(self.connection.send(message) for message in messages))
+    def send(self, *messages):
+        """Send all messages in one write, so that they arrive together."""
+        self.transport.write(b"".join(self.protocol.send(message) for message in messages))
 
 
-class Server:
-    """Answers as a daemon would; ``on`` replaces the answer to a type of message."""
+class FakeServer:
+    """Server that answers like a daemon; ``on`` replaces the answer to a type of message."""
 
     def __init__(self):
-        self.seats: list[Seat] = []
-        self.heard: list[m.Message] = []
+        self.connections: list[FakeConnection] = []
+        self.messages_received: list[m.Message] = []
         self.gone = asyncio.Event()
         self.lockstep = False
         self.ttl = 1.0
         self.fence = 0
         self.first = state(tick=0)
-        self.on: dict[type[m.Message], Callable[[Seat, Any], None]] = {}
-        self._news = asyncio.Event()
+        self.on: dict[type[m.Message], Callable[[FakeConnection, Any], None]] = {}
+        self._arrival = asyncio.Event()
 
     @property
-    def seat(self) -> Seat:
-        return self.seats[-1]
+    def newest(self) -> FakeConnection:
+        return self.connections[-1]
 
-    def say(self, *messages):
-        self.seat.say(*messages)
+    def send(self, *messages):
+        self.newest.send(*messages)
 
-    def take(self, seat, message):
-        self.heard.append(message)
-        self._news.set()
-        self.on.get(type(message), self.answer)(seat, message)
+    def handle(self, connection, message):
+        self.messages_received.append(message)
+        self._arrival.set()
+        self.on.get(type(message), self.answer)(connection, message)
 
-    async def said(self, kind, count=1):
-        """The newest message of a kind, once there are so many."""
+    async def received(self, kind, count=1):
+        """Return the newest message of a type, when ``count`` of them have arrived."""
         async with asyncio.timeout(10):
-            while len(found := [x for x in self.heard if isinstance(x, kind)]) < count:
-                self._news.clear()
-                await self._news.wait()
+            while len(found := [x for x in self.messages_received if isinstance(x, kind)]) < count:
+                self._arrival.clear()
+                await self._arrival.wait()
         return found[-1]
 
     def count(self, kind):
-        return sum(isinstance(message, kind) for message in self.heard)
+        return sum(isinstance(message, kind) for message in self.messages_received)
 
-    def answer(self, seat, message):
+    def answer(self, connection, message):
         replies = getattr(self, f"_{message.type}")(message)
-        seat.say(*replies)
+        connection.send(*replies)
 
     def _hello(self, hello):
         limits = m.Limits(
