@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, answering, decode, encode
+from armgate.protocol import LocalProtocolError, ProtocolError, RemoteProtocolError, decode, encode, with_re
 from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY, MAX_ARRAY_INBOUND, MAX_DEPTH, MAX_MAP, MAX_STR, _bounds, unpack
 from armgate.protocol.fault_location import Reader, fault_in
@@ -52,10 +52,10 @@ def test_every_message_survives_a_round_trip_with_exactly_its_set_fields(model, 
 @pytest.mark.parametrize("re", [0, 127, 2**31 - 1])
 def test_re_is_added_to_an_encoded_answer(re):
     small = m.Signaled(name="x")
-    assert decode(answering(encode(small), re)[HEADER:], m.Catalogue.server) == m.Signaled(name="x", re=re)
+    assert decode(with_re(encode(small), re)[HEADER:], m.Catalogue.server) == m.Signaled(name="x", re=re)
     counts = {f"a{number}": number for number in range(16)}
     large = frame(msgpack.packb({"type": "signaled", "name": "x", **counts}))
-    assert unpack(answering(large, re)[HEADER:]) == {"re": re, "type": "signaled", "name": "x", **counts}
+    assert unpack(with_re(large, re)[HEADER:]) == {"re": re, "type": "signaled", "name": "x", **counts}
 
 
 def test_an_absent_holder_differs_from_nil():

@@ -9,7 +9,7 @@ Use messages as ``messages.State`` etc.: their short names (``Stop``, ``Error``)
 """
 
 from armgate.protocol import messages
-from armgate.protocol.codec import answering, decode, encode
+from armgate.protocol.codec import decode, encode, with_re
 from armgate.protocol.connection import Connection, ConnectionState, Refusal, Side
 from armgate.protocol.errors import CODES, ErrorCode, LocalProtocolError, ProtocolError, RemoteProtocolError
 from armgate.protocol.framing import (
@@ -45,8 +45,8 @@ __all__ = [
     "Refusal",
     "RemoteProtocolError",
     "Side",
-    "answering",
     "decode",
     "encode",
     "messages",
+    "with_re",
 ]

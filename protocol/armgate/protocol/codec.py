@@ -51,7 +51,7 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
     return frame(payload)
 
 
-def answering(frame_: bytes, re: int) -> bytes:
+def with_re(frame_: bytes, re: int) -> bytes:
     """Add ``re`` to the frame of an answer that was encoded without it; the rest is not encoded again."""
     payload = frame_[HEADER:]
     if payload[0] != _MAP16:

@@ -107,8 +107,8 @@ class Leases:
     """Leases of all robots of a cell.
 
     A server that was stalled still has to read messages that arrived in time. Therefore a lease expires by
-    ``heard``, the time up to which all messages of clients have been read, and is renewed from ``now``. If
-    only ``now`` is given, both are the same.
+    ``read_until``, the time up to which all messages of clients have been read, and is renewed from ``now``.
+    The default of ``read_until`` is ``now``.
 
     Args:
         robots: Names of the robots.
@@ -157,7 +157,7 @@ class Leases:
         takeover: bool,
         speed: float,
         now: float,
-        heard: float | None = None,
+        read_until: float | None = None,
     ) -> Grant | Denial:
         """Grant the lease if the robot is free, held by this session, or taken over by an operator."""
         if robot not in self._states:
@@ -170,12 +170,12 @@ class Leases:
             return Denial(ErrorCode.FORBIDDEN, f"only an operator can take {robot} over, not a {role}")
         if self._states[robot] is LeaseState.STOPPED:
             return Denial(ErrorCode.STOPPED, f"{robot} is stopped; an operator must reset the stop first")
-        return self._grant(robot, session, takeover, speed, now, now if heard is None else heard)
+        return self._grant(robot, session, takeover, speed, now, now if read_until is None else read_until)
 
-    def renew(self, session: str, now: float, heard: float | None = None) -> None:
+    def renew(self, session: str, now: float, read_until: float | None = None) -> None:
         """Renew the session's leases that have not expired: the session sent a message."""
         for grant in self.held_by(session):
-            if (now if heard is None else heard) < grant.expires:
+            if (now if read_until is None else read_until) < grant.expires:
                 self._move(grant.robot, LeaseEvent.RENEW)
                 self._grants[grant.robot] = replace(grant, expires=now + self.ttl)
 
@@ -219,11 +219,11 @@ class Leases:
         return f"the holder sent nothing for {self.ttl:g} s"
 
     def _grant(
-        self, robot: str, session: str, takeover: bool, speed: float, now: float, heard: float
+        self, robot: str, session: str, takeover: bool, speed: float, now: float, read_until: float
     ) -> Grant | Denial:
         displaced = None
         held = self._grants.get(robot)
-        if held is not None and heard >= held.expires:
+        if held is not None and read_until >= held.expires:
             displaced, held = self._lose(robot, LeaseEvent.EXPIRE, self._expired), None
         if held is None:
             event = LeaseEvent.ACQUIRE

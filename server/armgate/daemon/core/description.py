@@ -11,7 +11,7 @@ from armgate.cell.cell import Body, Cell, Robot
 from armgate.cell.mesh.hull import hull_of
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
-from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, answering, encode
+from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, encode, with_re
 from armgate.protocol import messages as m
 
 _LARGEST_ID = 2**31 - 1
@@ -74,7 +74,7 @@ class CellDescription:
         """Return the description as the answer to a request, and its frame."""
         if re is None:
             return self.description, self.frame
-        return self.description.model_copy(update={"re": re}), answering(self.frame, re)
+        return self.description.model_copy(update={"re": re}), with_re(self.frame, re)
 
     def chunk(self, hash_: str, offset: int, length: int, re: int | None = None) -> m.Chunk:
         """Return a piece of an asset, as the answer to request ``re``.

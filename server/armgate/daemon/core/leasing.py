@@ -102,7 +102,7 @@ class Leasing:
             takeover=request.takeover,
             speed=request.speed,
             now=time.now,
-            heard=time.read,
+            read_until=time.read,
         )
         if isinstance(granted, Denial):
             raise RemoteProtocolError(granted.code, self._denied(request.robot, granted), about="acquire")
