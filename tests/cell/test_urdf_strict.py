@@ -124,7 +124,7 @@ def test_ignored_content_changes_nothing():
 
 def test_the_documentation_lists_the_ignored_content():
     page = (Path(__file__).parents[2] / "docs" / "configuration.md").read_text()
-    table = page.partition("#### What is ignored in a URDF\n")[2].partition("\n#")[0]
+    table = page.partition("### What is ignored in a URDF\n")[2].partition("\n#")[0]
     for tag, form in FORMS.items():
         for name in (*form.ignored, *form.ignored_attributes):
             assert f"`{name}`" in table, (tag, name)

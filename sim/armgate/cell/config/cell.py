@@ -56,9 +56,13 @@ class CellConfig(ConfigModel):
     self_distance: Size = 0.02
     """Smallest clearance between bodies of one robot [m]."""
     response: Literal["stop", "slow"] = "stop"
-    """Response to a command that comes too near: ``stop`` before it, or ``slow``: glide up to it."""
+    """Response to a command that would come too near.
+
+    ``stop`` stops the robot in front of the obstacle; ``slow`` lets it glide up to the obstacle."""
     max_age_ticks: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Largest age of the state on which a command is based [ticks]."""
+    """Largest age of the state on which a command is based [ticks].
+
+    Raise it for clients with slow connections."""
     robots: Annotated[dict[Name, RobotConfig], Field(min_length=1, max_length=MAX_ROBOTS)]
     """Robots by name; in lock-step, commands are judged in this order."""
     surroundings: Annotated[dict[Name, SurroundingConfig], Field(max_length=MAX_SURROUNDINGS)] = {}

@@ -32,7 +32,7 @@ class LockstepClockConfig(ConfigModel):
 
 
 class TlsConfig(ConfigModel):
-    """Certificates and key for TLS, in PEM; paths are relative to the configuration file."""
+    """Certificates and key for TLS, in PEM; paths are relative to the file that contains the key."""
 
     certificate: str
     """File of the server's certificate, followed by the certificates between it and its CA."""
@@ -46,7 +46,7 @@ class SocketConfig(ConfigModel):
     """Unix socket for clients of this machine, whose user the kernel identifies."""
 
     path: str
-    """Path of the socket, relative to the configuration file."""
+    """Path of the socket, relative to the file that contains the key."""
     users: Annotated[
         dict[str, Literal["observer", "controller", "operator"]], Field(min_length=1, max_length=256)
     ]
@@ -68,7 +68,7 @@ class ServerConfig(ConfigModel):
     """Addresses on which the daemon listens, and limits for its clients."""
 
     host: str = "127.0.0.1"
-    """Address to listen on; other than loopback only with ``tls`` and ``tokens``."""
+    """Address to listen on; addresses other than loopback need ``tls`` and ``tokens``."""
     port: Annotated[int, Field(ge=0, le=65535)] = 7411
     """Port to listen on; 0 takes any free port."""
     tls: TlsConfig | None = None
@@ -82,13 +82,17 @@ class ServerConfig(ConfigModel):
     max_connections: Annotated[int, Field(ge=1, le=4096)] = 128
     """Largest number of connections at once; some are reserved for operators and controllers."""
     max_connections_per_address: Annotated[int, Field(ge=1, le=4096)] = 64
-    """Largest number of connections from one address, and of sessions with one token."""
+    """Largest number of connections from one address (IPv6: one network of 64 bits).
+
+    It is also the largest number of sessions with one token."""
     connection_rate: Annotated[float, Field(gt=0.0)] = 100.0
-    """Connections accepted on average [1/s]; others wait."""
+    """Connections accepted on average, after a first 32 [1/s]; others wait in the system's queue."""
     signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
     """Signals that one client may send on average [1/s]; others are dropped."""
     signals_per_client: Annotated[int, Field(ge=1, le=64)] = 32
-    """Largest number of signals of one client, of all clients with one token, or of one user."""
+    """Largest number of signals of one client, of all clients with one token, or of one user.
+
+    There are at most 64 signals in all."""
     signals: Annotated[dict[Name, SignalRuleConfig], Field(max_length=64)] = {}
     """Permissions by prefix of the signal's name; ``operator.`` is for operators unless it is listed."""
     message_rate: Annotated[float, Field(gt=0.0)] = 2000.0
@@ -106,9 +110,11 @@ class ServerConfig(ConfigModel):
     handshake_timeout: Period = 5.0
     """Time that a new connection may take for TLS, and again until its hello [s]."""
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
-    """Answers and verdicts that may wait for a slow client before it is disconnected [bytes]."""
+    """Answers and verdicts that may wait for a client that does not read before it is disconnected [bytes].
+
+    States never count."""
     robot_server: str | None = None
-    """Socket of the robot server that holds the robots, relative to the configuration file.
+    """Socket of the robot server that holds the robots, relative to the file that contains the key.
 
     Absent: the default socket if a robot is not emulated; otherwise the daemon itself holds the robots."""
 

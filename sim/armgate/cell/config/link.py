@@ -56,7 +56,7 @@ class RsiLinkConfig(ConfigModel):
     kind: Literal["rsi"]
     """Kind of the link."""
     ethernet: str
-    """RSI Ethernet file of the KRC, relative to the configuration file."""
+    """RSI Ethernet file of the KRC, relative to the file that contains the key."""
     krc: Annotated[str, AfterValidator(_address)]
     """IP address from which the KRC's telegrams come."""
     listen: Annotated[str, AfterValidator(_endpoint)] | None = None

@@ -113,7 +113,7 @@ class RobotConfig(ConfigModel):
     """One robot of the cell."""
 
     urdf: str
-    """File of the robot description (URDF), relative to the configuration file."""
+    """File of the robot description (URDF), relative to the file that contains the key."""
     base: Pose = Pose()
     """Pose of the root link, or of the gantry, in the world."""
     gantry: GantryConfig | None = None
@@ -137,7 +137,9 @@ class RobotConfig(ConfigModel):
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
     """Pairs that need not stay apart: links or bodies of this robot; the second may be a surrounding."""
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
-    """Transport delay of the link: time in which older setpoints may still be under way [s]."""
+    """Transport delay of the link: time in which older setpoints may still be under way [s].
+
+    It need not include the jitter of the ticks' time stamps."""
     lag_difference: Annotated[Duration, Field(ge=0.0)] | None = None
     """Largest difference between the lags of two axes [s].
 

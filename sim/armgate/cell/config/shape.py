@@ -45,7 +45,7 @@ class MeshConfig(MeshOptions):
     """Mesh as a shape."""
 
     file: str
-    """File of the mesh: a path relative to the configuration file, ``file://…`` or ``package://…``."""
+    """File of the mesh: a path relative to the file that contains the key, ``file://…`` or ``package://…``."""
     scale: Annotated[tuple[Factor, Factor, Factor], BeforeValidator(_for_all_axes)] = (1.0, 1.0, 1.0)
     """Factor that converts the coordinates of the file to m: one number, or one for each axis."""
 
@@ -54,7 +54,7 @@ class MeshesConfig(MeshOptions):
     """Options for the meshes in the URDF of a robot."""
 
     packages: dict[Name, str] = {}
-    """Folders of packages for ``package://NAME/…``, relative to the configuration file."""
+    """Folders of packages for ``package://NAME/…``, relative to the file that contains the key."""
     bodies: dict[Name, MeshOptions] = {}
     """Other options for single links or bodies of the URDF, by name."""
 
