@@ -298,7 +298,7 @@ def test_values_at_the_bounds_are_accepted():
         unpack(payload)
 
 
-def test_arrays_from_clients_have_a_lower_bound_than_those_to_clients():
+def test_arrays_from_clients_have_a_smaller_bound_than_those_to_clients():
     payload = msgpack.packb(COMMAND | {"more": [0] * (MAX_ARRAY_INBOUND + 1)})
     assert decode(payload, m.Catalogue.client).seq == 7
     assert refused(payload, max_array=MAX_ARRAY_INBOUND).code == "malformed"
