@@ -1,8 +1,8 @@
 """Cost of the camera law, in units of one step of the QP-based IK library pink on the same arm.
 
 The step of pink is a 6-D frame task and a posture task under joint limits: model update, QP, integration.
-All cases are measured in turns in one process, as many calls in a row as a tick may make, so that what
-slows the machine slows all of them; what counts is the ratio.
+All cases are measured in alternation in one process, with as many calls in a row as a tick may make, so that
+a disturbance affects all of them. The result is the ratio.
 """
 
 import sys
@@ -25,14 +25,14 @@ from armgate.control.spheres import Spheres
 
 DEMO = Path(__file__).parents[1] / "configs" / "demo.yaml"
 ROUNDS = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-ROW = 48  # calls in a row, as many evaluations as a tick makes at most
-STEP = 0.05  # of the Runge-Kutta method, s
+ROW = 48  # calls in a row, the largest number of evaluations in a tick
+STEP = 0.05  # step of the Runge-Kutta method, s
 
 GOALS = {"f, numpy": 0.6, "RK4 step, numpy": 2.2, "f, numba": 0.03, "RK4 step, numba": 0.06}
 
 
 def pink_step(robot, q: np.ndarray, target: np.ndarray) -> Callable[[], object]:
-    """One step towards a pose of the camera."""
+    """Step towards a pose of the camera."""
     configuration = pink.Configuration(robot.model.pin_model, robot.model.pin_model.createData(), q)
     task, posture = FrameTask("camera", position_cost=1.0, orientation_cost=1.0), PostureTask(cost=1e-3)
     posture.set_target(q)
@@ -49,7 +49,7 @@ def pink_step(robot, q: np.ndarray, target: np.ndarray) -> Callable[[], object]:
 
 
 def cases() -> dict[str, Callable[[], object]]:
-    """The demo's follower a little off its target, the leader's spheres and the floor out of reach."""
+    """Return the demo's follower near its target, with the leader's spheres and the floor out of reach."""
     cell = build_cell(load_config([DEMO]))
     robot, leader = cell.robot("FR"), cell.robot("GR")
     spheres = Spheres.of(leader.model)
@@ -67,7 +67,7 @@ def cases() -> dict[str, Callable[[], object]]:
 
 
 def measure(functions: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Medians, µs."""
+    """Return medians, µs."""
     times: dict[str, list[int]] = {name: [] for name in functions}
     for _ in range(ROUNDS):
         for name, function in functions.items():

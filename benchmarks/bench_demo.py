@@ -1,7 +1,7 @@
 """Speed of the whole stack in lock-step: daemon, leader, follower and observer as processes.
 
-The demo as a user starts it, with its recording, without the viewer. What counts is the time by the clock for
-a second of the run, from the first state to the last; starting processes and drawing pictures do not count.
+The demo as a user starts it, with its recording, without the viewer. The result is the wall-clock time per
+second of the run, from the first state to the last, without starting processes and drawing pictures.
 """
 
 import json
@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from report import Row, report
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 30.0
-GOAL = 0.1  # s for a second of the run: ten times real time
+GOAL = 0.1  # s per second of the run: ten times real time
 
 
 def main() -> None:

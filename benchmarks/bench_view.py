@@ -1,9 +1,8 @@
-"""What a viewer costs the daemon: lateness of its ticks with one page connected, and with the same page not.
+"""Cost of a viewer for the daemon: lateness of its ticks with a page connected and not connected.
 
-Usage: bench_view.py [PATHS]. Daemon, leader and follower run as in the demo, the viewer beside them, and a
-Chromium without a screen shows its page. In blocks the page is connected to the viewer, and in the blocks
-between it is open and not connected. What comes is counted in the page itself. The leader plays its path
-PATHS times.
+Usage: bench_view.py [PATHS]. Daemon, leader and follower run as in the demo, with the viewer in addition; a
+headless Chromium shows its page. Blocks in which the page is connected alternate with blocks in which it is
+open and not connected. The page counts the messages that arrive. The leader plays its path PATHS times.
 """
 
 import asyncio
@@ -34,13 +33,13 @@ from armgate.links.log import Log
 ROOT = Path(__file__).parent.parent
 PATHS = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 2
 BLOCKS = 6
-"""Of a path, half of them connected."""
+"""Number of blocks per path; the page is connected in half of them."""
 SETTLE, BLOCK = 3.0, 4.5
 """Time after each change that is not measured, and time that is measured, s."""
 LOADING = 6.0
 """Time for which a page that was just opened is not measured, s."""
 
-# Counts what reaches the page, and lets its connection be cut: viser's socket is in a worker.
+# Counts the messages that reach the page, and can cut its connection: viser's socket is in a worker.
 _COUNTER = """
 window.came = {updates: [], pictures: 0};
 window.cut = false;
@@ -68,7 +67,7 @@ _JOIN = "window.cut = false; wire.postMessage({type: 'set_server', server: windo
 
 
 async def serve(parent: str, out: str) -> None:
-    """The daemon of the demo, with a clock at its ticks; a real-time process where that is allowed."""
+    """Run the daemon of the demo, with a clock at its ticks, as a real-time process if allowed."""
     end_with(int(parent))
     set_priority(PRIORITIES["daemon"])
     ticks = []
@@ -89,7 +88,7 @@ async def serve(parent: str, out: str) -> None:
 
 @contextlib.contextmanager
 def child(*command: str):
-    """A process, and the last word of its first line."""
+    """Run a process; yield the last word of its first line."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
     try:
         line = process.stdout.readline().split()
@@ -117,7 +116,7 @@ def browser():
 
 
 def measure(page) -> list[tuple[bool, int, int, float, dict]]:
-    """Blocks: connected or not, begin and end on the daemon's clock, length, what came."""
+    """Return blocks: connected or not, begin and end on the daemon's clock, length, messages."""
     blocks = []
     for number in range(BLOCKS):
         on = number % 2 == 1
@@ -136,7 +135,7 @@ def measure(page) -> list[tuple[bool, int, int, float, dict]]:
 
 
 def wait_for_work(address: str) -> None:
-    """Until the follower is on the leader's tool: programs that start hold up the robots' own."""
+    """Wait until the follower is on the leader's tool: starting programs delay the robots' processes."""
     with connect(address, name="bench", role="observer") as cell:
         cell.subscribe(every=4, robots=["FR"], fields=["q"])
         for state in cell.states():
@@ -146,7 +145,7 @@ def wait_for_work(address: str) -> None:
 
 
 def a_second(times: list[float]) -> float:
-    """Updates in a second, the median of the seconds in which FR moves: at rest there are none."""
+    """Return updates per second: the median of the seconds in which FR moves; at rest there are none."""
     counts = np.bincount(((np.array(times) - times[0]) / 1e3).astype(int))[:-1]
     return float(np.median(counts[counts > 0]))
 

@@ -1,4 +1,4 @@
-"""Measures what docs/control.md says of the camera law, and draws its pictures.
+"""Measure the figures of docs/control.md, and draw its pictures.
 
 The follower of the demo cell in closed loop with an ideal robot of bounded acceleration: no gate, no daemon.
 
@@ -37,7 +37,7 @@ def time_of(trace: Trace) -> np.ndarray:
 
 
 def errors(traces: Iterable[Trace]) -> tuple[float, float, float]:
-    """Largest angle, °, largest distance error, mm, and largest RMS angle of a run, °, once settled."""
+    """Return the largest angle, °, distance error, mm, and RMS angle of a run, °, after settling."""
     k, rows = round(SETTLED / FR.period), []
     for trace in traces:
         angle = np.degrees(trace.angle[k:])

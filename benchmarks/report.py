@@ -1,4 +1,4 @@
-"""One table and one JSON file for every benchmark: case, value, unit, goal, and whether it holds."""
+"""Report of a benchmark as a table and a JSON file: case, value, unit, goal, and if it holds."""
 
 import json
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ OUT = Path(__file__).parent / "out"
 
 @dataclass(frozen=True)
 class Row:
-    """One figure; ``goal`` is its upper bound, with ``at_least`` its lower one, None: it is only reported."""
+    """Figure with its goal: an upper bound, with ``at_least`` a lower one; None if only reported."""
 
     case: str
     value: float
@@ -29,7 +29,7 @@ class Row:
 
 
 def report(name: str, rows: Iterable[Row]) -> None:
-    """Prints the table and writes ``benchmarks/out/NAME.json``; a missed goal is told, never an error."""
+    """Print the table and write ``benchmarks/out/NAME.json``; a missed goal is reported, not an error."""
     rows = list(rows)
     table = Table(title=f"bench {name}")
     for column in ("case", "value", "unit", "goal", "holds"):

@@ -1,8 +1,8 @@
-"""Makes ``configs/paths/inspection.csv``: an inspection tour of GR's tool, as if an operator had driven it.
+"""Make ``configs/paths/inspection.csv``: an inspection tour of GR's tool, as driven by an operator.
 
-The file is synthetic: no one has recorded it on a machine. It visits the instruments at the demo cell's
-process structure and rests at each. A leg is a Bézier curve in joint space through the places below; the
-tool's speed along it rises and falls smoothly and reaches 0.25 m/s on the long ones.
+The file is synthetic: it was not recorded on a machine. It visits the instruments at the demo cell's process
+structure and rests at each. A leg is a Bézier curve in joint space through the places below; the tool's speed
+along it rises and falls smoothly and reaches 0.25 m/s on the long legs.
 
     python tools/record_path.py configs/paths/inspection.csv
 """
@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 ROBOT = "GR"
 PERIOD = 0.048
 SPEED = 0.249
-"""Largest speed of the tool, m/s: between samples it is a hair more, up to 0.25."""
+"""Largest speed of the tool, m/s: between samples it is slightly higher, up to 0.25."""
 RAMP = 0.6
 """Time from rest to full speed, s."""
 LEVER = 0.3
-"""A turn of 1 rad counts like this way of the tool, m, where speed along a leg is meant."""
+"""Distance of the tool that counts like a rotation of 1 rad in the speed along a leg, m."""
 
 HOME = (2.93, 0.0, 2.48, 0.0, -90.0, 90.0, 0.0, -90.0, 0.0)
 """Carriage in m, arm in degrees: where GR starts in configs/demo.yaml."""
@@ -37,12 +37,12 @@ Place = tuple[float, ...]
 
 
 class Leg(NamedTuple):
-    """A way to an instrument, or around it.
+    """Leg of the tour to an instrument, or around it.
 
     Attributes:
         speed: Largest speed of the tool, m/s.
-        rest: How long the tool rests at its end, s.
-        places: Where it leads: the last place is reached, the curve is drawn towards the others.
+        rest: Time for which the tool rests at its end, s.
+        places: Positions: the last one is reached, the others are control points of the curve.
     """
 
     speed: float
@@ -76,7 +76,7 @@ LEGS = (
 
 
 def main(file: Path) -> None:
-    """Writes the path file."""
+    """Write the path file."""
     cell = build_cell(load_config([Path(__file__).parents[1] / "configs" / "demo.yaml"]))
     robot = cell.robot(ROBOT)
     q = np.concatenate(list(tour(robot)))

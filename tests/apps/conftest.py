@@ -36,7 +36,7 @@ def robot(name: str, joints: list[tuple[str, str, str, float]], camera: str | No
 
 
 class Clock:
-    """A clock that passes where a test says so."""
+    """Clock that a test advances."""
 
     def __init__(self) -> None:
         self.time = 100.0
@@ -65,7 +65,7 @@ def description() -> Description:
 
 @pytest.fixture
 def make_state() -> Callable[..., State]:
-    """A state at a tick of FR; keywords change what is in it."""
+    """Return a factory of states at a tick of FR; keywords change their content."""
 
     def make(
         tick: int,

@@ -19,7 +19,7 @@ from armgate.client import BadArgument, ConnectionLost
 
 
 class Entry:
-    """An entry point that needs no installation."""
+    """Entry point without an installation."""
 
     def __init__(self, function: Callable[..., None]) -> None:
         self.load = lambda: function
@@ -48,7 +48,7 @@ def failing(error: BaseException) -> Callable[[], None]:
         (AppError("the arm is stuck"), 1, "armgate: the arm is stuck\n"),
         (UsageError("no such robot"), 2, "armgate: no such robot\n"),
         (ConfigError("demo.yaml:3: name: missing"), 2, "armgate: demo.yaml:3: name: missing\n"),
-        (ConnectionLost("nobody listens"), 1, "armgate: nobody listens\n"),
+        (ConnectionLost("connection refused"), 1, "armgate: connection refused\n"),
         (ConnectionLost("fire\x1b[2J\nout"), 1, "armgate: fire\\x1b[2J\\nout\n"),
         (AppError("\x1b]0;x\x07\nlast lines"), 1, "armgate: \\x1b]0;x\\x07\nlast lines\n"),
         (BadArgument("address 'x': no port"), 2, "armgate: address 'x': no port\n"),
@@ -74,9 +74,9 @@ def test_errors_are_one_line_and_a_status(
     text: str,
 ) -> None:
     assert called(monkeypatch, failing(error)) == status
-    told = capsys.readouterr().err
-    assert text in told
-    assert "Traceback" not in told
+    printed = capsys.readouterr().err
+    assert text in printed
+    assert "Traceback" not in printed
 
 
 def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +184,7 @@ def test_bad_numbers_are_refused_before_connecting(options: tuple[str, ...]) -> 
 
 
 def every_parameter() -> Iterator[tuple[str, Any]]:
-    """All options and arguments of all commands that are registered."""
+    """Yield all options and arguments of all registered commands."""
     waiting = [as_command(name, entry.load()) for name, entry in commands().items()]
     for command in waiting:
         waiting += getattr(command, "commands", {}).values()

@@ -1,4 +1,4 @@
-"""What is shown, read as text from a console that records."""
+"""The display, read as text from a recording console."""
 
 import io
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What the leader refuses before it moves, and how it ends."""
+"""The leader's checks before it moves, and the end of its loop."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,7 +59,7 @@ def test_bounds_come_from_the_description(description: Description) -> None:
 
 
 class Held:
-    """A robot that plays what it is sent, one tick each; ``admit`` may change it."""
+    """Robot that plays the increments that it receives, one per tick; ``admit`` may change them."""
 
     def __init__(self, n: int, admit: Any = lambda dq, _tick: dq) -> None:
         self.setpoint, self.tick, self.admit = np.zeros(n), 0, admit
@@ -77,8 +77,8 @@ class Held:
         return SimpleNamespace(outcome="admitted" if free else "refused", reasons=reasons)
 
 
-class Told:
-    """A connection that keeps the signals."""
+class SignalLog:
+    """Connection that records the signals."""
 
     def __init__(self) -> None:
         self.progress: list[float] = []
@@ -90,31 +90,33 @@ class Told:
 
 def driven(
     description: Description, robot: Held, interrupt: Interrupt | None = None
-) -> tuple[str, Told, list[str]]:
-    told, lines = Told(), []
+) -> tuple[str, SignalLog, list[str]]:
+    shared, lines = SignalLog(), []
     playback = Playback(swing(), bounds_of(description.robots[1]))
-    ended = drive(told, robot, playback, interrupt or Interrupt(), lines.append)  # type: ignore[arg-type]
-    return ended, told, lines
+    ended = drive(shared, robot, playback, interrupt or Interrupt(), lines.append)  # type: ignore[arg-type]
+    return ended, shared, lines
 
 
 def test_the_leader_shares_its_progress_and_ends_at_rest(description: Description) -> None:
-    ended, told, lines = driven(description, Held(3))
+    ended, shared, lines = driven(description, Held(3))
     assert ended == "2.0 s of the path played, at rest"
-    assert told.progress[-1] == 1.0
-    assert told.progress == sorted(told.progress)
+    assert shared.progress[-1] == 1.0
+    assert shared.progress == sorted(shared.progress)
     assert lines == []
 
 
 def test_the_leader_reports_when_the_gate_holds_the_path_up(description: Description) -> None:
     blocked = range(60, 160)
-    ended, told, lines = driven(description, Held(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq))
+    ended, shared, lines = driven(
+        description, Held(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq)
+    )
     assert [line.split(" at")[0].split(" from")[0] for line in lines] == ["path held", "path continues"]
     assert "a tank is in the way" in lines[0]
-    assert told.progress[-1] == 1.0
+    assert shared.progress[-1] == 1.0
     assert "played" in ended
 
 
-def test_an_interrupted_follower_comes_to_rest(description: Description) -> None:
+def test_an_interrupted_leader_comes_to_rest(description: Description) -> None:
     interrupt, robot = Interrupt(), Held(3)
     speeds: list[float] = []
 
@@ -124,12 +126,12 @@ def test_an_interrupted_follower_comes_to_rest(description: Description) -> None
         return dq
 
     robot.admit = admit
-    ended, told, _ = driven(description, robot, interrupt)
+    ended, shared, _ = driven(description, robot, interrupt)
     assert ended == "interrupted, at rest"
     assert speeds[79] > 1e-3
     assert speeds[-1] < 1e-6
     assert speeds[80:] == sorted(speeds[80:], reverse=True)
-    assert told.progress[-1] < 1.0
+    assert shared.progress[-1] < 1.0
 
 
 def test_the_played_increment_follows_from_the_setpoints() -> None:

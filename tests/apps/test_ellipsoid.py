@@ -1,4 +1,4 @@
-"""Pictures of ellipsoids are drawn for planar and spatial robots, along what was asked for."""
+"""Pictures of ellipsoids for planar and spatial robots, along each kind of motion."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -81,8 +81,8 @@ def test_skeletons_lead_from_the_base_to_the_frame(planar: Cell, demo: Cell) -> 
 def test_spatial_robots_are_drawn_in_three_views(demo: Cell, tmp_path: Path, suffix: str, name: str) -> None:
     file = tmp_path / f"p{suffix}"
     motion = motion_of(demo, name, None, None, self_motion=False)
-    told = draw(motion, file, count=3, force=True)
-    assert str(file) in told
+    line = draw(motion, file, count=3, force=True)
+    assert str(file) in line
     data = file.read_bytes()
     assert data.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
     if suffix == ".svg":

@@ -26,7 +26,7 @@ from armgate.apps.stack.run_folder import write_series
 from armgate.cell.errors import ConfigError
 
 T = 0.012
-ATTACKED = "link_1"  # by an even number of eights
+ATTACKED = "link_1"  # by an even multiple of 1/8
 MIDDLE, HALF = np.array([2.0, 0.0, 1.0]), np.array([0.3, 0.7, 0.35])
 
 
@@ -122,7 +122,7 @@ def test_a_dash_is_straight_and_as_long_as_wanted(scene: Scene) -> None:
 
 
 def observed(**columns: Any) -> Observation:
-    """A run of four seconds in which all is zero but what is named."""
+    """Return a run of four seconds whose values are zero unless given."""
     count = 400
     table = {name: np.zeros(count) for name in COLUMNS} | {"time_s": 0.01 * np.arange(count)}
     table |= {name: np.broadcast_to(values, count) for name, values in columns.items()}
@@ -202,11 +202,11 @@ def holding(rows: Any, text: str) -> bool | None:
 def test_claims_hold_as_long_as_every_run_does() -> None:
     rows = claims("tracking", [entry("slow"), entry("slow", angle_error_deg={"max": 0.9, "rms": 0.5})])
     assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is True
-    assert holding(rows, "0.5 m/s, no lag, with prediction: angle") is None  # not tried
+    assert holding(rows, "0.5 m/s, no lag, with prediction: angle") is None  # not checked
     rows = claims("tracking", [entry("slow"), entry("slow", angle_error_deg={"max": 1.1, "rms": 0.5})])
     assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is False
     rows = claims("tracking", [entry("slow", angle_error_deg={"max": None, "rms": None})])
-    assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is False  # never came so far
+    assert holding(rows, "0.25 m/s, no lag, without prediction: angle") is False  # did not settle
 
 
 def test_prediction_is_compared_seed_by_seed() -> None:
@@ -255,7 +255,7 @@ def test_the_report_page_is_self_contained(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "told"),
+    ("value", "unit", "text"),
     [
         (0.016073, "m", "16.1 mm"),
         (1.7082, "m", "1708 mm"),
@@ -266,8 +266,8 @@ def test_the_report_page_is_self_contained(tmp_path: Path) -> None:
         (None, "m", "–"),
     ],
 )
-def test_figures_have_three_digits(value: float | None, unit: str, told: str) -> None:
-    assert Claim("it", "", value, unit, None).text == told
+def test_figures_have_three_digits(value: float | None, unit: str, text: str) -> None:
+    assert Claim("it", "", value, unit, None).text == text
 
 
 def test_the_initial_angle_does_not_hide_the_later_one(tmp_path: Path) -> None:
@@ -281,7 +281,7 @@ def test_the_initial_angle_does_not_hide_the_later_one(tmp_path: Path) -> None:
     plt.close(figure)
 
 
-# --- a campaign that does not come to its end ---------------------------------------------------------------
+# --- an incomplete campaign -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The follower's loop: what it looks at, what it shares, when it ends."""
+"""The follower's loop: its target, its signals, and its end."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def described(robot: Robot) -> dict[str, Any]:
 
 
 class Connection:
-    """A cell that is described, and keeps what is shared."""
+    """Connection that describes a cell and records shared signals."""
 
     def __init__(self, built: BuiltCell, **body: Any) -> None:
         floor = {
@@ -78,7 +78,7 @@ class Connection:
 
 
 class Held:
-    """FR without lag; GR stands still at its start, but moves once, from tick 20 to 40."""
+    """Robot FR without lag; GR stands still, except for a motion from tick 20 to 40."""
 
     def __init__(self, built: BuiltCell, progress: Any, zoom: Any = None) -> None:
         self.q, self.leader = built.robot("FR").start.copy(), built.robot("GR").start.copy()
@@ -112,7 +112,7 @@ class Held:
         self.q = self.q + dq
 
 
-def chased(
+def followed(
     built: BuiltCell,
     progress: Any,
     interrupt: Interrupt | None = None,
@@ -132,7 +132,7 @@ def chased(
 
 
 def test_the_follower_follows_until_the_path_ends_within_its_bounds(built: BuiltCell) -> None:
-    ended, cell, robot = chased(built, lambda tick: min(1.0, tick / 150))
+    ended, cell, robot = followed(built, lambda tick: min(1.0, tick / 150))
     assert ended == "the leader's path is done, at rest"
     angles = [value[0] for name, value in cell.shared if name == "follow.angle_error"]
     assert angles[-1] < np.radians(0.05)
@@ -148,7 +148,7 @@ NEAR = {"pair": ("GR/link_6", "FR/link_3"), "distance": 0.15, "limit": 0.05, "po
 
 
 def proximity(built: BuiltCell, near: dict[str, Any], end: float = 0.0) -> tuple[NearPair, ...]:
-    """What is found where the leader's stop ends ``end`` farther along y."""
+    """Return the near pairs if the leader's stop ends ``end`` further along y."""
     fr, gr = built.robot("FR"), built.robot("GR")
     stop = np.array(gr.start)
     stop[1] += end
@@ -184,7 +184,7 @@ def test_pairs_of_other_bodies_are_ignored(built: BuiltCell, other: dict[str, An
 
 
 def test_the_follower_shares_its_measured_errors(built: BuiltCell) -> None:
-    _, cell, robot = chased(built, lambda tick: None, duration=1.0)
+    _, cell, robot = followed(built, lambda tick: None, duration=1.0)
     names = {name for name, _ in cell.shared}
     assert names == {
         f"follow.{x}"
@@ -209,26 +209,26 @@ def test_the_follower_shares_its_measured_errors(built: BuiltCell) -> None:
 @pytest.mark.parametrize("nonsense", [0.0, -1.0, 0.049, 1e300])
 def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, nonsense: float) -> None:
     zooms = [None, 1.1, nonsense, 1.2, None]
-    _, cell, _ = chased(built, lambda tick: None, duration=0.6, zoom=lambda tick: zooms[min(tick // 10, 4)])
+    _, cell, _ = followed(built, lambda tick: None, duration=0.6, zoom=lambda tick: zooms[min(tick // 10, 4)])
     assert [value[0] for name, value in cell.shared if name == "follow.distance"] == [1.0, 1.1, 1.2, 1.0]
 
 
-def test_timeout_and_interrupt_end_the_schedule(built: BuiltCell) -> None:
-    ended, _, robot = chased(built, lambda tick: None, duration=0.6)
+def test_duration_and_interrupt_end_the_follower(built: BuiltCell) -> None:
+    ended, _, robot = followed(built, lambda tick: None, duration=0.6)
     assert ended == "time is over, at rest"
     assert 50 <= len(robot.sent) < 150
     interrupt = Interrupt()
     interrupt.requested = True
-    assert chased(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
+    assert followed(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
 
 
 def test_a_leader_that_leaves_early_is_reported_at_rest(built: BuiltCell) -> None:
-    ended, _, robot = chased(built, lambda tick: tick / 100 if tick < 30 else None)
+    ended, _, robot = followed(built, lambda tick: tick / 100 if tick < 30 else None)
     assert ended == "FR is at rest: the leader left at 29 % of its path"
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
 
 
-def told(owner: str, value: float) -> Any:
+def shared(owner: str, value: float) -> Any:
     return SimpleNamespace(owner=owner, value=(value,))
 
 
@@ -241,24 +241,24 @@ def test_a_progress_shared_before_the_leader_connects_is_ignored() -> None:
 def test_only_the_holder_of_the_leaders_robot_sets_the_progress(built: BuiltCell) -> None:
     watched = Progress()
     for foreign in (0.5, 1.0, 1e300):
-        assert watched.ending(told("stranger", foreign), "leader") is None
-    assert watched.ending(told("stranger", 1.0), None) is None
-    assert watched.ending(told("leader", 0.4), "leader") is None
-    assert watched.ending(told("leader", 0.5), None) is None  # it has just given its robot back
+        assert watched.ending(shared("stranger", foreign), "leader") is None
+    assert watched.ending(shared("stranger", 1.0), None) is None
+    assert watched.ending(shared("leader", 0.4), "leader") is None
+    assert watched.ending(shared("leader", 0.5), None) is None  # it has just released its robot
     assert (watched.value, watched.left) == (0.5, False)
-    assert watched.ending(told("stranger", 1.0), None) == "the leader is gone"
+    assert watched.ending(shared("stranger", 1.0), None) == "the leader is gone"
     assert watched.left
-    ended, _, _ = chased(built, lambda tick: 1.0, duration=0.6, owner="stranger")
+    ended, _, _ = followed(built, lambda tick: 1.0, duration=0.6, owner="stranger")
     assert ended == "time is over, at rest"
 
 
 @pytest.mark.parametrize("strange", [-1.0, 1.0000001, 1e300])
 def test_a_progress_out_of_range_keeps_the_last_one(strange: float) -> None:
     watched = Progress()
-    assert watched.ending(told("leader", 0.4), "leader") is None
-    assert watched.ending(told("leader", strange), "leader") is None
+    assert watched.ending(shared("leader", 0.4), "leader") is None
+    assert watched.ending(shared("leader", strange), "leader") is None
     assert watched.value == 0.4
-    assert watched.ending(told("leader", 1.0), "leader") == "the leader's path is done"
+    assert watched.ending(shared("leader", 1.0), "leader") == "the leader's path is done"
 
 
 @pytest.mark.parametrize("code", ["signal_owned", "too_many_signals", "forbidden"])

@@ -1,4 +1,4 @@
-"""Inputs without their devices: dead zone, keys, a mailbox, paces, how plug-ins are found."""
+"""Inputs without their devices: dead zone, keys, mailbox, speed share, plug-ins."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ STATE = RobotState(0.0, np.zeros(3), np.zeros(3))
 
 
 @pytest.fixture
-def told():
+def lines():
     return []
 
 
 @pytest.fixture
-def keys(description, clock, told):
-    return Keys(Setting(description.robots[0], "joint", told.append), clock)
+def keys(description, clock, lines):
+    return Keys(Setting(description.robots[0], "joint", lines.append), clock)
 
 
 def test_the_dead_zone_is_zero_and_values_rise_linearly_outside():
@@ -31,15 +31,15 @@ def test_the_dead_zone_is_zero_and_values_rise_linearly_outside():
     assert beyond(-middle) == pytest.approx(-0.5)
 
 
-def test_a_speed_share_is_halved_and_doubled_within_bounds(told):
-    pace = SpeedShare(told.append)
+def test_a_speed_share_is_halved_and_doubled_within_bounds(lines):
+    pace = SpeedShare(lines.append)
     for _ in range(9):
         pace.slower()
     assert 0.0 < pace.share < 0.1
     for _ in range(9):
         pace.faster()
     assert pace.share == 1.0
-    assert told[-1] == "100% of the speed"
+    assert lines[-1] == "100% of the speed"
 
 
 def test_terminal_input_is_read_as_keys():
@@ -64,7 +64,7 @@ def test_every_other_key_brings_the_robot_to_rest(keys, key):
     assert keys.request().motion is None
 
 
-def test_keys_choose_joints_modes_and_speeds(keys, told):
+def test_keys_choose_joints_modes_and_speeds(keys, lines):
     keys.press("2")
     keys.press("[")
     keys.press("-")
@@ -73,7 +73,7 @@ def test_keys_choose_joints_modes_and_speeds(keys, told):
     keys.press("w")  # the tool's key
     assert keys.request().motion is None
     keys.press("m")
-    assert told[-1] == "moving the tool"
+    assert lines[-1] == "moving the tool"
     keys.press("j")
     motion = keys.request().motion
     assert isinstance(motion, ToolTwist)

@@ -1,4 +1,4 @@
-"""Figures from synthetic states, worked out by hand."""
+"""Figures from synthetic states, computed by hand."""
 
 import json
 import math
@@ -26,7 +26,7 @@ def seen_of(states: Iterable[State]) -> Observation:
 
 
 def approach(make: Make, ticks: int = 400) -> Observation:
-    """10° at first, in the band from tick 50 on, 0.5° and 3 mm after."""
+    """Return an observation: 10° at first, in the band from tick 50 on, 0.5° and 3 mm after that."""
     return seen_of(
         make(k, angle=10.0 if k < 50 else 0.5, distance=0.05 if k < 50 else -0.003, progress=k / ticks)
         for k in range(ticks)
@@ -61,7 +61,7 @@ def test_figures_cover_the_time_after_the_transient(make_state: Make) -> None:
     assert metrics["realtime_factor"] == pytest.approx(399 * T / 2.4)
     assert metrics["ticks"] == {"FR": 399, "GR": 399}
     assert metrics["nearest_pair"] == ["FR/link_5", "GR/link_6"]
-    assert metrics["min_clearance_m"] == 0.3  # the daemon's, although no state showed less than 0.4
+    assert metrics["min_clearance_m"] == 0.3  # the daemon's value, although no state showed less than 0.4
     assert metrics["holds"] == {"angle": True, "distance": True, "clearance": True, "in_time": True}
 
 

@@ -1,4 +1,4 @@
-"""The monitor of a run: what its lines and its end mean for the run."""
+"""The monitor of a run: effects of its lines and of its end."""
 
 import json
 import signal
@@ -78,7 +78,7 @@ def test_an_audit_fails_a_run_if_it_finds_something_or_fails_itself(tmp_path, mo
 
 
 def test_an_interrupted_audit_ends(tmp_path, monkeypatch):
-    (tmp_path / "monitor.json").write_text('{"states":')  # not whole
+    (tmp_path / "monitor.json").write_text('{"states":')  # incomplete
     code = "import time; time.sleep(600)"
     assert audited(tmp_path, code, monkeypatch, Interrupted(signal.SIGINT)) == (False, None)
     assert monitoring.read_report(tmp_path) is None

@@ -112,7 +112,7 @@ def test_the_path_passes_its_samples_and_stays_between_neighbours(q: np.ndarray)
 def test_the_path_is_once_continuously_differentiable(q: np.ndarray, share: float) -> None:
     path = path_of(q)
     h = 1e-7
-    for i in range(len(q)):  # across every sample: both sides have one velocity
+    for i in range(len(q)):  # across every sample the velocity is continuous
         t = i * path.period
         np.testing.assert_allclose(path.velocity(t - h), path.velocity(t + h), atol=1e-2)
     t = h + share * (path.duration - 2 * h)

@@ -1,4 +1,4 @@
-"""The leader plays its path within its bounds, waits when it is held, and ends at rest."""
+"""The leader plays its path within its bounds, waits when the gate holds it up, and ends at rest."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def swing(seconds: float = 4.0) -> RecordedPath:
 
 
 class Robot:
-    """Plays what it is asked for, if ``gate`` lets it; keeps every increment."""
+    """Robot that plays the increments that ``gate`` admits, and records them."""
 
     def __init__(self, q: np.ndarray) -> None:
         self.setpoint, self.last, self.played = q.copy(), np.zeros_like(q), []
@@ -90,8 +90,8 @@ def test_the_robot_first_moves_to_the_start_slowly_and_straight() -> None:
         assert playback.progress == 0.0
     u = np.diff(places, axis=0)
     assert np.all(np.abs(u) <= SLOW * BOUNDS.increment + 1e-9)
-    off_line = np.array(places) @ np.array([0.3, 0.4])  # the start's direction is (-0.4, 0.3)
-    np.testing.assert_allclose(off_line, 0.0, atol=2e-3)  # but for the joints' own accelerations
+    off_line = np.array(places) @ np.array([0.3, 0.4])  # direction to the start: (-0.4, 0.3)
+    np.testing.assert_allclose(off_line, 0.0, atol=2e-3)  # up to the joints' own accelerations
     robot.run(playback)
     within_bounds(robot.played)
 

@@ -1,4 +1,4 @@
-"""The pictures of a run are drawn, with what belongs in them."""
+"""The pictures of a run and their content."""
 
 import struct
 from collections.abc import Callable
@@ -64,4 +64,4 @@ def test_axes_have_units_bands_and_the_shaded_approach(run: Observation) -> None
     plots._angle(axes, series, metrics)
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert {"approach", "± 1°", "view angle"} <= set(labels)
-    assert axes.get_ylim()[1] < 3.0  # what comes after the approach fills the picture
+    assert axes.get_ylim()[1] < 3.0  # the time after the transient fills the picture

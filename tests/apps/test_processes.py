@@ -1,4 +1,4 @@
-"""Children are watched by events and never left behind."""
+"""Children are observed by events and never left running."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A leader that goes for a body of the follower: where that is, and how it comes there."""
+"""Pursuit: the position of the target body, and the motion towards it."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_the_tool_reaches_the_body_at_its_speed_and_keeps_its_orientation(cell: 
     setpoint, last, q = np.array(gr.start), np.zeros(9), np.array(fr.start)
     posture, speeds = gr.model.frame(setpoint, gr.tool).R, []
     for k in range(500):
-        q[0] = 0.3 * np.sin(0.5 * k * T)  # it moves away
+        q[0] = 0.3 * np.sin(0.5 * k * T)  # the body moves away
         wish = pursuit.request(RobotState(k * T, setpoint, setpoint, {"FR": q}))
         assert wish.motion is not None
         last = steering.step(wish.motion, setpoint, last)

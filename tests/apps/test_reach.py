@@ -1,4 +1,4 @@
-"""What ``reach`` makes of what is asked, when it ends, and what it sends."""
+"""The loop of ``reach``: its goal, its end, and its increments."""
 
 import math
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def planar() -> Cell:
 
 @pytest.fixture(scope="module")
 def connected(planar: Cell) -> Any:
-    """A connection as far as building needs one: the description of the planar cell, and its URDF."""
+    """Connection for building: the description of the planar cell, and its URDF."""
     robot = planar.robots[0]
     joints = [
         {
@@ -75,7 +75,7 @@ def goal(**change: Any) -> Goal:
 
 
 class Held:
-    """A robot that plays what it is sent, one tick each; ``admit`` may change it."""
+    """Robot that plays the increments that it receives, one per tick; ``admit`` may change them."""
 
     def __init__(self, q: np.ndarray, admit: Any = lambda dq: dq) -> None:
         self.setpoint, self.admit, self.sent = q, admit, []
@@ -94,7 +94,7 @@ class Held:
         return SimpleNamespace(outcome="admitted" if free else "refused", reasons=reasons)
 
 
-class Told:
+class SignalLog:
     def __init__(self) -> None:
         self.errors: list[float] = []
 
@@ -103,12 +103,12 @@ class Told:
         self.errors.append(value)
 
 
-def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, Told]:
-    told = Told()
+def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, SignalLog]:
+    log = SignalLog()
     options = {"tolerance": 1e-3, "duration": 30.0, **change}
     return drive(
-        Sharing(told, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
-    ), told
+        Sharing(log, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
+    ), log
 
 
 START = np.radians([0.0, 45.0, 45.0])
@@ -117,11 +117,11 @@ START = np.radians([0.0, 45.0, 45.0])
 def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) -> None:
     arm = build(connected, "P", goal())
     held = Held(START)
-    done, told = go(arm, held)
+    done, log = go(arm, held)
     assert done.reached is True
     done.check("P")
-    assert told.errors[0] > 0.4
-    assert told.errors[-1] < 1e-3
+    assert log.errors[0] > 0.4
+    assert log.errors[-1] < 1e-3
     sent = np.array(held.sent)
     assert (np.abs(sent) <= arm.bounds.step).all()
     assert (np.abs(np.diff(sent, axis=0)) <= arm.bounds.change + 1e-12).all()
@@ -131,9 +131,9 @@ def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) ->
 
 def test_without_a_target_the_frame_stays_while_an_objective_moves_the_arm(connected: Any) -> None:
     arm = build(connected, "P", goal(xyz=None, objectives=("limits",)))
-    done, told = go(arm, Held(START))
+    done, log = go(arm, Held(START))
     assert done.reached is True
-    assert max(told.errors) < 1e-3
+    assert max(log.errors) < 1e-3
     assert np.abs(done.setpoints[-1] - START).max() > 0.05
     assert np.sum(done.setpoints[-1] ** 2) < np.sum(START**2)
 

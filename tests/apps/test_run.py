@@ -1,4 +1,4 @@
-"""The course of a run, with small scripts in the places of daemon, leader and follower."""
+"""A run with small scripts in place of daemon, leader and follower."""
 
 import os
 import queue
@@ -127,7 +127,7 @@ def test_an_interrupted_run_is_incomplete_and_its_controllers_come_to_rest(child
 
 
 class SlowEnds(queue.SimpleQueue[Event]):
-    """Events in which the end of a child comes later than the child is gone."""
+    """Queue in which the end of a child arrives after the child is gone."""
 
     def put(self, item: Event, *_: object) -> None:
         if isinstance(item, Exited):
@@ -174,16 +174,16 @@ def test_the_first_failure_is_the_one_that_is_reported(children: Children) -> No
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "expected"),
     [
         ("import sys; print('lost the lease', file=sys.stderr); sys.exit(1)", r"ended \(1\).*lost the lease"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "was killed by SIGKILL"),
     ],
 )
-def test_a_failed_controller_ends_the_run_and_is_named(children: Children, code: str, told: str) -> None:
+def test_a_failed_controller_ends_the_run_and_is_named(children: Children, code: str, expected: str) -> None:
     children.start("leader", POLITE)
     children.start("follower", [*PYTHON, code])
-    with pytest.raises(AppError, match=f"(?s)the follower {told}"):
+    with pytest.raises(AppError, match=f"(?s)the follower {expected}"):
         course._until_done(children, NAMES, lambda: None)
 
 

@@ -1,4 +1,4 @@
-"""What bounds a hand: speeds, accelerations, joint limits; and that it always comes to rest."""
+"""Steering: speed, acceleration and joint limits; every motion ends at rest."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def joints(share=1.0):
 
 
 def driven(steering, wishes, start=None):
-    """Increments and setpoints of a robot that does what it is asked to."""
+    """Return increments and setpoints of a robot that plays every increment."""
     setpoint, last, found = np.zeros(N) if start is None else start, np.zeros(N), []
     for wish in wishes:
         last = steering.step(wish, setpoint, last)
@@ -92,7 +92,7 @@ def fr():
 
 @pytest.fixture
 def arm(fr):
-    """The demo cell's follower as what a leader steers."""
+    """Steering of the demo cell's follower."""
     bounds = Bounds(fr.velocity, fr.acceleration, fr.deceleration, fr.period)
     task = FrameTask(fr.model, fr.tool, ROWS)
     bent = fr.start.copy()

@@ -1,4 +1,4 @@
-"""The path that comes with the demo is what its documentation says."""
+"""The path of the demo matches its documentation."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_the_tool_reaches_a_quarter_metre_per_second_and_no_more(tour: RecordedP
     speed = np.linalg.norm(np.diff(tool(robot, tour), axis=0), axis=1) / TICK
     assert 0.245 < speed.max() <= 0.25
     rests = np.flatnonzero(np.diff((speed < 1e-3).astype(int)) == 1)
-    assert len(rests) >= 8  # it stops at its instruments
+    assert len(rests) >= 8  # it rests at the instruments
 
 
 def test_limits_and_accelerations_leave_room(tour: RecordedPath, robot: Robot) -> None:

@@ -13,11 +13,11 @@ from armgate.apps.zoom.schedule import DistanceSchedule, share
 @pytest.mark.parametrize("seed", range(5))
 def test_distances_stay_within_bounds_and_change_at_their_rate(seed: int) -> None:
     schedule = DistanceSchedule(0.5, 1.3, 1.0, 0.1, seed)
-    told = np.array([schedule.at(0.012 * k) for k in range(5000)])
-    assert told[0] == 1.0
-    assert 0.5 <= told.min() < 0.7
-    assert 1.1 < told.max() <= 1.3
-    steps = np.abs(np.diff(told))
+    distances = np.array([schedule.at(0.012 * k) for k in range(5000)])
+    assert distances[0] == 1.0
+    assert 0.5 <= distances.min() < 0.7
+    assert 1.1 < distances.max() <= 1.3
+    steps = np.abs(np.diff(distances))
     assert steps.max() <= 0.1 * 0.012 + 1e-12
     assert (steps == 0.0).any()
 

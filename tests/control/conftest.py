@@ -33,7 +33,7 @@ def law(fr: Robot) -> CameraLaw:
 
 @pytest.fixture(scope="session")
 def fast(fr: Robot) -> CompiledLaw:
-    """The same law, compiled: closed loops take a tenth of the time."""
+    """Return the same law, compiled: closed loops take a tenth of the time."""
     return CompiledLaw(fr.model, "camera")
 
 
@@ -64,7 +64,7 @@ def q(request: pytest.FixtureRequest, fr: Robot) -> np.ndarray:
 
 
 def slope(function: Callable[[np.ndarray], object], at: np.ndarray, h: float = 1e-6) -> np.ndarray:
-    """Central differences of a function, its arguments along the last axis."""
+    """Return central differences of a function, its arguments along the last axis."""
     ends = [(np.asarray(function(at + h * e)), np.asarray(function(at - h * e))) for e in np.eye(len(at))]
     columns = [(ahead - behind) / (2.0 * h) for ahead, behind in ends]
     return np.moveaxis(np.array(columns), 0, -1)

@@ -1,4 +1,4 @@
-"""The compiled law against the readable one, over random states."""
+"""The compiled law compared with the numpy form over random states."""
 
 import subprocess
 import sys
@@ -22,13 +22,13 @@ GAINS = {
 
 
 def same(ours, reference):
-    """Equal to 1e-12 of the largest entry: sums in another order differ by rounding."""
+    """Return True if equal to 1e-12 of the largest entry: sums in another order differ by rounding."""
     ours, reference = np.asarray(ours), np.asarray(reference)
     np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(reference).max()))
 
 
 def states(robot, count, seed=0):
-    """Positions over the whole range, targets all around, obstacles far, near and inside."""
+    """Yield positions over the whole range, targets all around, obstacles far, near and inside."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         q = robot.lower + (robot.upper - robot.lower) * rng.uniform(0.0, 1.0, robot.model.n)
@@ -92,7 +92,7 @@ def test_remaining_shares_scale_the_weights(pair, fr):
     rng = np.random.default_rng(6)
     for q, p, distance, around, v in states(fr, 60, seed=6):
         ways = rng.uniform(0.1, 1.0, (2, 6))
-        ways[:, rng.integers(0, 6)] = 0.0  # with most joints barred the task is singular, and rounding grows
+        ways[:, rng.integers(0, 6)] = 0.0  # with most joints blocked the task is singular, and rounding grows
         for emergency in (False, True):
             (law, goal), (fast, packed) = goals(
                 pair, q, p, distance, around, ways=ways, velocity=v, emergency=emergency
@@ -131,7 +131,7 @@ def test_guarded_places(pair, fr, where, q):
     (law, goal), (fast, packed) = goals(pair, q, p, 1.0, Obstacles())
     ours, reference = fast(q, packed), law(q, goal)
     assert np.isfinite(ours).all()
-    if where == "beside the antipode":  # elsewhere a rounding error decides which way round it goes
+    if where == "beside the antipode":  # elsewhere a rounding error decides the direction
         np.testing.assert_allclose(ours, reference, rtol=1e-5, atol=1e-5)
 
 

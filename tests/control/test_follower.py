@@ -9,7 +9,7 @@ from armgate.control.follower import Follower, Situation
 from armgate.control.repulsion import Obstacles
 from support.follow_rig import approach_starts, dash, still
 
-SETTLED = 4.0  # s, after which the approach to a moving leader must be over
+SETTLED = 4.0  # longest approach to a moving leader, s
 NONE = Obstacles()
 
 
@@ -61,7 +61,7 @@ PASSING = [
 
 @pytest.mark.parametrize("start", PASSING)
 def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, start):
-    """With a chord as long as full speed needs these got wider again, by 0.24° and 0.12°."""
+    """With the chord for full speed the angle of these approaches rose again, by 0.24° and 0.12°."""
     tool = leader.robot.model.frame(leader.robot.start, leader.robot.tool).t
     angle, distance = after(loop.run(still(tool), 3.0, start=np.array(start)), 0.0)
     assert (angle - np.minimum.accumulate(angle)).max() < 0.01
@@ -72,7 +72,7 @@ def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, star
 @pytest.mark.parametrize("link", [5, 9, 13, 18])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_view_is_kept_while_evading(loop, fr, leader, law, link, seed):
-    """The leader comes straight at a link: bounded accelerations must not bend the way off the task."""
+    """The leader dashes at a link: bounded accelerations must not bend the path off the task."""
     path = dash(law.spheres.centres(fr.start)[link], seed, 0.5)
     trace = loop.run(still(FOCUS), 6.0, obstacles=lambda t: leader.obstacles(path(t)))
     angle, distance = after(trace, 1.5)
@@ -96,7 +96,7 @@ def test_prediction_follows_fast_leaders_and_lagging_robots(loop, leader, speed,
 
 
 def test_starting_from_the_measured_position_overshoots_with_lag(loop, fr):
-    """(17) taken literally; the reason why the default starts from the setpoint."""
+    """(17) literally; the reason for starting from the setpoint by default."""
     start, rise = approach_starts(fr, 2, FOCUS)[1], {}
     for measured in (True, False):
         angle, _ = after(loop.run(still(FOCUS), 4.0, start=start, lag=0.12, measured=measured), 0.0)
@@ -107,7 +107,7 @@ def test_starting_from_the_measured_position_overshoots_with_lag(loop, fr):
 
 
 def test_in_real_time_the_velocity_term_follows_the_leader(loop, leader):
-    """P ṗ of (4) in a law that integrates real time: without it the view trails by ṗ/(k_p ‖r‖)."""
+    """P ṗ of (4) in a law that integrates real time: without it the view lags by ṗ/(k_p ‖r‖)."""
     path = leader.path(1, 0.25)
     following, trailing = (
         after(loop.run(path, 7.0, real_time=True, predict=predict), SETTLED)[0].max()
@@ -125,7 +125,7 @@ def test_awkward_targets_converge(loop, fr, where):
     angle, distance = after(trace, 5.0)
     assert angle.max() < 1.0
     assert where == "out of reach" or distance.max() < 0.02
-    # What is behind is near the axis of A1: the arm goes around it slowly, away from itself.
+    # Targets behind are near the axis of A1: the arm moves around it slowly, away from itself.
     assert where == "behind" or np.ptp(trace.q[-80:], axis=0).max() < 0.05
 
 
@@ -243,7 +243,7 @@ def test_invalid_parameters_are_refused(follower, fr, wrong):
     st.floats(0.2, 3.0),
 )
 def test_increments_obey_their_bounds_whatever_the_leader_does(fast, bounds, fr, targets, start, wanted):
-    """The target jumps through the cell, from any start; obstacles jump along."""
+    """The target jumps through the cell, from any start; obstacles jump, too."""
     follower = Follower(fast, bounds, period=0.012, ahead=0.024)
     middle, half = 0.5 * (bounds.upper + bounds.lower), 0.5 * (bounds.upper - bounds.lower)
     setpoint, last = middle + half * np.array(start), np.zeros(6)

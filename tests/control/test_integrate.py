@@ -47,7 +47,7 @@ def test_ends_at_the_bound_and_hardly_beyond():
 
 @pytest.mark.parametrize("rate", [5.0, 300.0, 30_000.0])
 def test_a_stiff_field_is_approached_without_oscillation(rate):
-    """Where repulsion meets a pull one direction is stiff; steps that are too long would leap over it."""
+    """One direction is stiff where repulsion opposes a pull; steps that are too long would skip over it."""
 
     def f(q):
         return np.array([-rate * q[0], 1.0])

@@ -25,7 +25,7 @@ def psi(robot, q, p):
 
 
 def scene_beside(law, q):
-    """Two obstacles near the elbow, which push without touching: between contact distance and ρ0."""
+    """Return two obstacles near the elbow that repel without touching: between contact distance and ρ0."""
     rng, elbow = np.random.default_rng(3), law.spheres.centres(q)[9]
     while True:
         away = rng.normal(size=(2, 3))
@@ -36,7 +36,7 @@ def scene_beside(law, q):
 
 
 def repulsion_potential(law, obstacles, q):
-    """½ η (1/d − 1/ρ0)² summed over the pairs, written down naively."""
+    """Return ½ η (1/d − 1/ρ0)², summed over the pairs by loops."""
     gains, total = law.gains, 0.0
     for o, r_o in zip(law.spheres.centres(q), law.spheres.radii, strict=True):
         for b, r_b in zip(obstacles.centres, obstacles.radii, strict=True):
@@ -90,7 +90,7 @@ def test_repulsion_is_the_same_around_any_position(law, q):
 
 
 def test_angle_decays_with_its_sine(law, fr, q):
-    """θ̇ = −k_p sin θ, whatever the robot and its position."""
+    """Check θ̇ = −k_p sin θ for every robot and position."""
     goal = law.goal(P, 1.0)
     qd = law(q, goal)
     h = 1e-6

@@ -1,4 +1,4 @@
-"""Beside something: how joints open a distance, what another robot takes of it, where a stop may end."""
+"""Near bodies: effect of joints on a distance, approach of another robot, limits of a stop's end."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ NONE = Obstacles()
 
 
 def pair_at(model, q, body, beyond, room=0.0):
-    """A point of the other one, beyond a point of a body in the body's own frame, m."""
+    """Return a point of the other body, beyond a point of a body in the body's own frame, m."""
     R, t = model.body_placements(q)
     point = t[body] + R[body] @ np.array([0.05, 0.0, 0.02])
     return NearPair(np.array([point, point + beyond]), model.bodies[body].joint, room)
@@ -69,16 +69,16 @@ def test_without_room_joints_only_lead_away(fr):
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 4, np.array([0.0, 0.2, 0.0]))
     rate, lever = opening(fr.model, q, pair)
-    assert rate[0] > 0.5 * lever[0] > 0.1  # A1 leads away forwards
+    assert rate[0] > 0.5 * lever[0] > 0.1  # A1 leads away in the positive direction
     end = q + 0.01
     lower, upper = limits_near_bodies(fr.model, q, q, end, (pair,))
     assert (lower[0], upper[0]) == (q[0], np.inf)
-    assert (lower[1], upper[1]) == (q[1], end[1])  # A2 leads past it: it ends where it is about to
+    assert (lower[1], upper[1]) == (q[1], end[1])  # A2 leads past it: it ends at its current stop
     assert np.isinf([lower[3:], upper[3:]]).all()  # the wrist does not move the forearm
 
 
 def test_a_body_on_its_axis_stays_within_its_stop(fr):
-    """Of link 1 A1 moves no point nearer, but all: the leader may be beside it as near as may be."""
+    """Motion of A1 moves no point of link 1 nearer: the leader may be at any distance from it."""
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 1, np.array([0.3, 0.0, 0.0]))
     lower, upper = limits_near_bodies(fr.model, q, q, q + 0.02, (pair,))
@@ -96,7 +96,7 @@ def test_room_is_shared(fr):
 def test_the_robots_own_stop_reduces_the_room(fr):
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 4, np.array([0.0, -0.2, 0.0]), room=RESERVE + 0.05)
-    end = q + 0.05 * np.eye(6)[0]  # A1 on its way there
+    end = q + 0.05 * np.eye(6)[0]  # A1 moving towards it
     limits = [limits_near_bodies(fr.model, q, q, stop, (pair,))[1][0] - stop[0] for stop in (q, end)]
     rate, lever = opening(fr.model, q, pair)
     moving = (lever > 1e-3).sum()
@@ -106,7 +106,7 @@ def test_the_robots_own_stop_reduces_the_room(fr):
 
 
 def test_the_follower_ends_its_stops_within(law, bounds, fr):
-    """A target that A1 would turn to, and something beside link 1: the other joints turn to it."""
+    """A target to which A1 would turn, and a body beside link 1: the other joints turn to the target."""
     follower = Follower(law, bounds, period=0.012, ahead=0.024)
     setpoint, last = np.array(fr.start), np.zeros(6)
     angles = []

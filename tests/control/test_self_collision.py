@@ -1,4 +1,4 @@
-"""Repulsion of the robot from itself: which pairs, which force, and that it gives way to the view."""
+"""Repulsion of the robot from itself: its pairs, its force, and its null-space projection."""
 
 import itertools
 from dataclasses import replace
@@ -27,7 +27,7 @@ def folded(request):
 
 
 def own_pairs(model, q):
-    """Distances of own spheres two joints apart or more, written down naively; the robot is a chain."""
+    """Return distances of own spheres two joints apart or more, by loops; the robot is a chain."""
     moving, base = Spheres.of(model), Spheres.of_base(model)
     every = [
         (joint, centre, radius)
@@ -59,7 +59,7 @@ def test_the_force_is_the_gradient_of_its_potential(law, folded, differences):
 
 
 def test_joints_that_carry_both_spheres_get_no_force(law):
-    """Of the forearm along the upper arm only what lies between: A3 opens them, A1 and A2 carry both."""
+    """The forearm is along the upper arm: A3 opens them, while A1 and A2 carry both and get no force."""
     F = terms(law, FOLDED["forearm and upper arm"]).F_rep
     assert F[2] < -0.1
     np.testing.assert_array_equal(F[:2], 0.0)

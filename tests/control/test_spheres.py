@@ -18,7 +18,7 @@ SHAPES = [
 
 
 def points_in(shape, rng, count=4000):
-    """Uniform in the shape's box, those outside of the shape dropped."""
+    """Return uniform points in the shape's box, without those outside of the shape."""
     if isinstance(shape, Box):
         return rng.uniform(-0.5, 0.5, (count, 3)) * shape.size
     caps = shape.radius if isinstance(shape, Sphere | Capsule) else 0.0
@@ -51,7 +51,7 @@ def test_a_robot_is_covered_but_for_its_base(fr):
 
 
 def test_centres_follow_the_bodies(fr, law, q):
-    """The slow way over the model, the fast way over pinocchio's frames."""
+    """Compare the slow computation by the model with the fast one by pinocchio's frames."""
     R, t = fr.model.body_placements(q)
     expected = [
         R[b] @ offset + t[b] for b, offset in zip(law.spheres.bodies, law.spheres.offsets, strict=True)

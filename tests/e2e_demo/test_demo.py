@@ -34,7 +34,7 @@ def demo(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
 
 @contextmanager
 def running(cwd: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    """A demo that moves: its follower has told an angle."""
+    """Start a demo, and wait until its follower has shared an angle."""
     child = subprocess.Popen(
         [*ARMGATE, "demo", "--no-view", *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd,
@@ -52,7 +52,7 @@ def running(cwd: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def children(pid: int) -> dict[str, int]:
-    """Children of a demo by what they do."""
+    """Return the children of a demo by their commands."""
     found = {}
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
@@ -61,7 +61,7 @@ def children(pid: int) -> dict[str, int]:
 
 
 def ended(pid: int) -> None:
-    """Waits until a process that is no child of ours has ended."""
+    """Wait until a process that is not our child has ended."""
     with contextlib.suppress(ProcessLookupError):
         handle = os.pidfd_open(pid)
         try:
@@ -84,7 +84,7 @@ def metrics_of(folder: Path) -> dict[str, Any]:
 
 
 def check(metrics: dict[str, Any]) -> None:
-    """What every run keeps, however busy the machine is."""
+    """Check the claims that every run keeps, on any machine load."""
     assert metrics["complete"] is True
     assert metrics["min_clearance_m"] >= metrics["stop_distance_m"] == 0.05
     assert set(metrics["verdicts"]) == set(metrics["ticks"]) == {"FR", "GR"}
@@ -112,7 +112,7 @@ def test_lock_step_from_any_folder_writes_only_its_own_folder(tmp_path: Path) ->
     assert {file.name for file in (out / "logs").iterdir()} == logs
     judged = metrics["monitor"]
     assert (judged["violations"], judged["missed"]) == (0, {})
-    assert judged["states"] >= sum(metrics["ticks"].values())  # every state, not only those seen here
+    assert judged["states"] >= sum(metrics["ticks"].values())  # every state, not only the observed ones
     assert f"monitor: {judged['summary']}" in done.stdout
     with (out / "series.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -120,7 +120,7 @@ def test_lock_step_from_any_folder_writes_only_its_own_folder(tmp_path: Path) ->
     assert max(float(row["progress"]) for row in rows if row["progress"] != "nan") == 1.0
     assert "holds" in done.stdout
     assert "path" in done.stdout.splitlines()[0]
-    # What a slow observer misses is in the recording.
+    # The recording has the states that a slow observer misses.
     found = completed(slow := Observation("FR", missed={"FR": 100}), out, lockstep=False)
     assert found.missed == {}
     series = np.genfromtxt(out / "series.csv", delimiter=",", skip_header=1)
@@ -134,7 +134,7 @@ def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
     for name in ("a", "b"):
         assert demo("--lockstep", "--duration", "1", "--out", name, cwd=tmp_path).returncode == 0
         series.append((tmp_path / name / "series.csv").read_bytes())
-    # The run ends when the observer is told to close: one may see a few ticks more than the other.
+    # The run ends when the observer closes: one observer may receive a few ticks more than the other.
     shorter = min(map(len, series))
     assert shorter > 10_000
     assert series[0][:shorter] == series[1][:shorter]
@@ -149,9 +149,9 @@ def test_a_demo_by_the_wall_clock(tmp_path: Path) -> None:
 
 
 def virtual_links(folder: Path, name: str = "rsi-virtual") -> str:
-    """An overlay with virtual KRCs, with ports that nobody uses."""
+    """Write an overlay with virtual KRCs on unused ports."""
     text = (CONFIGS / "links" / f"{name}.yaml").read_text().replace("../rsi", str(CONFIGS / "rsi"))
-    # A machine at work on all the other tests may leave a KRC without an answer for a while.
+    # On a machine busy with other tests a KRC may get no reply for a while.
     timeout = 300 if "period: 4 ms" in text else 100
     text = text.replace("timeout: 100", f"timeout: {timeout}\n      late_in_a_row: 90\n      silence: 1 s")
     for before, port in zip(("49152", "49153"), free_ports(2), strict=True):
@@ -166,9 +166,9 @@ def krc_logs(run: Path, robots: tuple[str, ...] = ("FR", "GR")) -> list[list[dic
 
 
 def within_bounds(run: Path, links: str, robots: tuple[str, ...], least: int) -> None:
-    """What each KRC's drives were given was within the cell's bounds in every cycle, held ones aside.
+    """Check the setpoints of each KRC's drives against the cell's bounds in every cycle, except held ones.
 
-    In at least so many cycles the robot moved.
+    The robot must have moved in at least this number of cycles.
     """
     cell = build_cell(load_config([CONFIGS / "demo.yaml", Path(links)]))
     for robot in robots:
@@ -188,7 +188,7 @@ def test_virtual_krcs_need_only_another_configuration(
     assert done.returncode == 0, done.stderr
     check(metrics_of(tmp_path / "run"))
     for lines in krc_logs(tmp_path / "run", robots):
-        # However busy the machine is: the KRC was answered to the end, no drive gave up, and it has moved.
+        # On any machine load: the KRC got replies to the end, no drive faulted, and the robot moved.
         assert [line["event"] for line in lines if line["level"] == "error"] == []
         assert lines[-1]["state"] == "running"
         assert lines[-1]["setpoint"] != lines[-1]["programmed"]
@@ -207,7 +207,9 @@ def test_after_a_kill_in_motion_krcs_are_answered_or_stop_and_no_drive_faults(
         _, err = child.communicate(timeout=120)
     assert child.returncode == 1
     assert "was killed by SIGKILL" in err
-    within_bounds(tmp_path / "run", links, ("FR", "GR"), least=0)  # killed soon, one may not have moved yet
+    within_bounds(
+        tmp_path / "run", links, ("FR", "GR"), least=0
+    )  # after an early kill a robot may not have moved yet
     for lines in krc_logs(tmp_path / "run"):
         assert lines[-1]["state"] == ends
         assert ("KSS29002" in lines[-1]["message"]) == (ends == "broken_off")

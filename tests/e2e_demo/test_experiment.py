@@ -1,4 +1,4 @@
-"""The paper's experiments as a user starts them, made short: every process, every file, every figure."""
+"""The paper's experiments as a user starts them, shortened: every process, every file, every figure."""
 
 import json
 import re
@@ -35,7 +35,7 @@ lag: 30 ms
 
 
 def experiment(name: str, text: str, folder: Path, *options: str) -> dict[str, Any]:
-    """Runs it; the content of its ``metrics.json``."""
+    """Run an experiment; return the content of its ``metrics.json``."""
     file = folder / f"{name}.yaml"
     file.write_text(text)
     command = [*ARMGATE, "experiment", name, "--file", str(file), "--seeds", "1", "--out", "run", *options]
@@ -105,10 +105,10 @@ def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path) -> None:
         assert process.stdout is not None
         assert any("1/2" in line for line in process.stdout)
         process.send_signal(signal.SIGINT)
-        told, why = process.communicate(timeout=120)
+        printed, why = process.communicate(timeout=120)
     assert process.returncode == 1
     assert why.startswith("armgate: run holds what was run: 1 of 2 runs, then: interrupted"), why
-    assert "claim" in told
+    assert "claim" in printed
     found = json.loads((tmp_path / "run" / "tracking" / "metrics.json").read_text())
     assert [entry["case"] for entry in found["entries"]] == ["slow"]
     assert "Incomplete" in (tmp_path / "run" / "tracking" / "report.html").read_text()
@@ -135,9 +135,9 @@ def test_a_lost_leader_process_brings_the_follower_to_rest(daemon: str) -> None:
     ):
         _wait_for_progress(daemon)
         leader.kill()
-        _, told = follower.communicate(timeout=60)
+        _, printed = follower.communicate(timeout=60)
     assert follower.returncode == 1
-    assert re.search(r"FR is at rest: the leader left at \d+ % of its path", told), told
+    assert re.search(r"FR is at rest: the leader left at \d+ % of its path", printed), printed
 
 
 def test_a_pursuing_leader_approaches_as_far_as_the_gate_admits(daemon: str) -> None:
@@ -152,17 +152,17 @@ def test_a_pursuing_leader_approaches_as_far_as_the_gate_admits(daemon: str) -> 
         seen = _watch(daemon, 2.9)
         assert follower.communicate(timeout=60) == ("FR: time is over, at rest\n", "")
         leader.send_signal(signal.SIGINT)
-        told, why = leader.communicate(timeout=60)
+        printed, why = leader.communicate(timeout=60)
     assert (follower.returncode, leader.returncode, why) == (0, 0, "")
-    assert told.endswith("GR: interrupted, at rest\n"), told
+    assert printed.endswith("GR: interrupted, at rest\n"), printed
     apart, pair = seen.nearest or (1.0, ("", ""))
     assert 0.05 <= apart < 0.3
     assert {name.partition("/")[0] for name in pair} == {"FR", "GR"}
     assert seen.least_clearance is not None
     assert seen.least_clearance >= 0.05
     assert seen.scalar("follow.repulsion") == 1.0
-    assert abs(seen.scalar("follow.distance_error") or 0.0) > 0.05  # it gave way …
-    assert (seen.scalar("follow.angle_error") or 0.0) < 0.02  # … and looked on
+    assert abs(seen.scalar("follow.distance_error") or 0.0) > 0.05  # it evaded …
+    assert (seen.scalar("follow.angle_error") or 0.0) < 0.02  # … and kept the view
 
 
 def _watch(address: str, seconds: float) -> Observation:
@@ -183,6 +183,6 @@ def _wait_for_progress(address: str) -> None:
 
     with connect(address, name="watch", role="observer") as cell:
         for state in cell.states():
-            told = state.signals.get("lead.progress")
-            if told is not None and told.value[0] > 0.02:
+            printed = state.signals.get("lead.progress")
+            if printed is not None and printed.value[0] > 0.02:
                 return

@@ -1,4 +1,4 @@
-"""A daemon of the demo cell, a viewer as its operator, and a browser that looks at its page."""
+"""Fixtures: a daemon of the demo cell, a viewer in the operator role, and a browser for its page."""
 
 import contextlib
 import subprocess
@@ -12,19 +12,19 @@ from support.browsers import chromium
 CONFIG = Path(__file__).parents[2] / "configs" / "demo.yaml"
 ARMGATE = [sys.executable, "-m", "armgate.apps"]
 PLAIN = ("--port", "0", "--no-meshes")
-"""On any free port, and the same pictures whatever is installed."""
+"""Any free port, and pictures that do not depend on installed extras."""
 
 
 @contextlib.contextmanager
-def process(*arguments, says):
-    """An ``armgate`` process that has said so; what followed it in that line."""
+def process(*arguments, prints):
+    """Run an ``armgate`` process; yield the rest of the line that begins with ``prints``, and the process."""
     child = subprocess.Popen(
         [*ARMGATE, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         line = child.stdout.readline()
-        assert line.startswith(says), line
-        yield line.removeprefix(says).strip(), child
+        assert line.startswith(prints), line
+        yield line.removeprefix(prints).strip(), child
     finally:
         if child.poll() is None:
             child.terminate()
@@ -37,13 +37,13 @@ def process(*arguments, says):
 
 @pytest.fixture(scope="module")
 def address():
-    with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, _):
+    with process("serve", CONFIG, "--port", "0", prints="armgate: listening on ") as (found, _):
         yield found
 
 
 @pytest.fixture(scope="module")
 def viewing(address):
-    with process("view", address, *PLAIN, "--role", "operator", says="armgate: view at ") as (
+    with process("view", address, *PLAIN, "--role", "operator", prints="armgate: view at ") as (
         url,
         child,
     ):

@@ -1,4 +1,4 @@
-"""A robot driven from the page by a real pointer: it moves while a handle is held, else it rests."""
+"""Driving from the page with a real pointer: the robot moves while a handle is held, and rests otherwise."""
 
 import math
 import signal
@@ -13,8 +13,8 @@ from support.pages import PATIENCE, Page
 from .conftest import CONFIG, PLAIN, process
 
 
-class Eye:
-    """An operator who looks on."""
+class Operator:
+    """Client in the operator role that observes one robot."""
 
     def __init__(self, cell, robot="GR"):
         self.cell, self.robot = cell, robot
@@ -27,17 +27,17 @@ class Eye:
             entry = next(entry for entry in state.entries if entry.robot == self.robot)
             if where(entry):
                 return entry
-            assert monotonic() < end, f"it never came to that; the last: {entry}"
+            assert monotonic() < end, f"the condition never held; the last entry: {entry}"
         raise AssertionError("states end only by an exception")
 
     def moving(self):
-        """Until its setpoint changes visibly; where it was."""
+        """Wait until the setpoint changes visibly; return where it was."""
         start = self.entry().setpoint
         self.entry(lambda entry: np.abs(np.subtract(entry.setpoint, start)).max() > 1e-3)
         return start
 
     def resting(self):
-        """Until its setpoint stays and needs no way to rest; where that is."""
+        """Wait until the setpoint stays and no stop distance is left; return it."""
         before = self.entry()
         while True:
             now = self.entry()
@@ -47,9 +47,9 @@ class Eye:
 
 
 @pytest.fixture
-def eye(address):
-    with connect(address, name="eye", role="operator") as cell:
-        yield Eye(cell)
+def operator(address):
+    with connect(address, name="observer", role="operator") as cell:
+        yield Operator(cell)
 
 
 @pytest.fixture(scope="module")
@@ -59,116 +59,116 @@ def page(browser, viewing):
     page.tab.close()  # an open page costs a core
 
 
-def take(page, robot="GR"):
-    def taken():
+def acquire(page, robot="GR"):
+    def acquired():
         if f"Release {robot}" in page.text:
             return True
-        page.pressed(f"Drive {robot}")  # again if the page is just being built anew
+        page.pressed(f"Drive {robot}")  # again if the page is just being rebuilt
         return False
 
-    page.until(taken, "the handles")
+    page.until(acquired, "the handles")
 
 
-def give_back(page, eye, robot="GR"):
+def release(page, operator, robot="GR"):
     page.press(f"Release {robot}")
-    eye.entry(lambda entry: entry.holder is None)
-    page.until(lambda: f"Driving {robot}" not in page.text.split("released")[-1], "no handles any more")
+    operator.entry(lambda entry: entry.holder is None)
+    page.until(lambda: f"Driving {robot}" not in page.text.split("released")[-1], "no handles")
 
 
-def drag_gizmo(page, eye):
-    """Holds the gizmo and pulls until the robot moves; where it was before. The pointer stays down."""
+def drag_gizmo(page, operator):
+    """Hold the gizmo and drag it until the robot moves; return where it was. The pointer stays down."""
     x, y = page.until(page.gizmo, "the gizmo")
-    start = eye.resting()
+    start = operator.resting()
     page.point(x, y)
     page.point(x, y, press=True)
     for step in range(1, 200):
         page.point(x + 4 * min(step, 20) + step % 2, y + 2 * min(step, 20))
-        if np.abs(eye.entry().setpoint - start).max() > 1e-3:
+        if np.abs(operator.entry().setpoint - start).max() > 1e-3:
             return start
     raise AssertionError("the robot does not follow the gizmo")
 
 
-def test_the_gizmo_moves_the_robot_while_it_is_held(page, eye):
-    take(page)
-    eye.entry(lambda entry: entry.holder == "view")
-    start = drag_gizmo(page, eye)
+def test_the_gizmo_moves_the_robot_while_it_is_held(page, operator):
+    acquire(page)
+    operator.entry(lambda entry: entry.holder == "view")
+    start = drag_gizmo(page, operator)
     page.tab.keep("viewer-driving.png")
-    page.let_go()
-    end = eye.resting()
+    page.release_pointer()
+    end = operator.resting()
     assert np.abs(end - start).max() > 1e-3
-    counts = eye.entry().counts
+    counts = operator.entry().counts
     assert counts["admitted"] + counts.get("limited:acceleration", 0) > 5
-    give_back(page, eye)
-    assert eye.resting() == pytest.approx(end)
+    release(page, operator)
+    assert operator.resting() == pytest.approx(end)
 
 
-def test_a_slider_moves_its_joint_while_it_is_held(page, eye):
-    take(page)
-    start = eye.resting()
+def test_a_slider_moves_its_joint_while_it_is_held(page, operator):
+    acquire(page)
+    start = operator.resting()
     x, y, width = page.slider("A1 [°]")
     page.point(x, y, press=True)
-    for step in range(200):  # a busy browser leaves movements out
+    for step in range(200):  # a busy browser skips movements
         page.point(x + 0.48 * width + step % 2, y)
-        if eye.entry().setpoint[3] > start[3] + 0.02:
+        if operator.entry().setpoint[3] > start[3] + 0.02:
             break
-    eye.entry(lambda entry: entry.setpoint[3] > start[3] + 0.02)
-    page.let_go()
-    end = eye.resting()
-    assert end[3] < math.radians(170)  # it was let go before it was where the slider was
+    operator.entry(lambda entry: entry.setpoint[3] > start[3] + 0.02)
+    page.release_pointer()
+    end = operator.resting()
+    assert end[3] < math.radians(170)  # it was released before the robot reached the slider
     assert np.delete(end, 3) == pytest.approx(np.delete(start, 3), abs=1e-9)
-    page.until(lambda: abs(page.slider("A1 [°]")[0] - x) < 0.4 * width, "the slider back at the robot")
-    give_back(page, eye)
+    page.until(lambda: abs(page.slider("A1 [°]")[0] - x) < 0.4 * width, "the slider at the robot's position")
+    release(page, operator)
 
 
-def test_a_stop_while_dragging_ends_the_drive_and_is_reported(page, eye):
-    take(page)
-    drag_gizmo(page, eye)
+def test_a_stop_while_dragging_ends_the_drive_and_is_reported(page, operator):
+    acquire(page)
+    drag_gizmo(page, operator)
     page.press("STOP")
-    eye.entry(lambda entry: entry.stops and entry.holder is None)
-    eye.resting()
-    page.until(lambda: "was stopped" in page.text and "Release GR" not in page.text, "what ended it")
-    page.let_go()
+    operator.entry(lambda entry: entry.stops and entry.holder is None)
+    operator.resting()
+    page.until(lambda: "was stopped" in page.text and "Release GR" not in page.text, "the reason for the end")
+    page.release_pointer()
     page.press("Reset")
-    eye.entry(lambda entry: not entry.stops)
+    operator.entry(lambda entry: not entry.stops)
 
 
-def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, eye):
-    take(page)
-    drag_gizmo(page, eye)
+def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, operator):
+    acquire(page)
+    drag_gizmo(page, operator)
     page.tab.reload()
-    eye.entry(lambda entry: entry.holder is None)
-    rest = eye.resting()
-    page.let_go()
-    page.until(lambda: "Drive GR" in page.text and "Release GR" not in page.text, "the page again")
-    assert eye.resting() == pytest.approx(rest)
+    operator.entry(lambda entry: entry.holder is None)
+    rest = operator.resting()
+    page.release_pointer()
+    page.until(lambda: "Drive GR" in page.text and "Release GR" not in page.text, "the reloaded page")
+    assert operator.resting() == pytest.approx(rest)
 
 
-def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, eye):
-    with eye.cell.acquire("GR"):
+def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, operator):
+    with operator.cell.acquire("GR"):
         page.press("Drive GR")
         # Reading states keeps the lease alive.
-        page.until(lambda: eye.entry() and "GR is held by eye" in page.text, "who holds it")
+        page.until(lambda: operator.entry() and "GR is held by observer" in page.text, "the holder")
         assert "Release GR" not in page.text
-    take(page)
-    drag_gizmo(page, eye)
-    with eye.cell.acquire("GR", takeover=True):
-        page.until(lambda: "Release GR" not in page.text, "no handles any more")
-        page.until(lambda: "lost" in page.text, "that it was lost")
-        eye.resting()
-    page.let_go()
+    acquire(page)
+    drag_gizmo(page, operator)
+    with operator.cell.acquire("GR", takeover=True):
+        page.until(lambda: "Release GR" not in page.text, "no handles")
+        page.until(lambda: "lost" in page.text, "the loss of the lease")
+        operator.resting()
+    page.release_pointer()
 
 
-def test_only_one_of_two_pages_drives_a_robot(page, eye):
-    take(page)
+def test_only_one_of_two_pages_drives_a_robot(page, operator):
+    acquire(page)
     other = Page(page.browser, page.url)
     other.press("Drive GR")
-    other.until(lambda: "GR is driven from another page" in other.text, "who drives it")
+    other.until(lambda: "GR is driven from another page" in other.text, "the page that drives it")
     assert "Release GR" not in other.text
     other.tab.close()
-    eye.entry(lambda entry: entry.holder == "view")
-    drag_gizmo(page, eye)
-    page.let_go()
-    give_back(page, eye)
+    operator.entry(lambda entry: entry.holder == "view")
+    drag_gizmo(page, operator)
+    page.release_pointer()
+    release(page, operator)
 
 
 def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(browser):
@@ -176,18 +176,18 @@ def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(b
         port = found.rpartition(":")[2]
         view = ("view", found, *PLAIN, "--role", "controller")
         with process(*view, says="armgate: view at ") as (url, viewer):
-            with connect(found, name="eye", role="observer") as cell:
+            with connect(found, name="observer", role="observer") as cell:
                 page = Page(browser, url)
                 assert "Reset" not in page.text  # a controller drives, an operator resets
-                take(page)
-                drag_gizmo(page, Eye(cell))
+                acquire(page)
+                drag_gizmo(page, Operator(cell))
                 daemon.send_signal(signal.SIGKILL)
                 daemon.wait(30)
-            page.until(lambda: "Release GR" not in page.text, "no handles any more")
-            page.let_go()
+            page.until(lambda: "Release GR" not in page.text, "no handles")
+            page.release_pointer()
             with process("serve", CONFIG, "--port", port, says="armgate: listening on "):
                 page.until(lambda: "closed the connection" not in page.text, "the new daemon")
-                take(page)
+                acquire(page)
                 viewer.terminate()
                 assert viewer.wait(30) == 0
             page.tab.close()

@@ -1,4 +1,4 @@
-"""What goes wrong with a viewer ends safe and is said: a wrong token, nobody there, two operators at once."""
+"""Failures of a viewer: a wrong token, a refused connection, two operators at once."""
 
 import asyncio
 import subprocess
@@ -20,7 +20,7 @@ def run(*arguments):
 
 @pytest.fixture
 def secured(tmp_path):
-    """A daemon that asks for tokens, and a controller's token."""
+    """Run a daemon that requires tokens; write a controller's token."""
     file, overlay = tmp_path / "tokens", tmp_path / "server.yaml"
     made = run("token", "--role", "controller", "--robots", "FR", "--file", file)
     assert made.returncode == 0, made.stderr
@@ -60,13 +60,13 @@ def test_a_refused_connection_is_reported():
 def test_two_operators_that_stop_and_reset_at_once_both_get_responses(address):
     login = {"token": None, "tls": None}
     with Live(address, "one", "operator", login) as one, Live(address, "two", "operator", login) as two:
-        begin, said = threading.Barrier(2), []
+        begin, outcomes = threading.Barrier(2), []
 
         def press(live, first, then):
             for _ in range(15):
                 begin.wait()
-                said.append(asyncio.run(in_words(first(live))))
-                said.append(asyncio.run(in_words(then(live))))
+                outcomes.append(asyncio.run(in_words(first(live))))
+                outcomes.append(asyncio.run(in_words(then(live))))
 
         def stop(live):
             return live.stop("pressed")
@@ -74,18 +74,18 @@ def test_two_operators_that_stop_and_reset_at_once_both_get_responses(address):
         def reset(live):
             return live.reset()
 
-        hands = [
+        threads = [
             threading.Thread(target=press, args=(one, stop, reset)),
             threading.Thread(target=press, args=(two, reset, stop)),
         ]
-        for hand in hands:
-            hand.start()
-        for hand in hands:
-            hand.join()
-        assert len(said) == 60
-        assert all(text for _, text in said)
-        # The last word is a stop's, or a reset's that came after it: told alike to both, and nobody moves.
-        with connect(address, name="eye", role="operator") as cell:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(outcomes) == 60
+        assert all(text for _, text in outcomes)
+        # The last act is a stop, or a reset after it. Both clients receive the same, and no robot is leased.
+        with connect(address, name="observer", role="operator") as cell:
             stopped = cell.stop(reason="the end").stop
             states = cell.states()
             state = next(s for s in states if all(stopped in (entry.stops or ()) for entry in s.entries))

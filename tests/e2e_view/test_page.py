@@ -1,4 +1,4 @@
-"""The page in a real browser: robots move, the camera sees the tool, STOP stops, a reload changes nothing."""
+"""The page in a real browser: robots move, the camera sees the tool, STOP stops, a reload has no effect."""
 
 import math
 import subprocess
@@ -28,14 +28,14 @@ def page(browser, viewing):
 
 @pytest.fixture
 def tracking(address):
-    """Leader and follower at work, once the camera is on the tool."""
+    """Run leader and follower; yield when the camera is on the tool."""
     commands = (
         ["follow", address, "--robot", "FR", "--leader", "GR"],
         ["lead", address, "--path", "configs/paths/inspection.csv"],
     )
     children = [subprocess.Popen([*ARMGATE, *command], stdout=subprocess.DEVNULL) for command in commands]
     try:
-        with connect(address, name="eye", role="observer") as cell:
+        with connect(address, name="observer", role="observer") as cell:
             cell.subscribe(every=4, robots=["FR"], fields=["q"])
             for state in cell.states():
                 error, progress = (
@@ -81,7 +81,7 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
 
     page.press("STOP")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
-    with connect(address, name="eye", role="observer") as cell:
+    with connect(address, name="observer", role="observer") as cell:
         cell.subscribe(every=1, robots=["FR"])
         places = []
         for state in cell.states():
@@ -105,13 +105,13 @@ def test_a_reload_has_no_effect_and_reset_ends_the_stop(page, address):
     page.press("STOP")
     page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
     page.tab.reload()
-    page.until(lambda: "STOP" in page.text and len(page.joints("GR")) == 9, "the page again")
-    page.until(lambda: "an operator resets it" in page.text, "the stop on the page again")
+    page.until(lambda: "STOP" in page.text and len(page.joints("GR")) == 9, "the reloaded page")
+    page.until(lambda: "an operator resets it" in page.text, "the stop on the reloaded page")
     page.press("Reset")
-    with connect(address, name="eye", role="observer") as cell:
+    with connect(address, name="observer", role="observer") as cell:
         cell.subscribe(every=1)
         first = next(states := cell.states())
         state = next(s for s in states if s.time > first.time + 60.0 or not any(e.stops for e in s.entries))
         assert not any(entry.stops for entry in state.entries)
         assert all(not (entry.late_commands or 0) for entry in state.entries)
-    page.until(lambda: "running" in page.text, "no stop in force")
+    page.until(lambda: "running" in page.text, "no active stop")

@@ -1,4 +1,4 @@
-"""A recorded run on the page: a time slider, play and pause, and what is refused."""
+"""A recorded run on the page: time slider, play and pause, and files that are refused."""
 
 import shutil
 import subprocess
@@ -37,18 +37,18 @@ def page(browser, recording):
 
 
 def drag_time(page, share):
-    """Drags the time slider's knob to this share of its track."""
+    """Drag the knob of the time slider to this share of its track."""
     x, y, width = page.slider("Time [s]")
     left = x - page.time / page.length * width
     page.point(x, y, press=True)
     steps = count()
 
     def there():
-        page.point(left + share * width + next(steps) % 2, y)  # a busy browser leaves movements out
+        page.point(left + share * width + next(steps) % 2, y)  # a busy browser skips movements
         return abs(page.time / page.length - share) < 0.05
 
     page.until(there, "that moment")
-    page.let_go()
+    page.release_pointer()
 
 
 def test_the_time_slider_seeks_in_the_run(page):
@@ -57,14 +57,14 @@ def test_the_time_slider_seeks_in_the_run(page):
     start, first = page.joints("GR"), page.screenshot().astype(int)
     assert len(start) == 9
     drag_time(page, 0.7)
-    page.until(lambda: page.joints("GR") != start, "the robot elsewhere")
+    page.until(lambda: page.joints("GR") != start, "the robot at another position")
     later = page.joints("GR")
     x, y, width, height = (int(value) for value in page.scene())
-    page.until(lambda: changed(page, first, (x, y, width, height)) > 200, "robots that moved in the picture")
+    page.until(lambda: changed(page, first, (x, y, width, height)) > 200, "moved robots in the picture")
     assert "leader" in page.text
     page.tab.keep("viewer-recording.png")
     drag_time(page, 0.3)
-    page.until(lambda: page.joints("GR") not in (start, later), "a third place")
+    page.until(lambda: page.joints("GR") not in (start, later), "a third position")
     drag_time(page, 0.0)
     page.until(lambda: page.joints("GR") == start, "the beginning again")
 
@@ -77,16 +77,16 @@ def changed(page, first, window):
 
 def test_a_recording_is_played_to_its_end_and_paused(page):
     page.press("Play")
-    page.until(lambda: page.time > 0.2, "time that passes")
+    page.until(lambda: page.time > 0.2, "advancing time")
     page.press("Pause")
-    page.until(lambda: "Play" in page.text, "that it stands")
+    page.until(lambda: "Play" in page.text, "the pause")
     before = page.joints("FR")
     drag_time(page, 0.9)
     page.press("Play")
     page.until(lambda: page.time == page.length, "its end")
-    page.until(lambda: "Play" in page.text, "that it stands there")
+    page.until(lambda: "Play" in page.text, "the pause at the end")
     assert page.joints("FR") != before
-    assert "STOP" not in page.text  # there is nothing to be stopped
+    assert "STOP" not in page.text  # a recording has no robot to stop
 
 
 def test_an_incomplete_recording_is_refused(recording, tmp_path):
@@ -95,12 +95,12 @@ def test_an_incomplete_recording_is_refused(recording, tmp_path):
     with broken.open("r+b") as file:
         file.truncate(broken.stat().st_size * 2 // 3)
     (tmp_path / "notes.mcap").write_text("milk, bread")
-    for arguments, status, told in (
+    for arguments, status, text in (
         ((broken,), 1, "run: armgate recover"),
         ((tmp_path / "notes.mcap",), 2, "notes.mcap"),
         ((tmp_path / "nothing",), 2, "no such file or folder"),
         ((recording, "--role", "operator"), 2, "a recording: the page can only observe it"),
     ):
         ended = run("view", *arguments, *PLAIN)
-        assert (ended.returncode, told in ended.stderr) == (status, True), ended.stderr
+        assert (ended.returncode, text in ended.stderr) == (status, True), ended.stderr
         assert "Traceback" not in ended.stderr

@@ -1,4 +1,4 @@
-"""The viewer's page in a browser: what it says and shows, and what can be pressed."""
+"""The viewer's page in a browser: its texts, pictures and controls."""
 
 import base64
 import io
@@ -41,7 +41,7 @@ return [knob.x + knob.width / 2, knob.y + knob.height / 2, track.getBoundingClie
 
 
 class Page:
-    """One open page."""
+    """Open page."""
 
     def __init__(self, browser, url, has="STOP"):
         self.browser, self.url = browser, url
@@ -60,11 +60,11 @@ class Page:
 
     @property
     def text(self):
-        """All that can be read."""
+        """Visible text of the page."""
         return self.tab.evaluate("document.body.innerText")
 
     def joints(self, robot):
-        """The joint values that the panel shows for a robot, as written there."""
+        """Return the joint values that the panel shows for a robot, as text."""
         lines = self.text.splitlines()
         words = ("running", "stop", "recorded")
         start = lines.index(
@@ -80,12 +80,12 @@ class Page:
 
     @property
     def time(self):
-        """The moment of the recording that the page says it shows, s."""
+        """Position in the recording that the page shows, s."""
         return float(self._moment[1])
 
     @property
     def length(self):
-        """Of the recording, as the page says, s."""
+        """Length of the recording that the page shows, s."""
         return float(self._moment[2])
 
     @property
@@ -108,27 +108,27 @@ class Page:
         return np.array(Image.open(io.BytesIO(base64.b64decode(data.split(",")[1]))).convert("RGB"))
 
     def scene(self):
-        """Left, top, width and height of the 3-D view in the window."""
+        """Return left, top, width and height of the 3-D view in the window."""
         return self.tab.evaluate(_SCENE)
 
     def screenshot(self):
-        """What the browser shows, (height, width, 3)."""
+        """Return the browser's picture (height, width, 3)."""
         return np.array(Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB"))
 
     # --- a real pointer ------------------------------------------------------------------------------------
 
     def point(self, x, y, *, press=False):
-        """Moves the pointer there; ``press`` holds its button down from then on."""
+        """Move the pointer; ``press`` holds its button down from then on."""
         self.tab.move(round(x), round(y))
         if press:
             self.tab.button_down()
 
-    def let_go(self):
+    def release_pointer(self):
         """Release the pointer's button."""
         self.tab.button_up()
 
     def gizmo(self):
-        """A place in the window on the gizmo's first arrow; None if it is not seen."""
+        """Return a point of the gizmo's first arrow in the window; None if it is not visible."""
         left, top, width, height = (int(value) for value in self.scene())
         seen = where(self.screenshot()[top : top + height, left : left + width], GIZMO_X, angle=0.06)
         found = np.argwhere(seen)
@@ -138,7 +138,7 @@ class Page:
         return left + int(column), top + int(row)
 
     def slider(self, label):
-        """The middle of a slider's knob in the window, and the length of its track, pixels."""
+        """Return the middle of a slider's knob in the window, and the length of its track, pixels."""
         found = self.tab.evaluate(_SLIDER, label)
         assert found, f"no slider {label!r}"
         return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil, hypot, sqrt
+from typing import assert_never
 
 import numpy as np
 
@@ -104,6 +105,8 @@ def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
             across = 0.5 * hypot(*(side for axis, side in enumerate(sides) if axis != longest))
             h = 0.5 * sides[longest] / _count(sides[longest], across)
             yield from _row(longest, 0.5 * sides[longest] - h, h, across)
+        case _:
+            assert_never(shape)
 
 
 def _count(length: float, across: float) -> int:

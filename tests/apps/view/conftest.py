@@ -1,4 +1,4 @@
-"""The demo cell as a scene, from what its daemon would describe."""
+"""The demo cell as a scene, from its daemon's description."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def cell():
 
 
 def described(cell):
-    """What clients are told of a cell, and where assets come from."""
+    """Return the description of a cell and its assets, as sent to clients."""
     library = CellDescription(cell, False)
     return library.description, lambda name: whole(library, name)
 

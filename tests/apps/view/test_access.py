@@ -1,4 +1,4 @@
-"""Admission to a viewer's page: host names, origins, the secret, framing."""
+"""Access to a viewer's page: host names, origins, the secret, framing."""
 
 import base64
 import contextlib
@@ -38,9 +38,9 @@ def check(host, origin=None, path="/?token=s3cret", access=DOOR, local="127.0.0.
         ("[::1]:7480", "http://[::1]:7480"),
         ("localhost:8080", "http://localhost:8080"),  # an SSH tunnel
         ("robots.lan:7480", "http://robots.lan:7480"),  # --host robots.lan
-        ("192.0.2.7:7480", "http://192.0.2.7:7480"),  # the address that was called
+        ("192.0.2.7:7480", "http://192.0.2.7:7480"),  # the address at which the request arrives
         ("127.0.0.1:7480", "https://robots.example"),  # a proxy that replaces Host
-        ("robots.example", "https://robots.example"),  # a proxy that passes it on
+        ("robots.example", "https://robots.example"),  # a proxy that keeps it
         ("robots.example:443", "https://robots.example"),
         ("lab.example", "https://lab.example:8443"),
         ("lab.example:8443", "https://lab.example:8443"),
@@ -101,7 +101,9 @@ def test_secrets_differ_from_start_to_start_and_are_not_shown():
 def test_a_ticket_opens_the_page_once(port):
     path = f"/?{DOOR.query(once=True)}"
     assert DOOR.secret not in path
-    assert "403" in upgrade(port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}", path)  # not used up by it
+    assert "403" in upgrade(
+        port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}", path
+    )  # it does not use up the ticket
     answer, _ = get(port, path)
     assert (answer.status, DOOR.secret in answer.headers["Set-Cookie"]) == (302, True)
     assert get(port, path)[0].status == 403
@@ -146,7 +148,7 @@ def get(port, path, **headers):
 
 
 def upgrade(port, host, origin, path="/?token=s3cret"):
-    """The status line that a websocket gets."""
+    """Return the status line of a websocket request."""
     with socket.create_connection(("127.0.0.1", port), timeout=30) as wire:
         key = base64.b64encode(bytes(16)).decode()
         lines = [f"GET {path} HTTP/1.1", f"Host: {host}", "Upgrade: websocket", "Connection: Upgrade"]
@@ -180,7 +182,7 @@ def test_the_token_moves_from_the_address_into_a_cookie(port):
 
 
 def test_viewers_at_one_address_keep_their_own_cookies(port):
-    """A browser sends the cookies of a host to all its ports."""
+    """Cookies of a host are sent to all its ports."""
     with page_server(Place("127.0.0.1", 0, Access(secret="0ther"))) as other:
         pages = [(port, "s3cret"), (other.get_port(), "0ther")]
         kept = {}

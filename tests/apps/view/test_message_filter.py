@@ -1,4 +1,4 @@
-"""Messages that pages send: no page can disable a control for others, or make the viewer grow."""
+"""Messages of pages: no page can disable a control for others, or make the viewer's memory grow."""
 
 import contextlib
 import os
@@ -23,7 +23,7 @@ packed = msgspec.msgpack.encode
 
 
 class Controls:
-    """A server with one control of each kind that our page has."""
+    """Run a server with one control of each kind on our page."""
 
     def __init__(self, server, access):
         self.server, self.access, self.pressed = server, access, []
@@ -55,7 +55,7 @@ class Controls:
             time.sleep(0.01)
 
     def stops(self, page):
-        """Press STOP on a page, and wait until it was heard."""
+        """Press STOP on a page, and wait for its effect."""
         before = len(self.pressed)
         page.send(packed(self.value("button", True)))
         self.until(lambda: len(self.pressed) > before)
@@ -220,7 +220,7 @@ def test_more_pages_than_allowed_get_a_reason(controls, monkeypatch):
 
 def test_a_page_that_receives_nothing_is_closed(controls, page, monkeypatch):
     monkeypatch.setattr(guard_module, "STALLED", 0.3)
-    with controls.page(max_queue=1) as bad:  # reads no more than one message ahead
+    with controls.page(max_queue=1) as bad:  # reads at most one message ahead
         bad.send(packed(CAMERA))
         controls.until(lambda: len(controls.server.get_clients()) == 2)
         client = max(controls.server.get_clients().values(), key=lambda client: client.client_id)

@@ -1,4 +1,4 @@
-"""A recording as a source: where it is, what it shows there, and what is no recording."""
+"""A recording as a source: its position, its states, and files that are refused."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def player(tmp_path, clock):
 
 
 def shown(player):
-    """The tick that is shown."""
+    """Return the tick that is shown."""
     return player.newest().entries[0].tick
 
 
@@ -30,7 +30,7 @@ def test_the_player_shows_the_values_at_a_moment(player):
         state = player.newest()
         assert state.entries[0].q == (0.001 * tick,)
         assert state.signals["s"].value == (float(tick),)
-        assert player.newest() is state  # nothing is read again while it stands
+        assert player.newest() is state  # while paused, the recording is not read again
     player.seek(1e9)
     assert player.time == player.length
     assert shown(player) == 99
@@ -57,7 +57,7 @@ def test_the_player_advances_during_playback_and_stops_at_the_end(player, clock)
     clock.time += 1e3
     assert shown(player) == 99
     assert not player.playing
-    player.play(True)  # from its end: anew
+    player.play(True)  # from the beginning again
     assert player.time == 0.0
     assert player.playing
 

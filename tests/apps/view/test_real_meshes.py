@@ -1,4 +1,4 @@
-"""Real meshes, from a package made up like rtb-data: the arm's URDF, and a Collada file for each link."""
+"""Real meshes from a package like rtb-data: the arm's URDF, and a Collada file for each link."""
 
 import shutil
 from importlib.machinery import ModuleSpec
@@ -18,7 +18,7 @@ FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
 def write(file, colour):
-    """A tetrahedron of this colour."""
+    """Return a Collada tetrahedron of this colour."""
     made = collada.Collada()
     effect = collada.material.Effect("effect", [], "phong", diffuse=colour)
     paint = collada.material.Material("paint", "paint", effect)

@@ -1,4 +1,4 @@
-"""Pictures, judged by their pixels."""
+"""Rendered pictures, checked by their pixels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pictures from a process of their own."""
+"""Pictures from a render process."""
 
 import os
 import signal
@@ -32,7 +32,7 @@ def test_the_process_draws_like_the_renderer_and_its_end_is_reported(scene):
 
 
 def test_missing_opengl_is_reported_with_the_packages(scene, monkeypatch):
-    # What the child inherits: no driver for EGL that could be loaded.
+    # The child inherits these variables: EGL finds no driver.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")
     with pytest.raises(AppError, match="apt-get install libegl1 libgl1-mesa-dri"):

@@ -16,9 +16,9 @@ def test_links_are_drawn_at_the_poses_of_the_gates_bodies(cell, scene):
         q = rng.uniform(robot.lower, robot.upper)
         links = poses.links(robot.name, q)
         _, t = robot.model.body_placements(q)
-        told = [body for body in scene.description.bodies if body.robot == robot.name]
-        assert len(told) == len(robot.model.bodies)
-        for k, body in enumerate(told):
+        described = [body for body in scene.description.bodies if body.robot == robot.name]
+        assert len(described) == len(robot.model.bodies)
+        for k, body in enumerate(described):
             at = links[body.link].apply(np.array(body.xyz))
             assert at == pytest.approx(t[k], abs=1e-9)
             drawn = np.concatenate([piece.mesh.vertices for piece in _of(scene, robot.name)[body.link]])

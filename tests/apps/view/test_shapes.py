@@ -30,7 +30,7 @@ def volume(mesh):
 def test_surface_points_lie_on_the_shape(kind):
     mesh = mesh_of(kind, SIZES[kind])
     shape = shape_from(kind, SIZES[kind])
-    # Closed and wound outward: its signed volume is the shape's, but for the corners of what is round.
+    # Closed and wound outward: its signed volume is the shape's, up to the corners of round shapes.
     assert volume(mesh) == pytest.approx(VOLUMES[kind], rel=0.03)
     assert np.linalg.norm(mesh.vertices, axis=1).max() == pytest.approx(shape.bounding_radius)
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0)
@@ -38,8 +38,8 @@ def test_surface_points_lie_on_the_shape(kind):
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     solid = np.linalg.norm(across, axis=1) > 1e-12
-    told = mesh.normals[mesh.faces].mean(axis=1)
-    assert np.all(np.einsum("ij,ij->i", across, told)[solid] > 0.0)
+    normals = mesh.normals[mesh.faces].mean(axis=1)
+    assert np.all(np.einsum("ij,ij->i", across, normals)[solid] > 0.0)
     assert np.all(np.einsum("ij,ij->i", across, middle)[solid] > -1e-9)
 
 
@@ -48,7 +48,7 @@ def test_a_hull_has_creases_and_moves():
     corners, index = np.unique(box.vertices, axis=0, return_inverse=True)
     hull = convex(corners, index.reshape(-1)[box.faces])
     assert volume(hull) == pytest.approx(1.0)
-    assert len(hull.edges) == 12  # the diagonals of the sides are no edges
+    assert len(hull.edges) == 12  # diagonals of the sides are not edges
     moved = joined([hull, hull]).at(Placement(np.eye(3), np.array([0.0, 0.0, 2.0])))
     assert moved.vertices[:, 2].min() == pytest.approx(1.5)
     assert volume(moved) == pytest.approx(2.0)

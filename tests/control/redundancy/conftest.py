@@ -33,7 +33,7 @@ BRANCHES = """
 
 
 def planar(*lengths: float) -> RobotModel:
-    """The lecture's planar arm: parallel axes, links along x at zero; its last frame is `tip`."""
+    """Return the lecture's planar arm: parallel axes, links along x at zero; its last frame is `tip`."""
     links = "".join(f'<link name="link_{i}"/>' for i in range(len(lengths) + 1)) + '<link name="tip"/>'
     joints = ""
     for i, offset in enumerate([0.0, *lengths[:-1]]):
@@ -50,7 +50,7 @@ def planar(*lengths: float) -> RobotModel:
 
 
 def planar_jacobian(lengths: tuple[float, ...], q: np.ndarray) -> np.ndarray:
-    """The lecture's J (slides 6 and 26), written out for any number of links, (2, n)."""
+    """Return the lecture's J (slides 6 and 26) for any number of links, (2, n)."""
     angles = np.cumsum(q)
     link = np.array(lengths)
     x, y = link * np.cos(angles), link * np.sin(angles)
@@ -60,7 +60,7 @@ def planar_jacobian(lengths: tuple[float, ...], q: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Case:
-    """A task and positions within its robot's limits."""
+    """Task, and positions within its robot's limits."""
 
     task: FrameTask
     rng: np.random.Generator
@@ -107,14 +107,14 @@ def case(request: pytest.FixtureRequest, models: dict[str, RobotModel]) -> Case:
 
 @pytest.fixture(params=["planar-xy", "arm-xyz", "gantry-all", "branches-xz"])
 def redundant(request: pytest.FixtureRequest, models: dict[str, RobotModel]) -> Case:
-    """Tasks with joints to spare."""
+    """Return tasks with redundant joints."""
     robot, frame, rows = CASES[request.param]
     return Case(FrameTask(models[robot], frame, rows), np.random.default_rng(17))
 
 
 @pytest.fixture(params=range(12))
 def J(request: pytest.FixtureRequest) -> np.ndarray:
-    """Random matrices of many shapes; every third has lost rank."""
+    """Return random matrices of many shapes; every third is rank-deficient."""
     rng = np.random.default_rng(request.param)
     m, n = [(2, 3), (3, 6), (6, 6), (6, 9), (1, 4), (6, 3)][request.param % 6]
     whole = rng.normal(size=(m, n))
@@ -123,11 +123,11 @@ def J(request: pytest.FixtureRequest) -> np.ndarray:
 
 @pytest.fixture
 def arm():
-    """Builds the lecture's planar arm from its link lengths."""
+    """Return a factory of the lecture's planar arm from its link lengths."""
     return planar
 
 
 @pytest.fixture
 def printed_jacobian():
-    """The lecture's Jacobian of such an arm."""
+    """Return the lecture's Jacobian of such an arm."""
     return planar_jacobian

@@ -10,7 +10,7 @@ PLACE = Placement.from_rpy([0.3, -0.2, 0.5], [0.4, -0.7, 1.1])
 
 
 def surface(shape, count=40_000):
-    """Points on the surface of a shape, dense."""
+    """Return dense points on the surface of a shape."""
     rng = np.random.default_rng(0)
     u = rng.normal(size=(count, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)

@@ -67,7 +67,7 @@ def test_the_projection_of_a_velocity_ellipsoid_is_that_of_the_rows(case):
     rows = np.eye(len(J))[[0, 2]]
     shadow, direct = velocity_ellipsoid(J).projection(rows), velocity_ellipsoid(rows @ J)
     np.testing.assert_allclose(shadow.lengths, direct.lengths, atol=1e-12)
-    # The same ellipse; its axes may be told with the other sign.
+    # The same ellipse; its axes may have the opposite sign.
     np.testing.assert_allclose(
         shadow.semi_axes @ shadow.semi_axes.T, direct.semi_axes @ direct.semi_axes.T, atol=1e-12
     )

@@ -1,4 +1,4 @@
-"""The planar examples of the lecture, by URDF, with its numbers; where it slips, the right ones."""
+"""The planar examples of the lecture, by URDF, with its numbers, corrected where they are wrong."""
 
 import numpy as np
 import pytest
@@ -94,7 +94,7 @@ def test_slides_24_and_25_force_and_velocity_share_axes_and_have_reciprocal_leng
 def test_slide_26_principal_axes_of_the_two_link_arm(arm):
     J = tip(arm(1.0, 1.0)).jacobian([0.0, np.pi / 4])
     np.testing.assert_allclose(J, [[-SQRT_HALF, -SQRT_HALF], [1.0 + SQRT_HALF, SQRT_HALF]])
-    # Printed with −1 + 1/√2 beside the diagonal.
+    # Printed with the off-diagonal elements −1 + 1/√2.
     off = -1.0 - SQRT_HALF
     np.testing.assert_allclose(J @ J.T, [[1.0, off], [off, 2.0 + np.sqrt(2.0)]])
     axes = velocity_ellipsoid(J).semi_axes.T

@@ -1,4 +1,4 @@
-"""Potentials: exact gradients; each alone moves q, leaves the task alone and lowers itself."""
+"""Objectives: exact gradients; each lowers its potential without moving the task."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from armgate.control.redundancy.tasks import FrameTask
 
 
 def obstacles_near(model):
-    """Shapes beside the middle of the robot, near enough to matter at most positions."""
+    """Return shapes beside the middle of the robot, near enough to have an effect at most positions."""
     rng = np.random.default_rng(9)
     q = 0.5 * (model.lower + model.upper)
     centre = model.frame(q, "tool0").t * 0.6

@@ -10,7 +10,7 @@ T = 0.012
 
 
 def run(reach, q, seconds):
-    """The controller alone, an ideal robot: positions and errors."""
+    """Return positions and errors of the controller with an ideal robot."""
     qs, errors = [q], []
     for _ in range(round(seconds / T)):
         answer = reach.velocity(qs[-1])
@@ -43,7 +43,7 @@ def test_the_tool_keeps_its_speed_and_moves_straight(models):
 
 @pytest.mark.parametrize("method", [Method.DAMPED, Method.VARIABLE, Method.TRANSPOSE])
 def test_a_target_out_of_reach_is_approached_within_the_speed(method, models):
-    """The pseudoinverse would rush the joints here; these stretch the arm towards it and rest."""
+    """The pseudoinverse would cause huge joint speeds here; these methods stretch the arm and rest."""
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     target = Placement.from_rpy([1.5, 0.0, 0.5], [0.0, 0.0, 0.0])
     qs, errors = run(Reach(task, target, Tuning(method)), np.array([0.3, 0.4, 0.5]), 30.0)
@@ -85,7 +85,7 @@ def test_a_joint_at_its_limit_is_locked_and_the_others_take_over(models):
     model = models["P"]
     task = FrameTask(model, "tool0", ("x", "y"))
     q = np.array([0.3, 2.6, 0.5])
-    # Along this direction the second joint would turn on.
+    # Along this direction the second joint would continue to turn.
     target = task.place(q + np.array([0.0, 0.2, 0.1]))
     free = Reach(
         task, target, Tuning(Method.PSEUDO, speed=9.0), limits=(model.lower - 9.0, model.upper + 9.0)

@@ -7,7 +7,7 @@ from armgate.control.redundancy.spaces import spaces
 
 
 def kkt(J, xd, wanted, W):
-    """Stationarity and constraint of slide 39 as one linear system."""
+    """Solve stationarity and constraint of slide 39 as one linear system."""
     m, n = J.shape
     system = np.block([[W, -J.T], [J, np.zeros((m, m))]])
     return np.linalg.solve(system, np.concatenate([W @ wanted, xd]))[:n]

@@ -1,4 +1,4 @@
-"""Self motions (slide 29) hold the task; those of the planar arm are known in closed form."""
+"""Self-motions (slide 29) keep the task pose; those of the planar arm are known in closed form."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def planar_task(arm):
 
 
 def closed_form(tip, heading):
-    """Both positions with the last link heading that way: two links to its root, elbow either way."""
+    """Return both positions with the last link at that heading: two links to its root, elbow either way."""
     l1, l2, l3 = LINKS
     wrist = tip - l3 * np.array([np.cos(heading), np.sin(heading)])
     cosine = (wrist @ wrist - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
@@ -113,7 +113,7 @@ def test_a_step_too_long_for_a_bend_is_shortened(arm):
 
 def test_a_task_without_a_continuation_is_stuck(arm):
     class Drifting(FrameTask):
-        """A task whose error never goes away."""
+        """Task whose error never vanishes."""
 
         def error(self, q, target):
             return super().error(q, target) + 1.0

@@ -6,7 +6,7 @@ from armgate.control.redundancy.statics import balance, torques
 
 
 def test_virtual_work(case):
-    """The power of the torques is that of the force, whatever the motion."""
+    """The power of the torques equals that of the force for every motion."""
     J = case.task.jacobian(case.q())
     F, qd = case.rng.normal(size=len(J)), case.rng.normal(size=J.shape[1])
     assert torques(J, F) @ qd == pytest.approx(F @ (J @ qd))

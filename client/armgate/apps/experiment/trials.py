@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
+from typing import assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,8 @@ def trials(experiment: Experiment, scene: Scene, seeds: int | None = None) -> li
             return list(_zooms(experiment, scene, numbers))
         case Collision():
             return [*_dashes(experiment, scene, numbers), *_pursuits(experiment, scene, seeds)]
+        case _:
+            assert_never(experiment)
 
 
 def _view(experiment: Experiment) -> tuple[str, ...]:

@@ -14,46 +14,52 @@ if TYPE_CHECKING:
     from armgate.client import Cell
 
 
+PathFile = Annotated[
+    Path | None,
+    typer.Option("--path", help="Drive along the recorded path in this file.", show_default=False),
+]
+InputName = Annotated[
+    str | None,
+    typer.Option("--input", metavar="NAME", help="Drive by hand: gamepad or keyboard.", show_default=False),
+]
+Pursue = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ROBOT/BODY",
+        help="Pursue a body of another robot with the tool, until Ctrl-C.",
+        show_default=False,
+    ),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option(help="Robot to drive (default: the robot that the path was recorded with)."),
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(min=0.1, metavar="S", help="With --path: play only the first S seconds, then come to rest."),
+]
+Mode = Annotated[
+    Literal["joint", "tool"], typer.Option(help="With --input: start by moving joints, or the tool.")
+]
+Speed = Annotated[
+    float, typer.Option(min=0.01, max=1.0, help="With --input: largest share of the robot's speeds.")
+]
+ToolSpeed = Annotated[float, typer.Option(min=0.001, metavar="M/S", help="With --pursue: speed of the tool.")]
+Name = Annotated[str, typer.Option(help="Name of this client.")]
+
+
 def lead(
     address: Address,
     *,
-    path: Annotated[
-        Path | None, typer.Option(help="Drive along the recorded path in this file.", show_default=False)
-    ] = None,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--input", metavar="NAME", help="Drive by hand: gamepad or keyboard.", show_default=False
-        ),
-    ] = None,
-    pursue: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROBOT/BODY",
-            help="Pursue a body of another robot with the tool, until Ctrl-C.",
-            show_default=False,
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="Robot to drive (default: the robot that the path was recorded with)."),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, metavar="S", help="With --path: play only the first S seconds, then come to rest."
-        ),
-    ] = None,
-    mode: Annotated[
-        Literal["joint", "tool"], typer.Option(help="With --input: start by moving joints, or the tool.")
-    ] = "joint",
-    speed: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="With --input: largest share of the robot's speeds.")
-    ] = 0.25,
-    tool_speed: Annotated[
-        float, typer.Option(min=0.001, metavar="M/S", help="With --pursue: speed of the tool.")
-    ] = 0.25,
-    name: Annotated[str, typer.Option(help="Name of this client.")] = "leader",
+    path: PathFile = None,
+    by: InputName = None,
+    pursue: Pursue = None,
+    robot: Robot = None,
+    duration: Duration = None,
+    mode: Mode = "joint",
+    speed: Speed = 0.25,
+    tool_speed: ToolSpeed = 0.25,
+    name: Name = "leader",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,

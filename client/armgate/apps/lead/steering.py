@@ -1,7 +1,7 @@
 """Steering: turns a requested motion into an increment within speed, acceleration and joint limits."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, assert_never
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class Steering:
                 # Both parts slow down together, so that the tool moves on a straight line.
                 too_fast = np.linalg.norm((_GAIN * error / self._tool_speeds).reshape(2, 3), axis=1).max()
                 return self._carried(_GAIN * error / max(1.0, float(too_fast)), setpoint)
+            case _:
+                assert_never(motion)
 
     def _carried(self, twist: Array, setpoint: Array) -> Array:
         """Return the increment for a tool velocity (6,), scaled as a whole to the joints' limits."""

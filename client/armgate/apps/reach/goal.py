@@ -109,11 +109,15 @@ def objective(
     name: str, task: FrameTask, robot: RobotDescription, goal: Goal, cell: Description
 ) -> Objective:
     """Return the objective with this name."""
-    if name == "singularities":
-        return AwayFromSingularities(task)
-    if name == "limits":
-        return TowardsCentre([j.lower for j in robot.joints], [j.upper for j in robot.joints])
-    return away_from_surroundings(task.model, cell, goal.clear)
+    match name:
+        case "singularities":
+            return AwayFromSingularities(task)
+        case "limits":
+            return TowardsCentre([j.lower for j in robot.joints], [j.upper for j in robot.joints])
+        case "obstacles":
+            return away_from_surroundings(task.model, cell, goal.clear)
+        case _:
+            raise ValueError(f"unknown objective {name!r}; expected one of {', '.join(GAINS)}")
 
 
 def away_from_surroundings(model: RobotModel, cell: Description, clear: float) -> AwayFromObstacles:

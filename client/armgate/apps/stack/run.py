@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import assert_never
 
 import typer
 
@@ -227,14 +228,27 @@ def _until_done(children: Children, names: Sequence[str], show: Callable[[], Non
 
 
 def _goes_on(children: Children, event: Event | None) -> bool:
-    if isinstance(event, Printed | Exited) and event.name == VIEWER:
-        _report_viewer(children, event)
-        return True
-    if isinstance(event, Printed) and (error := violation_error(event)) is not None:
-        raise error
-    if isinstance(event, Exited) and (event.status != 0 or _needed(event.name)):
-        raise failure_of(children, event)
-    return not isinstance(event, Interrupted)
+    """Return True if the run goes on after an event, False if the user ends it.
+
+    Raises:
+        AppError: The event is a violation, or the end of a child that failed or is still needed.
+    """
+    match event:
+        case None:
+            return True
+        case Interrupted():
+            return False
+        case Printed(name=name) | Exited(name=name) if name == VIEWER:
+            _report_viewer(children, event)
+        case Printed():
+            if (error := violation_error(event)) is not None:
+                raise error
+        case Exited():
+            if event.status != 0 or _needed(event.name):
+                raise failure_of(children, event)
+        case _:
+            assert_never(event)
+    return True
 
 
 def _needed(name: str) -> bool:

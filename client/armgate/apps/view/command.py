@@ -8,39 +8,47 @@ import typer
 
 from armgate.apps.connection import Ca, Cert, Key, TokenFile, login
 
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="HOST:PORT|unix:PATH|RUN",
+        help="Address or Unix socket of the daemon; or a recording: a run's folder or one of its files.",
+    ),
+]
+Role = Annotated[
+    Literal["observer", "controller", "operator"],
+    typer.Option(help="Role of the page: observe and STOP; also drive robots; also reset and zoom."),
+]
+Host = Annotated[str, typer.Option(help="Address on which the page is served.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free port.")]
+HostName = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME[:PORT]",
+        help="Additional host name of the page, such as that of a reverse proxy; repeatable.",
+    ),
+]
+Speed = Annotated[
+    float, typer.Option(min=0.01, max=1.0, help="Driving: largest share of the robots' speeds.")
+]
+Meshes = Annotated[
+    bool, typer.Option(help="Draw known arms with their real meshes, if armgate[meshes] is installed.")
+]
+Open = Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")]
+Name = Annotated[str, typer.Option(help="Name of this client.")]
+
 
 def view(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="HOST:PORT|unix:PATH|RUN",
-            help="Address or Unix socket of the daemon; or a recording: a run's folder or one of its files.",
-        ),
-    ] = "127.0.0.1:7411",
+    source: Source = "127.0.0.1:7411",
     *,
-    role: Annotated[
-        Literal["observer", "controller", "operator"],
-        typer.Option(help="Role of the page: observe and STOP; also drive robots; also reset and zoom."),
-    ] = "observer",
-    host: Annotated[str, typer.Option(help="Address on which the page is served.")] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free port.")
-    ] = 7480,
-    host_name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME[:PORT]",
-            help="Additional host name of the page, such as that of a reverse proxy; repeatable.",
-        ),
-    ] = None,
-    speed: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="Driving: largest share of the robots' speeds.")
-    ] = 0.25,
-    meshes: Annotated[
-        bool, typer.Option(help="Draw known arms with their real meshes, if armgate[meshes] is installed.")
-    ] = True,
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = False,
-    name: Annotated[str, typer.Option(help="Name of this client.")] = "view",
+    role: Role = "observer",
+    host: Host = "127.0.0.1",
+    port: Port = 7480,
+    host_name: HostName = None,
+    speed: Speed = 0.25,
+    meshes: Meshes = True,
+    open_: Open = False,
+    name: Name = "view",
     token_file: TokenFile = None,
     ca: Ca = None,
     cert: Cert = None,

@@ -4,6 +4,8 @@ A cone is treated as its bounding cylinder, a convex body as its bounding box, w
 distance.
 """
 
+from typing import assert_never
+
 import numpy as np
 
 from armgate.cell.placement import Placement
@@ -36,6 +38,8 @@ def point_distances(points: Array, shape: Shape, placement: Placement) -> tuple[
         case Box(x, y, z):
             d, n = _from_corner(np.abs(local) - 0.5 * np.array([x, y, z]))
             n *= _signs(local)
+        case other:
+            assert_never(other)
     return d, n @ placement.R.T
 
 
@@ -46,8 +50,10 @@ def _simple(shape: Shape) -> Sphere | Capsule | Cylinder | Box:
         case Convex():
             x, y, z = shape.half_sides
             return Box(2.0 * x, 2.0 * y, 2.0 * z)
-        case _:
+        case Sphere() | Capsule() | Cylinder() | Box():
             return shape
+        case _:
+            assert_never(shape)
 
 
 def _from_points(ways: Array, radius: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ anew: the other joints do its part. Clamped only, it would leave the task undone
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, assert_never
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -137,3 +137,5 @@ def _inverse(tuning: Tuning) -> Callable[[Array], Array]:
             return lambda J: variably_damped_inverse(J, tuning.threshold, tuning.damping)
         case Method.TRANSPOSE:
             return np.transpose
+        case _:
+            assert_never(tuning.method)
