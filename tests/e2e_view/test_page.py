@@ -80,7 +80,7 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
     page.tab.keep("viewer-tracking.png")
 
     page.press("STOP")
-    page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
+    page.until(lambda: "an operator can reset it" in page.text, "the stop on the page")
     with connect(address, name="observer", role="observer") as cell:
         cell.subscribe(every=1, robots=["FR"])
         places = []
@@ -90,7 +90,7 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
             if len(places) > 5 and np.ptp(np.array(places[-5:]), axis=0).max() < 1e-6:
                 break  # at rest
     for child in tracking:
-        assert child.wait(30) != 0  # they were told that their robots were stopped
+        assert child.wait(30) != 0  # each reports that its robot was stopped
     page.tab.keep("viewer-stopped.png")
 
 
@@ -103,10 +103,10 @@ def test_the_token_leaves_the_address_bar_and_the_page_makes_no_other_connection
 
 def test_a_reload_has_no_effect_and_reset_ends_the_stop(page, address):
     page.press("STOP")
-    page.until(lambda: "an operator resets it" in page.text, "the stop on the page")
+    page.until(lambda: "an operator can reset it" in page.text, "the stop on the page")
     page.tab.reload()
     page.until(lambda: "STOP" in page.text and len(page.joints("GR")) == 9, "the reloaded page")
-    page.until(lambda: "an operator resets it" in page.text, "the stop on the reloaded page")
+    page.until(lambda: "an operator can reset it" in page.text, "the stop on the reloaded page")
     page.press("Reset")
     with connect(address, name="observer", role="observer") as cell:
         cell.subscribe(every=1)
@@ -114,4 +114,4 @@ def test_a_reload_has_no_effect_and_reset_ends_the_stop(page, address):
         state = next(s for s in states if s.time > first.time + 60.0 or not any(e.stops for e in s.entries))
         assert not any(entry.stops for entry in state.entries)
         assert all(not (entry.late_commands or 0) for entry in state.entries)
-    page.until(lambda: "running" in page.text, "no active stop")
+    page.until(lambda: "running" in page.text, "no stop in force")

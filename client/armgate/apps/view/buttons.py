@@ -33,7 +33,7 @@ class Buttons:
             self._add_operator_controls()
 
     def _add_operator_controls(self) -> None:
-        reset = self._gui.add_button("Reset", order=2, hint="Reset every active stop")
+        reset = self._gui.add_button("Reset", order=2, hint="Reset every stop in force")
         self._on(reset.on_click, "Reset", self._live.reset)
         zoom = self._gui.add_slider("Zoom [m]", *ZOOM, 0.05, 1.0, order=3, hint="Wanted view distance")
         self._on(zoom.on_update, "Zoom", lambda: _zoom(self._live, float(zoom.value)), quiet=True)

@@ -95,7 +95,7 @@ class Live:
         return f"stop {stopped.stop} is in force: {', '.join(stopped.robots)} come to rest"
 
     async def reset(self) -> str:
-        """Reset every active stop; return the outcome in words.
+        """Reset every stop in force; return the outcome in words.
 
         Raises:
             Refused: Another operator was faster, or a robot is still moving.

@@ -51,7 +51,7 @@ class StatePanel:
             return banner(source.problem, colours.STATES["stop"])
         stops = sorted({stop for entry in state.entries for stop in entry.stops or ()})
         if stops:
-            active = f"stop {', '.join(map(str, stops))} in force: an operator resets it"
+            active = f"stop {', '.join(map(str, stops))} in force; an operator can reset it"
             return banner(f"{source.describe(state)}: {active}", colours.STATES["stop"])
         return banner(source.describe(state), NEUTRAL) + note(state.warnings)
 
