@@ -50,13 +50,13 @@ WORK = 9.0
 """Time for which the follower works before the page is photographed, s."""
 FILM, SMALL = 64, (980, 630)
 """Number of pictures of the page in motion, and their size in pixels."""
-FILM_BEGIN, FILM_STEP, FILM_SHOWN = 1.0, 0.25, 110
+FILM_BEGIN, FILM_STEP, FILM_SHOWN = 0.5, 0.4, 120
 """Time in the run of the first picture and between two [s], and time for which each is shown [ms]."""
 SETTLE = 1.5
 """Time that the page gets to draw another moment of a recording, s."""
 _SEEK = """time => {
     const label = [...document.querySelectorAll('label')].find(each => each.textContent === 'Time [s]');
-    const input = label.parentElement.parentElement.querySelector('input[inputmode]');
+    const input = label.closest('.mantine-Flex-root').querySelector('input[inputmode]');
     const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
     set.call(input, time);
     input.dispatchEvent(new Event('input', {bubbles: true}));
