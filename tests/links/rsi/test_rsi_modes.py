@@ -11,7 +11,7 @@ from itertools import product
 
 import pytest
 
-from armgate.emulator.krc.context import Limits
+from armgate.emulator.krc.context import Limits, Mode
 from armgate.links.rsi.probe import Probe, digits_of, probe_size
 from support.krcs import krc_file
 from support.rsi import SEND, SIX, WIDE, Rig
@@ -251,7 +251,7 @@ def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, 
     dq = tuple(share * u for u in SLOW)
     rig.drive(before, *dq)
     at_rest(rig, 60)
-    rig.krc._run.correction._relative = True
+    rig.krc._run.correction.mode = Mode.RELATIVE
     travel = Travel(rig)
     for _ in range(100):
         rig.command(*dq)

@@ -54,7 +54,7 @@ def quantity(given: object) -> Quantity:
     """Read a number or a text with a unit.
 
     Raises:
-        ValueError: It is neither of both, has an unknown unit, or is not finite. The text ends with what was
+        ValueError: It is neither, has an unknown unit, or is not finite. The text ends with what was
             expected.
     """
     if isinstance(given, Quantity):

@@ -5,62 +5,76 @@ from typing import Annotated
 
 import typer
 
+Profile = Annotated[str, typer.Option(help="krc2-rsi2, krc4-rsi3 or krc5-rsi5.")]
+Config = Annotated[Path, typer.Option(metavar="FILE.xml", help="RSI Ethernet file of the KRC.")]
+To = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="Address of the PC.", show_default="as in the file")
+]
+Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="UDP port of this KRC; 0 takes another one for each run.")
+]
+Robot = Annotated[str, typer.Option(help="kr16, a URDF file, or a robot of --cell.")]
+Cell = Annotated[list[Path] | None, typer.Option(help="Configuration files of the cell.")]
+Start = Annotated[
+    str | None, typer.Option(metavar="A1,A2,…", help="Initial position, deg and mm: A axes, then E axes.")
+]
+Cycle = Annotated[float | None, typer.Option(metavar="MS", help="Cycle; 12 for #IPO on KRC4 and later.")]
+Lag = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MS",
+        help="Lag of the measured position: 30, or A1=33,A2=27.",
+        show_default="that of the profile",
+    ),
+]
+RsiMode = Annotated[str, typer.Option(help="Mode of RSI_ON: absolute or relative.")]
+Aspos = Annotated[
+    str, typer.Option(help="Programmed position (ASPos, RSol) under correction: stands or moves.")
+]
+Precision = Annotated[int, typer.Option(min=0, max=9, help="Decimals in telegrams.")]
+Timeout = Annotated[int, typer.Option(min=0, help="Tolerated number of late cycles.")]
+Axiscorr = Annotated[
+    str, typer.Option(help="Correction at which values are cut, deg or mm: 5, or A=170,E=2000.")
+]
+Axiscorrmon = Annotated[str, typer.Option(help="Correction beyond which RSI stops, deg or mm.")]
+FirstIpoc = Annotated[int | None, typer.Option(min=0, help="First IPOC.", show_default="random, by the seed")]
+Seed = Annotated[int, typer.Option(help="Seed of all random numbers.")]
 Share = Annotated[str, typer.Option(metavar="P", help="Share of datagrams, or to-pc=P,to-krc=P.")]
 Time = Annotated[str, typer.Option(metavar="MS", help="Milliseconds, or to-pc=MS,to-krc=MS.")]
+Stopped = Annotated[bool, typer.Option("--stopped", help="Wait for the command start on stdin.")]
+LogFile = Annotated[Path | None, typer.Option(help="File for the log.", show_default="stderr")]
+TraceFile = Annotated[
+    Path | None, typer.Option(metavar="FILE.csv", help="File for the setpoint of every cycle.")
+]
 
 
 def krc(
     *,
-    profile: Annotated[str, typer.Option(help="krc2-rsi2, krc4-rsi3 or krc5-rsi5.")],
-    config: Annotated[Path, typer.Option(metavar="FILE.xml", help="RSI Ethernet file of the KRC.")],
-    to: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Address of the PC.", show_default="as in the file"),
-    ] = None,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="UDP port of this KRC; 0 takes another one for each run.")
-    ] = 0,
-    robot: Annotated[str, typer.Option(help="kr16, a URDF file, or a robot of --cell.")] = "kr16",
-    cell: Annotated[list[Path] | None, typer.Option(help="Configuration files of the cell.")] = None,
-    start: Annotated[
-        str | None,
-        typer.Option(metavar="A1,A2,…", help="Initial position, deg and mm: A axes, then E axes."),
-    ] = None,
-    cycle: Annotated[
-        float | None, typer.Option(metavar="MS", help="Cycle; 12 for #IPO on KRC4 and later.")
-    ] = None,
-    lag: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MS",
-            help="Lag of the measured position: 30, or A1=33,A2=27.",
-            show_default="that of the profile",
-        ),
-    ] = None,
-    mode: Annotated[str, typer.Option(help="Mode of RSI_ON: absolute or relative.")] = "absolute",
-    aspos: Annotated[
-        str, typer.Option(help="Programmed position (ASPos, RSol) under correction: stands or moves.")
-    ] = "stands",
-    precision: Annotated[int, typer.Option(min=0, max=9, help="Decimals in telegrams.")] = 1,
-    timeout: Annotated[int, typer.Option(min=0, help="Tolerated number of late cycles.")] = 10,
-    axiscorr: Annotated[
-        str, typer.Option(help="Correction at which values are cut, deg or mm: 5, or A=170,E=2000.")
-    ] = "5",
-    axiscorrmon: Annotated[str, typer.Option(help="Correction beyond which RSI stops, deg or mm.")] = "6",
-    ipoc: Annotated[
-        int | None, typer.Option(min=0, help="First IPOC.", show_default="random, by the seed")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
+    profile: Profile,
+    config: Config,
+    to: To = None,
+    port: Port = 0,
+    robot: Robot = "kr16",
+    cell: Cell = None,
+    start: Start = None,
+    cycle: Cycle = None,
+    lag: Lag = None,
+    mode: RsiMode = "absolute",
+    aspos: Aspos = "stands",
+    precision: Precision = 1,
+    timeout: Timeout = 10,
+    axiscorr: Axiscorr = "5",
+    axiscorrmon: Axiscorrmon = "6",
+    ipoc: FirstIpoc = None,
+    seed: Seed = 0,
     loss: Share = "0",
     duplicate: Share = "0",
     reorder: Share = "0",
     delay: Time = "0",
     jitter: Time = "0",
-    stopped: Annotated[bool, typer.Option("--stopped", help="Wait for the command start on stdin.")] = False,
-    log: Annotated[Path | None, typer.Option(help="File for the log.", show_default="stderr")] = None,
-    trace: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="File for the setpoint of every cycle.")
-    ] = None,
+    stopped: Stopped = False,
+    log: LogFile = None,
+    trace: TraceFile = None,
 ) -> None:
     """Run a virtual KUKA controller that exchanges RSI telegrams with a PC, until SIGTERM or Ctrl-C."""
     import asyncio
@@ -69,16 +83,15 @@ def krc(
     from armgate.emulator.krc.process.serve import serve
 
     ethernet = options.load_ethernet(config)
-    network = options.parse_network(
-        loss=loss, duplicate=duplicate, reorder=reorder, delay=delay, jitter=jitter
-    )
     given = options.Options(
         profile=options.select_profile(profile, cycle, lag),
         ethernet=ethernet,
         context=options.parse_context(mode, precision, timeout, axiscorr, axiscorrmon, aspos),
         arm=options.load_arm(robot, cell or [], start),
         peer=options.parse_peer(to, ethernet),
-        network=network,
+        network=options.parse_network(
+            loss=loss, duplicate=duplicate, reorder=reorder, delay=delay, jitter=jitter
+        ),
         seed=seed,
         ipoc=ipoc,
         port=port,

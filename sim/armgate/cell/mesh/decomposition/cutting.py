@@ -22,10 +22,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RAYS = 24
+"""Number of rays that are tried from a corner."""
+
 _SLACK = 1e-9
 """Enlargement of the triangles, in their own coordinates, so that no ray passes between two of them."""
 
 _ROUNDING = 1e-14
+"""Bound of relative rounding errors."""
+
 _FLAT = 1e-9
 """Angle between a ray and the plane of a triangle below which the ray counts as a hit."""
 
@@ -136,7 +140,12 @@ def _across(triangles: Array, height: Array, axis: int, at: float) -> tuple[Arra
 
 
 def proven_outside(point: Array, triangles: Array, rays: Array) -> bool:
-    """Return True if one of the rays from a point surely misses all triangles, so they do not enclose it."""
+    """Return True if one of the rays from a point surely misses all triangles, so they do not enclose it.
+
+    A ray meets the plane of a triangle at the distance t and the coordinates x, y along two of its edges
+    (Möller and Trumbore, 1997). It misses the triangle if x < 0, y < 0, x + y > 1 or t < 0, each by a margin
+    for rounding.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     u, v, s = b - a, c - a, point - a
     normal = np.cross(u, v)

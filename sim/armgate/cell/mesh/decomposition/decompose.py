@@ -12,6 +12,7 @@ are added.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, assert_never
 
 import numpy as np
 
@@ -32,6 +33,9 @@ _THICKENING = 4e-6
 """Half the thickness given to flat pieces, m."""
 
 
+Method = Literal["parts", "hull"]
+
+
 @dataclass(frozen=True)
 class DecompositionOptions:
     """Options of the decomposition.
@@ -44,7 +48,7 @@ class DecompositionOptions:
         max_vertices: Largest number of corners of a body.
     """
 
-    method: str
+    method: Method
     threshold: float
     max_parts: int
     max_vertices: int
@@ -57,9 +61,13 @@ def decompose(mesh: TriangleMesh, options: DecompositionOptions) -> tuple[Convex
         ModelError: The surface is not closed (``parts`` only).
     """
     check_closed(mesh, options)
-    if options.method == "hull":
-        return (_body(mesh.vertices, mesh.slack, options),)
-    pieces = _merge(_pieces(mesh, options))
+    match options.method:
+        case "hull":
+            pieces = [mesh.vertices]
+        case "parts":
+            pieces = _merge(_pieces(mesh, options))
+        case _:
+            assert_never(options.method)
     return tuple(_body(points, mesh.slack, options) for points in pieces)
 
 

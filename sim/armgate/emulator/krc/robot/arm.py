@@ -128,7 +128,9 @@ def arm_of_cell(robot: "Robot", urdf: "Urdf") -> Arm:
     """
     arm = arm_of_urdf(urdf, robot.tool)
     if robot.model.n != len(arm.axes):
-        raise KrcError(f"{robot.name} has joints beside those of its tool {robot.tool!r}; expected one chain")
+        raise KrcError(
+            f"{robot.name} has joints other than those of its tool {robot.tool!r}; expected one chain"
+        )
     count = sum(axis.linear for axis in arm.axes)
     # The model's order is E1…, A1…; ours begins with the A axes.
     order = [*range(count, robot.model.n), *range(count)]
