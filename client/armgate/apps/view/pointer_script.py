@@ -34,7 +34,7 @@ _SCRIPT = """
   };
   const held = () => timer && press('HOLD');
   let due = 0;
-  const tick = => {
+  const tick = () => {
     const now = performance.now();
     now > due + EVERY ? setTimeout(held, 0) : held();
     due = now + EVERY;
