@@ -131,7 +131,7 @@ def test_while_somebody_is_unknown_there_is_no_witness():
 def test_under_the_same_rules_it_says_the_same_and_is_where_the_other_is():
     hands, both = followed()
     for dq, answer in ((STEP, True), (STEP, None), (-STEP, False), (0.0, True)):
-        verdict = hands.ask((dq,), answer=None)
+        verdict = hands.command((dq,), answer=None)
         assert both.now[0] == verdict
         assert_followed(both)
         if answer is not None:
@@ -143,7 +143,7 @@ def test_under_the_same_rules_it_says_the_same_and_is_where_the_other_is():
 
 def test_what_it_would_refuse_is_held_as_it_was_played():
     hands, both = followed(0.0999 + 2 * STEP, now=STRICT.items())
-    verdict = hands.ask((4 * STEP,), answer=None)
+    verdict = hands.command((4 * STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.LIMITED, Outcome.REFUSED)
     assert_followed(both)
     assert len(both.beside._robots[0].reserved) == 2
@@ -175,7 +175,7 @@ def plan_of(both, dq):
 
 def test_what_it_would_let_through_is_not_held_if_it_was_refused():
     hands, both = followed(0.02 + 0.5 * STEP, now=LOOSE.items())
-    verdict = hands.ask((STEP,), answer=None)
+    verdict = hands.command((STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.REFUSED, Outcome.ADMITTED)
     assert_followed(both)
     assert both.beside._robots[0].pending is None
@@ -184,9 +184,9 @@ def test_what_it_would_let_through_is_not_held_if_it_was_refused():
 
 def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting():
     hands, both = followed(now=STRICT.items())
-    hands.ask((STEP,), answer=None)
+    hands.command((STEP,), answer=None)
     plan = hands.held[0]
-    assert hands.ask((STEP,)).reasons[0].cause is Cause.OCCUPIED
+    assert hands.command((STEP,)).reasons[0].cause is Cause.OCCUPIED
     hands.gate.step(PlanAnswer("left", plan.key, True))
     assert_followed(both)
     hands.play()
@@ -200,10 +200,10 @@ def test_a_slot_is_used_or_free_as_it_was(elder):
     ages = [{"max_age_ticks": n} for n in ((9, 1) if elder == 0 else (1, 9))]
     hands, both = followed(then=ages[0].items(), now=ages[1].items())
     hands.rest(0, count=4)
-    first = hands.ask((STEP,), based_on=1, answer=None)
+    first = hands.command((STEP,), based_on=1, answer=None)
     assert (first.target is None) == (elder == 1)
     assert_followed(both)
-    second = hands.ask((STEP,), answer=None)
+    second = hands.command((STEP,), answer=None)
     assert [r.cause for r in second.reasons] == ([Cause.OCCUPIED] if elder == 0 else [])
     assert both.now[0].reasons == second.reasons
     assert_followed(both)
@@ -261,7 +261,7 @@ def test_a_reset_is_followed_whoever_would_have_taken_it(stricter):
     for gate in (both.gate, both.beside):
         gate._robots[0].untracked = False
     assert_followed(both)
-    hands.ask((STEP,), answer=None)
+    hands.command((STEP,), answer=None)
     assert_followed(both)
     hands.rest(0)
     assert hands.gate.step(Reset(stop.id, "x"))[0].accepted == (stricter == 1)

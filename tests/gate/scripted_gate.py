@@ -36,7 +36,7 @@ class ScriptedGate:
             out += self.gate.step(Tick(self.names[i], self.tick[i], now, at, self.q[i], u))
         return out
 
-    def ask(self, dq, i=0, answer=True, fence=1, based_on=None):
+    def command(self, dq, i=0, answer=True, fence=1, based_on=None):
         self.seq += 1
         based_on = self.tick[i] if based_on is None else based_on
         verdict, *plans = self.gate.step(Command(self.names[i], fence, self.seq, based_on, dq))
@@ -55,7 +55,7 @@ class ScriptedGate:
         now = self.tick[i] * self.cell.robots[i].period
         return self.gate.step(Tick(self.names[i], self.tick[i], now, before, self.q[i], u, plan.key, index))
 
-    def kept(self, i=0):
+    def lowest_bound(self, i=0):
         return float(self.gate._clearance.bound.of(i).min())
 
 

@@ -39,7 +39,7 @@ def hold(clearance, robot, *nodes):
     clearance.hold(robot, [way(clearance, robot, *nodes)])
 
 
-def judged(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
+def checked(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
     """Return the result for a new path, and the number of engine queries."""
     needs = np.full(len(clearance.pairs_of[robot]), need)
     step = None if step is None else np.array(step)
@@ -102,7 +102,7 @@ def test_a_kept_bound_that_is_not_a_number_is_below_every_limit_until_a_new_proo
     clearance.bound.put(0, np.array([np.nan]))
     clearance.mark_maybe_below()
     assert clearance.below(0) == clearance.below(1) == [0]
-    found, _ = judged(clearance, (-0.5, 0.0), step=(0.0, 0.0), budget=0)
+    found, _ = checked(clearance, (-0.5, 0.0), step=(0.0, 0.0), budget=0)
     assert found.binding.pair == 0
     assert clearance.prove_held(0, 0, Budget(1)).lb == pytest.approx(0.9, abs=1e-8)
     assert clearance.below(0) == []
@@ -193,7 +193,7 @@ def test_slabs_count_the_held_occupancies_of_other_robots():
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
     clearance.prove_all(0)
-    found, asked = judged(clearance, (-0.5, 0.0), (0.25, 0.0))
+    found, asked = checked(clearance, (-0.5, 0.0), (0.25, 0.0))
     assert (found.binding, asked) == (None, 0)
     assert found.lb == pytest.approx([0.15 - MARGIN], abs=1e-12)
 
@@ -201,14 +201,14 @@ def test_slabs_count_the_held_occupancies_of_other_robots():
 def test_nothing_can_be_proven_for_a_robot_of_unknown_position():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
-    found, asked = judged(clearance, (-0.5, 0.0))
+    found, asked = checked(clearance, (-0.5, 0.0))
     assert np.isneginf(found.binding.lb)
     assert (found.binding.pair, found.binding.need, found.binding.points, asked) == (0, LIMIT, None, 0)
 
 
 def test_without_a_budget_no_engine_is_queried_and_nothing_is_found():
     clearance = ball({"b": sphere(0.5)})
-    found, _ = judged(clearance, (0.0, 0.0, 0.0), budget=0)
+    found, _ = checked(clearance, (0.0, 0.0, 0.0), budget=0)
     assert found.binding is not None
     assert found.binding.points is None
     assert clearance.certifier.queries == 0
@@ -216,17 +216,17 @@ def test_without_a_budget_no_engine_is_queried_and_nothing_is_found():
 
 def test_one_query_finds_the_direction_and_the_next_path_needs_no_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
-    found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.39)
+    found, asked = checked(clearance, (0.0, 0.0, 0.0), need=0.39)
     assert (found.binding, asked) == (None, 1)
     assert found.lb == pytest.approx([0.4], abs=1e-6)
     assert clearance._n == pytest.approx(np.array([[0.6, 0.8, 0.0]]), abs=1e-4)
-    found, asked = judged(clearance, (0.003, 0.004, 0.0), need=0.39)
+    found, asked = checked(clearance, (0.003, 0.004, 0.0), need=0.39)
     assert (found.binding, asked) == (None, 0)
 
 
 def test_a_pair_that_is_truly_too_near_costs_one_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
-    found, asked = judged(clearance, (0.0, 0.0, 0.0), need=0.41)
+    found, asked = checked(clearance, (0.0, 0.0, 0.0), need=0.41)
     assert asked == 1
     assert found.binding.lb == pytest.approx(0.4, abs=1e-6)
     p, q = map(np.array, found.binding.points)
@@ -252,7 +252,7 @@ BEND = ((-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
 @pytest.mark.parametrize(("need", "way_is_free"), [(0.0499, True), (0.0501, False)])
 def test_a_path_around_a_corner_is_proven_cell_by_cell(need, way_is_free):
     clearance = ball({"b": sphere(-0.15, 0.15)})
-    found, asked = judged(clearance, *BEND, need=need)
+    found, asked = checked(clearance, *BEND, need=need)
     assert (found.binding is None) == way_is_free
     if way_is_free:
         assert found.lb == pytest.approx([need])
@@ -262,10 +262,10 @@ def test_a_path_around_a_corner_is_proven_cell_by_cell(need, way_is_free):
 @pytest.mark.parametrize("missing", [-1, 0, 1, 2, 5])
 def test_a_pair_beyond_the_budget_is_refused(missing):
     clearance = ball({"b": sphere(-0.15, 0.15)})
-    _, needed = judged(clearance, *BEND, need=0.04)
+    _, needed = checked(clearance, *BEND, need=0.04)
     assert clearance.certifier.queries == needed > 5
     clearance = ball({"b": sphere(-0.15, 0.15)})
-    found, _ = judged(clearance, *BEND, need=0.04, budget=needed - missing)
+    found, _ = checked(clearance, *BEND, need=0.04, budget=needed - missing)
     assert (found.binding is None) == (missing <= 0)
     assert clearance.certifier.queries == min(needed - missing, needed)
 
@@ -278,7 +278,7 @@ def test_a_path_is_checked_against_every_path_of_the_other_robot(side):
         hold(clearance, 0, (-0.5, 0.0))
         ways = [way(clearance, 1, (0.5, 0.9)), way(clearance, 1, (0.0, 0.1 + apart))]
         clearance.hold(1, ways if side else ways[::-1])
-        found, _ = judged(clearance, (-0.5, 0.0), (0.5, 0.0))
+        found, _ = checked(clearance, (-0.5, 0.0), (0.5, 0.0))
         assert (found.binding is None) == free
 
 
@@ -292,7 +292,7 @@ def test_two_paths_are_checked_against_each_other_for_every_timing(gap, free, ro
     outer = ((-0.5, edge), (-edge, edge), (-edge, 0.5))
     hold(clearance, 0, *inner)
     hold(clearance, 1, *outer)
-    found, asked = judged(clearance, *(inner, outer)[robot], robot=robot)
+    found, asked = checked(clearance, *(inner, outer)[robot], robot=robot)
     assert (found.binding is None) == free
     assert asked < 200
 
@@ -316,7 +316,7 @@ def test_a_rotating_bar_is_proven_in_halves(gap, free):
     """It passes a ball beyond its tip, which comes nearest between the ends of the rotation."""
     reach = 0.8 + 0.02 + gap + 0.05
     clearance = bar({"b": sphere(reach * np.cos(0.4), reach * np.sin(0.4))})
-    found, asked = judged(clearance, (0.0,), (0.8,), budget=64)
+    found, asked = checked(clearance, (0.0,), (0.8,), budget=64)
     assert (found.binding is None) == free
     assert asked <= 64
     if free:
@@ -350,7 +350,7 @@ def test_of_two_rotating_bars_the_longer_path_is_halved(gap, free, ways, budget,
     one, other = ways
     hold(clearance, 0, (0.0,))
     hold(clearance, 1, (-other / 2,), (other / 2,))
-    found, _ = judged(clearance, (-one / 2,), (one / 2,), budget=budget)
+    found, _ = checked(clearance, (-one / 2,), (one / 2,), budget=budget)
     assert (found.binding is None) == free
 
 

@@ -53,20 +53,20 @@ def test_all_trials_of_a_command_share_one_budget(response, monkeypatch):
 def test_slow_uses_the_available_room(share):
     wanted = 0.00057
     scripted = lane_scripted(0.4 - share * wanted, "slow")
-    verdict = scripted.ask((wanted, 0.0))
+    verdict = scripted.command((wanted, 0.0))
     assert verdict.outcome is Outcome.LIMITED
     assert 0.9 * share <= verdict.beta <= share
     assert verdict.dq == (pytest.approx(verdict.beta * wanted), 0.0)
     assert [r.cause for r in verdict.reasons] == [Cause.CLEARANCE]
     assert verdict.reasons[0].value == pytest.approx(0.05 - (1.0 - share) * wanted, abs=1e-6)
-    again = lane_scripted(0.4 - share * wanted, "stop").ask((wanted, 0.0))
+    again = lane_scripted(0.4 - share * wanted, "stop").command((wanted, 0.0))
     assert (again.outcome, again.beta, again.dq) == (Outcome.REFUSED, 0.0, (0.0, 0.0))
 
 
 def test_the_blends_of_limits_and_clearance_are_multiplied():
     """The result is the limits' blend times that of clearance, with reasons in the order of the checks."""
     scripted = lane_scripted(0.4 - 0.0002, "slow")
-    verdict = scripted.ask((0.1, 0.0))
+    verdict = scripted.command((0.1, 0.0))
     assert [r.cause for r in verdict.reasons] == [Cause.INCREMENT, Cause.ACCELERATION, Cause.CLEARANCE]
     assert 0.0 < verdict.dq[0] < 0.0002
     assert verdict.beta == pytest.approx(verdict.dq[0] / (4 * 0.012**2))
@@ -74,9 +74,9 @@ def test_the_blends_of_limits_and_clearance_are_multiplied():
 
 def test_a_request_for_less_than_the_braking_gives_the_braking():
     scripted = ScriptedGate(scenes.head_on(1.1, (0.004, 0.004)))
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
-    verdict = scripted.ask((0.0,))
+    verdict = scripted.command((0.0,))
     assert verdict.outcome is Outcome.ADMITTED
     assert verdict.dq == (0.0,)
 
@@ -111,7 +111,7 @@ def test_the_proof_of_one_step_is_enough_for_the_next():
     """Far from the wall no engine is queried, and the kept bound falls by the length of the step."""
     scripted = lane_scripted(-1.0)
     before = queries(scripted)
-    scripted.ask((4 * 0.012**2 * 0.9, 0.0))
+    scripted.command((4 * 0.012**2 * 0.9, 0.0))
     assert queries(scripted) == before
 
 
@@ -150,14 +150,14 @@ def test_an_unproven_increment_is_tried_three_times(response, trials):
     scripted = lane_scripted(-1.0, response)
     binding, asked = bound_by(scripted, 0.5)(-0.5), []
 
-    def judge(robot, new, step, need, budget):
+    def maker(robot, new, step, need, budget):
         assert budget.left == 32 - len(asked)  # one budget for all trials, as documented
         assert budget.take()
         asked.append(new.nodes[-1][0])
         return ClearanceResult(need, binding)
 
-    scripted.gate._clearance.check = judge
-    assert scripted.ask((1e-4, 0.0)).outcome is Outcome.REFUSED
+    scripted.gate._clearance.check = maker
+    assert scripted.command((1e-4, 0.0)).outcome is Outcome.REFUSED
     ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
     assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-5)
 
@@ -167,14 +167,14 @@ def test_a_smaller_blend_that_would_leave_the_limits_is_not_tried(upper, outcome
     """Both ends of a blend stay inside, but an increment between them need not: it stops later than the one,
     and is faster than the other."""
     scripted = lane_scripted(0.0, "slow")
-    judge, s = scripted.gate._decisions, scripted.gate._robots[0]
+    maker, s = scripted.gate._decisions, scripted.gate._robots[0]
     s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))
     s.held = Plan("A", PlanKey("s", 0, 1, -1), 1, ((1.0, 0.0),))
     wanted, binding = LimitedIncrement((0.5, 3.5), 1.0, ()), bound_by(scripted, 0.5)(-0.5)
     answers = [ClearanceResult(np.zeros(1), binding), ClearanceResult(np.zeros(1), None)]
     monkeypatch.setattr(scripted.gate._clearance, "check", lambda *_: answers.pop(0))
-    monkeypatch.setattr(judge, "_secant", lambda beta, binding: 0.75)
-    decision = judge._largest_clear(wanted, s, judge._retreat.requirements(s, [s]))
+    monkeypatch.setattr(maker, "_secant", lambda beta, binding: 0.75)
+    decision = maker._largest_clear(wanted, s, maker._retreat.requirements(s, [s]))
     assert decision.beta == outcome
     assert len(answers) == (outcome == 0.0)
 
@@ -191,28 +191,28 @@ def test_a_retreat_of_axes_that_lag_alike_is_tried_once(response, trials):
 def test_a_new_path_extends_the_held_one_by_the_difference_of_their_ends():
     """The kept bounds do not apply if several paths are held."""
     scripted = lane_scripted(-1.0)
-    scripted.ask((1e-4, 0.0))
+    scripted.command((1e-4, 0.0))
     scripted.play()
-    s, judge = scripted.gate._robots[0], scripted.gate._decisions
+    s, maker = scripted.gate._robots[0], scripted.gate._decisions
     new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
-    assert judge._extension(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
+    assert maker._extension(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
     s.next = s.main
-    assert judge._extension(s, new) is None
+    assert maker._extension(s, new) is None
 
 
 def test_a_faster_path_extends_the_held_one_by_the_growth_of_its_lag_tube():
     """A slower path extends it by nothing: the kept bounds hold for the wider tube."""
     scripted = ScriptedGate(scenes.lagging(scenes.lane(), 0.03, 0.4), [(-1.0, 0.0)])
-    scripted.ask((1e-4, 0.0))
+    scripted.command((1e-4, 0.0))
     scripted.play()
-    s, judge = scripted.gate._robots[0], scripted.gate._decisions
+    s, maker = scripted.gate._robots[0], scripted.gate._decisions
     share = s.hull_deviation.ticks + s.hull_deviation.between
     faster = s.occupancy_to(s.end, (3e-4, 5e-4))
-    assert judge._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
+    assert maker._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
     farther = s.occupancy_to((s.end[0] + 0.25, s.end[1]), (3e-4, 5e-4))
-    assert judge._extension(s, farther) == pytest.approx([0.25 + 2e-4 * share, 5e-4 * share])
+    assert maker._extension(s, farther) == pytest.approx([0.25 + 2e-4 * share, 5e-4 * share])
     slower = s.occupancy_to(s.end, (0.0, 0.0))
-    assert judge._extension(s, slower) == pytest.approx([0.0, 0.0])
+    assert maker._extension(s, slower) == pytest.approx([0.0, 0.0])
     assert slower.tube == pytest.approx((1e-4 * share, 0.0))
 
 
@@ -221,9 +221,9 @@ def test_a_faster_path_extends_the_held_one_by_the_growth_of_its_lag_tube():
 
 def test_lengths_in_reasons_are_rounded_to_nanometres_and_bounds_rounded_down():
     scripted = lane_scripted(-1.0)
-    judge, s = scripted.gate._decisions, scripted.gate._robots[0]
+    maker, s = scripted.gate._decisions, scripted.gate._robots[0]
     points = ((0.12345678949, -0.12345678951, -1e-11), (1.0, -2e-10, 2.0000000004))
-    reason = judge._reason(Binding(0, 0.01234567889, 0.05, points), s)
+    reason = maker._reason(Binding(0, 0.01234567889, 0.05, points), s)
     assert reason.value == 0.012345678
     assert reason.points == ((0.123456789, -0.12345679, 0.0), (1.0, 0.0, 2.0))
     assert [math.copysign(1.0, x) for p in reason.points for x in p] == [1, -1, 1, 1, 1, 1]  # no minus zero
@@ -240,21 +240,21 @@ def too_near(between=0.11):
 
 def test_a_robot_that_retreats_keeps_its_turn_for_three_ticks():
     scripted = too_near()
-    assert scripted.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    assert scripted.command((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
     scripted.play(0)
     scripted.rest(0)
     scripted.rest(1)
-    assert scripted.ask((0.0, 2e-4), 1).outcome is Outcome.REFUSED
+    assert scripted.command((0.0, 2e-4), 1).outcome is Outcome.REFUSED
     scripted.rest(0, count=2)
     scripted.rest(1)
-    assert scripted.ask((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
+    assert scripted.command((0.0, 2e-4), 1).outcome is not Outcome.REFUSED
 
 
 def test_a_robot_found_nearer_after_a_fault_may_retreat_from_that_position():
     """The floor reached before the fault no longer applies."""
     scripted = too_near()
     for _ in range(20):
-        scripted.ask((0.0, -5e-4), 0)
+        scripted.command((0.0, -5e-4), 0)
         scripted.play(0)
     scripted.rest(0, count=5)
     assert scripted.q[0][1] < -0.002
@@ -267,4 +267,4 @@ def test_a_robot_found_nearer_after_a_fault_may_retreat_from_that_position():
     scripted.q[0] = (0.0, 0.0)
     scripted.rest(0, count=2)
     scripted.rest(1, count=2)
-    assert scripted.ask((0.0, -2e-4), 0).outcome is not Outcome.REFUSED
+    assert scripted.command((0.0, -2e-4), 0).outcome is not Outcome.REFUSED

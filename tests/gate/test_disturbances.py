@@ -110,6 +110,6 @@ def test_a_link_that_keeps_its_setpoint_reports_it_once():
     rig = Rig(scenes.lane(), stops=0.0)
     _, order = rig.reset(rig.stop("A"))
     player.rebase(order)
-    told = [player.play(0.1, (0.0, 1.0)) for _ in range(2)]
-    assert [(t.rebased, t.setpoint) for t in told] == [(True, (0.0, 1.0)), (False, (0.0, 1.0))]
+    ticks = [player.play(0.1, (0.0, 1.0)) for _ in range(2)]
+    assert [(t.rebased, t.setpoint) for t in ticks] == [(True, (0.0, 1.0)), (False, (0.0, 1.0))]
     assert player.resets == 1

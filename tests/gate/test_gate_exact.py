@@ -28,67 +28,69 @@ def test_a_command_may_be_as_old_as_configured_and_not_older():
     scripted = pair()
     scripted.rest(0, count=5)
     oldest = scripted.cell.config.max_age_ticks
-    assert scripted.ask((0.0,), based_on=5 - oldest - 1).reasons[0].cause is Cause.STALE
-    assert scripted.ask((0.0,), based_on=5 - oldest).outcome is Outcome.ADMITTED
+    assert scripted.command((0.0,), based_on=5 - oldest - 1).reasons[0].cause is Cause.STALE
+    assert scripted.command((0.0,), based_on=5 - oldest).outcome is Outcome.ADMITTED
     scripted.rest()
-    assert scripted.ask((0.0,)).outcome is Outcome.ADMITTED
+    assert scripted.command((0.0,)).outcome is Outcome.ADMITTED
 
 
 def test_a_robot_can_be_commanded_again_after_its_tick():
     scripted = pair()
-    assert scripted.ask((0.0,)).target == 1
-    assert scripted.ask((0.0,)).reasons[0].cause is Cause.OCCUPIED
+    assert scripted.command((0.0,)).target == 1
+    assert scripted.command((0.0,)).reasons[0].cause is Cause.OCCUPIED
     scripted.rest()
-    assert scripted.ask((0.0,)).target == 2
+    assert scripted.command((0.0,)).target == 2
 
 
 def test_a_path_away_counts_only_after_the_link_has_accepted_it():
     """Before the answer the pair is as near as on the old path; after it as far as on the new one."""
     scripted = pair()
-    before = scripted.kept()
-    plan = scripted.ask((-STEP,), answer=None)
+    before = scripted.lowest_bound()
+    plan = scripted.command((-STEP,), answer=None)
     assert plan.outcome is Outcome.ADMITTED
-    assert scripted.kept() == scripted.kept(1) <= before
+    assert scripted.lowest_bound() == scripted.lowest_bound(1) <= before
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
-    assert before - 1.01 * STEP <= scripted.kept() == scripted.kept(1) <= before  # it has not moved
+    assert (
+        before - 1.01 * STEP <= scripted.lowest_bound() == scripted.lowest_bound(1) <= before
+    )  # it has not moved
     scripted.play()
     scripted.rest(0, count=2)
-    scripted.ask((0.0,), i=1)
+    scripted.command((0.0,), i=1)
     assert scripted.view().setpoint == (scripted.q[0][0],)
 
 
 def test_a_path_toward_counts_from_the_verdict_until_the_link_refuses_it():
     scripted = pair()
-    before = scripted.kept()
-    assert scripted.ask((STEP,), answer=None).outcome is Outcome.ADMITTED
-    assert scripted.kept() == pytest.approx(before - STEP, abs=1e-8)
-    assert scripted.kept(1) == scripted.kept()
+    before = scripted.lowest_bound()
+    assert scripted.command((STEP,), answer=None).outcome is Outcome.ADMITTED
+    assert scripted.lowest_bound() == pytest.approx(before - STEP, abs=1e-8)
+    assert scripted.lowest_bound(1) == scripted.lowest_bound()
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
-    assert scripted.kept() == pytest.approx(before - STEP, abs=1e-8)
+    assert scripted.lowest_bound() == pytest.approx(before - STEP, abs=1e-8)
 
 
 def test_two_paths_toward_each_other_count_together_in_any_order_of_the_answers():
     for order in ((0, 1), (1, 0)):
         scripted = pair()
-        before = scripted.kept()
-        scripted.ask((STEP,), 0, answer=None)
-        scripted.ask((-STEP,), 1, answer=None)
+        before = scripted.lowest_bound()
+        scripted.command((STEP,), 0, answer=None)
+        scripted.command((-STEP,), 1, answer=None)
         for i in order:
             scripted.gate.step(PlanAnswer(scripted.names[i], scripted.held[i].key, True))
-        assert scripted.kept(0) == scripted.kept(1) <= before - 2 * STEP + 1e-9
-        assert scripted.kept() >= before - 2 * STEP - 1e-8
+        assert scripted.lowest_bound(0) == scripted.lowest_bound(1) <= before - 2 * STEP + 1e-9
+        assert scripted.lowest_bound() >= before - 2 * STEP - 1e-8
 
 
 def test_the_space_of_a_dropped_plan_is_free_for_the_other_robot():
     """With room for one, the link refuses the first plan, and after a new proof the second robot may move."""
     scripted = pair(0.02 + 1.5 * STEP)
-    assert scripted.ask((STEP,), 0, answer=None).outcome is Outcome.ADMITTED
-    assert scripted.ask((-STEP,), 1).outcome is Outcome.REFUSED
+    assert scripted.command((STEP,), 0, answer=None).outcome is Outcome.ADMITTED
+    assert scripted.command((-STEP,), 1).outcome is Outcome.REFUSED
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, False, "late"))
     scripted.rest(0)
     scripted.rest(1)
     assert scripted.view().late == 1
-    assert scripted.ask((-STEP,), 1).outcome is Outcome.ADMITTED
+    assert scripted.command((-STEP,), 1).outcome is Outcome.ADMITTED
 
 
 def test_each_of_three_robots_keeps_clear_of_both_others():
@@ -111,13 +113,13 @@ def test_each_of_three_robots_keeps_clear_of_both_others():
 
 def test_the_applied_sequence_number_is_that_of_the_played_command():
     scripted = pair()
-    verdict = scripted.ask((STEP,))
+    verdict = scripted.command((STEP,))
     assert verdict.setpoint == (scripted.q[0][0] + STEP,)
     assert scripted.view().applied_seq is None
     scripted.play()
     assert scripted.view().applied_seq == 1
     assert (scripted.view().tick, scripted.view().time) == (1, T)
-    scripted.ask((0.0,), answer=None)
+    scripted.command((0.0,), answer=None)
     scripted.rest()
     assert scripted.view().applied_seq == 1
     assert scripted.view().late == 1
@@ -125,17 +127,17 @@ def test_the_applied_sequence_number_is_that_of_the_played_command():
 
 def test_verdicts_are_counted_by_outcome_and_last_cause():
     scripted = pair()
-    scripted.ask((0.0,))
+    scripted.command((0.0,))
     scripted.rest()
-    scripted.ask((1.0,))
-    scripted.ask((0.0,))
-    scripted.ask((0.0,))
+    scripted.command((1.0,))
+    scripted.command((0.0,))
+    scripted.command((0.0,))
     assert scripted.view().counts == {"admitted": 1, "limited:acceleration": 1, "refused:occupied": 2}
 
 
 def test_a_plan_played_out_of_order_is_a_fault():
     scripted = pair()
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     plan = scripted.held[0]
     wrong = Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), plan.key, 1)
     (stopped,) = scripted.gate.step(wrong)
@@ -146,7 +148,7 @@ def test_a_plan_played_out_of_order_is_a_fault():
 def test_after_a_plan_played_out_of_order_the_rest_of_the_held_plan_stays_reserved():
     scripted = pair()
     for k in range(1, 5):
-        scripted.ask((k * 6e-5,))
+        scripted.command((k * 6e-5,))
         scripted.play()
     plan, before = scripted.held[0], scripted.q[0][0]
     assert len(plan.increments) > 2
@@ -168,10 +170,10 @@ def test_a_fault_at_the_first_tick_widens_nothing():
 def test_a_new_initial_setpoint_of_a_link_is_proven_anew():
     """A link that is not ready may begin anew. The robot is then assumed to move to that setpoint."""
     scripted = pair()
-    before, (x,) = scripted.kept(), scripted.q[0]
+    before, (x,) = scripted.lowest_bound(), scripted.q[0]
     scripted.gate.step(LinkChange("left", LinkState.LOST, "gone"))
     assert scripted.gate.step(Tick("left", 1, T, (x,), (x + 0.05,), (0.0,), rebased=True)) == []
-    assert scripted.kept() == scripted.kept(1) == pytest.approx(before - 0.05, abs=1e-8)
+    assert scripted.lowest_bound() == scripted.lowest_bound(1) == pytest.approx(before - 0.05, abs=1e-8)
 
 
 def test_a_robot_with_an_unusable_tick_does_not_count_as_resting_until_its_next_tick():
@@ -186,7 +188,7 @@ def test_a_robot_with_an_unusable_tick_does_not_count_as_resting_until_its_next_
 def test_an_unknown_plan_is_a_fault():
     scripted = pair()
     other = pair()
-    other.ask((STEP,))
+    other.command((STEP,))
     (stopped,) = scripted.gate.step(
         Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), other.held[0].key, 0)
     )
@@ -217,11 +219,11 @@ def test_the_distances_off_the_path_are_added_up_and_reported():
 def test_braking_that_exceeds_a_lowered_speed_bound_is_admitted_without_reasons():
     scripted = ScriptedGate(scenes.head_on(3.0, (T, T)))
     for _ in range(2):  # to twice the deceleration per tick: then the braking is exact
-        assert scripted.ask((T,)).outcome is Outcome.LIMITED
+        assert scripted.command((T,)).outcome is Outcome.LIMITED
         scripted.play()
     scripted.gate.step(LeaseChange("left", 1, 0.01))
     state = scripted.gate._robots[0]
-    verdict = scripted.ask(state.brake)
+    verdict = scripted.command(state.brake)
     assert state.brake[0] > 0.01 * T
     assert (verdict.outcome, verdict.dq, verdict.reasons) == (Outcome.ADMITTED, state.brake, ())
 
@@ -280,7 +282,7 @@ def test_a_reset_by_the_id_of_a_repeated_stop_reports_the_id_that_it_lifts():
 
 def test_a_reset_needs_rest_of_all_robots_that_it_frees():
     scripted = pair()
-    scripted.ask((STEP,), 1)
+    scripted.command((STEP,), 1)
     (stop,) = scripted.gate.step(Stop(("left", "right"), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
     scripted.play(1)
@@ -313,13 +315,15 @@ def test_a_robot_without_a_tick_keeps_all_others_waiting():
     assert isinstance(plan, Plan)
 
 
-@pytest.mark.parametrize(("gaps", "asked", "told"), [(0, 0, 0), (1, 1000, 0), (1, 999, 1), (3, 2999, 1)])
-def test_more_than_one_gap_in_a_thousand_queries_is_reported(gaps, asked, told):
+@pytest.mark.parametrize(
+    ("gaps", "queries", "warnings"), [(0, 0, 0), (1, 1000, 0), (1, 999, 1), (3, 2999, 1)]
+)
+def test_more_than_one_gap_in_a_thousand_queries_is_reported(gaps, queries, warnings):
     scripted = pair()
     certifier = scripted.gate._clearance.certifier
-    certifier.gaps, certifier.queries = gaps, asked
-    assert len(scripted.gate.warnings()) == told
-    assert all(f"{gaps} of {asked}" in text for text in scripted.gate.warnings())
+    certifier.gaps, certifier.queries = gaps, queries
+    assert len(scripted.gate.warnings()) == warnings
+    assert all(f"{gaps} of {queries}" in text for text in scripted.gate.warnings())
 
 
 def test_the_least_clearance_is_the_least_of_all_ticks_to_others():
@@ -327,12 +331,12 @@ def test_the_least_clearance_is_the_least_of_all_ticks_to_others():
     scripted.rest()
     first = scripted.view().least_clearance
     assert first == pytest.approx(0.1, abs=1e-6)
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest()
     least = scripted.view().least_clearance
     assert least == pytest.approx(0.1 - STEP, abs=1e-6)
-    scripted.ask((-STEP,))
+    scripted.command((-STEP,))
     scripted.play()
     scripted.rest()
     assert scripted.view().least_clearance == least
@@ -342,7 +346,7 @@ def test_a_delayed_robot_keeps_the_setpoints_of_its_window_reserved():
     """Each old setpoint counts until the window has passed since it was replaced."""
     cell = scenes.crossing(window=0.036, periods=(0.012, 0.004))
     scripted = ScriptedGate(cell)
-    scripted.ask((5e-4, 0.0))
+    scripted.command((5e-4, 0.0))
     scripted.play()
     start = (-0.5, 0.0)
     seen = []
@@ -386,7 +390,7 @@ def test_the_least_clearance_is_to_other_bodies_and_measured_by_the_engine():
 def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
     scripted = pair()
     if way != "first":
-        scripted.ask((STEP,))
+        scripted.command((STEP,))
         scripted.play()
     if way == "rebased":
         scripted.tick[0] += 1
@@ -396,12 +400,12 @@ def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
         )
     if way == "reset":
         scripted.rest(0, count=2)
-        scripted.ask((STEP,))
+        scripted.command((STEP,))
         scripted.play()
         scripted.rest(0)
         (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
         assert scripted.gate.step(Reset(stop.id, "x"))[0].accepted
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     assert scripted.held[0].key.last_played == -1
     assert scripted.held[0].key.resets == (way == "reset")
 
@@ -409,13 +413,13 @@ def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
 @pytest.mark.parametrize(("over", "outcome"), [(1e-13, Outcome.ADMITTED), (1e-11, Outcome.LIMITED)])
 def test_an_increment_that_exceeds_a_bound_by_rounding_is_admitted(over, outcome):
     most = 4.0 * T * T
-    verdict = pair(1.0).ask((most + over,))
+    verdict = pair(1.0).command((most + over,))
     assert (verdict.outcome, bool(verdict.reasons)) == (outcome, outcome is not Outcome.ADMITTED)
     assert verdict.dq == (pytest.approx(most, abs=1e-15),)
 
 
 def test_a_robot_does_not_rest_while_any_joint_still_moves():
     scripted = ScriptedGate(scenes.lane())
-    scripted.ask((1e-4, 0.0))
+    scripted.command((1e-4, 0.0))
     (stop,) = scripted.gate.step(Stop(("A",), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]

@@ -36,7 +36,7 @@ def rig():
 
 
 class Bare:
-    """Return a gate with one cart at x."""
+    """Gate with one cart at x."""
 
     def __init__(self, x=-1.0, ready=True, lease=True, ticked=True, **cell):
         self.gate = Gate(scenes.lane(**cell), "s")
@@ -48,7 +48,7 @@ class Bare:
             self.gate.step(LeaseChange("A", 7))
         self.seq = 0
 
-    def ask(self, dq=STEP, fence=7, based_on=0):
+    def command(self, dq=STEP, fence=7, based_on=0):
         self.seq += 1
         verdict, *plans = self.gate.step(Command("A", fence, self.seq, based_on, dq))
         assert isinstance(verdict, Verdict)
@@ -80,7 +80,7 @@ def spoiled(*causes):
     for k in range(1, tick + 1):
         bare.gate.step(Tick("A", k, 0.012 * k, (-1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)))
     if setup.get("taken"):
-        assert bare.ask(based_on=tick).outcome is Outcome.ADMITTED
+        assert bare.command(based_on=tick).outcome is Outcome.ADMITTED
     if setup.get("stop"):
         bare.gate.step(Stop(("A",), "x", "y"))
     if setup.get("lease") is False:
@@ -89,7 +89,7 @@ def spoiled(*causes):
         bare.gate.step(LinkChange("A", LinkState.WAITING))
     if Cause.AHEAD in causes:
         command["based_on"] = tick + 1
-    return bare, bare.ask(**({"based_on": tick} | command))
+    return bare, bare.command(**({"based_on": tick} | command))
 
 
 @pytest.mark.parametrize("cause", SPOILED)
@@ -101,7 +101,7 @@ def test_every_check_before_geometry_is_named_and_leaves_the_slot_free(cause):
     assert verdict.reasons[0].text
     if cause not in (Cause.LEASE, Cause.STOPPED, Cause.LINK, Cause.OCCUPIED):
         tick = SPOILED[cause][0].get("age", 0)
-        assert bare.ask(based_on=tick).outcome is Outcome.ADMITTED
+        assert bare.command(based_on=tick).outcome is Outcome.ADMITTED
 
 
 ORDER = list(SPOILED)
@@ -123,36 +123,36 @@ def test_of_two_failing_checks_the_earlier_is_named(first, second):
 
 
 def test_a_dq_of_wrong_length_with_nan_is_refused_for_its_length():
-    assert Bare().ask((math.nan,) * 3).reasons[0].cause is Cause.LENGTH
+    assert Bare().command((math.nan,) * 3).reasons[0].cause is Cause.LENGTH
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf])
 def test_an_increment_that_is_not_finite_names_its_joint(x):
-    (reason,) = Bare().ask((0.0, x)).reasons
+    (reason,) = Bare().command((0.0, x)).reasons
     assert (reason.cause, reason.joint) == (Cause.NOT_FINITE, "J1")
 
 
 def test_an_unknown_robot_is_an_error():
-    with pytest.raises(ModelError, match="nobody"):
-        Bare().gate.step(Command("nobody", 1, 1, 0, STEP))
+    with pytest.raises(ModelError, match="R9"):
+        Bare().gate.step(Command("R9", 1, 1, 0, STEP))
 
 
 def test_before_its_first_tick_a_robot_cannot_be_moved():
-    assert Bare(ticked=False).ask().reasons[0].cause is Cause.LINK
+    assert Bare(ticked=False).command().reasons[0].cause is Cause.LINK
 
 
 def test_the_bounds_are_named_in_order():
-    verdict = Bare().ask((1.0, 0.0))
+    verdict = Bare().command((1.0, 0.0))
     assert verdict.outcome is Outcome.LIMITED
     assert [r.cause for r in verdict.reasons] == [Cause.INCREMENT, Cause.ACCELERATION]
     assert verdict.dq[0] == pytest.approx(4 * 0.012**2)
-    limit = Bare(-2.0).ask((-1e-4, 0.0))
+    limit = Bare(-2.0).command((-1e-4, 0.0))
     assert [r.cause for r in limit.reasons] == [Cause.JOINT_LIMIT]
 
 
 def test_a_refusal_by_clearance_has_numbers_and_uses_the_slot():
     bare = Bare(0.4)
-    verdict = bare.ask((0.0005, 0.0))
+    verdict = bare.command((0.0005, 0.0))
     (reason,) = verdict.reasons
     assert (verdict.outcome, verdict.beta, verdict.dq) == (Outcome.REFUSED, 0.0, (0.0, 0.0))
     assert reason.cause is Cause.CLEARANCE
@@ -160,18 +160,18 @@ def test_a_refusal_by_clearance_has_numbers_and_uses_the_slot():
     assert reason.bound == 0.05
     assert reason.value < 0.05
     assert verdict.target == 1
-    assert bare.ask((0.0, 0.0)).reasons[0].cause is Cause.OCCUPIED
+    assert bare.command((0.0, 0.0)).reasons[0].cause is Cause.OCCUPIED
 
 
 def test_a_request_for_the_braking_itself_is_admitted():
-    assert Bare(0.4).ask((0.0, 0.0)).outcome is Outcome.ADMITTED
+    assert Bare(0.4).command((0.0, 0.0)).outcome is Outcome.ADMITTED
 
 
 def test_slow_admits_a_part_when_stop_refuses():
     slow, stop = Bare(0.3995, response="slow"), Bare(0.3995)
     dq = (0.00057, 0.0)
-    assert stop.ask(dq).outcome is Outcome.REFUSED
-    verdict = slow.ask(dq)
+    assert stop.command(dq).outcome is Outcome.REFUSED
+    verdict = slow.command(dq)
     assert verdict.outcome is Outcome.LIMITED
     assert 0.0 < verdict.beta < 1.0
     assert verdict.reasons[-1].cause is Cause.CLEARANCE
@@ -222,7 +222,7 @@ def test_a_lost_link_stops_its_robot(state):
     assert isinstance(stopped, Stopped)
     assert stopped.robots == ("A",)
     assert "unplugged" in stopped.reason
-    assert bare.ask().reasons[0].cause is Cause.STOPPED
+    assert bare.command().reasons[0].cause is Cause.STOPPED
 
 
 def test_a_rebased_robot_starts_again_from_rest(rig):

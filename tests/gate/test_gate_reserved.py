@@ -18,7 +18,7 @@ def in_step(scripted, count):
 def stopped_behind(scripted):
     """Reset the left robot at rest, measured at its start one step behind its setpoint."""
     start = scripted.q[0]
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest(0, start, count=2)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
@@ -31,7 +31,7 @@ def stopped_behind(scripted):
 
 def test_an_accepting_answer_frees_the_old_path():
     scripted = pair()
-    scripted.ask((STEP,), answer=None)
+    scripted.command((STEP,), answer=None)
     new = in_step(scripted, 2).next
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
     s = in_step(scripted, 1)
@@ -41,7 +41,7 @@ def test_an_accepting_answer_frees_the_old_path():
 
 def test_a_tick_that_plays_the_plan_counts_as_its_answer():
     scripted = pair()
-    scripted.ask((STEP,), answer=None)
+    scripted.command((STEP,), answer=None)
     assert scripted.play() == []
     s = in_step(scripted, 1)
     assert (s.held, s.pending, s.played) == (scripted.held[0], None, 0)
@@ -50,14 +50,14 @@ def test_a_tick_that_plays_the_plan_counts_as_its_answer():
 def test_a_refused_plan_leaves_the_old_path_and_nothing_staged():
     scripted = pair()
     old = in_step(scripted, 1).main
-    scripted.ask((STEP,), answer=False)
+    scripted.command((STEP,), answer=False)
     assert in_step(scripted, 1).main is old
     assert scripted.gate._reservations._staged == {}
 
 
 def test_each_tick_reserves_from_the_measured_position():
     scripted = pair()
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     before = in_step(scripted, 1).main
     scripted.rest()
@@ -68,28 +68,28 @@ def test_each_tick_reserves_from_the_measured_position():
 
 def test_an_accepting_answer_raises_the_kept_bounds():
     scripted = pair()
-    scripted.ask((-STEP,), answer=None)
+    scripted.command((-STEP,), answer=None)
     staged = scripted.gate._reservations._staged[0]
     staged += 0.01  # as if the new path were proven to be farther
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
-    assert scripted.kept() == staged.min()
+    assert scripted.lowest_bound() == staged.min()
 
 
 def test_staged_bounds_are_no_higher_than_bounds_proven_anew():
     scripted = pair()
-    scripted.ask((-STEP,), answer=None)
+    scripted.command((-STEP,), answer=None)
     reservations = scripted.gate._reservations
     staged = reservations._staged[0]
     staged += 0.01
     reservations.prove_anew(scripted.gate._robots[0])
-    assert staged.min() <= scripted.kept()
+    assert staged.min() <= scripted.lowest_bound()
 
 
 def test_a_robot_rebased_nearer_is_proven_at_that_position():
     scripted = pair()
-    before, (x,) = scripted.kept(), scripted.q[0]
+    before, (x,) = scripted.lowest_bound(), scripted.q[0]
     scripted.gate.step(Tick("left", 1, T, (x,), (x + 0.01,), (0.0,), rebased=True))
-    assert scripted.kept() == scripted.kept(1) == pytest.approx(before - 0.01, abs=1e-6)
+    assert scripted.lowest_bound() == scripted.lowest_bound(1) == pytest.approx(before - 0.01, abs=1e-6)
 
 
 def test_a_rebase_reserves_both_setpoints_until_the_link_has_it():
@@ -103,28 +103,28 @@ def test_a_rebase_reserves_both_setpoints_until_the_link_has_it():
 
 def test_the_old_setpoint_counts_for_the_proof_too():
     scripted = pair()
-    before = scripted.kept()
+    before = scripted.lowest_bound()
     x = stopped_behind(scripted)
-    assert before - STEP - 1e-8 <= scripted.kept() <= before - STEP + 1e-8
+    assert before - STEP - 1e-8 <= scripted.lowest_bound() <= before - STEP + 1e-8
     scripted.rest(0, (x + STEP / 2,))  # it was still moving
-    scripted.ask((-STEP,))
+    scripted.command((-STEP,))
     in_step(scripted, 1)
-    assert scripted.kept() <= before - STEP / 2 + 1e-8
+    assert scripted.lowest_bound() <= before - STEP / 2 + 1e-8
 
 
 @pytest.mark.parametrize("count", [1, 50])
 def test_repeated_rebases_hold_one_path_only(count):
     """The cost of a decision does not grow with their number, and kept bounds do not fall."""
     scripted = pair()
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
-    (x,), before = scripted.q[0], scripted.kept()
+    (x,), before = scripted.q[0], scripted.lowest_bound()
     for k in range(count):
         scripted.tick[0] += 1
         now, moving = scripted.tick[0] * T, (x - STEP * 0.9**k,)
         scripted.gate.step(Tick("left", scripted.tick[0], now, moving, (x,), (0.0,), rebased=True))
         in_step(scripted, 1)
-    assert scripted.kept() == pytest.approx(before, abs=1e-8)
+    assert scripted.lowest_bound() == pytest.approx(before, abs=1e-8)
 
 
 def test_the_distance_off_the_path_is_that_from_the_nearest_path():
@@ -136,12 +136,12 @@ def test_the_distance_off_the_path_is_that_from_the_nearest_path():
 
 def test_a_reset_after_a_fault_proves_anew_and_the_next_fault_stops_again():
     scripted = pair(1.0)
-    before, (x,) = scripted.kept(), scripted.q[0]
+    before, (x,) = scripted.lowest_bound(), scripted.q[0]
     (stop,) = scripted.rest(0, (x + 0.03,))
     scripted.rest(0, (x + 0.03,))
     assert scripted.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
     in_step(scripted, 1)
-    assert scripted.kept() == pytest.approx(before - 0.03, abs=1e-6)
+    assert scripted.lowest_bound() == pytest.approx(before - 0.03, abs=1e-6)
     scripted.q[0] = (x + 0.03,)
     (again,) = scripted.rest(0, (x + 0.09,))
     assert again.robots == ("left",)

@@ -87,13 +87,13 @@ def test_pairs_that_are_proven_clear_are_clear(name):
         R, t = oracle.place(qs)
         low = oracle.below(R, t)
         for i in range(len(swept)):
-            judged = clearance.check(i, swept[i], None, clearance.limits_of[i], Budget(32))
+            checked = clearance.check(i, swept[i], None, clearance.limits_of[i], Budget(32))
             for place, pair in enumerate(clearance.pairs_of[i]):
                 at = int(low[:, pair].argmin())
-                if low[at, pair] < max(judged.lb[place], clearance.bound[pair]):
+                if low[at, pair] < max(checked.lb[place], clearance.bound[pair]):
                     high = oracle.apart(int(pair), R[at], t[at]).high
-                    assert max(judged.lb[place], clearance.bound[pair]) <= high + 1e-6
-            cleared += judged.binding is None
+                    assert max(checked.lb[place], clearance.bound[pair]) <= high + 1e-6
+            cleared += checked.binding is None
     assert cleared > 0
 
 
@@ -129,15 +129,15 @@ def test_the_nearest_pair_is_the_nearest_of_all(name):
         R, t = oracle.place([x[None, :] for x in q])
         for i in range(len(q)):
             found = nearest.find(i, [tuple(map(float, x)) for x in q], 3)
-            told = next(iter(found.values()))
+            reported = next(iter(found.values()))
             apart = {int(p): oracle.apart(int(p), R[0], t[0]) for p in clearance.pairs_of[i]}
             if min(a.high for a in apart.values()) <= 0:
                 continue  # in penetration neither value is exact
             best = min(apart, key=lambda p: apart[p].high - cell.pairs[p].limit)
             margin = apart[best].high - cell.pairs[best].limit
-            assert told.distance - told.limit <= margin + 1e-6
+            assert reported.distance - reported.limit <= margin + 1e-6
             if tick >= 1:
-                assert told.distance - told.limit >= margin - 1e-3
+                assert reported.distance - reported.limit >= margin - 1e-3
             for near in found.values():
                 assert near.distance <= apart[names.index(near.pair)].high + 1e-6
 

@@ -31,7 +31,7 @@ def lagging_demo(difference, lag=0.03, **keys):
 
 
 class Lagging:
-    """Return positions of joints that follow the same setpoints with lags of their own, in closed form."""
+    """Joints that follow the same setpoints with lags of their own, in closed form."""
 
     def __init__(self, q, lags):
         self.q, self.lags = np.array(q), lags
@@ -221,7 +221,7 @@ def crept(step, way, difference=0.1, ticks=60):
         before, u, key, index = scripted.q[0], (0.0, 0.0), None, -1
         if any(way):
             share = min(1.0, 0.2 * (k + 1))
-            assert scripted.ask(tuple(share * x for x in way)).outcome == "admitted"
+            assert scripted.command(tuple(share * x for x in way)).outcome == "admitted"
             plan = scripted.held[0]
             u, key, index = plan.increments[0], plan.key, 0
         scripted.tick[0] += 1

@@ -37,9 +37,9 @@ def test_the_lowest_bounds_are_reported_and_both_nearest_are_true(name, count):
                 assert set(n.pair) == {cell.bodies[x].name for x in (cell.pairs[p].a, cell.pairs[p].b)}
             for group in (mine, [p for p in mine if cell.pairs[p].kind != "self"]):
                 least = min(true[p].high - cell.pairs[p].limit for p in group)
-                told = min(margin[p] for p in group if p in margin)
-                assert least - 1e-5 <= told <= least + 1e-6
-                (at,) = [p for p in group if margin.get(p) == told][:1]
+                reported = min(margin[p] for p in group if p in margin)
+                assert least - 1e-5 <= reported <= least + 1e-6
+                (at,) = [p for p in group if margin.get(p) == reported][:1]
                 a, b = (np.array(x) for x in found[at].points)
                 assert np.linalg.norm(a - b) == pytest.approx(found[at].distance, abs=1e-5)
 
@@ -121,14 +121,14 @@ def test_start_clearances_contain_every_nearest_pair(name):
     cell = scenes.SCENES[name]()
     oracle = Oracle(cell)
     R, t = oracle.place([np.array([r.start]) for r in cell.robots])
-    told = start_clearances(cell)
-    margins = [n.distance - n.limit for n in told]
+    reported = start_clearances(cell)
+    margins = [n.distance - n.limit for n in reported]
     assert margins == sorted(margins)
     true = {p: oracle.apart(p, R[0], t[0]).high - cell.pairs[p].limit for p in range(len(cell.pairs))}
     assert margins[0] == pytest.approx(min(true.values()), abs=1e-5)
-    assert len(told) > 10
+    assert len(reported) > 10
     at = {frozenset(cell.bodies[x].name for x in (p.a, p.b)): k for k, p in enumerate(cell.pairs)}
-    assert all(true[at[frozenset(n.pair)]] - m < 0.2 for n, m in zip(told, margins, strict=True))
+    assert all(true[at[frozenset(n.pair)]] - m < 0.2 for n, m in zip(reported, margins, strict=True))
 
 
 def around(*gaps):
@@ -143,7 +143,7 @@ def around(*gaps):
 
 
 @pytest.mark.parametrize(
-    ("gaps", "count", "told"),
+    ("gaps", "count", "reported"),
     [
         ((0.5, 0.3, 0.4, 0.2), 1, [0.2]),
         ((0.5, 0.3, 0.4, 0.2), 2, [0.2, 0.3]),
@@ -153,8 +153,8 @@ def around(*gaps):
         ((0.5, 0.01, 0.005, 0.2), 3, [0.005, 0.01, 0.2]),
     ],
 )
-def test_start_clearances_are_the_nearest_few_and_those_below_their_limits(gaps, count, told):
-    assert [n.distance for n in start_clearances(around(*gaps), count)] == pytest.approx(told, abs=1e-6)
+def test_start_clearances_are_the_nearest_few_and_those_below_their_limits(gaps, count, reported):
+    assert [n.distance for n in start_clearances(around(*gaps), count)] == pytest.approx(reported, abs=1e-6)
 
 
 def test_start_clearances_are_sixteen_unless_another_number_is_given():

@@ -14,7 +14,7 @@ CELLS = ("corner", "tree", "duel", "mesh")
 
 
 class Written:
-    """Return one pair's slab by the documented formula, body by body and node by node."""
+    """Slab of one pair by the documented formula, body by body and node by node."""
 
     def __init__(self, cell):
         self.cell, self.oracle = cell, Oracle(cell)

@@ -72,18 +72,18 @@ def test_a_reset_off_the_setpoint_proves_all_pairs_anew():
     """The robot stands a step short of its setpoint, and is reset there."""
     scripted = pair(1.0)
     (x,) = scripted.q[0]
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest(0, (x,), count=3)
-    kept = scripted.kept()
+    kept = scripted.lowest_bound()
     scripted.gate._clearance.bound.lower(0, np.array([0.5 * kept]))  # as if the kept bound were lower
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     answer, rebase = scripted.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint) == (True, (x,))
     proven = []
-    judge = scripted.gate._clearance.check
-    scripted.gate._clearance.check = lambda *given: proven.append(given) or judge(*given)
-    assert scripted.kept() == pytest.approx(kept, abs=1e-8)
+    check = scripted.gate._clearance.check
+    scripted.gate._clearance.check = lambda *given: proven.append(given) or check(*given)
+    assert scripted.lowest_bound() == pytest.approx(kept, abs=1e-8)
     scripted.q[0] = (x,)
     scripted.rest(0, count=2)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
@@ -94,43 +94,43 @@ def test_a_reset_off_the_setpoint_proves_all_pairs_anew():
 def test_a_setpoint_stays_if_the_other_one_cannot_be_proven(monkeypatch):
     scripted = pair()
     (x,) = scripted.q[0]
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest(0, (x,), count=3)
-    bounds = scripted.kept()
+    bounds = scripted.lowest_bound()
     clearance = scripted.gate._clearance
     monkeypatch.setattr(clearance.screen, "run", lambda *given: (np.array([-1.0]), np.array([0])))
     monkeypatch.setattr(clearance, "_prove", lambda *given: type("F", (), {"lb": -1.0, "points": None}))
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     answer, rebase = scripted.gate.step(Reset(stop.id, "x"))
     assert (answer.accepted, rebase.setpoint, rebase.resets) == (True, scripted.q[0], 1)
-    assert scripted.kept() == bounds
+    assert scripted.lowest_bound() == bounds
 
 
 def test_a_setpoint_may_be_as_near_as_a_robot_that_is_too_near():
     """The robot does not follow its retreat: at its position the proven bound is no higher than before."""
     scripted = pair(0.015)
     (x,) = scripted.q[0]
-    assert scripted.ask((-STEP,)).outcome is Outcome.ADMITTED
+    assert scripted.command((-STEP,)).outcome is Outcome.ADMITTED
     scripted.play()
     scripted.rest(0, (x,), count=3)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x"))[1].setpoint == (x,)
-    assert scripted.kept() == pytest.approx(0.015, abs=1e-8)
+    assert scripted.lowest_bound() == pytest.approx(0.015, abs=1e-8)
 
 
 def test_staged_bounds_are_no_higher_than_bounds_proven_by_a_reset():
     scripted = pair()
     (x,) = scripted.q[0]
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest(0, (x,), count=3)
-    scripted.ask((-STEP,), i=1, answer=None)
+    scripted.command((-STEP,), i=1, answer=None)
     staged = scripted.gate._reservations._staged[1]
     staged += 0.01
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x"))[1].setpoint == (x,)
-    assert staged.min() <= scripted.kept()
+    assert staged.min() <= scripted.lowest_bound()
 
 
 # --- rest -------------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def test_a_moving_robot_is_not_reset(late):
 def test_a_robot_with_a_pending_plan_is_not_reset(answered):
     """The link may accept the plan at any time, and would then play a plan that the gate has dropped."""
     scripted = pair()
-    scripted.ask((STEP,), answer=answered)
+    scripted.command((STEP,), answer=answered)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x")) == [ResetAnswer(stop.id, False, "moving")]
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
@@ -299,7 +299,7 @@ def test_a_tick_of_a_link_that_keeps_its_own_setpoint_is_accepted():
     """The RSI link does this: the tick after a reset reports the position at which the robot is held."""
     scripted = pair()
     (x,) = scripted.q[0]
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     scripted.play()
     scripted.rest(0, (x,), count=3)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
@@ -312,4 +312,4 @@ def test_a_tick_of_a_link_that_keeps_its_own_setpoint_is_accepted():
     )
     assert scripted.view().setpoint == scripted.q[0]
     scripted.rest(0, (x,))
-    assert scripted.ask((STEP,)).outcome is Outcome.ADMITTED
+    assert scripted.command((STEP,)).outcome is Outcome.ADMITTED

@@ -41,7 +41,7 @@ def moving(ticks=6):
     u = 0.0
     for _ in range(ticks):
         u += 6e-5
-        scripted.ask((u,))
+        scripted.command((u,))
         scripted.play()
     return scripted
 
@@ -50,7 +50,7 @@ def moving(ticks=6):
 def test_a_tick_that_agrees_with_the_plan_is_accepted(ahead):
     scripted = moving()
     if ahead:
-        scripted.ask((4e-4,), answer=None)
+        scripted.command((4e-4,), answer=None)
         assert scripted.send(scripted.honest()) == []
         return
     for index in range(1, len(scripted.held[0].increments)):
@@ -71,7 +71,7 @@ def test_another_increment_is_a_fault_for_the_new_plan_and_for_the_old_plan():
     for answer in (True, None, False):
         scripted = moving()
         old = scripted.held[0]
-        scripted.ask((4.5e-4,), answer=answer)
+        scripted.command((4.5e-4,), answer=answer)
         if answer is False:
             scripted.held[0] = old
         tick = scripted.honest(index=1 if answer is False else 0)
@@ -161,8 +161,8 @@ def test_an_increment_in_a_first_tick_does_not_allow_a_leap():
     for name in scripted.names:
         scripted.gate.step(LinkChange(name, LinkState.READY))
         scripted.gate.step(LeaseChange(name, 1))
-    assert scripted.ask((0.0,)).outcome == "refused"
-    assert all(abs(u) <= T for u in scripted.ask((0.0,)).dq)
+    assert scripted.command((0.0,)).outcome == "refused"
+    assert all(abs(u) <= T for u in scripted.command((0.0,)).dq)
 
 
 def test_a_lost_link_plays_the_rest_of_its_plan():
@@ -203,7 +203,7 @@ def test_the_next_increment_counts_from_the_held_position():
     scripted = moving()
     scripted.send(held(scripted, scripted.q[0]))
     scripted.tick[0] += 1
-    scripted.ask((STEP,))
+    scripted.command((STEP,))
     assert scripted.play() == []
 
 
@@ -227,7 +227,7 @@ def test_after_a_reset_the_link_may_report_the_old_setpoint():
 
 
 class Carts(Link):
-    """Return two carts of two joints; ``fast`` gets commands, and is measured at its start."""
+    """Two carts of two joints; ``fast`` gets commands, and is measured at its start."""
 
     def __init__(self):
         super().__init__(scenes.crossing(window=0.0, periods=(0.012, 0.012)))
@@ -235,7 +235,7 @@ class Carts(Link):
 
     def moves(self, *us):
         for u in us:
-            assert self.ask(u).outcome == "admitted"
+            assert self.command(u).outcome == "admitted"
             tick = replace(self.honest(), q=self.begun)
             self.tick[0], self.q[0] = tick.tick, tick.setpoint
             assert self.send(tick) == []
@@ -270,7 +270,7 @@ def test_a_plan_that_moves_one_joint_must_not_end_early():
     u = 0.0
     for _ in range(4):
         u += 5e-4
-        scripted.ask((u, 0.0))
+        scripted.command((u, 0.0))
         tick = scripted.honest()
         scripted.tick[0], scripted.q[0] = tick.tick, tick.setpoint
         scripted.send(tick)
@@ -295,7 +295,7 @@ def test_an_unusable_tick_stops_its_robot_and_changes_nothing_else(change):
     assert scripted.send(wrong) == []  # once
     after = scripted.view()
     assert (after.q, after.setpoint, after.tick) == (before.q, before.setpoint, before.tick)
-    assert scripted.ask((STEP,)).outcome == "refused"
+    assert scripted.command((STEP,)).outcome == "refused"
     reset = scripted.gate.step(Reset(after.stops[0], "x"))
     assert not reset[0].accepted  # it is not known to rest
 

@@ -66,7 +66,7 @@ class RobotState:
         link: State of its link.
         tick, time: Number and time stamp of its last tick.
         measured: The measured q, as reported.
-        q: The measured q that the occupancy starts from (rounding taken off).
+        q: The measured q that the occupancy starts from (without its rounding).
         setpoint: Commanded position q_ref: the gate's own sum of the increments.
         before: The setpoint before the last increment or rebase.
         last: Increment played at the last tick.
@@ -215,7 +215,7 @@ class RobotState:
 
     @property
     def _delay(self) -> int:
-        """The lag window in ticks. Stamps jitter: a setpoint of the past counts for one more."""
+        """Lag window in ticks. Stamps jitter: a setpoint of the past counts for one more."""
         return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME)
 
     # --- limits and reachable positions --------------------------------------------------------------------

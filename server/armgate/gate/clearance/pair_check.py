@@ -32,12 +32,12 @@ class PairCheck:
 
     @property
     def sel(self) -> Index:
-        """The pair as a selection of its group."""
+        """Selection of the pair in its group."""
         return np.array([self.k])
 
     @property
     def moving(self) -> int | None:
-        """The robot at the other side that moves at its own time; None if there is none."""
+        """Robot at the other side that moves at its own time; None if there is none."""
         return None if isinstance(self.group, ChainGroup) else self.group.other
 
     def loss(self, side: Swept) -> float:
