@@ -334,7 +334,7 @@ def test_a_damaged_mesh_is_refused_or_read_whole(tmp_path, name):
         ("x.obj", b"v 0 0 0\nf 1 2 3\n", "does not exist"),
         ("x.off", b"NOFF 1", "OFF"),
         ("x.ply", b"ply\nformat ascii 2.0\nelement vertex nope\nend_header\n", "damaged"),
-        ("x.stl", b"solid x\nfacet\nvertex 0 0 0\n", "breaks off"),
+        ("x.stl", b"solid x\nfacet\nvertex 0 0 0\n", "ends too early"),
     ],
 )
 def test_a_mesh_that_cannot_be_read_is_refused_with_its_name(tmp_path, name, data, said):

@@ -25,7 +25,7 @@ class Connection(asyncio.Protocol):
         name: Name of the client, for the log.
         log: Log of the bytes.
         commands: Log of the commands and their verdicts.
-        timeout: How long an answer may take, s.
+        timeout: Longest time until an answer, s.
 
     Attributes:
         violations: Errors in what the server sent, whatever the case is about.
@@ -158,7 +158,7 @@ class Connection(asyncio.Protocol):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
 
     def pause_reading(self) -> None:
-        """Stop to read from the socket."""
+        """Stop reading from the socket."""
         if not self._transport.is_closing():
             self._transport.pause_reading()
 
@@ -175,7 +175,7 @@ class Connection(asyncio.Protocol):
         Args:
             wanted: Returns True for a message that is wanted.
             what: Its name, for the error.
-            within: How long to wait, s; by default as long as for an answer.
+            within: Longest time to wait, s; by default the timeout of an answer.
 
         Raises:
             Violation: The connection ended, or no such message came in time.

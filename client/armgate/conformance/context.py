@@ -17,7 +17,7 @@ from armgate.conformance.wire_log import WireLog
 _numbers = count(1)
 
 _RESETS = 60
-"""How often a reset is repeated, five ticks apart."""
+"""Number of attempts of a reset, five ticks apart."""
 
 
 class CaseContext:

@@ -1,6 +1,6 @@
 """Network faults between kit and server: the values of ``--faults``, and the proxy that injects them.
 
-Bytes stay in order and none is lost, as in TCP: a lost packet shows above TCP as a stall. Random numbers are
+Bytes stay in order and are not lost, as in TCP: a lost packet shows above TCP as a stall. Random numbers are
 seeded, so that a run can be repeated.
 """
 

@@ -1,5 +1,6 @@
 """Client that holds the lease of a robot, and checks of the verdicts and states that it receives."""
 
+from collections.abc import Callable
 from typing import Any
 
 from armgate.conformance.case import Violation, check
@@ -8,10 +9,10 @@ from armgate.conformance.connection import Connection
 from armgate.conformance.observer import Observer
 
 _ATTEMPTS = 40
-"""How often a command is repeated that came too late on a busy machine."""
+"""Number of attempts of a command that comes too late on a busy machine."""
 
 _ATTEMPTS_TOGETHER = 20
-"""How often commands of one write are repeated if a tick passed between them."""
+"""Number of attempts of commands of one write, if a tick passes between them."""
 
 _LATE = {"stale", "occupied"}
 _GENTLE = 0.4
@@ -160,7 +161,7 @@ def check_admitted(verdict: Fields) -> None:
     )
 
 
-async def send_together(holder: LeaseHolder, *makes: Any, good: int = -1) -> list[Fields]:
+async def send_together(holder: LeaseHolder, *makes: Callable[[int], Fields], good: int = -1) -> list[Fields]:
     """Send commands in one write, based on one tick, and return their verdicts; repeat if a tick passed.
 
     Args:

@@ -14,7 +14,7 @@ from armgate.conformance.safety_checks import JointBounds, Sample, is_at_rest, u
 _KEPT = 20_000
 _FINDINGS = 8
 _FIRST = 2.0
-"""How long the first state of each robot may take, s."""
+"""Time in which the first state of each robot must come, s."""
 
 
 class Observer:
@@ -53,7 +53,7 @@ class Observer:
         await self.until(lambda: bool(self.entries), "a state")
 
     async def close(self) -> None:
-        """Stop to receive states, and close the connection."""
+        """Stop receiving states, and close the connection."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])

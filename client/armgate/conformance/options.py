@@ -23,7 +23,7 @@ class Options:
     """Options of a run; the command's help describes them.
 
     Attributes:
-        wire_logs: Folder for the wire log of each failure; None: none is written.
+        wire_logs: Folder for the wire log of each failure; None: no wire logs.
     """
 
     address: tuple[str, int] | None

@@ -18,10 +18,10 @@ _STARVED = 0.3
 """Time without a state, s, after which the machine counts as too busy: a failed session is run again."""
 
 _ATTEMPTS = 4
-"""How often a case is run at most. A failed safety outcome is final: no later attempt replaces it."""
+"""Largest number of attempts of a case. A failed safety outcome is final: no later attempt replaces it."""
 
 _LONGEST = 60.0
-"""How long one case may take in all, s."""
+"""Longest duration of a case, s."""
 
 
 @dataclass(frozen=True)

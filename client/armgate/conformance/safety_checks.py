@@ -15,7 +15,7 @@ _SAME = 1e-9
 """Tolerance for rounding, rad or m."""
 
 _NEAR = 1e-6
-"""How far a reported distance may be below its limit, m."""
+"""Tolerance of a reported distance below its limit, m."""
 
 
 @dataclass(frozen=True, slots=True)

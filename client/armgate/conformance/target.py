@@ -35,7 +35,7 @@ class Target:
         tls: TLS context; None: no TLS.
         faults: Faults that the kit's proxy injects into the connections of cases.
         proxy: That proxy; None: connections are direct.
-        base_timeout: How long an answer may take without faults, s.
+        base_timeout: Longest time until an answer without faults, s.
         start_another: Starts another server of the same kind and ends it on exit; None: the kit starts none.
     """
 
@@ -55,7 +55,7 @@ class Target:
 
     @property
     def timeout(self) -> float:
-        """How long an answer may take, s."""
+        """Longest time until an answer, s."""
         return self.base_timeout + 4 * self.faults.delay
 
     async def connect(

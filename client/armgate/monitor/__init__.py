@@ -1,7 +1,8 @@
-"""A second judge of a cell, which shares no code with the gate, the cell model and the distance engines.
+"""Independent monitor of a cell, which shares no code with the gate, the cell model and the distance engines.
 
-It reads the configuration, the URDFs and the meshes by itself, computes kinematics and distances by itself,
-and checks every state: live as a client that stops the cell, or later from a recording. See docs/monitor.md.
+It has its own readers of the configuration, the URDFs and the meshes, and its own kinematics and distances.
+It checks every state: live, as a client that stops the cell, or offline, from a recording. See
+docs/monitor.md.
 
-``core`` is pure: states in, findings out. ``live``, ``audit`` and ``command`` are thin shells around it.
+``monitor`` is pure: states in, findings out. ``live``, ``offline`` and ``command`` are thin shells around it.
 """

@@ -25,25 +25,25 @@ def si(given: object, where: str, dimension: str, rate: int = 0) -> float:
     """Return a number, or a text with a unit, in SI units.
 
     Args:
-        given: What the file holds.
+        given: Value in the file.
         where: Its place, for the error.
         dimension: ``angle``, ``length`` or ``time``; a bare number fits each.
         rate: 0 for a position, 1 for a value per second, 2 for one per second squared.
 
     Raises:
-        DescriptionError: It is no finite number of this dimension.
+        DescriptionError: It is not a finite number of this dimension.
     """
     if isinstance(given, int | float) and not isinstance(given, bool):
         return finite(given, where)
     if not isinstance(given, str) or len(given) > _LONGEST:
-        _refuse(given, where, dimension)
+        _reject(given, where, dimension)
     match = _FORM.fullmatch(given.strip())
     if match is None:
-        _refuse(given, where, dimension)
+        _reject(given, where, dimension)
     number, unit, per = match[1], match[2], match[3] or ""
     factor = _FACTORS.get(unit)
     if factor is None or factor[0] != dimension or _RATES.get(per) != rate:
-        _refuse(given, where, dimension)
+        _reject(given, where, dimension)
     return finite(float(number) * factor[1], where)
 
 
@@ -51,7 +51,7 @@ def finite(given: object, where: str) -> float:
     """Return a finite number.
 
     Raises:
-        DescriptionError: It is none.
+        DescriptionError: It is not a finite number.
     """
     try:
         if isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given):
@@ -61,14 +61,14 @@ def finite(given: object, where: str) -> float:
     raise DescriptionError(f"{where}: {given!r:.80}; expected a finite number")
 
 
-def _refuse(given: object, where: str, dimension: str) -> NoReturn:
+def _reject(given: object, where: str, dimension: str) -> NoReturn:
     raise DescriptionError(
         f"{where}: {given!r:.80}; expected a number in SI units, or with a unit of {dimension}"
     )
 
 
 class Section:
-    """One mapping of the configuration and its place, such as ``robots.FR.base``."""
+    """One mapping of the configuration, with its place such as ``robots.FR.base``."""
 
     def __init__(self, values: object, where: str) -> None:
         if not isinstance(values, dict):
@@ -81,17 +81,17 @@ class Section:
         return f"{self.where}.{key}" if self.where else key
 
     def only(self, *keys: str) -> None:
-        """Refuse keys that the monitor does not know."""
+        """Reject keys that the monitor does not support."""
         unknown = sorted(set(self.values) - set(keys))
         if unknown:
-            raise DescriptionError(f"{self.place(unknown[0])}: this key is unknown to the monitor")
+            raise DescriptionError(f"{self.place(unknown[0])}: the monitor does not support this key")
 
     def section(self, key: str) -> "Section":
-        """Return the mapping under a key, an empty one if it is left out."""
+        """Return the mapping under a key; an empty one if the key is missing."""
         return Section({} if self.values.get(key) is None else self.values[key], self.place(key))
 
     def sections(self, key: str) -> Iterator[tuple[str, "Section"]]:
-        """Yield names and mappings of a mapping of mappings."""
+        """Yield the names and values of a mapping of mappings."""
         own = self.section(key)
         for name in own.values:
             yield name, Section(own.values[name], own.place(name))
@@ -109,13 +109,13 @@ class Section:
         return default if value is None else si(value, self.place(key), dimension, rate)
 
     def numbers(self, key: str, default: Sequence[float], dimension: str) -> list[float]:
-        """Return as many quantities as the default has."""
+        """Return a list of quantities in SI units, as long as the default."""
         value = self.values.get(key, list(default))
         if not isinstance(value, list) or len(value) != len(default):
             raise DescriptionError(f"{self.place(key)}: {value!r:.80}; expected {len(default)} numbers")
         return [si(item, f"{self.place(key)}.{i}", dimension) for i, item in enumerate(value)]
 
     def pose(self) -> Array:
-        """Return the placement of ``xyz`` and ``rpy``."""
+        """Return the placement that ``xyz`` and ``rpy`` define."""
         zeros = (0.0, 0.0, 0.0)
         return placement(self.numbers("xyz", zeros, "length"), self.numbers("rpy", zeros, "angle"))

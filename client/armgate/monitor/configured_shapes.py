@@ -50,7 +50,7 @@ def method_of(options: Section) -> str:
     """Return the method that converts a mesh to bodies."""
     method = options.text("method", METHODS[0])
     if method not in METHODS:
-        raise DescriptionError(f"{options.place('method')}: {method!r} is unknown to the monitor")
+        raise DescriptionError(f"{options.place('method')}: the monitor does not support {method!r}")
     return method
 
 
@@ -74,7 +74,7 @@ def locate(file: Located, packages: Mapping[str, Path]) -> Path:
     if scheme == "file":
         return Path(unquote(urlsplit(uri).path))
     if scheme != "package":
-        raise DescriptionError(f"{uri}: {scheme}:// is unknown to the monitor")
+        raise DescriptionError(f"{uri}: the monitor does not support {scheme}://")
     name, _, inside = rest.partition("/")
     if name in packages:
         return packages[name] / unquote(inside)
@@ -83,4 +83,4 @@ def locate(file: Located, packages: Mapping[str, Path]) -> Path:
     for place in (*(entry / name for entry in listed), *listed, here, *here.parents):
         if place.name == name and place.is_dir():
             return place / unquote(inside)
-    raise DescriptionError(f"{uri}: package {name!r} is not known; name its folder in meshes.packages")
+    raise DescriptionError(f"{uri}: package {name!r} was not found; add its folder to meshes.packages")

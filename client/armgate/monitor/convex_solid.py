@@ -1,10 +1,10 @@
-"""Convex solids, given by what supports them: the hull of points, of discs across z, thickened by a radius.
+"""Convex solids by their support function: hull of points or of discs across z, thickened by a radius.
 
     h(d) = max_i (p_i·d + ρ_i·√(d_x² + d_y²)) + r·|d|
 
-with points p_i, radii ρ_i of the discs around them, and the thickness r. That is every primitive of the
-configuration exactly: a sphere is a point, a capsule a segment, each with a thickness; a cylinder is two
-discs; a cone is a disc and a point; a box and a hull are points.
+with points p_i, radii ρ_i of the discs around them, and the thickness r. This represents every primitive of
+the configuration exactly: a sphere is a point and a capsule a segment, each with a thickness; a cylinder is
+two discs; a cone is a disc and a point; a box and a hull are points.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from armgate.monitor.errors import DescriptionError
 Array = NDArray[np.float64]
 
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3}
-"""Primitives, and how many sizes each has."""
+"""Primitives, and the number of sizes of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Solid:
         points: (k, 3), m.
         discs: Radius of the disc across z around each point, (k,), m.
         radius: Thickness all around, m.
-        opened: Makes the solids that the material is in, if this one is only a box around them.
+        opened: Returns the solids inside, if this one is only a box around them.
     """
 
     points: Array
@@ -41,7 +41,7 @@ class Solid:
 
     @cached_property
     def children(self) -> "tuple[Solid, ...]":
-        """The solids that the material is in; none if it is this one."""
+        """The solids inside; empty if this solid is not just a box around others."""
         return () if self.opened is None else self.opened()
 
     @property
@@ -56,15 +56,17 @@ class Solid:
 
 
 def primitive(kind: str, size: Sequence[float], where: str) -> Solid:
-    """Return a primitive, centred, its axis along z.
+    """Return a primitive, centred, with its axis along z.
 
     Raises:
         DescriptionError: An unknown kind, a wrong number of sizes, or a size that is not positive.
     """
     if SIZES.get(kind) != len(size):
-        raise DescriptionError(f"{where}: shape {kind!r} with {len(size)} sizes is not known to the monitor")
+        raise DescriptionError(
+            f"{where}: no support for the shape {kind!r} with {len(size)} sizes"
+        )
     if min(size) <= 0.0:
-        raise DescriptionError(f"{where}: a {kind} of the sizes {list(size)}; expected positive ones")
+        raise DescriptionError(f"{where}: a {kind} with the sizes {list(size)}; expected positive ones")
     if kind == "box":
         return hull(np.array(list(product(*((-s / 2.0, s / 2.0) for s in size)))))
     if kind == "sphere":
@@ -76,7 +78,7 @@ def primitive(kind: str, size: Sequence[float], where: str) -> Solid:
 
 
 def box_around(points: Array, radius: float, opened: "Callable[[], tuple[Solid, ...]]") -> Solid:
-    """Return the box along the axes around points (k, 3) thickened by a radius; ``opened`` is inside."""
+    """Return the axis-aligned box around points (k, 3) thickened by a radius; see ``Solid.opened``."""
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
     return Solid(np.array(list(product(*zip(low, high, strict=True)))), np.zeros(8), 0.0, opened)
 

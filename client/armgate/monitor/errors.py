@@ -2,18 +2,18 @@
 
 Tree::
 
-    MonitorError            the monitor failed or found a violation (exit status 1)
-    └── DescriptionError    it cannot read what it was given (exit status 2)
+    MonitorError            the monitor failed (exit status 1)
+    └── DescriptionError    it cannot read its input (exit status 2)
 """
 
 
 class MonitorError(Exception):
-    """The monitor could not do its work; the text says why and what to do."""
+    """The monitor failed; the text gives the reason and what to do."""
 
     exit_code = 1
 
 
 class DescriptionError(MonitorError):
-    """A configuration, URDF or mesh that the monitor cannot read; the text names the place."""
+    """The monitor cannot read a configuration, URDF or mesh; the text names the place."""
 
     exit_code = 2

@@ -1,4 +1,4 @@
-"""Reading of whole files, bounded and of regular files only: a device never ends."""
+"""Bounded reading of regular files only, because a device never ends."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +8,9 @@ from armgate.monitor.errors import DescriptionError
 
 @dataclass(frozen=True)
 class Located:
-    """A text that names a file, and the folder that a relative path counts from.
+    """Path of a file as written, and the folder to which a relative path refers.
 
-    ``confined``: only a plain name of a file in the folder may be named, as in the files of a recording.
+    ``confined``: the path must be the plain name of a file in the folder, as in a recording.
     """
 
     text: str
@@ -22,14 +22,14 @@ class Located:
         """The file.
 
         Raises:
-            DescriptionError: It is not in the folder that it must be in.
+            DescriptionError: It is not in the required folder.
         """
         if self.confined and (Path(self.text).name != self.text or self.text in {"", ".", ".."}):
             raise DescriptionError(f"{self.text!r:.80} is not packed with it")
         return self.folder / self.text
 
     def beside(self, text: str) -> "Located":
-        """Return another file, named in this one."""
+        """Return another file that this one refers to."""
         return Located(text, self.path.parent, self.confined)
 
 
@@ -37,7 +37,7 @@ def read_bytes(file: Path, most: int, what: str) -> bytes:
     """Return the content of a regular file.
 
     Raises:
-        DescriptionError: It cannot be read, is no regular file, or is larger than ``most`` bytes.
+        DescriptionError: It cannot be read, is not a regular file, or is larger than ``most`` bytes.
     """
     try:
         if file.exists() and not file.is_file():

@@ -14,12 +14,12 @@ KEYS = ("travel", "speed", "acceleration", "height", "span", "beam", "column", "
 AXES = ("X", "Y", "Z")
 LINKS = ("gantry", "gantry_x", "gantry_y", "gantry_z")
 _GAP = 0.1
-"""Between column and bridge, m."""
+"""Gap between column and bridge, m."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of a gantry, m: lower side of rails and bridge, distance of the rails, edges of the sections."""
+    """Sizes of a gantry, m: height of the rails' underside, distance of the rails, edges of the sections."""
 
     height: float
     span: float
@@ -28,7 +28,7 @@ class Sizes:
 
 
 def add_gantry(arm: Description, gantry: Section) -> Description:
-    """Return the description of an arm that hangs from a gantry."""
+    """Return the description of an arm mounted below a gantry."""
     gantry.only(*KEYS)
     travel = gantry.section("travel")
     ranges = [travel.numbers(axis.lower(), (0.0, 0.0), "length") for axis in AXES]
@@ -40,7 +40,7 @@ def add_gantry(arm: Description, gantry: Section) -> Description:
         )
     )
     if set(LINKS) & set(arm.links) or set(AXES) & {joint.name for joint in arm.joints}:
-        raise DescriptionError(f"{gantry.where}: the arm uses names of the gantry")
+        raise DescriptionError(f"{gantry.where}: the arm uses link or joint names of the gantry")
     joints = [
         Joint(name, "prismatic", LINKS[i], LINKS[i + 1], np.eye(4), np.eye(3)[i], lower, upper, speed)
         for i, (name, (lower, upper)) in enumerate(zip(AXES, ranges, strict=True))
@@ -70,7 +70,7 @@ def _frame(x: list[float], s: Sizes) -> list[Body]:
 
 
 def _carriage(lowest: float, s: Sizes) -> list[Body]:
-    """Return the bridge along y, the trolley on it, and the column, whose lower end is the carriage."""
+    """Return the bridge along y, the trolley on it, and the column, whose lower end carries the arm."""
     bridge = s.column / 2.0 + _GAP + s.beam / 2.0
     behind, front = bridge + s.beam / 2.0, -s.column / 2.0 - _GAP / 2.0
     trolley = (behind - front, s.column + _GAP, s.beam / 2.0)

@@ -1,6 +1,6 @@
 """Vertices and triangles of mesh files: STL, OBJ, PLY and OFF, in text and binary form.
 
-Whatever does not fit the format is refused, so that no part of a mesh is left out unnoticed.
+Content that does not fit the format is rejected, so that no part of a mesh is silently omitted.
 """
 
 import codecs
@@ -39,7 +39,7 @@ def read_mesh(file: Path) -> Mesh:
     """Read a mesh file.
 
     Raises:
-        DescriptionError: It cannot be read, is of another format, or is damaged.
+        DescriptionError: It cannot be read, has another format, or is damaged.
     """
     data = read_bytes(file, MAX_BYTES, "mesh ")
     reader = _READERS.get(file.suffix.lower())
@@ -48,7 +48,7 @@ def read_mesh(file: Path) -> Mesh:
     try:
         return _checked(*reader(data))
     except (ValueError, IndexError, KeyError, struct.error, OverflowError) as error:
-        raise DescriptionError(f"mesh {file}: damaged, or not read by the monitor: {error}") from error
+        raise DescriptionError(f"mesh {file}: damaged, or not supported by the monitor: {error}") from error
 
 
 def _checked(vertices: Array, faces: Sequence[Sequence[int]]) -> Mesh:
@@ -82,14 +82,14 @@ def _stl(data: bytes) -> Parsed:
 
 
 def _rows(data: bytes, *, comments: bool = True) -> list[list[str]]:
-    """Return the words of each line, without comments from # on; names may be of any encoding."""
+    """Return the words of each line without comments (# to the end); names may have any encoding."""
     lines = data.removeprefix(codecs.BOM_UTF8).splitlines()
     texts = [line.split(b"#", 1)[0] for line in lines] if comments else lines
     return [[word.decode("latin-1") for word in text.split()] for text in texts]
 
 
 def _stl_text(data: bytes) -> Array:
-    """Return the corners of all facets of all solids, whatever the names of the solids are."""
+    """Return the corners of all facets of all solids."""
     words: list[str] = []
     for row in _rows(data, comments=False):
         named = row and row[0].lower() in ("solid", "endsolid")
@@ -108,7 +108,7 @@ def _stl_text(data: bytes) -> Array:
         closed += word == "endsolid"
         at += 1
     if not closed or opened != facets or len(corners) != 3 * facets:
-        raise ValueError("text STL that breaks off")
+        raise ValueError("text STL that ends too early")
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 
 
@@ -133,11 +133,11 @@ def _obj_statements(data: bytes) -> Iterator[list[str]]:
             yield [word for word in begun if word]
             begun = []
     if begun:
-        raise ValueError("a statement is continued beyond the end of the file")
+        raise ValueError("the last statement is continued, but the file ends")
 
 
 def _obj_index(part: str, known: int) -> int:
-    """Return the index from 0 of a face's corner; a negative one counts back from the newest vertex."""
+    """Return the index from 0 of a face's corner; a negative one counts back from the last vertex so far."""
     index = int(part.split("/", 1)[0])
     if index == 0 or index < -known:
         raise ValueError(f"a face names the vertex {index}")
@@ -148,7 +148,7 @@ def _off(data: bytes) -> Parsed:
     rows = [row for row in _rows(data) if row]
     if not rows or rows[0][0].upper() not in _OFF_KINDS:
         raise ValueError(f"expected one of {', '.join(_OFF_KINDS)} first")
-    head = 1 if len(rows[0]) > 1 else 2  # the counts may stand in the first line
+    head = 1 if len(rows[0]) > 1 else 2  # the counts may be in the first line
     counts = [int(word) for word in [*rows[0][1:], *(rows[1] if head == 2 and len(rows) > 1 else [])]]
     if len(counts) != 3:
         raise ValueError("expected the numbers of vertices, faces and edges after OFF")
@@ -184,7 +184,7 @@ def _ply(data: bytes) -> Parsed:
 
 
 Property = tuple[str, str, str]
-"""Name, type of the length of a list ("" for none), and type of the values."""
+"""Name, type of the length of a list ("" for a single value), and type of the values."""
 
 
 def _ply_header(rows: list[list[str]]) -> tuple[str, list[tuple[str, int, list[Property]]]]:

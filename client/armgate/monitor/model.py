@@ -1,4 +1,4 @@
-"""The cell as the monitor understands it: joints and bounds, bodies, and the pairs that must stay apart."""
+"""Cell model of the monitor: joints and bounds, bodies, and the pairs that must keep a distance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ Kind = Literal["self", "robots", "surroundings"]
 KINDS: tuple[Kind, ...] = ("robots", "surroundings", "self")
 
 RAMP = 0.25
-"""Default acceleration and deceleration: full speed in this time, s."""
+"""Time to full speed that defines the default acceleration and deceleration, s."""
 
 _ROBOT_KEYS = (
     "urdf", "base", "gantry", "frames", "bodies", "tool", "camera", "start", "period", "joints", "meshes",
@@ -38,15 +38,15 @@ MAX_PAIRS = 200_000
 
 @dataclass(frozen=True, eq=False)
 class CellBody:
-    """A body: ``placement`` is in the frame of its joint, in the world if it has none (−1).
+    """Body; ``placement`` is in the frame of its joint, or in the world if no joint moves it.
 
     Attributes:
-        name: ``FR/link_3``, or the name of one of the surroundings.
+        name: Such as ``FR/link_3``, or the name of one of the surroundings.
         robot: Index of its robot; None for the surroundings.
         link: Its link; "" for the surroundings.
         joint: Index of the joint that carries it; −1 if nothing moves it.
         placement: (4, 4).
-        local: The same in the frame of its link, (4, 4).
+        local: Its placement in the frame of its link, (4, 4).
         solid: Its shape.
         meshed: True for a piece of a mesh.
     """
@@ -63,7 +63,7 @@ class CellBody:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two bodies, by index, that must stay ``limit`` [m] apart; of one robot's the inner one comes first."""
+    """Two bodies, by index, with the required distance ``limit`` [m]; on one robot the inner one is first."""
 
     a: int
     b: int
@@ -73,23 +73,23 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One robot; arrays have one row per joint, in the order of the states.
+    """Robot; arrays have one row per joint, in the order of the states.
 
     Attributes:
         name: Its name.
         joints: Names of the joints.
-        revolute: True for joints that turn, False for those that slide, (n,).
+        revolute: True for revolute joints, False for prismatic ones, (n,).
         parents: Index of the joint that carries each one, −1 for the base.
         origins: Placement of each joint in its parent's frame, in the world for the first, (n, 4, 4).
         axes: (n, 3), unit length.
         lower, upper: Limits, rad or m, (n,).
-        velocity, acceleration, deceleration: Bounds per s and s²; inf: none, (n,).
-        period: Of its clock, s.
+        velocity, acceleration, deceleration: Bounds per s and s², (n,); inf: unbounded.
+        period: Period of its clock, s.
         lag_window: Time in which older setpoints may still act, s.
         q_tolerance: Error of a measured position, rad or m.
         base: Placement of its root link in the world, (4, 4).
-        chain: All joints, fixed ones too, as URDF, gantry and frames have them.
-        holds: True if its link holds the robot at once when a reply is late, without braking.
+        chain: All joints of URDF, gantry and frames, including fixed ones.
+        holds: True if its link holds the robot at once, without braking, when a reply is late.
     """
 
     name: str
@@ -118,14 +118,14 @@ class Robot:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """All of it.
+    """Cell with all robots, bodies and pairs.
 
     Attributes:
         robots: In the order of the configuration.
-        bodies: Of all robots, then the surroundings.
-        pairs: Those that must stay apart.
-        stop_distance, self_distance: m.
-        notes: What of the configuration the monitor does not know.
+        bodies: Those of all robots, then the surroundings.
+        pairs: Pairs of bodies that must keep a distance.
+        stop_distance, self_distance: Required distances, m.
+        notes: Keys of the configuration that the monitor ignores, as texts.
     """
 
     robots: tuple[Robot, ...]
@@ -141,18 +141,18 @@ Orders = Mapping[str, Sequence[str]]
 
 
 def build(tree: Mapping[str, Any], orders: Orders | None = None) -> Cell:
-    """Build the cell from a configuration that was read.
+    """Build the cell from a configuration.
 
     Args:
-        tree: From ``read_files``.
-        orders: As the daemon describes them; None: as the URDFs have them.
+        tree: Result of ``read_files``.
+        orders: Joint orders that the daemon describes; None: those of the URDFs.
 
     Raises:
-        DescriptionError: Something cannot be read; the text names it.
+        DescriptionError: Something cannot be read; the text names the place.
     """
     top = Section(dict(tree), "")
     if top.values.get("armgate") != 1:
-        raise DescriptionError(f"armgate: version {top.values.get('armgate')!r} is unknown to the monitor")
+        raise DescriptionError(f"armgate: the monitor does not support version {top.values.get('armgate')!r}")
     notes = [f"{key}: unknown key, ignored" for key in top.values if key not in _CELL_KEYS]
     made = []
     for index, (name, own) in enumerate(top.sections("robots")):
@@ -163,14 +163,14 @@ def build(tree: Mapping[str, Any], orders: Orders | None = None) -> Cell:
     robots = tuple(robot for robot, _ in made)
     bodies = [body for _, own_bodies in made for body in own_bodies]
     for name, surrounding in top.sections("surroundings"):
-        bodies += _standing(name, surrounding)
+        bodies += _surroundings(name, surrounding)
     stop, own_stop = top.number("stop_distance", 0.05, "length"), top.number("self_distance", 0.02, "length")
     ignored = _ignored(top, bodies)
     pairs = tuple(_pairs(robots, bodies, ignored, (stop, own_stop)))
     return Cell(robots, tuple(bodies), pairs, stop, own_stop, tuple(notes))
 
 
-def _standing(name: str, own: Section) -> list[CellBody]:
+def _surroundings(name: str, own: Section) -> list[CellBody]:
     own.only("shape", "xyz", "rpy")
     solids = configured(own.section("shape"), {})
     meshed = "mesh" in own.section("shape").values
@@ -180,7 +180,7 @@ def _standing(name: str, own: Section) -> list[CellBody]:
 
 @dataclass(frozen=True, eq=False)
 class _Mount:
-    """Where a link is: its joint (−1: base), and its placement in that joint's frame."""
+    """Mount of a link: its joint (−1: base), and its placement in the frame of that joint."""
 
     joint: int
     placement: Array
@@ -214,7 +214,7 @@ class _Builder:
         return self._robot(found, moving, base), bodies
 
     def _tree(self, found: Description, base: Array) -> tuple[list[Joint], dict[str, _Mount]]:
-        """Return the moving joints in the order of the states, and where each link is."""
+        """Return the moving joints in the order of the states, and the mount of each link."""
         moving: list[Joint] = []
         front = [found.root]
         while front:
@@ -267,7 +267,7 @@ class _Builder:
         ]
 
     def _method(self, body: UrdfBody) -> str:
-        """Return how a mesh of the URDF becomes bodies: by its body, its link, or all alike."""
+        """Return the method for a mesh of the URDF: that of its body, of its link, or of all meshes."""
         meshes = self._own.section("meshes")
         meshes.only(*MESH_KEYS, "packages", "bodies")
         own = dict(meshes.sections("bodies"))
@@ -338,7 +338,7 @@ class _Builder:
 
 
 def _ignored(top: Section, bodies: Sequence[CellBody]) -> set[frozenset[int]]:
-    """Return pairs of indices of bodies that ``ignore_pairs`` names."""
+    """Return the pairs of body indices that ``ignore_pairs`` lists."""
     ignored: set[frozenset[int]] = set()
     for index, (_, own) in enumerate(top.sections("robots")):
         for entry in own.values.get("ignore_pairs") or ():
@@ -347,13 +347,15 @@ def _ignored(top: Section, bodies: Sequence[CellBody]) -> set[frozenset[int]]:
             first, second = (_named(bodies, index, name) for name in entry)
             second = second or [i for i, b in enumerate(bodies) if b.robot is None and b.name == entry[1]]
             if not first or not second:
-                raise DescriptionError(f"{own.place('ignore_pairs')}: no bodies are called {entry}")
+                raise DescriptionError(
+                    f"{own.place('ignore_pairs')}: there are no bodies with the names {entry}"
+                )
             ignored.update(frozenset((a, b)) for a in first for b in second)
     return ignored
 
 
 def _named(bodies: Sequence[CellBody], robot: int, name: object) -> list[int]:
-    """Return the bodies of a robot that are called so, or whose link is."""
+    """Return the bodies of a robot with this name, or with a link of this name."""
     return [
         i
         for i, body in enumerate(bodies)
@@ -367,7 +369,7 @@ def _pairs(
     ignored: set[frozenset[int]],
     distances: tuple[float, float],
 ) -> list[Pair]:
-    """Return the pairs that can move against each other, except neighbours on one robot and ignored ones."""
+    """Return the pairs with relative motion, except neighbours on one robot and ignored pairs."""
     pairs: list[Pair] = []
     for a, b in combinations(range(len(bodies)), 2):
         first, second = bodies[a], bodies[b]
@@ -380,10 +382,12 @@ def _pairs(
         else:
             pairs.append(Pair(a, b, distances[0], "surroundings" if second.robot is None else "robots"))
         if len(pairs) > MAX_PAIRS:
-            raise DescriptionError(f"more than {MAX_PAIRS} pairs of bodies; the monitor cannot watch so many")
+            raise DescriptionError(
+                f"more than {MAX_PAIRS} pairs of bodies, the most that it checks"
+            )
     return pairs
 
 
 def _neighbours(robot: Robot, a: int, b: int) -> bool:
-    """Return True if two bodies are on one joint, or on a joint and the one that carries it."""
+    """Return True if one joint carries both bodies, or the joint of one carries that of the other."""
     return a == b or (a >= 0 and robot.parents[a] == b) or (b >= 0 and robot.parents[b] == a)

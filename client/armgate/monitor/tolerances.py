@@ -1,56 +1,56 @@
-"""What the monitor allows beyond the rules of the configuration; docs/monitor.md lists the reasons."""
+"""Tolerances of the monitor's rules; docs/monitor.md lists the reasons."""
 
 DESCRIBED = 1e-7
-"""Described numbers may differ by this much, m, rad or relative: conversions of units and rotations round."""
+"""Tolerance of described numbers, m, rad or relative: conversions of units and rotations round."""
 
 CLEARANCE = 2e-5
-"""A margin may be missed by this much, m; a measured position adds its error, times the lever."""
+"""Tolerance of a clearance, m; for a measured position its error times the lever is added."""
 
 PAIR_SLACK = 3e-4
-"""A margin that was violated at the start may get worse by this much in all, m."""
+"""Total decrease allowed for a clearance that was violated at the start, m."""
 
 DEEP_SLACK = 5e-3
-"""The same for bodies that overlap, whose depth is not certified, m."""
+"""The same for overlapping bodies, whose depth is not certified, m."""
 
 JOINT = 1e-6
-"""A setpoint or end may be beyond a limit by this much, rad or m."""
+"""Tolerance of a joint limit for setpoints and stop ends, rad or m."""
 
 JOINT_SLACK = 1.1e-4
-"""A joint that was beyond its limit at the start may fall back by this much in all, rad or m."""
+"""Total increase allowed for the excess of a joint that was beyond its limit at the start, rad or m."""
 
 STEP = 1e-7
-"""Rounding of an increment, rad or m."""
+"""Tolerance for the rounding of an increment, rad or m."""
 
 RATE = 1e-3
-"""Increments and their changes may be larger by this share."""
+"""Relative tolerance of increments and of their changes."""
 
 END = 1e-5
-"""A reported end of a stop may differ from the computed one by this much, rad or m."""
+"""Tolerance between the reported and the computed stop end, rad or m."""
 
 STILL = 2e-6
-"""A robot at rest moves less than this in a tick, rad or m."""
+"""Largest motion of a robot at rest in a tick, rad or m."""
 
 REBASED = 3.0
-"""A setpoint that a reset moves by more than this many errors of the measurement was moved on purpose."""
+"""A reset that moves the setpoint by more than this many measurement errors adopts a new position."""
 
 MEASURED_TICKS = 8
-"""The speed of measured positions is taken over so many ticks, and may be one tick's share larger."""
+"""Number of ticks over which the speed of measured positions is computed; one tick's share is tolerated."""
 
 STALE = 2.5
-"""A robot whose newest state is older than so many of its periods may be elsewhere: states are missing."""
+"""Age of the newest state, in periods, from which the position of a robot counts as unknown."""
 
 DISTANCE = 1e-5
-"""A reported distance may be above the computed one by this much, m."""
+"""Tolerance of a reported distance above the computed one, m."""
 
 CLOCK = 1e-9
-"""In lock-step times are whole nanoseconds; their rounding, s."""
+"""Tolerance of times in lock-step, which are whole nanoseconds, s."""
 
 PACE_TICKS = 64
 PACE_TIME = 1.0
-"""The earliest of so many ticks, in so much time at least, s, is on time."""
+"""Smallest number of ticks and shortest time, s, of a block; its earliest tick counts as on time."""
 
 PACE = 0.25
-"""Ticks may be ahead of time by this share of such a block."""
+"""Tolerance of ticks ahead of time, as a share of a block."""
 
 SILENCE = 1.0
-"""A robot whose states do not come for this long is silent, s."""
+"""Time without a state after which a robot counts as silent, s."""

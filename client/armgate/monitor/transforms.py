@@ -1,4 +1,4 @@
-"""Rigid placements as 4 × 4 matrices, rotation in the upper left, translation [m] in the last column."""
+"""Rigid transforms as 4 × 4 matrices: rotation in the upper left, translation [m] in the last column."""
 
 from collections.abc import Sequence
 
@@ -40,7 +40,7 @@ def roll_pitch_yaw(T: Array) -> tuple[float, float, float]:
     R = T[:3, :3]
     level = float(np.hypot(R[0, 0], R[1, 0]))
     pitch = float(np.arctan2(-R[2, 0], level))
-    if level < 1e-9:  # only roll ± yaw counts
+    if level < 1e-9:  # only the sum or difference of roll and yaw matters
         return 0.0, pitch, float(np.arctan2(-R[0, 1], R[1, 1]))
     return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
 

@@ -1,7 +1,7 @@
-"""The monitor's own reading of a URDF: links, joints and collision bodies.
+"""The monitor's own reader of a URDF: links, joints and collision bodies.
 
-An element or attribute that changes where bodies are, how they move or what they are, and that the monitor
-does not know, is refused by name. Visuals, inertias, materials, transmissions and the like do not count.
+It rejects unsupported elements and attributes that affect the position, motion or shape of bodies, and names
+them. It ignores visuals, inertias, materials, transmissions and similar elements.
 """
 
 import math
@@ -20,7 +20,7 @@ from armgate.monitor.transforms import Array, from_quaternion, placement
 MAX_BYTES = 16 << 20
 VERSIONS = ("1.0", "1.1", "1.2")
 _TURN = "quat_xyzw"
-"""Rotation of an origin, from version 1.1 on."""
+"""Attribute for the rotation of an origin, from version 1.1 on."""
 
 _SIZE_KEYS = {
     "sphere": ("radius",), "capsule": ("radius", "length"), "cylinder": ("radius", "length"),
@@ -31,7 +31,7 @@ _MOVING = ("revolute", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint: ``origin`` places its frame in that of the parent link; limits in rad or m, per s, per s²."""
+    """Joint; ``origin`` is its placement in the parent link's frame; limits in rad or m, per s, per s²."""
 
     name: str
     kind: str
@@ -48,7 +48,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class MeshUse:
-    """A mesh of a collision: the file's name as the URDF has it, and the factor per axis."""
+    """Mesh of a collision body: the file name as in the URDF, and the factor per axis."""
 
     uri: str
     scale: tuple[float, float, float]
@@ -56,7 +56,7 @@ class MeshUse:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A collision body at ``origin`` in the frame of its link."""
+    """Collision body at ``origin`` in the frame of its link."""
 
     name: str
     link: str
@@ -66,7 +66,7 @@ class Body:
 
 @dataclass(eq=False)
 class Description:
-    """A robot: one tree of links."""
+    """Robot as one tree of links."""
 
     root: str
     links: list[str]
@@ -78,7 +78,7 @@ def read_urdf(file: Path) -> Description:
     """Read a URDF file.
 
     Raises:
-        DescriptionError: It cannot be read or holds something that the monitor does not know.
+        DescriptionError: It cannot be read, or holds something that the monitor does not support.
     """
     try:
         return _description(_tree(read_bytes(file, MAX_BYTES, "").decode("utf-8")))
@@ -89,10 +89,10 @@ def read_urdf(file: Path) -> Description:
 
 
 def read_joints(data: bytes) -> list[Joint]:
-    """Read the joints of a URDF that was received; its bodies do not count.
+    """Read the joints of a received URDF, and ignore its bodies.
 
     Raises:
-        DescriptionError: It cannot be read or holds a joint that the monitor does not know.
+        DescriptionError: It cannot be read, or holds a joint that the monitor does not support.
     """
     try:
         robot = _tree(data.decode("utf-8"))
@@ -100,12 +100,12 @@ def read_joints(data: bytes) -> list[Joint]:
         raise DescriptionError(f"not a URDF in UTF-8: {error}") from error
     _check_form(robot)
     joints = _joints(robot, [_name(link) for link in robot.findall("link")])
-    _once("joint", [joint.name for joint in joints])
+    _check_unique("joint", [joint.name for joint in joints])
     return joints
 
 
 def _tree(text: str) -> ET.Element:
-    """Return the outer element; prefixes of namespaces stay in the names, declared or not."""
+    """Return the root element; names keep their namespace prefixes, declared or not."""
     tree, parser = ET.TreeBuilder(), expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -125,19 +125,19 @@ def _description(robot: ET.Element) -> Description:
     found = Description("", [_name(link) for link in robot.findall("link")])
     for link in robot.findall("link"):
         found.bodies += _bodies(link)
-    found.bodies = _named_once(found.bodies)
+    found.bodies = _named_check_unique(found.bodies)
     found.joints = _joints(robot, found.links)
     found.root = _root(found)
     return found
 
 
 def _check_form(robot: ET.Element) -> None:
-    """Refuse another outer element and versions of URDF that the monitor does not know."""
+    """Reject another root element, and versions of URDF that the monitor does not support."""
     if robot.tag != "robot":
-        raise DescriptionError(f"the outer element is <{robot.tag}>; expected <robot>")
+        raise DescriptionError(f"the root element is <{robot.tag}>; expected <robot>")
     version = robot.get("version", "1.0")
     if version not in VERSIONS:
-        raise DescriptionError(f"version {version!r} of URDF is unknown to the monitor")
+        raise DescriptionError(f"the monitor does not support version {version!r} of URDF")
     origins = [*robot.iterfind("joint/origin"), *robot.iterfind("link/collision/origin")]
     if version == VERSIONS[0] and any(_TURN in origin.attrib for origin in origins):
         raise DescriptionError(f"{_TURN} needs version 1.1 of URDF")
@@ -147,8 +147,8 @@ def _joints(robot: ET.Element, links: list[str]) -> list[Joint]:
     return [_joint(element, links) for element in robot.findall("joint")]
 
 
-def _named_once(bodies: list[Body]) -> list[Body]:
-    """Return the bodies with the link's name before names that several links use."""
+def _named_check_unique(bodies: list[Body]) -> list[Body]:
+    """Return the bodies; a name that several links use is preceded by that of its link."""
     links: dict[str, set[str]] = {}
     for body in bodies:
         links.setdefault(body.name, set()).add(body.link)
@@ -156,10 +156,10 @@ def _named_once(bodies: list[Body]) -> list[Body]:
 
 
 def _root(found: Description) -> str:
-    """Return the link that is no child; all others must be reached from it."""
-    _once("link", found.links)
-    _once("joint", [joint.name for joint in found.joints])
-    _once("child link", [joint.child for joint in found.joints])
+    """Return the link that is not a child; all others must be reachable from it."""
+    _check_unique("link", found.links)
+    _check_unique("joint", [joint.name for joint in found.joints])
+    _check_unique("child link", [joint.child for joint in found.joints])
     roots = set(found.links) - {joint.child for joint in found.joints}
     if len(roots) != 1 or len(found.joints) != len(found.links) - 1:
         raise DescriptionError("the links are not one tree with one root")
@@ -173,7 +173,7 @@ def _root(found: Description) -> str:
     return roots.pop()
 
 
-def _once(what: str, names: list[str]) -> None:
+def _check_unique(what: str, names: list[str]) -> None:
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise DescriptionError(f"{what} {min(twice)!r} occurs twice")
@@ -198,10 +198,12 @@ def _numbers(element: ET.Element, key: str, count: int, default: str | None = No
 
 
 def _only(element: ET.Element, attributes: set[str]) -> None:
-    """Refuse attributes that the monitor does not know."""
+    """Reject attributes that the monitor does not support."""
     unknown = set(element.attrib) - attributes
     if unknown:
-        raise DescriptionError(f"<{element.tag}> has the attribute {min(unknown)!r}, unknown to the monitor")
+        raise DescriptionError(
+            f"<{element.tag}> has the attribute {min(unknown)!r}, not supported by the monitor"
+        )
 
 
 def _origin(element: ET.Element) -> Array:
@@ -212,11 +214,11 @@ def _origin(element: ET.Element) -> Array:
         raise DescriptionError(f"<{element.tag}> has {len(origins)} origins")
     _only(origins[0], {"xyz", "rpy", _TURN})
     if _TURN in origins[0].attrib:
-        return _turned(origins[0])
+        return _quaternion_origin(origins[0])
     return placement(_numbers(origins[0], "xyz", 3, "0 0 0"), _numbers(origins[0], "rpy", 3, "0 0 0"))
 
 
-def _turned(origin: ET.Element) -> Array:
+def _quaternion_origin(origin: ET.Element) -> Array:
     if "rpy" in origin.attrib:
         raise DescriptionError(f"an <origin> has rpy and {_TURN}")
     turn = np.array(_numbers(origin, _TURN, 4))
@@ -230,7 +232,7 @@ def _joint(element: ET.Element, links: list[str]) -> Joint:
     name, kind = _name(element), element.get("type", "")
     if kind not in (*_MOVING, "fixed") or element.find("mimic") is not None:
         what = "a <mimic> joint" if element.find("mimic") is not None else f"of type {kind!r}"
-        raise DescriptionError(f"joint {name!r} is {what}, unknown to the monitor")
+        raise DescriptionError(f"joint {name!r} is {what}, which the monitor does not support")
     parent, child = (_link_of(element, end, name, links) for end in ("parent", "child"))
     if kind == "fixed":
         return Joint(name, kind, parent, child, _origin(element), np.array([1.0, 0.0, 0.0]))
@@ -255,7 +257,7 @@ def _link_of(element: ET.Element, end: str, joint: str, links: list[str]) -> str
 
 
 def _bodies(link: ET.Element) -> list[Body]:
-    """Return the bodies of a link; nameless ones get names that none was given."""
+    """Return the bodies of a link; nameless ones get unused names."""
     bodies, elements = [], link.findall("collision")
     given = {element.get("name") for element in elements}
     for number, element in enumerate(elements, start=1):
@@ -281,7 +283,7 @@ def _shape(element: ET.Element, body: str) -> Solid | MeshUse:
         return hull(values, _numbers(shape, "radius", 1, "0")[0])
     keys = _SIZE_KEYS.get(shape.tag)
     if keys is None:
-        raise DescriptionError(f"body {body!r}: the shape <{shape.tag}> is unknown to the monitor")
+        raise DescriptionError(f"body {body!r}: the monitor does not support the shape <{shape.tag}>")
     if shape.tag == "box":
         return primitive("box", _numbers(shape, "size", SIZES["box"]), f"body {body!r}")
     return primitive(shape.tag, [_numbers(shape, key, 1)[0] for key in keys], f"body {body!r}")

@@ -1,7 +1,7 @@
 """YAML files of a configuration, read and overlaid by the rules of docs/configuration.md.
 
-The result is plain data, but texts that name files are ``Located``: a relative path counts from the folder
-of the file in which it stands.
+The result is plain data, except that paths of files are ``Located``: a relative path refers to the folder of
+the file that contains it.
 """
 
 import re
@@ -21,7 +21,7 @@ MAX_DEPTH = 32
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _EMPTY = object()
-"""Value where nothing at all stands, not even ``null``; it leaves a mapping below as it is."""
+"""Value of an empty node, without even ``null``; it leaves a mapping of an earlier file unchanged."""
 
 _WORDS: dict[str, object] = {
     "": _EMPTY, "~": None, "null": None, "Null": None, "NULL": None,
@@ -35,7 +35,7 @@ def read_files(paths: Sequence[Path], *, confined: bool = False) -> dict[str, An
 
     Args:
         paths: The files.
-        confined: True if they may name files of their own folder only.
+        confined: True if they may refer only to files of their own folder.
 
     Raises:
         DescriptionError: A file cannot be read or is not a YAML mapping; the text names file and line.
@@ -49,7 +49,7 @@ def read_files(paths: Sequence[Path], *, confined: bool = False) -> dict[str, An
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Overlay one mapping on another; a mapping of another ``kind`` replaces, and so does all else.
+    """Overlay one mapping on another; a mapping with another ``kind`` or any other value replaces it.
 
     An empty section keeps the mapping below.
     """
@@ -69,7 +69,7 @@ def _kind(mapping: dict[str, Any]) -> object:
 
 
 def _settled(value: Any) -> Any:
-    """Return a value with None for what is empty in it."""
+    """Return a value with None for empty nodes."""
     if isinstance(value, dict):
         return {key: _settled(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -78,7 +78,7 @@ def _settled(value: Any) -> Any:
 
 
 class _Reader:
-    """One file."""
+    """Reader of one file."""
 
     def __init__(self, path: Path, confined: bool) -> None:
         self._path, self._confined = path, confined
@@ -110,7 +110,7 @@ class _Reader:
     def _value(self, node: yaml.Node, key: str, around: str, depth: int) -> Any:
         self._left -= 1
         if self._left < 0 or depth > MAX_DEPTH:
-            self._refuse(node, f"more than {MAX_VALUES} values, or nested deeper than {MAX_DEPTH}")
+            self._reject(node, f"more than {MAX_VALUES} values, or nested deeper than {MAX_DEPTH}")
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, key, depth)
         if isinstance(node, yaml.SequenceNode):
@@ -125,18 +125,18 @@ class _Reader:
         found: dict[str, Any] = {}
         for name, value in node.value:
             if not isinstance(name, yaml.ScalarNode):
-                self._refuse(name, "a key that is no text")
+                self._reject(name, "a key that is not a text")
             if name.value in found:
-                self._refuse(name, f"the key {name.value!r} occurs twice")
+                self._reject(name, f"the key {name.value!r} occurs twice")
             found[name.value] = self._value(value, name.value, key, depth + 1)
         return found
 
-    def _refuse(self, node: yaml.Node, what: str) -> None:
+    def _reject(self, node: yaml.Node, what: str) -> None:
         raise DescriptionError(f"{self._path}:{node.start_mark.line + 1}: {what}")
 
 
 def _scalar(node: yaml.Node) -> object:
-    """Return the value of a scalar by the core schema of YAML 1.2; quoted ones are texts."""
+    """Return the value of a scalar by the core schema of YAML 1.2; a quoted scalar is a text."""
     text = str(node.value)
     if getattr(node, "style", None) is not None:
         return text

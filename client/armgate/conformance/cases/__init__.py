@@ -1,1 +1,1 @@
-"""The cases, by what of the specification they try. Each module registers its own."""
+"""The cases, by topic of the specification. Each module registers its own."""

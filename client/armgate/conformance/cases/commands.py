@@ -25,7 +25,7 @@ async def every_command_gets_one_verdict(ctx: CaseContext) -> None:
     extra = [m for m in holder.connection.inbox if m["type"] == "verdict"]
     check(not extra, f"verdicts beyond one each: {extra}")
     await other.sync()
-    check(not any(m["type"] == "verdict" for m in other.inbox), "another session was told a verdict")
+    check(not any(m["type"] == "verdict" for m in other.inbox), "another session received a verdict")
 
 
 @case("CMD-1/observer", "Send a command as observer", "One verdict, refused by lease", also=("CMD-8",))
@@ -42,7 +42,7 @@ async def command_of_an_observer_is_refused_by_lease(ctx: CaseContext) -> None:
     check_refused(await client.expect("verdict", seq=command["seq"]), "lease")
 
 
-@case("CMD-2/echo", "Send commands that are let through and refused", "Verdicts repeat robot, seq and tick")
+@case("CMD-2/echo", "Send commands that are admitted and refused", "Verdicts repeat robot, seq and tick")
 async def verdict_repeats_robot_seq_and_tick(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     for more in ({}, {"fence": holder.fence + 7}, {"dq": [math.nan] * holder.n}):
@@ -50,12 +50,12 @@ async def verdict_repeats_robot_seq_and_tick(ctx: CaseContext) -> None:
         command = holder.make_command(tick, **more)
         verdict = await holder.send_command(command)
         for key in ("robot", "seq", "tick"):
-            check(verdict[key] == command[key], f"{key} is {verdict[key]}, sent was {command[key]}")
+            check(verdict[key] == command[key], f"{key} is {verdict[key]}, the command has {command[key]}")
 
 
 @case(
     "CMD-3/order",
-    "Send 30 commands in one write, good, bad and doubled",
+    "Send 30 commands in one write, good, bad and repeated",
     "30 verdicts in that order",
     also=("CMD-1",),
 )
@@ -80,10 +80,10 @@ async def verdict_comes_before_the_state_that_applies_it(ctx: CaseContext) -> No
     for _ in range(10):
         verdict = await holder.move(holder.small_increment(0.3))
         state = await holder.state_applying(verdict)
-        told = entry_of(state, ctx.robot)
-        if told["tick"] == verdict["target"]:
-            off = max(abs(a - b) for a, b in zip(told["setpoint"], verdict["setpoint"], strict=True))
-            check(off <= _SAME, f"the setpoint at the target is {off} off the verdict's")
+        shown = entry_of(state, ctx.robot)
+        if shown["tick"] == verdict["target"]:
+            off = max(abs(a - b) for a, b in zip(shown["setpoint"], verdict["setpoint"], strict=True))
+            check(off <= _SAME, f"the setpoint at the target differs from the verdict's by {off}")
 
 
 @case(
@@ -110,7 +110,7 @@ _UNREADABLE: dict[str, tuple[str, dict[str, Any]]] = {
     "missing": ("no dq", {"dq": None}),
     "too-many": ("65 numbers in dq", {"dq": [0.0] * 65}),
     "tick-text": ("a text for tick", {"tick": "5"}),
-    "tick-real": ("a broken number for tick", {"tick": 5.5}),
+    "tick-real": ("a fraction for tick", {"tick": 5.5}),
     "tick-negative": ("a negative tick", {"tick": -1}),
     "fence-bool": ("a bool for fence", {"fence": True}),
     "fence-huge": ("2**64 - 1 for fence", {"fence": 2**64 - 1}),
@@ -128,12 +128,12 @@ async def unreadable_command_is_an_error_with_its_seq(ctx: CaseContext, more: di
         error = await holder.connection.expect("error", code="invalid_message", fatal=False, about="command")
         check(
             error.get("seq") == bad["seq"],
-            f"the error names seq {error.get('seq')}, sent was {bad['seq']}",
+            f"the error names seq {error.get('seq')}, the command has {bad['seq']}",
         )
         verdict = await holder.connection.expect("verdict", seq=good["seq"])
         if cause_of(verdict) != "stale":
             return check_admitted(verdict)
-    raise Violation("the good command always came too late")
+    raise Violation("the good command came too late every time")
 
 
 for _slug, (_what, _more) in _UNREADABLE.items():

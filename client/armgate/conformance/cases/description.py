@@ -1,4 +1,4 @@
-"""The description of the cell, and its assets."""
+"""Description of the cell, and its assets."""
 
 import hashlib
 import math
@@ -12,14 +12,14 @@ from armgate.conformance.context import CaseContext
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 
 
-def unique(names: list[str], what: str) -> None:
-    """Check that no name stands twice."""
+def check_unique(names: list[str], what: str) -> None:
+    """Check that no name occurs twice."""
     twice = sorted({name for name in names if names.count(name) > 1})
-    check(not twice, f"{what} named twice: {twice}")
+    check(not twice, f"two {what} have the same name: {twice}")
 
 
 async def described(ctx: CaseContext) -> Fields:
-    """The description, asked for anew."""
+    """Request and return the description."""
     client = await ctx.client("observer")
     return await client.call("describe", "description")
 
@@ -37,7 +37,9 @@ async def description_is_the_same_on_every_connection(ctx: CaseContext) -> None:
     for one in (first, second):
         one.pop("re", None)
     check(first == second, "two descriptions of one cell differ")
-    check(first["lockstep"] == bool(ctx.server.welcome.get("lockstep")), "lockstep is not that of welcome")
+    check(
+        first["lockstep"] == bool(ctx.server.welcome.get("lockstep")), "lockstep differs from that in welcome"
+    )
 
 
 @case(
@@ -45,10 +47,10 @@ async def description_is_the_same_on_every_connection(ctx: CaseContext) -> None:
 )
 async def names_in_the_description_are_unique(ctx: CaseContext) -> None:
     description = await described(ctx)
-    unique([robot["name"] for robot in description["robots"]], "robots")
-    unique([body["name"] for body in description["bodies"]], "bodies")
+    check_unique([robot["name"] for robot in description["robots"]], "robots")
+    check_unique([body["name"] for body in description["bodies"]], "bodies")
     for robot in description["robots"]:
-        unique([joint["name"] for joint in robot["joints"]], f"joints of {robot['name']}")
+        check_unique([joint["name"] for joint in robot["joints"]], f"joints of {robot['name']}")
 
 
 @case(
@@ -99,7 +101,7 @@ async def bodies_belong_to_a_link_of_a_robot_or_to_the_surroundings(ctx: CaseCon
 
 
 @case(
-    "DSC-8/shapes", "Look at sizes and poses", "As many positive sizes as the kind asks for; unit quaternions"
+    "DSC-8/shapes", "Look at sizes and poses", "As many positive sizes as the kind requires; unit quaternions"
 )
 async def shapes_have_positive_sizes_and_poses_unit_quaternions(ctx: CaseContext) -> None:
     description = await described(ctx)
@@ -123,12 +125,16 @@ async def urdf_has_the_described_size_and_hash(ctx: CaseContext) -> None:
             chunk = await client.call("asset", "chunk", hash=ref["hash"], offset=len(data))
             check(
                 bool(chunk["data"]) and chunk["offset"] == len(data),
-                "a chunk that is empty, or from elsewhere",
+                "a chunk that is empty, or has another offset",
             )
-            check(chunk["total"] == ref["size"], f"total is {chunk['total']}, described are {ref['size']}")
+            check(
+                chunk["total"] == ref["size"],
+                f"total is {chunk['total']}, the described size is {ref['size']}",
+            )
             data += chunk["data"]
         check(
-            hashlib.sha256(data).hexdigest() == ref["hash"], f"the URDF of {robot['name']} has another hash"
+            hashlib.sha256(data).hexdigest() == ref["hash"],
+            f"the URDF of {robot['name']} has another hash than described",
         )
 
 
@@ -136,13 +142,13 @@ async def urdf_has_the_described_size_and_hash(ctx: CaseContext) -> None:
 async def tool_and_camera_are_frames_of_the_robot(ctx: CaseContext) -> None:
     for robot in (await described(ctx))["robots"]:
         for frame in filter(None, (robot["tool"], robot["camera"])):
-            check(frame in robot["frames"], f"{robot['name']}: {frame} is no frame of it")
+            check(frame in robot["frames"], f"{robot['name']}: {frame} is not among its frames")
 
 
 @case(
     "DSC-11/pieces",
-    "Fetch pieces of an asset: the first byte, 100 from the middle, what is behind the end",
-    "Exactly these",
+    "Fetch pieces of an asset: the first byte, 100 from the middle, 10 behind the end",
+    "Exactly these bytes",
 )
 async def chunk_holds_the_requested_bytes(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
@@ -152,7 +158,10 @@ async def chunk_holds_the_requested_bytes(ctx: CaseContext) -> None:
     for offset, length in ((0, 1), (half, 100), (ref["size"], 10), (ref["size"] - 1, 10)):
         chunk = await client.call("asset", "chunk", hash=ref["hash"], offset=offset, length=length)
         data = chunk["data"]
-        check(chunk["offset"] == offset and chunk["hash"] == ref["hash"], "a piece of something else")
+        check(
+            chunk["offset"] == offset and chunk["hash"] == ref["hash"],
+            "a piece of another asset or with another offset",
+        )
         check(
             len(data) <= length and (bool(data) or offset == ref["size"]),
             f"{len(data)} bytes of {length} from {offset}",
@@ -162,7 +171,7 @@ async def chunk_holds_the_requested_bytes(ctx: CaseContext) -> None:
         )
 
 
-_STRANGE: dict[str, dict[str, Any]] = {"hash": {"hash": "0" * 64}, "offset": {"offset": 1 << 40}}
+_UNKNOWN: dict[str, dict[str, Any]] = {"hash": {"hash": "0" * 64}, "offset": {"offset": 1 << 40}}
 
 
 async def unknown_asset_is_refused(ctx: CaseContext, more: dict[str, Any]) -> None:
@@ -173,7 +182,7 @@ async def unknown_asset_is_refused(ctx: CaseContext, more: dict[str, Any]) -> No
     await client.sync()
 
 
-for _slug, _more in _STRANGE.items():
+for _slug, _more in _UNKNOWN.items():
     case(
         f"DSC-12/{_slug}",
         f"Ask for an asset with {_more}",

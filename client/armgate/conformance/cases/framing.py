@@ -1,4 +1,4 @@
-"""Frames: lengths, limits, and every way in which a stream may be cut."""
+"""Frames: lengths, limits, and streams that are split or end within a frame."""
 
 import struct
 from functools import partial
@@ -13,12 +13,12 @@ BEFORE, AFTER = 4 * 1024, 64 * 1024
 
 
 def length(count: int) -> bytes:
-    """A frame's length alone."""
+    """Return the length field of a frame."""
     return struct.pack(">I", count)
 
 
 def padded(size: int, **fields: Any) -> bytes:
-    """A message of so many bytes of payload; what is too few is an unknown key's."""
+    """Return a message whose payload has this size; an unknown key pads it."""
     bare = len(pack({**fields, "pad": b""})) - 4
     data = b"\x00" * (size - bare - (1 if size - bare > 255 + 1 else 0))
     payload = pack({**fields, "pad": data})[4:]
@@ -26,12 +26,12 @@ def padded(size: int, **fields: Any) -> bytes:
     return frame(payload)
 
 
-async def _still_there(ctx: CaseContext) -> None:
+async def _check_serving(ctx: CaseContext) -> None:
     other = await ctx.client(name="other")
     await other.sync()
 
 
-# --- how the stream is cut --------------------------------------------------------------------------------
+# --- split streams --------------------------------------------------------------------------------
 
 
 @case("FRM-1/one", "Say hello in one frame", "One frame with a welcome")
@@ -65,7 +65,7 @@ async def hello_sent_byte_by_byte_is_welcomed(ctx: CaseContext) -> None:
     await client.expect("welcome")
 
 
-@case("FRM-2/bytewise-command", "Send a command byte by byte", "One verdict, and the robot moves as it says")
+@case("FRM-2/bytewise-command", "Send a command byte by byte", "One verdict, and the robot moves accordingly")
 async def command_sent_byte_by_byte_is_executed(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     tick = (await holder.next_state())["tick"]
@@ -102,7 +102,7 @@ async def pings_split_within_a_frame_are_answered_in_order(ctx: CaseContext) -> 
 async def _fatal_length(ctx: CaseContext, client: Connection, count: int, code: str) -> None:
     client.send_bytes(length(count), f"a frame's length, {count}, and nothing more")
     await client.expect_fatal(code)
-    await _still_there(ctx)
+    await _check_serving(ctx)
 
 
 async def frame_too_large_before_hello_is_fatal(ctx: CaseContext, count: int) -> None:
@@ -202,7 +202,7 @@ async def stream_that_ends_within_a_frame_is_truncated(ctx: CaseContext) -> None
     client.half_close()
     found = await client.receive_until_closed()
     pongs = [m for m in found if m["type"] == "pong"]
-    check(not pongs, "a message that was cut off was answered")
+    check(not pongs, "a truncated message was answered")
     errors = [m for m in found if m["type"] == "error"]
     check(all(m["code"] == "truncated" for m in errors), f"another error than truncated: {errors}")
 
@@ -220,7 +220,7 @@ async def reset_within_a_frame_frees_the_robot(ctx: CaseContext) -> None:
     holder.connection.send_bytes(data[: len(data) // 2], "half of a command")
     holder.connection.reset()
     await ctx.wait_free(within=ctx.server.ttl + ctx.target.timeout)
-    await _still_there(ctx)
+    await _check_serving(ctx)
 
 
 @case(

@@ -1,4 +1,4 @@
-"""Hello, versions, and how a connection ends."""
+"""Hello, versions, and the end of a connection."""
 
 from functools import partial
 from typing import Any
@@ -7,11 +7,11 @@ from armgate.conformance.case import Skip, case, check
 from armgate.conformance.codec import frame, pack
 from armgate.conformance.context import CaseContext
 
-_PATIENT = 15.0
-"""How long a server may take to close on a silent client, s; the kit does not know its bound."""
+_HANDSHAKE = 15.0
+"""Time in which a server must close the connection of a silent client, s; the kit does not know its limit."""
 
 _MANY = 300
-"""How many connections the kit opens to find out how many there may be."""
+"""Number of connections that the kit opens at most to find the limit of the server."""
 
 
 @case(
@@ -43,7 +43,7 @@ async def messages_after_hello_in_one_write_are_answered(ctx: CaseContext) -> No
     check(second["type"] == "pong", f"the ping was answered by {second}")
 
 
-_BEFORE: dict[str, dict[str, Any]] = {
+_FIRST_MESSAGES: dict[str, dict[str, Any]] = {
     "ping": {"time": 1.0},
     "describe": {},
     "acquire": {"robot": "R"},
@@ -60,10 +60,10 @@ async def message_before_hello_is_fatal(ctx: CaseContext, kind: str, fields: dic
     await client.expect_fatal("unexpected")
     await ctx.observer.ticks(ctx.robot, 2)
     check(not ctx.observer.stops(), "a stop before hello is in force")
-    check(ctx.entry()["holder"] is None, "an acquire before hello gave the robot")
+    check(ctx.entry()["holder"] is None, "an acquire before hello was granted")
 
 
-for _kind, _fields in _BEFORE.items():
+for _kind, _fields in _FIRST_MESSAGES.items():
     case(
         f"HEL-4/{_kind}",
         f"Begin with {_kind} instead of hello",
@@ -93,17 +93,19 @@ async def second_hello_in_one_write_is_fatal_after_the_welcome(ctx: CaseContext)
     hello = ctx.target.hello(ctx.name("twice"), "observer")
     client.send(hello, hello)
     found = await client.receive_until_closed()
-    told = [(m["type"], m.get("code")) for m in found]
+    kinds = [(m["type"], m.get("code")) for m in found]
     check(
-        told == [("welcome", None), ("error", "unexpected")], f"expected welcome and unexpected, got {told}"
+        kinds == [("welcome", None), ("error", "unexpected")], f"expected welcome and unexpected, got {kinds}"
     )
 
 
-@case("HEL-7/role", "Say hello in each role", "The welcome names the role, below tokens or as asked")
+@case("HEL-7/role", "Say hello in each role", "The welcome grants the requested role, if the token allows it")
 async def welcome_grants_the_requested_role(ctx: CaseContext) -> None:
     for role in ("observer", "controller", "operator"):
         client = await ctx.client(role, role)
-        check(client.welcome["role"] == role, f"asked for {role}, the welcome says {client.welcome['role']}")
+        check(
+            client.welcome["role"] == role, f"asked for {role}, the welcome grants {client.welcome['role']}"
+        )
         check(client.welcome["name"] == ctx.name(role), f"the welcome's name is {client.welcome['name']}")
 
 
@@ -121,7 +123,7 @@ async def role_defaults_to_controller(ctx: CaseContext) -> None:
 @case(
     "HEL-9/sessions",
     "Connect eight times",
-    "Every session has an id of its own; start is the same",
+    "Every session has a unique id; start is the same",
     also=("HEL-10",),
 )
 async def sessions_have_unique_ids_and_the_same_start(ctx: CaseContext) -> None:
@@ -132,15 +134,15 @@ async def sessions_have_unique_ids_and_the_same_start(ctx: CaseContext) -> None:
     check(starts == {ctx.server.welcome["start"]}, f"start differs: {starts}")
 
 
-@case("HEL-11/anew", "Start another server of the kind and say hello there", "Its start is another one")
+@case("HEL-11/anew", "Start another server of the kind and say hello there", "It has another start id")
 async def second_server_has_another_start_id(ctx: CaseContext) -> None:
     async with ctx.second_server() as target:
         client = await ctx.client_of(target, ctx.name("anew"), "observer")
-        check(client.welcome["start"] != ctx.server.welcome["start"], "two starts have the same name")
+        check(client.welcome["start"] != ctx.server.welcome["start"], "two servers have the same start id")
 
 
 @case(
-    "HEL-12/limits", "Look at the limits in welcome", "inbound 65536, outbound 1048576, the others sensible"
+    "HEL-12/limits", "Look at the limits in welcome", "inbound 65536, outbound 1048576, the others positive"
 )
 async def welcome_states_the_limits(ctx: CaseContext) -> None:
     limits = (await ctx.client("observer")).welcome["limits"]
@@ -152,20 +154,20 @@ async def welcome_states_the_limits(ctx: CaseContext) -> None:
 @case("HEL-13/silent", "Connect and say nothing", "A fatal handshake_timeout within 15 s")
 async def silent_connection_times_out(ctx: CaseContext) -> None:
     client = await ctx.connect()
-    await client.expect_fatal("handshake_timeout", within=_PATIENT + ctx.target.timeout)
+    await client.expect_fatal("handshake_timeout", within=_HANDSHAKE + ctx.target.timeout)
 
 
 @case("HEL-13/drip", "Connect and send 3 bytes of a frame", "A fatal handshake_timeout within 15 s")
 async def incomplete_hello_times_out(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send_bytes(b"\x00\x00\x00", "3 bytes of a length")
-    await client.expect_fatal("handshake_timeout", within=_PATIENT + ctx.target.timeout)
+    await client.expect_fatal("handshake_timeout", within=_HANDSHAKE + ctx.target.timeout)
 
 
 @case(
     "HEL-14/full",
-    f"Open connections until one is refused, {_MANY} at most; then close them and come again",
-    "One more than there may be is told too_many; nobody else notices; there is room again afterwards",
+    f"Open connections until one is refused, {_MANY} at most; then close them and connect again",
+    "One connection more than the limit gets too_many; others are undisturbed; closed connections free their places",
     also=("SEC-11", "CON-9"),
 )
 async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
@@ -176,8 +178,8 @@ async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
         if (await client.expect("welcome", "error"))["type"] == "error":
             break
     else:
-        raise Skip(f"{_MANY} connections were welcomed: the bound is beyond what the kit tries")
-    check((await _last(client, ctx))["code"] == "too_many", "another error than too_many")
+        raise Skip(f"{_MANY} connections were welcomed: the limit is above what the kit tests")
+    check((await _next_refusal(ctx))["code"] == "too_many", "another error than too_many")
     await observed.sync()
     for each in ctx.connections[1:]:
         each.send({"type": "bye"})
@@ -185,8 +187,8 @@ async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
     await ctx.client("observer", "later")
 
 
-async def _last(refused: Any, ctx: CaseContext) -> Any:
-    # The first refusal was read to find the bound; ask for another one to look at.
+async def _next_refusal(ctx: CaseContext) -> Any:
+    # The first refusal was consumed to find the limit, so provoke another one.
     again = await ctx.connect("one-more")
     again.send(ctx.target.hello(ctx.name("one-more"), "observer"))
     return await again.expect_fatal("too_many")
@@ -195,7 +197,7 @@ async def _last(refused: Any, ctx: CaseContext) -> Any:
 @case(
     "HEL-15/unseen",
     "Connect; say hello with no version in common; look at states and leases",
-    "Nobody sees that connection",
+    "No other client receives anything about that connection",
 )
 async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
     watcher = await ctx.client("observer", "watcher")
@@ -204,7 +206,7 @@ async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
     client.send({**ctx.target.hello(ctx.name("odd"), "operator"), "versions": [60000]})
     await client.expect_fatal("version")
     await watcher.sync()
-    check(not watcher.inbox, f"the watcher was told {list(watcher.inbox)}")
+    check(not watcher.inbox, f"the watcher received {list(watcher.inbox)}")
 
 
 @case(
@@ -260,7 +262,7 @@ async def hello_without_a_common_version_is_fatal(ctx: CaseContext) -> None:
     check(not missing, f"the text does not name {missing}: {error['text']}")
 
 
-@case("EVO-5/capabilities", "Say hello with capabilities that nobody knows", "A welcome as without them")
+@case("EVO-5/capabilities", "Say hello with unknown capabilities", "A welcome as without them")
 async def unknown_capabilities_are_ignored(ctx: CaseContext) -> None:
     client = await ctx.client("observer", capabilities=["telepathy", "x:y/z-1"])
     await client.sync()
@@ -282,7 +284,7 @@ async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> N
     stop = await client.call("stop", "stopped", robot=ctx.robot)
     await ctx.wait_at_rest()
     await ctx.reset_stop(client, stop["stop"])
-    await client.sync()  # every message so far was held against the forms of version 1
+    await client.sync()  # every message so far was validated against the schema of version 1
 
 
 @case(
@@ -292,11 +294,13 @@ async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> N
 )
 async def hello_with_keys_of_a_later_version_is_welcomed(ctx: CaseContext) -> None:
     client = await ctx.client("observer", versions=[1, 2, 3], dialect={"of": ["later"]}, compression=None)
-    check(client.welcome["version"] in client.welcome["versions"], "the version chosen is not listed")
+    check(client.welcome["version"] in client.welcome["versions"], "the chosen version is not listed")
 
 
 @case(
-    "EVO-8/two", "Connect one client for every version that the server lists", "Each is welcomed with its own"
+    "EVO-8/two",
+    "Connect one client for every version that the server lists",
+    "Each is welcomed with its version",
 )
 async def every_listed_version_is_spoken(ctx: CaseContext) -> None:
     listed = ctx.server.welcome["versions"]
@@ -307,29 +311,29 @@ async def every_listed_version_is_spoken(ctx: CaseContext) -> None:
         check(client.welcome["version"] == version, f"asked for {version}, got {client.welcome['version']}")
 
 
-# --- the end ----------------------------------------------------------------------------------------------
+# --- end of a connection ----------------------------------------------------------------------------------------------
 
 
 @case("CON-3/bye", "Send a ping and bye in one write", "The pong, then bye, then the end")
 async def bye_is_answered_after_earlier_messages(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send({"type": "ping", "time": 1.0}, {"type": "bye", "reason": "done"})
-    told = [m["type"] for m in await client.receive_until_closed()]
-    check(told == ["pong", "bye"], f"expected pong and bye, got {told}")
+    kinds = [m["type"] for m in await client.receive_until_closed()]
+    check(kinds == ["pong", "bye"], f"expected pong and bye, got {kinds}")
 
 
 @case("CON-4/bye-first", "Say bye instead of hello", "bye, and the end")
 async def bye_instead_of_hello_is_answered(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send({"type": "bye"})
-    told = [m["type"] for m in await client.receive_until_closed()]
-    check(told == ["bye"], f"expected bye, got {told}")
+    kinds = [m["type"] for m in await client.receive_until_closed()]
+    check(kinds == ["bye"], f"expected bye, got {kinds}")
 
 
 @case(
     "CON-5/after-bye",
     "Hold the robot; send bye and a stop in one write",
-    "No stop: what comes after bye is not done",
+    "No stop: messages after bye are ignored",
     also=("LOS-1",),
 )
 async def messages_after_bye_are_ignored(ctx: CaseContext) -> None:
@@ -344,7 +348,7 @@ async def messages_after_bye_are_ignored(ctx: CaseContext) -> None:
 @case(
     "CON-8/before-a-fault",
     "Send a stop and garbage in one write",
-    "The stop is in force: what came before the fault counts",
+    "The stop is in force: messages before the fault count",
     also=("CON-6",),
 )
 async def messages_before_a_fatal_fault_count(ctx: CaseContext) -> None:
@@ -357,7 +361,7 @@ async def messages_before_a_fatal_fault_count(ctx: CaseContext) -> None:
 @case(
     "CON-9/neighbour",
     "Hold and move the robot while another connection sends garbage",
-    "The holder notices nothing",
+    "The holder is undisturbed",
 )
 async def faulty_connection_leaves_others_undisturbed(ctx: CaseContext) -> None:
     holder = await ctx.holder()

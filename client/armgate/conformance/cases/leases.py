@@ -1,4 +1,4 @@
-"""Leases: one holder, fences that only grow, every way to lose one."""
+"""Leases: one holder per robot, growing fences, and every way to lose a lease."""
 
 import asyncio
 from functools import partial
@@ -12,35 +12,35 @@ from armgate.conformance.lease_holder import cause_of, check_refused
 
 _ROUNDS = 12
 
-_DRIVEN = 3.0
-"""For how long the kit tries to get a robot to speed, s."""
+_ACCELERATION_TIME = 3.0
+"""Time in which the kit tries to accelerate a robot, s."""
 
 
-async def lost(client: Connection, fence: int, within: float | None = None) -> Fields:
-    """The message that a lease was lost, with its own fence."""
-    told = await client.receive(lambda m: m["type"] == "lease" and m["state"] == "lost", "lease lost", within)
-    check(told["fence"] == fence, f"the lease lost has fence {told['fence']}; it was {fence}")
-    return told
+async def lease_lost(client: Connection, fence: int, within: float | None = None) -> Fields:
+    """Return the message that a lease was lost, and check its fence."""
+    lost = await client.receive(lambda m: m["type"] == "lease" and m["state"] == "lost", "lease lost", within)
+    check(lost["fence"] == fence, f"the lost lease has fence {lost['fence']}; expected {fence}")
+    return lost
 
 
 @case(
     "LEA-1/free",
     "Acquire a free robot, as controller and as operator",
-    "held, with a fence, the ttl and the speed asked for",
+    "held, with a fence, the ttl and the requested speed",
     also=("LEA-18",),
 )
 async def free_robot_can_be_acquired(ctx: CaseContext) -> None:
     for role in ("controller", "operator"):
         client = await ctx.client(role, role)
         lease = await client.call("acquire", "lease", robot=ctx.robot, speed=0.5)
-        told = (lease["state"], lease["robot"], lease.get("speed"), lease["ttl"])
-        check(told == ("held", ctx.robot, 0.5, ctx.server.ttl), f"the lease says {told}")
+        found = (lease["state"], lease["robot"], lease.get("speed"), lease["ttl"])
+        check(found == ("held", ctx.robot, 0.5, ctx.server.ttl), f"the lease has {found}")
         await client.call("release", "lease", robot=ctx.robot, fence=lease["fence"])
 
 
 @case(
     "LEA-2/grows",
-    "Acquire again, release and acquire, come again, take over",
+    "Acquire again, release and acquire, reconnect, take over",
     "Every fence is larger than all before",
 )
 async def fences_only_grow(ctx: CaseContext) -> None:
@@ -59,7 +59,9 @@ async def fences_only_grow(ctx: CaseContext) -> None:
     check(fences == sorted(set(fences)), f"the fences were {fences}")
 
 
-@case("LEA-3/held", "Acquire a robot that another session holds", "leased; the holder moves on unhindered")
+@case(
+    "LEA-3/held", "Acquire a robot that another session holds", "leased; the holder can still move the robot"
+)
 async def held_robot_cannot_be_acquired(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     other = await ctx.client(name="other")
@@ -73,16 +75,16 @@ async def held_robot_cannot_be_acquired(ctx: CaseContext) -> None:
 @case(
     "LEA-4/race",
     f"Four sessions acquire one free robot at the same time, {_ROUNDS} times",
-    "Exactly one gets it each time",
+    "Exactly one acquires it each time",
 )
 async def concurrent_acquires_have_one_winner(ctx: CaseContext) -> None:
     wires = [await ctx.client(name=f"c{i}") for i in range(4)]
     for _ in range(_ROUNDS):
         answers = await asyncio.gather(*(client.request("acquire", robot=ctx.robot) for client in wires))
         held = [i for i, answer in enumerate(answers) if answer["type"] == "lease"]
-        check(len(held) == 1, f"{len(held)} sessions got the robot")
+        check(len(held) == 1, f"{len(held)} sessions acquired the robot")
         others = {answer.get("code") for answer in answers if answer["type"] == "error"}
-        check(others == {"leased"}, f"the others were told {others}")
+        check(others == {"leased"}, f"the others received {others}")
         fence = answers[held[0]]["fence"]
         await wires[held[0]].call("release", "lease", robot=ctx.robot, fence=fence)
 
@@ -100,14 +102,14 @@ async def acquire_by_the_holder_replaces_its_fence(ctx: CaseContext) -> None:
     check_refused(await holder.command(fence=old, forbidden="its fence is old"), "fence")
     await holder.move()
     await holder.connection.sync()
-    told = [m for m in holder.connection.inbox if m["type"] == "lease"]
-    check(not told, f"asking again was told as a loss: {told}")
+    losses = [m for m in holder.connection.inbox if m["type"] == "lease"]
+    check(not losses, f"a repeated acquire was reported as a loss: {losses}")
 
 
 @case(
     "LEA-7/held",
     "As controller, take over a robot that another session holds",
-    "forbidden; the holder moves on",
+    "forbidden; the holder can still move the robot",
 )
 async def controller_cannot_take_over(ctx: CaseContext) -> None:
     holder = await ctx.holder()
@@ -119,7 +121,7 @@ async def controller_cannot_take_over(ctx: CaseContext) -> None:
 @case(
     "LEA-8/takeover",
     "An operator takes the robot over while it moves",
-    "The holder is told lost with its own fence; its commands are refused by fence, the operator's admitted",
+    "The holder receives lost with its own fence; its commands are refused by fence, the operator's admitted",
     also=("LEA-17", "CMD-9", "CMD-35", "LEA-21"),
 )
 async def operator_takes_over_a_moving_robot(ctx: CaseContext) -> None:
@@ -128,7 +130,7 @@ async def operator_takes_over_a_moving_robot(ctx: CaseContext) -> None:
         await holder.move()
     operator = await ctx.holder("operator", "operator", takeover=True)
     check(operator.fence > holder.fence, f"the fence went from {holder.fence} to {operator.fence}")
-    await lost(holder.connection, holder.fence)
+    await lease_lost(holder.connection, holder.fence)
     taken = "another session holds the robot"
     check_refused(await holder.command(forbidden=taken), "fence")
     check_refused(await holder.command(fence=operator.fence, forbidden=taken), "fence")
@@ -138,7 +140,7 @@ async def operator_takes_over_a_moving_robot(ctx: CaseContext) -> None:
 @case(
     "LEA-11/release",
     "Release a robot while it moves",
-    "released; it comes to rest; another session gets it; commands are refused by lease",
+    "released; it comes to rest; another session can acquire it; commands are refused by lease",
     also=("CMD-8", "CMD-35", "LEA-21"),
 )
 async def released_robot_comes_to_rest_and_is_free(ctx: CaseContext) -> None:
@@ -147,7 +149,7 @@ async def released_robot_comes_to_rest_and_is_free(ctx: CaseContext) -> None:
         await holder.move()
     answer = await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
     check(answer["state"] == "released", f"the lease is {answer['state']}")
-    check_refused(await holder.command(forbidden="the lease was given back"), "lease")
+    check_refused(await holder.command(forbidden="the lease was released"), "lease")
     await ctx.wait_at_rest()
     other = await ctx.client(name="other")
     await other.call("acquire", "lease", robot=ctx.robot)
@@ -180,21 +182,21 @@ for _slug, _what in {
 
 @case(
     "LEA-13/silence",
-    "Hold and move the robot, then say nothing",
-    "Within the ttl and a little the lease is lost and the robot rests; commands are refused by lease; others get it",
+    "Hold and move the robot, then send nothing",
+    "Shortly after the ttl the lease is lost and the robot at rest; commands are refused by lease; others can acquire it",
     also=("LEA-17", "LEA-21", "CMD-35", "CMD-8"),
 )
 async def lease_of_a_silent_holder_expires(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     for _ in range(5):
         await holder.move()
-    await lost(holder.connection, holder.fence, ctx.server.ttl + ctx.target.timeout)
+    await lease_lost(holder.connection, holder.fence, ctx.server.ttl + ctx.target.timeout)
     check_refused(await holder.command(forbidden="the lease has expired"), "lease")
     other = await ctx.client(name="other")
     await other.call("acquire", "lease", robot=ctx.robot)
 
 
-_SIGNS: dict[str, Fields] = {"ping": {"time": 1.0}, "describe": {}}
+_MESSAGES: dict[str, Fields] = {"ping": {"time": 1.0}, "describe": {}}
 
 
 async def any_message_renews_the_lease(ctx: CaseContext, kind: str, fields: Fields) -> None:
@@ -208,7 +210,7 @@ async def any_message_renews_the_lease(ctx: CaseContext, kind: str, fields: Fiel
     await holder.move()
 
 
-for _slug, _fields in _SIGNS.items():
+for _slug, _fields in _MESSAGES.items():
     case(
         f"LEA-14/{_slug}",
         f"Hold the robot for two times to live, sending {_slug} four times in each",
@@ -223,13 +225,15 @@ async def commands_renew_the_lease(ctx: CaseContext) -> None:
     end = loop.time() + 1.5 * ctx.server.ttl
     while loop.time() < end:
         verdict = await holder.command([0.0] * holder.n)
-        check(cause_of(verdict) not in ("lease", "fence"), "the lease ended though its holder commands")
+        check(
+            cause_of(verdict) not in ("lease", "fence"), "the lease ended although its holder sends commands"
+        )
 
 
 _ENDS: dict[str, str] = {
     "close": "closes",
     "reset": "is reset",
-    "bye": "says bye",
+    "bye": "sends bye",
     "half-close": "closes its sending side",
 }
 
@@ -253,7 +257,7 @@ async def ended_connection_frees_its_robot_at_once(ctx: CaseContext, how: str) -
     await ctx.wait_free()
     gone = (ctx.observer.tick(ctx.robot) - tick) * ctx.server.robot["period"]
     late = 0.8 * ctx.server.ttl + ctx.target.faults.delay
-    check(gone < late, f"the robot was held {gone:.3f} s longer; the ttl is {ctx.server.ttl} s")
+    check(gone < late, f"the robot was still held for {gone:.3f} s; the ttl is {ctx.server.ttl} s")
 
 
 for _slug, _what in _ENDS.items():
@@ -265,17 +269,17 @@ for _slug, _what in _ENDS.items():
     )(partial(ended_connection_frees_its_robot_at_once, how=_slug))
 
 
-@case("LEA-17/once", "Lose a lease by takeover, then end the session that took it", "lost is told once")
+@case("LEA-17/once", "Lose a lease by takeover, then end the session that took it", "lost is reported once")
 async def loss_of_a_lease_is_reported_once(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     operator = await ctx.operator()
     await operator.call("acquire", "lease", robot=ctx.robot, takeover=True)
-    await lost(holder.connection, holder.fence)
+    await lease_lost(holder.connection, holder.fence)
     operator.close()
     await ctx.wait_free()
     await holder.connection.sync()
     again = [m for m in holder.connection.inbox if m["type"] == "lease"]
-    check(not again, f"lost is told again: {again}")
+    check(not again, f"lost is reported again: {again}")
 
 
 @case(
@@ -310,31 +314,31 @@ async def session_can_hold_two_robots(ctx: CaseContext) -> None:
 
 @case(
     "LEA-20/speed",
-    "Hold the robot with speed 0.1 and ask for its full speed; then hold it with 1.0",
-    "The first is never faster than a tenth; the second may be",
+    "Hold the robot with speed 0.1 and command its full speed; then hold it with 1.0",
+    "With the first lease it is never faster than a tenth; with the second it may be",
 )
 async def lease_limits_the_speed(ctx: CaseContext) -> None:
     slow = await ctx.holder(speed=0.1)
     joints, period = ctx.server.robot["joints"], ctx.server.robot["period"]
     bound = [0.1 * joint["velocity"] * period for joint in joints]
-    wish = [x * 100 for x in slow.small_increment()]
+    wanted = [x * 100 for x in slow.small_increment()]
     fastest = [0.0] * slow.n
     for _ in range(12):
-        verdict = await slow.command(wish)
+        verdict = await slow.command(wanted)
         fastest = [max(a, abs(b)) for a, b in zip(fastest, verdict["dq"], strict=True)]
     over = [j for j in range(slow.n) if fastest[j] > bound[j] * (1 + 1e-9)]
-    check(not over, f"joints {over} were let go at {fastest}; the lease's bound is {bound}")
+    check(not over, f"joints {over} were admitted at {fastest}; the bound of the lease is {bound}")
     await slow.connection.call("release", "lease", robot=ctx.robot, fence=slow.fence)
     await ctx.wait_at_rest()
     fast = await ctx.holder(name="fast")
     check(fast.lease.get("speed", 1.0) == 1.0, f"the next lease has the speed {fast.lease.get('speed')}")
     loop = asyncio.get_running_loop()
-    end = loop.time() + _DRIVEN
+    end = loop.time() + _ACCELERATION_TIME
     while loop.time() < end:
-        verdict = await fast.command([-x for x in wish])
+        verdict = await fast.command([-x for x in wanted])
         if any(abs(d) > b * (1 + 1e-9) for d, b in zip(verdict["dq"], bound, strict=True)):
             return
-    raise Skip("the kit is too slow here to command a robot tick by tick")
+    raise Skip("this machine is too slow to command a robot tick by tick")
 
 
 @case(

@@ -13,7 +13,7 @@ from armgate.conformance.lease_holder import LeaseHolder
 from armgate.conformance.target import Target
 
 _SILENCE = 20.0
-"""How long a server may wait for a silent participant, s; the kit does not know its limit."""
+"""Time after which a server must end a silent participant, s; the kit does not know its limit."""
 _STEPS = 12
 """Length of the conversation that is held twice, in steps."""
 
@@ -157,7 +157,7 @@ async def states_of_an_ended_step_come_at_once(ctx: CaseContext) -> None:
         await second.wait_step(step + 2)
 
 
-@case("LCK-3/left", "One participant says bye; the other passes", "The step ends without the one that left")
+@case("LCK-3/left", "One participant sends bye; the other passes", "The step ends without the one that left")
 async def step_ends_without_a_participant_that_left(ctx: CaseContext) -> None:
     first, second = await join_both(ctx)
     first.connection.send({"type": "bye"})
@@ -479,7 +479,7 @@ async def _conversation(ctx: CaseContext, target: Target, order: tuple[int, int]
 
 
 def _act(participant: Participant, holder: LeaseHolder | None, step: int) -> None:
-    """Send a signal, and a command of the held robot, or ``pass`` if none is held."""
+    """Send a signal, and a command of the held robot, or ``pass`` without one."""
     participant.connection.send(
         {"type": "signal", "name": f"kit/{participant.connection.name}", "value": [float(step)]}
     )

@@ -1,4 +1,4 @@
-"""What is let through: increments, bounds, rest."""
+"""Admitted motion: increments, bounds, and braking to rest."""
 
 import math
 from functools import partial
@@ -12,7 +12,7 @@ from armgate.conformance.lease_holder import check_admitted, entry_of
 _SAME = 1e-9
 _MOST_REASONS = 64
 _FAR = 3.0
-"""How long the kit drives towards a limit, s of the robot's full speed."""
+"""Time for which the kit drives towards a limit, s at the robot's full speed."""
 
 
 @case(
@@ -34,48 +34,53 @@ async def target_is_a_later_tick_at_which_the_command_is_applied(ctx: CaseContex
 
 
 @case(
-    "CMD-20/admitted", "Send a small increment", "admitted: dq as asked, beta 1, no reasons", also=("CMD-23",)
+    "CMD-20/admitted",
+    "Send a small increment",
+    "admitted: dq as commanded, beta 1, no reasons",
+    also=("CMD-23",),
 )
 async def small_increment_is_admitted_unchanged(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     for share in (0.0, 0.5, 1.0):
-        wish = holder.small_increment(share)
-        verdict = await holder.command(wish)
+        wanted = holder.small_increment(share)
+        verdict = await holder.command(wanted)
         check_admitted(verdict)
-        off = max(abs(a - b) for a, b in zip(verdict["dq"], wish, strict=True))
-        check(off <= _SAME, f"admitted, but dq is {off} off what was asked")
+        off = max(abs(a - b) for a, b in zip(verdict["dq"], wanted, strict=True))
+        check(off <= _SAME, f"admitted, but dq differs from the command by {off}")
         check(
             verdict["beta"] == 1.0 and not verdict.get("reasons"),
             f"beta {verdict['beta']}, {verdict.get('reasons')}",
         )
 
 
-_GREEDY: dict[str, tuple[str, float]] = {
-    "step": ("ten times what a tick allows", 25.0),
+_EXCESSIVE: dict[str, tuple[str, float]] = {
+    "step": ("ten times the largest of a tick", 25.0),
     "huge": ("1e300", 1e300),
 }
 
 
 async def excessive_increment_is_limited(ctx: CaseContext, factor: float) -> None:
     holder = await ctx.holder()
-    wish = [math.copysign(factor, x) if factor > 1e9 and x else factor * x for x in holder.small_increment()]
-    verdict = await holder.command(wish)
+    wanted = [
+        math.copysign(factor, x) if factor > 1e9 and x else factor * x for x in holder.small_increment()
+    ]
+    verdict = await holder.command(wanted)
     check(verdict["outcome"] == "limited", f"it was {verdict['outcome']}")
     check(
-        verdict["dq"] != wish and verdict["beta"] > 0,
+        verdict["dq"] != wanted and verdict["beta"] > 0,
         f"limited to {verdict['dq']} with beta {verdict['beta']}",
     )
     check(bool(verdict.get("reasons")), "limited without a reason")
     for reason in verdict["reasons"]:
         if reason["cause"] in ("increment", "acceleration"):
-            told = [reason.get(key) for key in ("joint", "value", "bound")]
-            check(None not in told, f"{reason['cause']} names joint, value and bound {told}")
+            named = [reason.get(key) for key in ("joint", "value", "bound")]
+            check(None not in named, f"{reason['cause']} names joint, value and bound {named}")
 
 
-for _slug, (_what, _factor) in _GREEDY.items():
+for _slug, (_what, _factor) in _EXCESSIVE.items():
     case(
         f"CMD-21/{_slug}",
-        f"Ask for an increment of {_what}",
+        f"Command an increment of {_what}",
         "limited: a smaller dq, beta in (0, 1] or less, a reason with joint, value and bound; the robot keeps its bounds",
         also=("CMD-19", "CMD-25", "CMD-27"),
     )(partial(excessive_increment_is_limited, factor=_factor))
@@ -83,51 +88,52 @@ for _slug, (_what, _factor) in _GREEDY.items():
 
 @case(
     "CMD-38/joints",
-    "Ask every joint for 1e308, and once more for -1e308",
-    "Each joint is named in a reason; if the reasons are more than 64, 64 are told and the others counted",
+    "Command 1e308 for every joint, then -1e308",
+    "Each joint is named in a reason; if there are more than 64 reasons, 64 are listed and the others counted",
     also=("CMD-19",),
 )
 async def every_limiting_joint_is_named(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     names = {joint["name"] for joint in ctx.server.robot["joints"]}
-    for wish in (1e308, -1e308):
-        reasons = (await holder.command([wish] * holder.n)).get("reasons") or []
+    for wanted in (1e308, -1e308):
+        reasons = (await holder.command([wanted] * holder.n)).get("reasons") or []
         if len(reasons) < _MOST_REASONS:
             missing = names - {reason.get("joint") for reason in reasons}
-            check(not missing, f"no reason names {sorted(missing)}, which cannot move so fast")
+            check(not missing, f"no reason names {sorted(missing)}, although it cannot move so fast")
         else:
             check(len(reasons) == _MOST_REASONS, f"a verdict has {len(reasons)} reasons")
             text = reasons[-1]["text"]
-            check(any(map(str.isdigit, text)), f"the last reason does not count what was left out: {text}")
+            check(any(map(str.isdigit, text)), f"the last reason does not count the omitted ones: {text}")
 
 
 @case(
     "CMD-19/acceleration",
-    "At rest, ask for the full speed at once",
+    "At rest, command the full speed at once",
     "limited by acceleration or increment; the robot accelerates within its bound",
     also=("CMD-21", "CMD-25", "CMD-37"),
 )
 async def acceleration_from_rest_is_limited(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     joints, period = ctx.server.robot["joints"], ctx.server.robot["period"]
-    wish = [
+    wanted = [
         math.copysign(j["velocity"] * period, x) if x else 0.0
         for j, x in zip(joints, holder.small_increment(), strict=True)
     ]
-    verdict = await holder.command(wish)
+    verdict = await holder.command(wanted)
     allowed = [j["acceleration"] * period**2 for j in joints]
     over = [i for i, d in enumerate(verdict["dq"]) if abs(d) > allowed[i] * (1 + 1e-6)]
     check(
-        not over, f"from rest joints {over} are let go by {verdict['dq']}; the acceleration allows {allowed}"
+        not over,
+        f"from rest joints {over} are admitted with {verdict['dq']}; the acceleration allows {allowed}",
     )
-    if any(abs(w) > a * (1 + 1e-6) for w, a in zip(wish, allowed, strict=True)):
+    if any(abs(w) > a * (1 + 1e-6) for w, a in zip(wanted, allowed, strict=True)):
         causes = [reason["cause"] for reason in verdict.get("reasons", ())]
         check("acceleration" in causes, f"it was {verdict['outcome']} by {causes}, not by acceleration")
 
 
 @case(
     "CMD-37/turn",
-    "Ask for full speed for eight ticks, then for eight ticks the other way",
+    "Command full speed for eight ticks, then for eight ticks the other way",
     "The robot accelerates, brakes and turns within the bounds of the joint",
     also=("CMD-19",),
 )
@@ -140,7 +146,7 @@ async def reversal_is_within_the_bounds(ctx: CaseContext) -> None:
     ]
     for way in (1.0, -1.0):
         outcomes = [(await holder.command([way * x for x in full]))["outcome"] for _ in range(8)]
-        check(set(outcomes) != {"refused"}, "none of it was let through, though the joint has room")
+        check(set(outcomes) != {"refused"}, "no command was admitted, although the joint has room")
 
 
 _NUMBERS: dict[str, Any] = {
@@ -169,15 +175,15 @@ for _slug, _value in _NUMBERS.items():
     case(
         f"PAY-13/dq-{_slug.replace('*', 'x')}",
         f"Command with {_slug} in dq",
-        "It is judged as the number that it is; the robot keeps its bounds",
+        "It is treated as this number; the robot keeps its bounds",
         also=("CMD-25",),
     )(partial(unusual_numbers_in_dq_are_judged_as_numbers, value=_value))
 
 
 @case(
     "CMD-22/refused",
-    "Make every kind of refusal before the gate",
-    "Outcome refused, beta 0, a reason, dq what the robot does anyway",
+    "Provoke every refusal that precedes the gate's decision",
+    "Outcome refused, beta 0, one reason, and dq of the plan that the robot plays",
     also=("CMD-17", "CMD-29"),
 )
 async def refused_command_has_beta_zero_and_a_reason(ctx: CaseContext) -> None:
@@ -196,7 +202,7 @@ async def refused_command_has_beta_zero_and_a_reason(ctx: CaseContext) -> None:
 @case(
     "CMD-23/setpoint",
     "From rest, send a small increment",
-    "setpoint of the verdict is the setpoint before plus dq",
+    "setpoint of the verdict is the previous setpoint plus dq",
     also=("CMD-24",),
 )
 async def verdict_setpoint_is_the_previous_setpoint_plus_dq(ctx: CaseContext) -> None:
@@ -204,14 +210,14 @@ async def verdict_setpoint_is_the_previous_setpoint_plus_dq(ctx: CaseContext) ->
     before = entry_of(await holder.next_state(), ctx.robot)["setpoint"]
     verdict = await holder.move()
     off = max(abs(b + d - s) for b, d, s in zip(before, verdict["dq"], verdict["setpoint"], strict=True))
-    check(off <= _SAME, f"setpoint is {off} off the one before plus dq")
+    check(off <= _SAME, f"setpoint differs from the one before plus dq by {off}")
     await holder.state_applying(verdict)
 
 
 @case(
     "CMD-28/rest",
     "Move the robot ten ticks, then command no more",
-    "It brakes and rests; applied_seq stays",
+    "It brakes to rest; applied_seq stays",
     also=("STA-7",),
 )
 async def robot_without_commands_comes_to_rest(ctx: CaseContext) -> None:
@@ -224,13 +230,13 @@ async def robot_without_commands_comes_to_rest(ctx: CaseContext) -> None:
     check(samples[-1].applied == verdict["seq"], f"applied_seq is {samples[-1].applied} at rest")
     if end is not None:
         off = max(abs(a - b) for a, b in zip(end, samples[-1].setpoint, strict=True))
-        check(off < 1e-6, f"the robot rests {off} off the stop_end told")
+        check(off < 1e-6, f"the robot rests {off} away from the reported stop_end")
 
 
 @case(
     "CMD-29/refused",
     "Move the robot; then send only refused commands",
-    "It brakes and rests as if nothing came",
+    "It brakes to rest as without commands",
     also=("CMD-28", "CMD-22"),
 )
 async def robot_with_refused_commands_comes_to_rest(ctx: CaseContext) -> None:
@@ -264,7 +270,7 @@ async def every_seq_is_accepted(ctx: CaseContext, make: Any) -> None:
     holder = await ctx.holder()
     for seq in make(next(holder.connection.commands.seqs) + 1):
         tick = (await holder.next_state())["tick"]
-        # Without effect, so that no later case finds a strange seq applied.
+        # Commands without effect, so that no later case finds an unknown seq applied.
         await holder.send_command(holder.make_command(tick, [], seq=seq))
     for _ in range(10):
         next(holder.connection.commands.seqs)
@@ -280,7 +286,9 @@ for _slug, _make in {
     )
 
 
-@case("CMD-33/reserved", "Command with a deadline long past and a horizon of 0", "Judged as without them")
+@case(
+    "CMD-33/reserved", "Command with a deadline long past and a horizon of 0", "Same verdict as without them"
+)
 async def deadline_and_horizon_have_no_effect(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     check_admitted(await holder.command(deadline=-1e9, horizon=0))
@@ -291,18 +299,18 @@ async def deadline_and_horizon_have_no_effect(ctx: CaseContext) -> None:
 
 
 async def drive(ctx: CaseContext, joint: int, sign: float) -> set[str]:
-    """Drive one joint at full speed until it stops; all causes that were named.
+    """Drive one joint at full speed until it stops, and return all causes named.
 
     Raises:
-        Skip: That takes too long.
+        Skip: It does not stop in time.
     """
     holder = await ctx.holder()
     bounds, period = ctx.server.robot["joints"][joint], ctx.server.robot["period"]
-    wish = [sign * bounds["velocity"] * period if i == joint else 0.0 for i in range(holder.n)]
+    wanted = [sign * bounds["velocity"] * period if i == joint else 0.0 for i in range(holder.n)]
     named: set[str] = set()
     still = 0
     for _ in range(int(_FAR / period)):
-        verdict = await holder.command(wish)
+        verdict = await holder.command(wanted)
         for reason in verdict.get("reasons", ()):
             named.add(reason["cause"])
             pair = reason["cause"] != "clearance" or reason.get("pair")
@@ -310,7 +318,7 @@ async def drive(ctx: CaseContext, joint: int, sign: float) -> set[str]:
         still = still + 1 if not any(verdict["dq"]) else 0
         if still > 3:
             return named
-    raise Skip(f"joint {bounds['name']} is not bound within {_FAR:g} s of full speed")
+    raise Skip(f"joint {bounds['name']} is not limited within {_FAR:g} s of full speed")
 
 
 @case(
@@ -325,13 +333,13 @@ async def robot_stops_at_a_joint_limit(ctx: CaseContext) -> None:
     rooms = [(side * (j["upper" if side > 0 else "lower"] - q) / j["velocity"], i, side) for i, (j, q) in enumerate(zip(joints, entry_["setpoint"], strict=True)) for side in (1.0, -1.0)]  # fmt: skip
     _, joint, side = min(rooms)
     named = await drive(ctx, joint, side)
-    check(bool(named & {"joint_limit", "clearance"}), f"it stopped; named were {sorted(named)}")
+    check(bool(named & {"joint_limit", "clearance"}), f"it stopped, but the causes were {sorted(named)}")
 
 
 @case(
     "CMD-36/clearance",
-    "Drive the first joint at full speed, up to 3 s, towards what is near",
-    "If clearance binds, the robot stops before it and the verdict names the pair",
+    "Drive the first joint at full speed, up to 3 s, in both directions",
+    "If a clearance limits it, the robot stops before the obstacle and the verdict names the pair",
     also=("CMD-19", "CMD-27"),
 )
 async def robot_stops_before_an_obstacle(ctx: CaseContext) -> None:
@@ -345,7 +353,7 @@ async def robot_stops_before_an_obstacle(ctx: CaseContext) -> None:
         await ctx.wait_free()
         if "clearance" in named:
             return
-    raise Skip("nothing is in the way of the first joint")
+    raise Skip("there is no obstacle for the first joint")
 
 
 @case(
@@ -384,8 +392,8 @@ async def former_holder_cannot_move_the_robot(ctx: CaseContext) -> None:
 
 @case(
     "STA-16/clock",
-    "Command, stop commanding, send garbage: count ticks over half a second",
-    "The robot's clock goes on with its period",
+    "Send commands, then none, and garbage: count ticks over half a second",
+    "The robot's clock keeps its period",
 )
 async def clock_of_the_robot_is_undisturbed(ctx: CaseContext) -> None:
     period = ctx.server.robot["period"]
@@ -400,7 +408,7 @@ async def clock_of_the_robot_is_undisturbed(ctx: CaseContext) -> None:
     await ctx.observer.ticks(ctx.robot, max(10, int(0.5 / period)))
     end = await client.call("ping", "pong", time=0.0)
     ticks, seconds = ctx.observer.tick(ctx.robot) - first, end["received"] - begin["received"]
-    # States and pongs travel for themselves; what is counted is the long run.
+    # States and pongs have delays of their own, so only the long run counts.
     check(
         abs(ticks * period - seconds) < 0.25 + 0.1 * seconds + ctx.target.faults.delay,
         f"{ticks} ticks of {period} s in {seconds:.3f} s",

@@ -1,4 +1,4 @@
-"""Payloads: what is a well-formed map, what its values may be, and what becomes of the others."""
+"""Payloads: well-formed maps, their limits, and the errors for all others."""
 
 import math
 import struct
@@ -15,7 +15,7 @@ PING = {"type": "ping", "time": 1.0}
 
 
 def nested(depth: int) -> Any:
-    """A value nested so deep."""
+    """Return a value nested this deep."""
     value: Any = []
     for _ in range(depth - 1):
         value = [value]
@@ -23,23 +23,23 @@ def nested(depth: int) -> Any:
 
 
 def raw_map(*pairs: tuple[bytes, bytes]) -> bytes:
-    """A msgpack map of packed keys and values."""
+    """Return a msgpack map of packed keys and values."""
     return bytes([0x80 | len(pairs)]) + b"".join(key + value for key, value in pairs)
 
 
 def key(text: str) -> bytes:
-    """A packed text."""
+    """Return a packed text."""
     packed: bytes = msgpack.packb(text)
     return packed
 
 
 def with_x(value: bytes) -> bytes:
-    """A ping with a packed value of an unknown key."""
+    """Return a ping with a packed value of an unknown key."""
     return raw_map((key("type"), key("ping")), (key("time"), msgpack.packb(1.0)), (key("x"), value))
 
 
 def text_of(size: int) -> bytes:
-    """A packed text of so many bytes."""
+    """Return a packed text of this many bytes."""
     return key("é" * (size // 2))
 
 
@@ -50,20 +50,20 @@ MALFORMED: dict[str, tuple[str, str, bytes]] = {
     "text": ("PAY-2", "a text", msgpack.packb("ping")),
     "trailing": ("PAY-2", "a ping and one byte more", msgpack.packb(PING) + b"\xc0"),
     "two-maps": ("PAY-2", "two pings", msgpack.packb(PING) * 2),
-    "cut-off": ("PAY-2", "a map that promises more than it holds", msgpack.packb(PING)[:-2]),
-    "never-used": ("PAY-2", "the byte that msgpack never uses", b"\xc1"),
+    "cut-off": ("PAY-2", "a map that announces more than it holds", msgpack.packb(PING)[:-2]),
+    "never-used": ("PAY-2", "the byte that msgpack does not define", b"\xc1"),
     "garbage": ("PAY-2", "64 bytes of garbage", bytes((i * 73 + 41) % 256 for i in range(64))),
     "json": ("PAY-2", "JSON", b'{"type": "ping", "time": 1.0}'),
     "number-key": ("PAY-3", "a map with a number as a key", with_x(b"\xc0")[:-3] + b"\x07\xc0"),
     "binary-key": ("PAY-3", "a map with binary data as a key", raw_map((b"\xc4\x04type", key("ping")))),
-    "promised-huge": ("PAY-7", "an array that promises 2**32 - 1 items", with_x(b"\xdd\xff\xff\xff\xff")),
+    "promised-huge": ("PAY-7", "an array that announces 2**32 - 1 items", with_x(b"\xdd\xff\xff\xff\xff")),
     "too-deep": ("PAY-5", "a value nested 8 deep in the message", with_x(msgpack.packb(nested(8)))),
     "far-too-deep": ("PAY-5", "a value nested 2000 deep", with_x(b"\x91" * 2000 + b"\xc0")),
     "many-keys": ("PAY-6", "a map of 129 keys", with_x(msgpack.packb({f"k{i}": i for i in range(129)}))),
     "long-array": ("PAY-7", "an array of 257 items", with_x(msgpack.packb([0] * 257))),
     "long-text": ("PAY-8", "a text of 4098 bytes", with_x(text_of(4098))),
-    "twice": ("PAY-4", "a key that stands twice", raw_map((key("type"), key("ping")), *[(key("time"), msgpack.packb(1.0))] * 2)),
-    "twice-inside": ("PAY-4", "a key that stands twice in a map inside", with_x(raw_map((key("a"), b"\x01"), (key("a"), b"\x02")))),
+    "twice": ("PAY-4", "a key that occurs twice", raw_map((key("type"), key("ping")), *[(key("time"), msgpack.packb(1.0))] * 2)),
+    "twice-inside": ("PAY-4", "a key that occurs twice in a nested map", with_x(raw_map((key("a"), b"\x01"), (key("a"), b"\x02")))),
     "not-utf8": ("PAY-9", "a text that is not UTF-8", with_x(b"\xa2\xff\xfe")),
     "surrogate": ("PAY-9", "a text with half of a surrogate pair", with_x(b"\xa3\xed\xa0\x80")),
     "extension": ("PAY-10", "an extension type", with_x(msgpack.packb(msgpack.ExtType(7, b"abcd")))),
@@ -78,7 +78,7 @@ async def malformed_payload_is_fatal(ctx: CaseContext, payload: bytes) -> None:
     )
     await client.expect_fatal("malformed")
     await ctx.observer.ticks(ctx.robot, 2)
-    check(not ctx.observer.stops(), "a message behind a fatal fault was read: there is a stop")
+    check(not ctx.observer.stops(), "a message after a fatal fault was processed: there is a stop")
     other = await ctx.client("observer", "other")
     await other.sync()
 
@@ -129,17 +129,17 @@ for _slug, (_statement, _what, _payload) in WITHIN.items():
 # --- fields -----------------------------------------------------------------------------------------------
 
 WRONG: dict[str, tuple[str, str, dict[str, Any], str]] = {
-    "text-for-number": ("PAY-14", "a text where a number is meant", {"type": "ping", "time": "1.0"}, "time"),
-    "bool-for-number": ("PAY-14", "a bool where a number is meant", {"type": "ping", "time": True}, "time"),
-    "nil-for-number": ("PAY-14", "nil where a number is meant", {"type": "ping", "time": None}, "time"),
-    "nan": ("PAY-16", "NaN where a number is meant", {"type": "ping", "time": math.nan}, "time"),
-    "infinity": ("PAY-16", "infinity where a number is meant", {"type": "ping", "time": math.inf}, "time"),
-    "number-for-text": ("ERR-4", "a number where a text is meant", {"type": "stop", "reason": 5}, "reason"),
-    "number-for-bool": ("ERR-4", "a number where a bool is meant", {"type": "acquire", "robot": "R", "takeover": 1}, "takeover"),
-    "real-for-count": ("PAY-15", "a broken number where a count is meant", {"type": "subscribe", "every": 1.5}, "every"),
-    "whole-real-for-count": ("PAY-15", "1.0 where a count is meant", {"type": "subscribe", "every": 1.0}, "every"),
+    "text-for-number": ("PAY-14", "a text instead of a number", {"type": "ping", "time": "1.0"}, "time"),
+    "bool-for-number": ("PAY-14", "a bool instead of a number", {"type": "ping", "time": True}, "time"),
+    "nil-for-number": ("PAY-14", "nil instead of a number", {"type": "ping", "time": None}, "time"),
+    "nan": ("PAY-16", "NaN instead of a number", {"type": "ping", "time": math.nan}, "time"),
+    "infinity": ("PAY-16", "infinity instead of a number", {"type": "ping", "time": math.inf}, "time"),
+    "number-for-text": ("ERR-4", "a number instead of a text", {"type": "stop", "reason": 5}, "reason"),
+    "number-for-bool": ("ERR-4", "a number instead of a bool", {"type": "acquire", "robot": "R", "takeover": 1}, "takeover"),
+    "real-for-count": ("PAY-15", "a fraction instead of a count", {"type": "subscribe", "every": 1.5}, "every"),
+    "whole-real-for-count": ("PAY-15", "1.0 instead of a count", {"type": "subscribe", "every": 1.0}, "every"),
     "negative": ("PAY-15", "a negative count", {"type": "reset", "stop": -1}, "stop"),
-    "big-count": ("PAY-15", "2**63 where a count is meant", {"type": "reset", "stop": 2**63}, "stop"),
+    "big-count": ("PAY-15", "2**63 instead of a count", {"type": "reset", "stop": 2**63}, "stop"),
     "missing": ("ERR-4", "a ping without time", {"type": "ping"}, "time"),
     "long-reason": ("ERR-4", "a reason of 513 characters", {"type": "stop", "reason": "x" * 513}, "reason"),
     "bad-speed": ("ERR-4", "a speed of 0", {"type": "acquire", "robot": "R", "speed": 0.0}, "speed"),
@@ -148,11 +148,11 @@ WRONG: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "too-seldom": ("ERR-4", "a subscription to every 10001st tick", {"type": "subscribe", "every": 10001}, "every"),
     "bad-hash": ("ERR-4", "a hash in capital letters", {"type": "asset", "hash": "A" * 64}, "hash"),
     "no-length": ("ERR-4", "a piece of an asset of 0 bytes", {"type": "asset", "hash": "0" * 64, "length": 0}, "length"),
-    "map-for-list": ("ERR-4", "a map where an array is meant", {"type": "subscribe", "robots": {"a": 1}}, "robots"),
+    "map-for-list": ("ERR-4", "a map instead of an array", {"type": "subscribe", "robots": {"a": 1}}, "robots"),
     "empty-name": ("PAY-18", "an empty name", {"type": "acquire", "robot": ""}, "robot"),
     "long-name": ("PAY-18", "a name of 65 characters", {"type": "acquire", "robot": "x" * 65}, "robot"),
     "space": ("PAY-18", "a name with a space", {"type": "acquire", "robot": "a b"}, "robot"),
-    "newline": ("PAY-18", "a name with a line's end behind it", {"type": "acquire", "robot": "ab\n"}, "robot"),
+    "newline": ("PAY-18", "a name followed by a newline", {"type": "acquire", "robot": "ab\n"}, "robot"),
     "umlaut": ("PAY-18", "a name with an ä", {"type": "acquire", "robot": "ä"}, "robot"),
 }  # fmt: skip
 
@@ -168,7 +168,7 @@ async def invalid_field_is_refused_and_named(ctx: CaseContext, fields: dict[str,
     await client.sync()
     await ctx.observer.ticks(ctx.robot, 1)
     check(not ctx.observer.stops(), "a stop that was refused is in force")
-    check(ctx.entry()["holder"] is None, "an acquire that was refused gave the robot")
+    check(ctx.entry()["holder"] is None, "an acquire that was refused was granted")
 
 
 for _slug, (_statement, _what, _fields, _field) in WRONG.items():
@@ -180,7 +180,7 @@ for _slug, (_statement, _what, _fields, _field) in WRONG.items():
     )(partial(invalid_field_is_refused_and_named, fields=_fields, field=_field))
 
 
-@case("PAY-13/integer-for-number", "Send an integer where a number is meant", "A pong that repeats it")
+@case("PAY-13/integer-for-number", "Send an integer instead of a float", "A pong that repeats it")
 async def integer_is_accepted_as_a_number(ctx: CaseContext) -> None:
     client = await ctx.client()
     pong = await client.call("ping", "pong", time=3)
@@ -198,7 +198,7 @@ async def unknown_keys_of_requests_are_ignored(ctx: CaseContext) -> None:
     await client.call("ping", "pong", time=1.0, Time=2.0)
 
 
-@case("EVO-1/in-command", "Send a command with unknown keys", "It is judged as without them")
+@case("EVO-1/in-command", "Send a command with unknown keys", "It has the same verdict as without them")
 async def unknown_keys_of_commands_are_ignored(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     verdict = await holder.command(torque=[1.0], model={"name": "x"})

@@ -1,10 +1,11 @@
-"""Commands that are refused before the gate: the order of checks, and the slot they leave free."""
+"""Commands that are refused before the gate decides: the order of checks, and the free slot of the tick."""
 
 import math
 from functools import partial
 from typing import Any
 
 from armgate.conformance.case import Skip, Violation, case, check
+from armgate.conformance.codec import Fields
 from armgate.conformance.context import CaseContext
 from armgate.conformance.lease_holder import cause_of, check_admitted, check_refused, send_together
 
@@ -13,7 +14,7 @@ _TRIES = 20
 
 @case(
     "CMD-8/nobody",
-    "Command a robot that nobody holds, with the fence of the last lease",
+    "Command a robot that no client holds, with the fence of the last lease",
     "Refused by lease",
     also=("CMD-17",),
 )
@@ -21,7 +22,7 @@ async def command_of_a_free_robot_is_refused_by_lease(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
     for fence in (holder.fence, holder.fence + 1, 0):
-        check_refused(await holder.command(fence=fence, forbidden="nobody holds the robot"), "lease")
+        check_refused(await holder.command(fence=fence, forbidden="no client holds the robot"), "lease")
 
 
 _FENCES = {"old": -1, "next": +1, "far": 10**12}
@@ -34,7 +35,7 @@ async def command_with_another_fence_is_refused_by_fence(ctx: CaseContext, by: i
         lambda tick: holder.forbid(
             holder.make_command(tick, fence=max(0, holder.fence + by)), "another fence"
         ),
-        holder.command,
+        holder.make_command,
     )
     check_refused(bad, "fence")
     check_admitted(good)
@@ -52,22 +53,22 @@ for _slug, _by in _FENCES.items():
 @case(
     "CMD-9/stolen",
     "Another session commands with the holder's fence, while it moves and after",
-    "Refused by fence: a number that was seen gives nobody a robot",
+    "Refused by fence: the fence alone does not give a session the robot",
 )
 async def command_with_the_holders_fence_is_refused_from_another_session(ctx: CaseContext) -> None:
     holder = await ctx.holder()
-    thief = await ctx.client(name="thief")
+    other = await ctx.client(name="other")
     for _ in range(5):
         tick = (await holder.next_state())["tick"]
-        stolen = holder.forbid(holder.make_command(tick), "it is not the holder's")
-        thief.send(stolen)
-        check_refused(await thief.expect("verdict", seq=stolen["seq"]), "fence")
+        copied = holder.forbid(holder.make_command(tick), "its sender is not the holder")
+        other.send(copied)
+        check_refused(await other.expect("verdict", seq=copied["seq"]), "fence")
     await holder.move()
 
 
 @case(
     "CMD-10/stopped",
-    "Stop the robot while it moves; its holder commands on",
+    "Stop the robot while it moves; its holder continues to send commands",
     "Refused, by lease or stopped; it comes to rest",
     also=("STP-4", "CMD-35"),
 )
@@ -104,9 +105,9 @@ async def command_without_a_ready_link_is_refused_by_link(ctx: CaseContext) -> N
 async def command_based_on_a_future_tick_is_refused_by_ahead(ctx: CaseContext, ahead: int) -> None:
     holder = await ctx.holder()
     for _ in range(_TRIES):
-        # By the time it is judged the next tick may have been: then it was not ahead.
+        # The next tick may happen before the verdict: then the command was not ahead.
         bad, good = await send_together(
-            holder, lambda tick: holder.make_command(tick + ahead), holder.command
+            holder, lambda tick: holder.make_command(tick + ahead), holder.make_command
         )
         if ahead > 1 or cause_of(bad) == "ahead":
             check_refused(bad, "ahead")
@@ -137,14 +138,14 @@ async def command_based_on_an_old_tick_is_refused_by_stale(ctx: CaseContext) -> 
     bad, good = await send_together(
         holder,
         lambda tick: holder.forbid(holder.make_command(tick - age), "its tick is too old"),
-        holder.command,
+        holder.make_command,
     )
     check_refused(bad, "stale")
     check_admitted(good)
     check_refused(await holder.send_command(holder.make_command(0)), "stale")
 
 
-@case("CMD-13/just", "Command based on a tick just as old as max_age_ticks allows", "Not refused by stale")
+@case("CMD-13/just", "Command based on the oldest tick that max_age_ticks allows", "Not refused by stale")
 async def command_of_the_largest_age_is_not_stale(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     await ctx.observer.until(lambda: ctx.observer.tick(ctx.robot) > ctx.server.max_age, "enough ticks")
@@ -153,7 +154,7 @@ async def command_of_the_largest_age_is_not_stale(ctx: CaseContext) -> None:
         verdict = await holder.send_command(holder.make_command(tick - ctx.server.max_age))
         if cause_of(verdict) != "stale":
             return
-    raise Violation("it was refused by stale every time, though the newest tick had just come")
+    raise Violation("it was refused by stale every time, although the newest tick had just come")
 
 
 @case(
@@ -165,13 +166,13 @@ async def command_of_the_largest_age_is_not_stale(ctx: CaseContext) -> None:
 async def second_command_of_a_tick_is_refused_by_occupied(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     first, second = await send_together(
-        holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
+        holder, holder.make_command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
     )
     for _ in range(_TRIES):
         if cause_of(second) is not None:
             break
         first, second = await send_together(
-            holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
+            holder, holder.make_command, lambda tick: holder.make_command(tick, [0.0] * holder.n), good=0
         )
     check_admitted(first)
     check_refused(second, "occupied")
@@ -180,7 +181,7 @@ async def second_command_of_a_tick_is_refused_by_occupied(ctx: CaseContext) -> N
 
 @case(
     "CMD-14/after-refusal-by-gate",
-    "Send a command that the gate cuts to little, then another for the tick",
+    "Send a command that the gate limits, then another for the tick",
     "The slot is taken: the second is refused by occupied",
     also=("CMD-18",),
 )
@@ -189,7 +190,7 @@ async def command_after_a_limited_one_is_refused_by_occupied(ctx: CaseContext) -
     huge = [1e6 * x for x in holder.small_increment()]
     for _ in range(_TRIES):
         first, second = await send_together(
-            holder, lambda tick: holder.make_command(tick, huge), holder.command, good=0
+            holder, lambda tick: holder.make_command(tick, huge), holder.make_command, good=0
         )
         check(first["target"] is not None, f"the first has no target: {first}")
         if cause_of(second) == "occupied":
@@ -208,7 +209,7 @@ async def command_of_another_length_is_refused_by_length(ctx: CaseContext, by: i
     bad, good = await send_together(
         holder,
         lambda tick: holder.forbid(holder.make_command(tick, [0.0] * count), "its dq has another length"),
-        holder.command,
+        holder.make_command,
     )
     check_refused(bad, "length")
     check_admitted(good)
@@ -225,12 +226,14 @@ for _slug, _by in _LENGTHS.items():
 
 async def command_with_a_number_not_finite_is_refused(ctx: CaseContext, value: float) -> None:
     holder = await ctx.holder()
-    for j in (0, holder.n - 1):
-        dq = [value if i == j else 0.0 for i in range(holder.n)]
+
+    def with_value(joint: int, tick: int) -> Fields:
+        dq = [value if i == joint else 0.0 for i in range(holder.n)]
+        return holder.forbid(holder.make_command(tick, dq), "its dq is not finite")
+
+    for joint in (0, holder.n - 1):
         bad, good = await send_together(
-            holder,
-            lambda tick, dq=dq: holder.forbid(holder.make_command(tick, dq), "its dq is not finite"),
-            lambda tick: holder.make_command(tick, [0.0] * holder.n),
+            holder, partial(with_value, joint), lambda tick: holder.make_command(tick, [0.0] * holder.n)
         )
         check_refused(bad, "not_finite")
         check(good["outcome"] != "refused", f"the slot was not free: {good.get('reasons')}")
@@ -285,7 +288,7 @@ async def occupied_is_checked_before_the_length(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     for _ in range(_TRIES):
         first, second = await send_together(
-            holder, holder.command, lambda tick: holder.make_command(tick, [0.0] * 60), good=0
+            holder, holder.make_command, lambda tick: holder.make_command(tick, [0.0] * 60), good=0
         )
         if cause_of(second) != "length":
             break

@@ -1,4 +1,4 @@
-"""Requests and their answers, whatever they ask for; what each role may do."""
+"""Requests and their answers in general, and the rights of each role."""
 
 from functools import partial
 from typing import Any
@@ -9,7 +9,7 @@ from armgate.conformance.context import CaseContext
 
 
 def requests(ctx: CaseContext) -> dict[str, tuple[dict[str, Any], str]]:
-    """A request of every type that a controller may make, and the type of its answer."""
+    """Return a request of every type that a controller may send, and the type of its answer."""
     return {
         "describe": ({}, "description"),
         "asset": ({"hash": ctx.server.robot["urdf"]["hash"], "length": 16}, "chunk"),
@@ -24,17 +24,17 @@ def requests(ctx: CaseContext) -> dict[str, tuple[dict[str, Any], str]]:
 @case(
     "MSG-2/all",
     "Make a request of every type, release and reset too",
-    "Each is answered once, by what the table says",
+    "Each is answered once, by the type in the table",
     also=("MSG-3",),
 )
 async def every_request_is_answered_once(ctx: CaseContext) -> None:
     client = await ctx.operator()
     for kind, (fields, answer) in requests(ctx).items():
-        told = await client.call(kind, answer, **fields)
+        message = await client.call(kind, answer, **fields)
         if kind == "acquire":
-            await client.call("release", "lease", robot=ctx.robot, fence=told["fence"])
+            await client.call("release", "lease", robot=ctx.robot, fence=message["fence"])
     await ctx.wait_at_rest()
-    await ctx.reset_stop(client, told["stop"])
+    await ctx.reset_stop(client, message["stop"])
     await client.sync()
     left = [m for m in client.inbox if m.get("re") is not None]
     check(not left, f"more answers than requests: {left}")
@@ -43,15 +43,15 @@ async def every_request_is_answered_once(ctx: CaseContext) -> None:
 @case(
     "MSG-4/without-id",
     "Make the same requests without id",
-    "Each is done and answered without re",
+    "Each is processed and answered without re",
     also=("MSG-5",),
 )
 async def request_without_id_is_answered_without_re(ctx: CaseContext) -> None:
     client = await ctx.client()
     for kind, (fields, answer) in requests(ctx).items():
         client.send({"type": kind, **fields})
-        told = await client.expect(answer) if answer != "stopped" else await _stopped(client)
-        check(told.get("re") is None, f"{answer} answers request {told.get('re')}, which nobody made")
+        message = await client.expect(answer) if answer != "stopped" else await _stopped(client)
+        check(message.get("re") is None, f"{answer} answers request {message.get('re')}, which was not made")
 
 
 async def _stopped(client: Connection) -> Any:
@@ -60,15 +60,15 @@ async def _stopped(client: Connection) -> Any:
 
 @case(
     "MSG-5/others",
-    "One asks for a stop; another looks on",
-    "The other one's stopped has no re, the asker's has",
+    "One session requests a stop; another one observes",
+    "The observer's stopped has no re, the requester's has",
 )
 async def broadcast_to_others_has_no_re(ctx: CaseContext) -> None:
     other = await ctx.client("observer", "other")
-    asker = await ctx.client()
-    await asker.call("stop", "stopped", robot=ctx.robot)
-    told = await _stopped(other)
-    check(told.get("re") is None, f"the other session was told re {told.get('re')}")
+    requester = await ctx.client()
+    await requester.call("stop", "stopped", robot=ctx.robot)
+    message = await _stopped(other)
+    check(message.get("re") is None, f"the other session received re {message.get('re')}")
 
 
 @case("MSG-6/order", "Send ten different requests in one write", "Ten answers in that order")
@@ -128,8 +128,8 @@ async def observer_may_read_and_stop(ctx: CaseContext) -> None:
         fields, answer = known[kind]
         await client.call(kind, answer, **fields)
     client.send({"type": "bye"})
-    told = [m["type"] for m in await client.receive_until_closed()]
-    check(told[-1:] == ["bye"], f"the last message was {told[-1:]}")
+    kinds = [m["type"] for m in await client.receive_until_closed()]
+    check(kinds[-1:] == ["bye"], f"the last message was {kinds[-1:]}")
 
 
 _FORBIDDEN: dict[str, tuple[str, str, str, dict[str, Any], tuple[str, ...]]] = {
@@ -172,7 +172,7 @@ for _id, (_role, _kind, _what, _fields, _also) in _FORBIDDEN.items():
 @case(
     "ERR-1/fatal",
     "Provoke five different errors that are not fatal",
-    "None is, and the connection stays",
+    "No error is fatal, and the connection stays",
     also=("ERR-2",),
 )
 async def errors_that_are_not_fatal_keep_the_connection(ctx: CaseContext) -> None:
@@ -188,13 +188,13 @@ async def errors_that_are_not_fatal_keep_the_connection(ctx: CaseContext) -> Non
 @case("ERR-6/about", "Provoke errors about four types", "about names the type each time", also=("ERR-7",))
 async def error_names_the_type_of_the_request(ctx: CaseContext) -> None:
     client = await ctx.client()
-    asked: dict[str, dict[str, Any]] = {
+    requests_: dict[str, dict[str, Any]] = {
         "acquire": {"robot": "kit-no-robot"},
         "release": {"robot": ctx.robot, "fence": 1},
         "subscribe": {"robots": ["kit-no-robot"]},
         "reset": {"stop": 1},
     }
-    for kind, fields in asked.items():
+    for kind, fields in requests_.items():
         error = await client.request(kind, **fields)
         check(error["type"] == "error" and error.get("about") == kind, f"{kind}: {error}")
 
@@ -239,14 +239,18 @@ async def pass_without_lockstep_is_refused(ctx: CaseContext) -> None:
 )
 async def states_without_lockstep_have_no_step(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
-    check(client.welcome.get("lockstep") is not True, "welcome says lockstep")
+    check(client.welcome.get("lockstep") is not True, "lockstep is true in welcome")
     await client.call("subscribe", "subscribed", fields=[])
     for _ in range(3):
         state = await client.receive(lambda m: m["type"] == "state", "a state")
         check(state.get("step") is None, f"a state has the step {state.get('step')}")
 
 
-@case("PNG-1/bits", "Send pings with times that are hard to keep", "Each pong repeats its time, bit for bit")
+@case(
+    "PNG-1/bits",
+    "Send pings with times that are hard to represent",
+    "Each pong repeats its time, bit for bit",
+)
 async def pong_repeats_the_time_bit_for_bit(ctx: CaseContext) -> None:
     client = await ctx.client()
     for time in (0.1, -0.0, 5e-324, 1.7976931348623157e308, -1e-9, 1 / 3, 123456789.123456789):
@@ -262,7 +266,7 @@ async def pong_repeats_an_integer_as_a_float(ctx: CaseContext) -> None:
         check(pong["time"] == float(time), f"sent {time}, got {pong['time']!r}")
 
 
-@case("PNG-2/clock", "Send 20 pings", "received is never after sent, and neither goes back")
+@case("PNG-2/clock", "Send 20 pings", "received is never after sent, and neither decreases")
 async def times_of_pongs_never_decrease(ctx: CaseContext) -> None:
     client = await ctx.client()
     last = float("-inf")
@@ -274,7 +278,7 @@ async def times_of_pongs_never_decrease(ctx: CaseContext) -> None:
 
 @case(
     "CON-15/fast",
-    "Send 3000 pings as fast as the connection takes them",
+    "Send 3000 pings as fast as the connection accepts them",
     "3000 pongs in their order",
     also=("MSG-6",),
 )

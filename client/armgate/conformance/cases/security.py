@@ -10,7 +10,7 @@ from armgate.conformance.target import Target
 
 _WRONG = "armgate_" + "A" * 43
 _GUESSES = 60
-"""Wrong tokens after which a right one must still be accepted."""
+"""Number of wrong tokens after which a right one must still be accepted."""
 
 
 @case("SEC-2/none", "Say hello without a token", "A fatal unauthorized", also=("HEL-15",))
@@ -37,7 +37,7 @@ async def wrong_token_is_unauthorized_and_not_repeated(ctx: CaseContext) -> None
 
 @case(
     "SEC-3/above",
-    "With a token of a lower role, ask to be operator",
+    "With a token of a lower role, request the role operator",
     "A fatal unauthorized, with the text for a wrong token",
 )
 async def role_above_the_token_is_unauthorized(ctx: CaseContext) -> None:
@@ -48,13 +48,13 @@ async def role_above_the_token_is_unauthorized(ctx: CaseContext) -> None:
     client.send({**ctx.target.hello(ctx.name("above"), "operator"), "token": lower})
     wrong.send({**ctx.target.hello(ctx.name("wrong"), "operator"), "token": _WRONG})
     first, second = await client.expect_fatal("unauthorized"), await wrong.expect_fatal("unauthorized")
-    check(first["text"] == second["text"], "the text tells a wrong role from a wrong token")
+    check(first["text"] == second["text"], "the texts for a wrong role and a wrong token differ")
 
 
 @case(
     "SEC-4/below",
-    "With a token, ask for its role and those below",
-    "A welcome each time, with the role asked for",
+    "With a token, request its role and those below",
+    "A welcome each time, with the requested role",
 )
 async def roles_up_to_that_of_the_token_are_granted(ctx: CaseContext) -> None:
     ranks = ("observer", "controller", "operator")
@@ -78,7 +78,7 @@ async def token_for_other_robots_cannot_acquire(ctx: CaseContext) -> None:
     await client.expect_refusal("acquire", "forbidden", robot=ctx.robot)
 
 
-@case("SEC-6/ignored", "Without tokens on the server, say hello with one", "A welcome in the role asked for")
+@case("SEC-6/ignored", "Without tokens on the server, say hello with one", "A welcome in the requested role")
 async def token_without_token_file_is_ignored(ctx: CaseContext) -> None:
     if ctx.target.token is not None:
         raise Skip("the server has tokens")
@@ -88,38 +88,38 @@ async def token_without_token_file_is_ignored(ctx: CaseContext) -> None:
 
 @case(
     "SEC-14/guesses",
-    f"On a server of its own, bring {_GUESSES} wrong tokens, one after the other, then a right one",
+    f"On a second server, send {_GUESSES} wrong tokens, one after the other, then a right one",
     "Each wrong one is refused by unauthorized, and the right one is welcomed",
 )
 async def wrong_tokens_do_not_lock_out_the_right_one(ctx: CaseContext) -> None:
     async with ctx.second_server() as target:
         for number in range(_GUESSES):
-            await _refused(ctx, target, _WRONG, f"guess{number}")
+            await _send_wrong_token(ctx, target, _WRONG, f"guess{number}")
         owner = await ctx.connect_to(target, "owner")
         owner.send({**target.hello(ctx.name("owner"), "observer"), "token": str(target.token)})
         await owner.expect("welcome")
 
 
-async def _refused(ctx: CaseContext, target: Target, token: str, name: str) -> None:
-    """Bring a token that a server must not take."""
+async def _send_wrong_token(ctx: CaseContext, target: Target, token: str, name: str) -> None:
+    """Send a token that the server must reject."""
     client = await ctx.connect_to(target, name)
     client.send({**target.hello(ctx.name(name), "observer"), "token": token})
     await client.expect_fatal("unauthorized")
 
 
-def _lists_sessions(ctx: CaseContext) -> None:
+def _require_sessions(ctx: CaseContext) -> None:
     if "sessions" not in ctx.server.welcome.get("capabilities", ()):
         raise Skip("the server does not name the capability sessions")
 
 
 @case(
     "SEC-15/listed",
-    "As operator, ask for the sessions while a client holds the robot",
+    "As operator, request the sessions while a client holds the robot",
     "A session_list with both, in order, and the robot at its holder",
     also=("SEC-17",),
 )
 async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
-    _lists_sessions(ctx)
+    _require_sessions(ctx)
     holder = await ctx.holder()
     client = await ctx.operator()
     listed = (await client.call("sessions", "session_list"))["sessions"]
@@ -131,7 +131,7 @@ async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
     check(other is not None and ctx.robot in other["robots"], "the holder is not listed with its robot")
     places = [one["session"] for one in listed]
     first, second = holder.connection.welcome["session"], client.welcome["session"]
-    check(places.index(first) < places.index(second), "the order is another one")
+    check(places.index(first) < places.index(second), "the sessions are not in the order of their connection")
     await holder.connection.expect_refusal("sessions", "forbidden")
     await holder.connection.expect_refusal("kick", "forbidden", session=client.welcome["session"])
 
@@ -143,11 +143,11 @@ async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
     also=("SEC-17",),
 )
 async def operator_can_end_a_session(ctx: CaseContext) -> None:
-    _lists_sessions(ctx)
+    _require_sessions(ctx)
     holder = await ctx.holder()
     client = await ctx.operator()
     session = holder.connection.welcome["session"]
-    await client.call("kick", "kicked", session=session, reason="tried by the kit")
+    await client.call("kick", "kicked", session=session, reason="tested by the kit")
     await holder.connection.expect_fatal("kicked")
     await ctx.wait_free()
     await client.expect_refusal("kick", "unknown_session", session=session)
@@ -155,8 +155,8 @@ async def operator_can_end_a_session(ctx: CaseContext) -> None:
 
 @case(
     "SEC-10/plain",
-    "Speak the protocol without TLS",
-    "No welcome: nothing of this protocol is said outside TLS",
+    "Connect and say hello without TLS",
+    "No welcome: the server sends nothing of this protocol outside TLS",
 )
 async def server_with_tls_refuses_plain_connections(ctx: CaseContext) -> None:
     client = Connection("plain", ctx.log, CommandLog(), ctx.target.timeout)
@@ -164,12 +164,12 @@ async def server_with_tls_refuses_plain_connections(ctx: CaseContext) -> None:
     ctx.connections.append(client)
     client.send(ctx.target.hello(ctx.name("plain"), "observer"))
     await client.receive_until_closed(within=30.0)
-    client.violations.clear()  # (a TLS alert is no frame, and need not be one)
+    client.violations.clear()  # a TLS alert is not a frame, and need not be one
     check(not client.welcome, "welcomed without TLS")
 
 
 @case("SEC-10/old", "Offer TLS 1.1 only", "The handshake fails")
-async def outdated_tls_is_refused(ctx: CaseContext) -> None:
+async def outdated_tls_is_send_wrong_token(ctx: CaseContext) -> None:
     old = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     old.check_hostname, old.verify_mode = False, ssl.CERT_NONE
     try:

@@ -13,9 +13,9 @@ _SIGNALS = 64
 """Signals that a state can hold."""
 
 
-async def shown(ctx: CaseContext, name: str) -> Fields | None:
-    """A signal as the next states of a new observer show it."""
-    client = await ctx.client("observer", f"eye-{len(ctx.connections)}")
+async def signal_in_states(ctx: CaseContext, name: str) -> Fields | None:
+    """Return a signal from the next states of a new observer; None if it is not there."""
+    client = await ctx.client("observer", f"observer-{len(ctx.connections)}")
     await client.call("subscribe", "subscribed", robots=[ctx.robot], fields=[])
     state = await state_after_now(client, ctx.robot)
     client.close()
@@ -35,10 +35,10 @@ async def signal_is_shown_in_states(ctx: CaseContext) -> None:
     for value in ([1.5], [float(i) for i in range(16)]):
         answer = await client.call("signal", "signaled", name=name, value=value)
         check(answer["name"] == name, f"signaled {answer['name']}")
-        seen = await shown(ctx, name)
-        check(seen is not None, "states do not show the signal")
+        seen = await signal_in_states(ctx, name)
+        check(seen is not None, "the signal is not in the states")
         assert seen is not None
-        check((seen["owner"], seen["value"]) == (ctx.name("client"), value), f"states show {seen}")
+        check((seen["owner"], seen["value"]) == (ctx.name("client"), value), f"the states have {seen}")
 
 
 @case(
@@ -53,14 +53,14 @@ async def signal_of_another_session_cannot_be_set(ctx: CaseContext) -> None:
     await owner.call("signal", "signaled", name=name, value=[1.0])
     await other.expect_refusal("signal", "signal_owned", name=name, value=[2.0])
     await owner.call("signal", "signaled", name=name, value=[3.0])
-    seen = await shown(ctx, name)
-    check(seen is not None and seen["value"] == [3.0], f"states show {seen}")
+    seen = await signal_in_states(ctx, name)
+    check(seen is not None and seen["value"] == [3.0], f"the states have {seen}")
 
 
 @case(
     "SIG-4/gone",
     "Set a signal, close; another session sets it",
-    "It is gone from the states; the other one owns it then",
+    "It disappears from the states; the other session owns it then",
 )
 async def signals_end_with_their_session(ctx: CaseContext) -> None:
     owner, other = await ctx.client(name="owner"), await ctx.client(name="other")
@@ -68,7 +68,7 @@ async def signals_end_with_their_session(ctx: CaseContext) -> None:
     await owner.call("signal", "signaled", name=name, value=[1.0])
     owner.send({"type": "bye"})
     await owner.receive_until_closed()
-    check(await shown(ctx, name) is None, "the signal of a session that ended is still shown")
+    check(await signal_in_states(ctx, name) is None, "the signal of an ended session is still in the states")
     await other.call("signal", "signaled", name=name, value=[2.0])
 
 
@@ -76,7 +76,7 @@ async def invalid_signal_is_refused(ctx: CaseContext, value: Any) -> None:
     client = await ctx.client()
     name = ctx.name("odd")
     await client.expect_refusal("signal", "invalid_message", name=name, value=value)
-    check(await shown(ctx, name) is None, "the signal is shown")
+    check(await signal_in_states(ctx, name) is None, "the signal is in the states")
 
 
 for _slug, _value in {
@@ -96,8 +96,8 @@ for _slug, _value in {
 
 @case(
     "SIG-6/full",
-    "Set one signal more than there may be",
-    "too_many_signals, not fatal; those before stay, and may be set on",
+    "Set one signal more than the limit",
+    "too_many_signals, not fatal; the earlier signals stay and can be set again",
 )
 async def signals_of_a_session_are_limited(ctx: CaseContext) -> None:
     limit = ctx.server.welcome["limits"]["signals"]
@@ -105,7 +105,7 @@ async def signals_of_a_session_are_limited(ctx: CaseContext) -> None:
     for i in range(limit):
         answer = await client.request("signal", name=ctx.name(f"s{i}"), value=[float(i)])
         if answer.get("code") == "signal_rate":
-            raise Skip("signals may come too slowly to fill the table")
+            raise Skip("the signal rate is too low to reach the limit")
         check(answer["type"] == "signaled", f"signal {i} of {limit}: {answer}")
     await client.expect_refusal("signal", "too_many_signals", name=ctx.name("more"), value=[0.0])
     await client.call("signal", "signaled", name=ctx.name("s0"), value=[9.0])
@@ -120,32 +120,32 @@ async def controller_cannot_set_an_operator_signal(ctx: CaseContext) -> None:
     client = await ctx.client()
     name = f"operator.{ctx.name('reserved')}"
     await client.expect_refusal("signal", "forbidden", name=name, value=[1.0])
-    check(await shown(ctx, name) is None, "the signal is shown")
+    check(await signal_in_states(ctx, name) is None, "the signal is in the states")
 
 
 @case(
     "SIG-11/all",
     f"From two sessions, set more signals than {_SIGNALS} together",
-    f"Not more than {_SIGNALS} are taken over; too_many_signals then, not fatal",
+    f"Not more than {_SIGNALS} are accepted; then too_many_signals, not fatal",
 )
 async def signals_of_all_sessions_are_limited(ctx: CaseContext) -> None:
     taken = 0
-    for who in ("one", "other"):
-        client = await ctx.client("controller", who)
+    for owner in ("one", "other"):
+        client = await ctx.client("controller", owner)
         for i in range(_SIGNALS + 1):
-            answer = await client.request("signal", name=ctx.name(f"{who}{i}"), value=[float(i)])
+            answer = await client.request("signal", name=ctx.name(f"{owner}{i}"), value=[float(i)])
             if answer.get("code") == "signal_rate":
-                raise Skip("signals may come too slowly to fill the table")
+                raise Skip("the signal rate is too low to reach the limit")
             if answer.get("code") == "too_many_signals":
                 break
             taken += 1
-    check(answer.get("code") == "too_many_signals", f"{taken} signals were taken over")
-    check(taken <= _SIGNALS, f"{taken} signals were taken over")
+    check(answer.get("code") == "too_many_signals", f"{taken} signals were accepted")
+    check(taken <= _SIGNALS, f"{taken} signals were accepted")
 
 
 @case(
     "SIG-7/rate",
-    "Send signals three times as fast as allowed, for a second's worth and more",
+    "Send signals in one write, three times as many as allowed per second and ten more",
     "Some are answered by signal_rate, not fatal; each has an answer; the connection stays",
 )
 async def signals_above_the_rate_are_refused(ctx: CaseContext) -> None:
@@ -167,11 +167,11 @@ async def signals_above_the_rate_are_refused(ctx: CaseContext) -> None:
     )
     check(answers[0]["type"] == "signaled", f"the first was answered by {answers[0]}")
     if not refusals:
-        raise Skip("the server reads messages too slowly to see them come too fast")
+        raise Skip("the server reads messages too slowly to exceed the rate")
     await client.sync()
 
 
-@case("SIG-7/slow", "Send signals at a fifth of the rate", "All are taken over")
+@case("SIG-7/slow", "Send signals at a fifth of the rate", "All are accepted")
 async def signals_below_the_rate_are_accepted(ctx: CaseContext) -> None:
     rate = ctx.server.welcome["limits"]["signal_rate"]
     period = ctx.server.robot["period"]
@@ -183,7 +183,7 @@ async def signals_below_the_rate_are_accepted(ctx: CaseContext) -> None:
 
 @case(
     "SIG-8/verdict",
-    "Have the same command judged before and after signals of every kind",
+    "Send the same command before and after signals of every kind",
     "The verdicts are the same",
 )
 async def signals_do_not_change_verdicts(ctx: CaseContext) -> None:

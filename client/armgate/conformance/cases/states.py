@@ -15,45 +15,47 @@ FIELDS = (
     "q", "setpoint", "applied_seq", "stop_end", "nearest", "least_clearance", "holder", "stops", "link", "verdict",
     "counts", "late_commands",
 )  # fmt: skip
-"""The fields of an entry in version 1, beside robot, tick and time."""
+"""Fields of an entry in version 1, in addition to robot, tick and time."""
 
 _ROUNDING = 1e-6
-"""m"""
+"""Tolerance of distances, m."""
 
 _PAUSE = 1.0
-"""For how long a slow reader reads nothing, s."""
+"""Time for which a slow reader does not read, s."""
 
 
-_PASSED, _OWN, _LONGEST_PAUSE = 400_000, 130_000, 8.0
-"""Bytes of states that pass while a client does not read, bytes that its own system may keep, and s at most."""
+_PASSED, _BUFFERED, _LONGEST_PAUSE = 400_000, 130_000, 8.0
+"""Bytes of states sent while a client does not read, bytes that its system may buffer, and the longest pause, s."""
 
 
 async def states(client: Connection, count: int) -> list[Fields]:
-    """The next states."""
+    """Return the next states."""
     return [await client.receive(lambda m: m["type"] == "state", "a state") for _ in range(count)]
 
 
 @case(
     "SUB-1/all",
-    "Subscribe with every left out",
+    "Subscribe without every",
     "subscribed: every 1, all robots in order, the known fields",
     also=("SUB-2",),
 )
 async def subscription_defaults_to_everything(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
-    told = await client.call("subscribe", "subscribed")
+    subscribed = await client.call("subscribe", "subscribed")
     names = [robot["name"] for robot in ctx.server.description["robots"]]
-    check(told["every"] == 1 and told["robots"] == names, f"subscribed says {told}")
-    missing = set(FIELDS) - set(told["fields"])
-    check(not missing, f"these fields are not among all: {sorted(missing)}")
+    check(subscribed["every"] == 1 and subscribed["robots"] == names, f"subscribed has {subscribed}")
+    missing = set(FIELDS) - set(subscribed["fields"])
+    check(not missing, f"these fields are missing: {sorted(missing)}")
 
 
 @case("SUB-1/some", "Subscribe to one robot and two fields", "subscribed repeats just these", also=("STA-4",))
 async def subscription_repeats_what_was_requested(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
-    told = await client.call("subscribe", "subscribed", every=3, robots=[ctx.robot], fields=["q", "holder"])
-    check(told["every"] == 3 and told["robots"] == [ctx.robot], f"subscribed says {told}")
-    check(set(told["fields"]) == {"q", "holder"}, f"fields are {told['fields']}")
+    subscribed = await client.call(
+        "subscribe", "subscribed", every=3, robots=[ctx.robot], fields=["q", "holder"]
+    )
+    check(subscribed["every"] == 3 and subscribed["robots"] == [ctx.robot], f"subscribed has {subscribed}")
+    check(set(subscribed["fields"]) == {"q", "holder"}, f"fields are {subscribed['fields']}")
 
 
 @case(
@@ -65,10 +67,10 @@ async def subscription_sends_the_newest_states_at_once(ctx: CaseContext) -> None
     client = await ctx.client("observer")
     await client.call("subscribe", "subscribed", every=10000)
     await client.sync()
-    told = await client.call("subscribe", "subscribed", every=10000)
+    subscribed = await client.call("subscribe", "subscribed", every=10000)
     names = {robot["name"] for robot in ctx.server.description["robots"]}
     await client.call("ping", "pong", time=1.0)
-    check(bool(told), "no subscribed")
+    check(bool(subscribed), "no subscribed")
     client.send({"type": "subscribe", "every": 10000}, {"type": "ping", "id": 77, "time": 1.0})
     found: list[Fields] = []
     await client.receive(lambda m: found.append(m) or m.get("re") == 77, "pong")  # type: ignore[func-returns-value]
@@ -102,7 +104,7 @@ for _every in (1, 3):
     case(
         f"SUB-4/every-{_every}",
         f"Subscribe to every {_every}. tick of the robot; read 12 states",
-        "Their ticks are those that it divides, none left out",
+        "Their ticks are exactly the multiples",
         also=("STA-2", "STA-3", "STA-1"),
     )(partial(states_come_at_every_nth_tick, every=_every))
 
@@ -164,7 +166,7 @@ async def no_states_come_without_a_subscription(ctx: CaseContext) -> None:
     check(not any(m["type"] == "state" for m in client.inbox), "a state came without a subscription")
 
 
-@case("SUB-9/own", "Two sessions subscribe differently", "Each is sent what it asked for")
+@case("SUB-9/own", "Two sessions subscribe differently", "Each receives what it subscribed to")
 async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
     one, two = await ctx.client("observer", "one"), await ctx.client("observer", "two")
     await one.call("subscribe", "subscribed", fields=["q"])
@@ -172,16 +174,16 @@ async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
     for state in await states(one, 6):
         check(
             set(entry_of(state, ctx.robot)) == {"robot", "tick", "time", "q"},
-            "the first is sent the other's fields",
+            "the first receives the fields of the other",
         )
     for state in (await states(two, 6))[1:]:
-        check("q" not in entry_of(state, ctx.robot), "the second is sent the other's fields")
+        check("q" not in entry_of(state, ctx.robot), "the second receives the fields of the other")
 
 
 @case(
     "SUB-8/slow",
     "Subscribe, let megabytes of answers wait unread, let 20 ticks pass, then read",
-    "Answers are all there; of the states that waited the newest came, not all",
+    "All answers come; of the states that waited only the newest come",
     also=("CON-11", "CON-12"),
 )
 async def slow_reader_gets_all_answers_and_the_newest_state(ctx: CaseContext) -> None:
@@ -205,30 +207,32 @@ async def slow_reader_gets_all_answers_and_the_newest_state(ctx: CaseContext) ->
             )
         except Violation:
             if client.ended:
-                raise Skip("the server cut a slow reader off before states had to be left out") from None
+                raise Skip(
+                    "the server closed a slow reader's connection before it had to omit states"
+                ) from None
             raise
         answers = [m["re"] for m in found if m["type"] == "chunk"]
         check(
             answers == [1000 + i for i in range(count)],
-            f"{len(answers)} of {count} answers came, or out of order",
+            f"{len(answers)} of {count} answers came, or they came out of order",
         )
-        found += await states(client, 3)  # the newest that waited comes after all answers
+        found += await states(client, 3)  # the newest waiting state comes after all answers
         ticks = [m["tick"] for m in found if m["type"] == "state"]
         if any(b - a > 10 for a, b in itertools.pairwise(ticks)):
             return
         client.close()
-    raise Skip("the kernel's buffers hold more than the kit sends: no state had to be left out")
+    raise Skip("the kernel's buffers hold more than the kit sends: no state had to be omitted")
 
 
 @case(
     "CON-11/overflow",
-    "Ask for answers without end and read none of them, while another session moves the robot",
-    "The slow reader is cut off; the mover and the ticks notice nothing",
+    "Request answers without end and read none of them, while another session moves the robot",
+    "The server closes the slow reader's connection; mover and ticks are undisturbed",
     also=("CON-12", "CON-9"),
 )
 async def reader_that_never_reads_is_disconnected(ctx: CaseContext) -> None:
     holder = await ctx.holder()
-    client = await ctx.client("observer", "glutton")
+    client = await ctx.client("observer", "reader")
     client.shrink_receive_buffer()
     client.pause_reading()
     asset = {"type": "asset", "hash": ctx.server.robot["urdf"]["hash"]}
@@ -240,7 +244,7 @@ async def reader_that_never_reads_is_disconnected(ctx: CaseContext) -> None:
         check(cause_of(verdict) != "lease", "the mover lost its lease")
     check(
         count * size < 256e6 or client.ended,
-        f"{count * size / 1e6:.0f} MB of answers wait and the session is still there",
+        f"{count * size / 1e6:.0f} MB of answers wait and the session is still open",
     )
     await holder.move()
 
@@ -248,20 +252,20 @@ async def reader_that_never_reads_is_disconnected(ctx: CaseContext) -> None:
 @case(
     "STA-4/null",
     "Look at entries with all fields, and with none",
-    "All that were subscribed are there, holder nil while nobody holds; with none only robot, tick, time",
+    "All subscribed fields are there, holder is nil while no client holds; without fields only robot, tick, time",
 )
 async def entries_hold_exactly_the_subscribed_fields(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
-    told = await client.call("subscribe", "subscribed")
+    subscribed = await client.call("subscribe", "subscribed")
     state = (await states(client, 2))[-1]
     check(
-        set(entry_of(state, ctx.robot)) == {"robot", "tick", "time", *told["fields"]},
+        set(entry_of(state, ctx.robot)) == {"robot", "tick", "time", *subscribed["fields"]},
         f"fields {sorted(entry_of(state, ctx.robot))}",
     )
-    check(entry_of(state, ctx.robot)["holder"] is None, "nobody holds the robot, but there is a holder")
+    check(entry_of(state, ctx.robot)["holder"] is None, "no client holds the robot, but there is a holder")
     await client.call("subscribe", "subscribed", fields=[])
     state = (await states(client, 2))[-1]
-    check(set(entry_of(state, ctx.robot)) == {"robot", "tick", "time"}, "fields that were not asked for")
+    check(set(entry_of(state, ctx.robot)) == {"robot", "tick", "time"}, "fields that were not subscribed to")
 
 
 @case(
@@ -273,17 +277,17 @@ async def entries_hold_exactly_the_subscribed_fields(ctx: CaseContext) -> None:
 async def states_show_the_holder(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     state = await state_after_now(holder.connection, ctx.robot)
-    told = entry_of(state, ctx.robot)["holder"]
-    check(told == ctx.name("holder"), f"holder is {told}")
+    shown = entry_of(state, ctx.robot)["holder"]
+    check(shown == ctx.name("holder"), f"holder is {shown}")
     await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
     state = await state_after_now(holder.connection, ctx.robot)
-    check(entry_of(state, ctx.robot)["holder"] is None, "a state after released shows a holder")
+    check(entry_of(state, ctx.robot)["holder"] is None, "a state after released has a holder")
 
 
 @case(
     "SUB-11/pause",
     "Subscribe to all robots and read nothing until 400 kB of states have passed; then read",
-    "The client stays connected and finds the newest state behind few old ones",
+    "The client stays connected and receives the newest state after few old ones",
     also=("SUB-8", "CON-11", "CON-12"),
 )
 async def paused_reader_gets_the_newest_state(ctx: CaseContext) -> None:
@@ -293,7 +297,7 @@ async def paused_reader_gets_the_newest_state(ctx: CaseContext) -> None:
     size = len(pack(state)) * len(ctx.server.description["robots"])
     count = math.ceil(_PASSED / size)
     if count * ctx.server.robot["period"] > _LONGEST_PAUSE:
-        raise Skip("states are too small and too rare to fill what the client's own system keeps")
+        raise Skip("states are too small and too rare to fill the buffers of the client's system")
     client.pause_reading()
     await ctx.observer.ticks(ctx.robot, count)
     newest = ctx.observer.entries[ctx.robot]["tick"]
@@ -302,14 +306,14 @@ async def paused_reader_gets_the_newest_state(ctx: CaseContext) -> None:
     while not ticks or ticks[-1] < newest:
         state = await client.receive(lambda m: m["type"] == "state" and m["robot"] == ctx.robot, "a state")
         ticks.append(state["tick"])
-    room = _OWN / size + 10
+    room = _BUFFERED / size + 10
     check(len(ticks) <= room, f"{len(ticks)} of {count} states were kept for a client that did not read")
 
 
 @case(
     "STA-9/stops",
-    "Stop the robot twice, for two reasons; lift one, lift the other",
-    "stops lists exactly what is in force",
+    "Stop the robot twice, for two reasons; reset one, then the other",
+    "stops lists exactly those in force",
     also=("STA-15", "STP-3", "STP-7", "STP-12"),
 )
 async def states_list_the_stops_in_force(ctx: CaseContext) -> None:
@@ -323,20 +327,20 @@ async def states_list_the_stops_in_force(ctx: CaseContext) -> None:
         (await client.call("stop", "stopped", robot=ctx.robot, reason=reason))["stop"] for reason in "ab"
     ]
     check(stops[0] < stops[1], f"the ids were {stops}")
-    check(await shown() == stops, "stops are not those told")
+    check(await shown() == stops, "stops are not those of the answers")
     await ctx.wait_at_rest()
     await ctx.reset_stop(client, stops[0])
-    check(await shown() == stops[1:], "the other stop is not in force any more, or the first still is")
+    check(await shown() == stops[1:], "the second stop is not in force any more, or the first one still is")
     await client.expect_refusal("acquire", "stopped", robot=ctx.robot)
     await ctx.reset_stop(client, stops[1])
-    check(await shown() == [], "stops are in force after both were lifted")
+    check(await shown() == [], "stops are in force after both were reset")
     await client.call("acquire", "lease", robot=ctx.robot)
 
 
 @case(
     "STA-10/verdict",
     "Have a command admitted and one refused; look at the entry",
-    "verdict tells seq and outcome of the newest, with the cause; counts count it",
+    "verdict has seq, outcome and cause of the newest; counts include it",
     also=("STA-11", "STA-6"),
 )
 async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> None:
@@ -344,14 +348,14 @@ async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> Non
     good = await holder.move()
     state = await holder.state_applying(good)
     last: Any = entry_of(state, ctx.robot)["verdict"]
-    check((last["seq"], last["outcome"]) == (good["seq"], good["outcome"]), f"the entry tells {last}")
+    check((last["seq"], last["outcome"]) == (good["seq"], good["outcome"]), f"the entry has {last}")
     before = entry_of(state, ctx.robot)["counts"].get("refused:length", 0)
     bad = await holder.command([])
     state = await state_after_now(holder.connection, ctx.robot)
     shown = entry_of(state, ctx.robot)
     last = shown["verdict"]
-    told = (last["seq"], last["outcome"], last.get("cause"))
-    check(told == (bad["seq"], "refused", "length"), f"the entry tells {told}")
+    found = (last["seq"], last["outcome"], last.get("cause"))
+    check(found == (bad["seq"], "refused", "length"), f"the entry has {found}")
     check(shown["counts"].get("refused:length", 0) == before + 1, f"counts are {shown['counts']}")
     check(shown["applied_seq"] == good["seq"], f"applied_seq is {shown['applied_seq']}")
 
@@ -359,10 +363,10 @@ async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> Non
 @case(
     "STA-13/witness",
     "Move twenty ticks; look at the nearest pairs",
-    "No distance is above that of the two points told with it; the limit is one of the description",
+    "No distance exceeds that of its two points; the limit is one of the description",
 )
 async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
-    # The true distance is at most that of any two points of the bodies, such as these.
+    # The true distance is at most that of any two points of the bodies, so of these two.
     holder = await ctx.holder()
     limits = {ctx.server.description[key] for key in ("stop_distance", "self_distance")}
     seen = 0
@@ -375,10 +379,10 @@ async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
                 apart = math.dist(*pair["points"])
                 check(
                     pair["distance"] <= apart + _ROUNDING,
-                    f"{pair['pair']}: {pair['distance']} is told for points that are {apart} apart",
+                    f"{pair['pair']}: {pair['distance']} is reported for points that are {apart} apart",
                 )
     if not seen:
-        raise Skip("no state told a pair with its points")
+        raise Skip("no state had a pair with its points")
 
 
 @case(
@@ -396,21 +400,21 @@ async def late_commands_are_not_applied(ctx: CaseContext) -> None:
     after = entry_of(await holder.next_state(), ctx.robot)["late_commands"]
     check(
         after - before <= 20 - applied,
-        f"late_commands went from {before} to {after} though all 20 were applied",
+        f"late_commands went from {before} to {after} although all 20 were applied",
     )
 
 
 @case(
     "STA-17/time",
     "Send ping, read a state, send ping",
-    "The state's time is between those that the pongs tell, but for its own way",
+    "The state's time is between those of the pongs, apart from its own delay",
 )
 async def time_of_a_state_is_between_those_of_pongs(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
     await client.call("subscribe", "subscribed", robots=[ctx.robot], fields=[])
     client.inbox.clear()
     first = await client.call("ping", "pong", time=0.0)
-    # The tick may have been a moment before its state was sent.
+    # The tick may have happened a moment before its state was sent.
     state = (await states(client, 2))[-1]
     last = await client.call("ping", "pong", time=0.0)
     slack = 2 * ctx.server.robot["period"] + 0.25

@@ -11,8 +11,8 @@ from armgate.conformance.context import CaseContext
 from armgate.conformance.lease_holder import entry_of, state_after_now
 
 
-async def told(client: Connection, kind: str) -> Fields:
-    """The next message of a kind that is told to all."""
+async def next_broadcast(client: Connection, kind: str) -> Fields:
+    """Return the next broadcast of a type."""
     return await client.receive(lambda m: m["type"] == kind, kind)
 
 
@@ -40,22 +40,22 @@ for _role in ("observer", "controller", "operator"):
 
 @case(
     "STP-2/everybody",
-    "Stop the robot; look what three others are told",
-    "Each is told stopped once, the asker as an answer",
+    "Stop the robot; look at what three other sessions receive",
+    "Each receives stopped once, the requester as an answer",
     also=("MSG-5",),
 )
 async def stop_is_broadcast_once_to_all(ctx: CaseContext) -> None:
     others = [await ctx.client(role, role) for role in ("observer", "controller", "operator")]
-    asker = await ctx.client(name="asker")
-    answer = await asker.call("stop", "stopped", robot=ctx.robot, reason="told")
+    requester = await ctx.client(name="requester")
+    answer = await requester.call("stop", "stopped", robot=ctx.robot, reason="broadcast")
     for client in others:
-        heard = await told(client, "stopped")
+        heard = await next_broadcast(client, "stopped")
         same = {key: heard[key] for key in ("stop", "robots", "reason", "by")}
-        check(same == {key: answer[key] for key in same}, f"one was told {heard}, the asker {answer}")
-        check(heard.get("re") is None, f"one that did not ask was told re {heard.get('re')}")
-    for client in (*others, asker):
+        check(same == {key: answer[key] for key in same}, f"one received {heard}, the requester {answer}")
+        check(heard.get("re") is None, f"a session without a request received re {heard.get('re')}")
+    for client in (*others, requester):
         await client.sync()
-        check(not any(m["type"] == "stopped" for m in client.inbox), "stopped was told twice")
+        check(not any(m["type"] == "stopped" for m in client.inbox), "stopped was sent twice")
 
 
 @case("STP-3/ids", "Stop five times", "Each stop has a larger id than the one before", also=("STP-7",))
@@ -68,7 +68,7 @@ async def stop_ids_grow(ctx: CaseContext) -> None:
 @case(
     "STP-5/lease",
     "Stop a robot that is held",
-    "Its holder is told stopped first, then lease lost",
+    "Its holder receives stopped first, then lease lost",
     also=("LEA-17",),
 )
 async def stop_is_announced_before_the_lost_lease(ctx: CaseContext) -> None:
@@ -77,7 +77,7 @@ async def stop_is_announced_before_the_lost_lease(ctx: CaseContext) -> None:
     await other.call("stop", "stopped", robot=ctx.robot)
     heard = [m for m in await holder.connection.drain() if m["type"] in ("stopped", "lease")]
     kinds = [m["type"] for m in heard]
-    check(kinds == ["stopped", "lease"], f"the holder was told {kinds}")
+    check(kinds == ["stopped", "lease"], f"the holder received {kinds}")
     lost = heard[1]
     check((lost["state"], lost["fence"]) == ("lost", holder.fence), f"the lease is {lost}")
 
@@ -91,7 +91,9 @@ async def stop_is_announced_before_the_lost_lease(ctx: CaseContext) -> None:
 async def refusals_by_a_stop_name_its_id(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     other = await ctx.client(name="other")
-    for number in range(12):  # an id of two digits is not found by chance
+    for number in range(
+        12
+    ):  # so that the id has two digits, which no other number in the texts is likely to have
         stop = (await other.call("stop", "stopped", robot=ctx.robot, reason=f"{number}"))["stop"]
     verdict = await holder.command(forbidden="the robot is stopped")
     text = " ".join(reason["text"] for reason in verdict["reasons"])
@@ -104,7 +106,7 @@ async def refusals_by_a_stop_name_its_id(ctx: CaseContext) -> None:
 @case(
     "STP-6/others",
     "Hold and move another robot while this one is stopped",
-    "Its lease stays, its commands are admitted",
+    "Its lease stays, and its commands are admitted",
 )
 async def stop_of_one_robot_leaves_others(ctx: CaseContext) -> None:
     holder = await ctx.holder(robot=ctx.other_robot())
@@ -128,7 +130,7 @@ async def reset_of_an_unknown_stop_is_refused(ctx: CaseContext, stop: int | None
 for _slug, _stop in {"never": 2**62, "lifted": None}.items():
     case(
         f"STP-9/{_slug}",
-        "Reset a stop that is not in force" + (": it was lifted before" if _stop is None else ""),
+        "Reset a stop that is not in force" + (": it was reset before" if _stop is None else ""),
         "unknown_stop, not fatal",
         also=("ERR-2",),
     )(partial(reset_of_an_unknown_stop_is_refused, stop=_stop))
@@ -136,19 +138,19 @@ for _slug, _stop in {"never": 2**62, "lifted": None}.items():
 
 @case(
     "STP-10/moving",
-    "Speed up, stop, and reset at once",
-    "moving; the stop stays in force; reset when it rests is resumed",
+    "Accelerate, stop, and reset at once",
+    "moving; the stop stays in force; a reset at rest is answered by resumed",
     also=("STP-4",),
 )
 async def reset_while_the_robot_moves_is_refused(ctx: CaseContext) -> None:
     holder = await ctx.holder("operator")
     joints, period = ctx.server.robot["joints"], ctx.server.robot["period"]
-    wish = [
+    wanted = [
         math.copysign(j["velocity"] * period, x) if x else 0.0
         for j, x in zip(joints, holder.small_increment(), strict=True)
     ]
     for _ in range(12):
-        await holder.command(wish)
+        await holder.command(wanted)
     stop = (await holder.connection.call("stop", "stopped", robot=ctx.robot))["stop"]
     answer = await holder.connection.request("reset", stop=stop)
     if answer["type"] == "resumed":
@@ -164,8 +166,8 @@ async def reset_while_the_robot_moves_is_refused(ctx: CaseContext) -> None:
 
 @case(
     "STP-11/told",
-    "Stop and reset; look what another session is told",
-    "resumed with the id and who reset it, without re",
+    "Stop and reset; look at what another session receives",
+    "resumed with the id and the name of the operator, without re",
     also=("MSG-5",),
 )
 async def reset_is_broadcast_to_all(ctx: CaseContext) -> None:
@@ -174,16 +176,16 @@ async def reset_is_broadcast_to_all(ctx: CaseContext) -> None:
     stop = (await client.call("stop", "stopped", robot=ctx.robot))["stop"]
     await ctx.wait_at_rest()
     answer = await ctx.reset_stop(client, stop)
-    heard = await told(other, "resumed")
+    heard = await next_broadcast(other, "resumed")
     for one in (answer, heard):
-        check((one["stop"], one["by"]) == (stop, ctx.name("operator")), f"told was {one}")
-    check(heard.get("re") is None, "the other session was told re")
+        check((one["stop"], one["by"]) == (stop, ctx.name("operator")), f"the message is {one}")
+    check(heard.get("re") is None, "the other session received re")
 
 
 @case(
     "STP-12/two",
-    "Stop the cell and the robot; lift one of the stops",
-    "The robot stays stopped until the other is lifted",
+    "Stop the cell and the robot; reset one of the stops",
+    "The robot stays stopped until the other stop is reset",
     also=("LEA-10",),
 )
 async def robot_stays_stopped_until_all_its_stops_are_reset(ctx: CaseContext) -> None:
@@ -200,7 +202,7 @@ async def robot_stays_stopped_until_all_its_stops_are_reset(ctx: CaseContext) ->
 @case(
     "STP-13/anew",
     "Stop a robot that is held and moves, reset, command with the old fence, acquire anew, move",
-    "The old fence is of no use; the setpoint is the measured position; then it moves",
+    "The old fence is refused; the setpoint is the measured position; then it moves",
     also=("CMD-35",),
 )
 async def robot_is_acquired_anew_after_a_reset(ctx: CaseContext) -> None:
@@ -223,24 +225,24 @@ async def robot_is_acquired_anew_after_a_reset(ctx: CaseContext) -> None:
 
 @case(
     "STP-15/again",
-    "Stop a robot twice for one reason, and once for another",
+    "Stop a robot twice with one reason, and once with another",
     "The second stop replaces the first, the third none; states list the second and the third",
 )
 async def stop_with_the_same_reason_replaces_the_one_before(ctx: CaseContext) -> None:
     client = await ctx.client()
-    told_ = [await client.call("stop", "stopped", robot=ctx.robot, reason=reason) for reason in "aab"]
-    first, second, third = (one["stop"] for one in told_)
-    replaced = [one.get("replaces") for one in told_]
+    answers = [await client.call("stop", "stopped", robot=ctx.robot, reason=reason) for reason in "aab"]
+    first, second, third = (one["stop"] for one in answers)
+    replaced = [one.get("replaces") for one in answers]
     check(replaced == [None, first, None], f"the stops {first}, {second}, {third} replace {replaced}")
     await ctx.observer.until(lambda: third in ctx.observer.stops(), "the stops to be seen")
     seen = sorted(ctx.entry()["stops"])  # type: ignore[call-overload]
-    check(seen == [second, third], f"in force are {seen}")
+    check(seen == [second, third], f"the stops in force are {seen}")
 
 
 @case(
     "STP-16/many",
-    "Stop a robot and the cell a hundred times each, every time for another reason, then reset them all",
-    "Each stop is told; states list at most 64; when all are lifted, the robot is free",
+    "Stop a robot and the cell a hundred times each, each with another reason, then reset them all",
+    "Each stop is answered; states list at most 64; after all are reset, the robot is free",
     also=("CON-9",),
 )
 async def number_of_stops_in_force_is_limited(ctx: CaseContext) -> None:
@@ -259,8 +261,8 @@ async def number_of_stops_in_force_is_limited(ctx: CaseContext) -> None:
 
 @case(
     "STP-17/replaced",
-    "Stop a robot three times for one reason, and reset the first of the stops",
-    "resumed, with the third stop as lifted; others are told that the third was lifted; the robot is free",
+    "Stop a robot three times with one reason, and reset the first of the stops",
+    "resumed, with the third stop as lifted; others receive the third stop; the robot is free",
     also=("STP-11",),
 )
 async def reset_of_a_replaced_stop_resets_its_replacement(ctx: CaseContext) -> None:
@@ -269,8 +271,8 @@ async def reset_of_a_replaced_stop_resets_its_replacement(ctx: CaseContext) -> N
     await ctx.wait_at_rest()
     answer = await ctx.reset_stop(client, stops[0])
     check((answer["stop"], answer.get("lifted")) == (stops[0], stops[2]), f"the answer is {answer}")
-    heard = await told(other, "resumed")
-    check(heard["stop"] == stops[2], f"another session was told {heard}")
+    heard = await next_broadcast(other, "resumed")
+    check(heard["stop"] == stops[2], f"another session received {heard}")
     await client.expect_refusal("reset", "unknown_stop", stop=stops[1])
     await client.call("acquire", "lease", robot=ctx.robot)
 
@@ -295,7 +297,7 @@ async def reset_overtaken_by_a_stop_has_no_effect(ctx: CaseContext) -> None:
 
 @case(
     "STP-18/replaced",
-    "As an operator with the capability stop.replaces, stop a robot twice for one reason, and reset the first stop",
+    "As an operator with the capability stop.replaces, stop a robot twice with one reason, and reset the first stop",
     "unknown_stop, and the second stop stays in force until it is reset",
     also=("STP-9",),
 )
