@@ -62,9 +62,7 @@ def primitive(kind: str, size: Sequence[float], where: str) -> Solid:
         DescriptionError: An unknown kind, a wrong number of sizes, or a size that is not positive.
     """
     if SIZES.get(kind) != len(size):
-        raise DescriptionError(
-            f"{where}: no support for the shape {kind!r} with {len(size)} sizes"
-        )
+        raise DescriptionError(f"{where}: no support for the shape {kind!r} with {len(size)} sizes")
     if min(size) <= 0.0:
         raise DescriptionError(f"{where}: a {kind} with the sizes {list(size)}; expected positive ones")
     if kind == "box":

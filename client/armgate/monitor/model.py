@@ -382,9 +382,7 @@ def _pairs(
         else:
             pairs.append(Pair(a, b, distances[0], "surroundings" if second.robot is None else "robots"))
         if len(pairs) > MAX_PAIRS:
-            raise DescriptionError(
-                f"more than {MAX_PAIRS} pairs of bodies, the most that it checks"
-            )
+            raise DescriptionError(f"more than {MAX_PAIRS} pairs of bodies, the most that it checks")
     return pairs
 
 
