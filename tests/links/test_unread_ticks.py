@@ -20,7 +20,7 @@ from armgate.links.robot_server.unix_socket import listen
 from armgate.links.rsi.setup import setup_of
 from armgate.links.rsi.udp_link import RsiUdpLink
 from support.clients import PATIENCE
-from support.krcs import Sheet
+from support.krcs import LogRecords
 from support.rsi import WIDE, cell_text
 
 PERIOD = 0.004
@@ -83,7 +83,7 @@ class Rig:
         self.krc = Controller(
             PROFILES["krc4-rsi3"], Context(precision=6, limits=WIDE, monitor=WIDE),
             read_ethernet((folder / "krc.xml").read_bytes()),
-            kr16().starting((0.0, -90.0, 90.0, 0.0, 45.0, 0.0)), chance=Random(1), log=EventLog(Sheet()),
+            kr16().starting((0.0, -90.0, 90.0, 0.0, 45.0, 0.0)), chance=Random(1), log=EventLog(LogRecords()),
         )  # fmt: skip
         self.krc.operate(Event.START)
         self.sockets = []

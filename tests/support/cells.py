@@ -8,7 +8,10 @@ URDF = Path(__file__).parents[2] / "configs" / "robots" / "planar3.urdf"
 
 
 def arms_yaml(names="A,B", periods=(0.012, 0.012), lag=0.0, **more):
-    """A configuration's text: planar arms 10 m apart and a post; ``more`` are further top level lines."""
+    """Return the text of a configuration with planar arms 10 m apart and a post.
+
+    ``more`` are additional lines of the top level.
+    """
     lines = ["armgate: 1", "name: arms", "stop_distance: 20 mm", "self_distance: 10 mm", "robots:"]
     for index, (name, period) in enumerate(zip(names.split(","), periods, strict=False)):
         lines += [
@@ -25,7 +28,7 @@ def arms_yaml(names="A,B", periods=(0.012, 0.012), lag=0.0, **more):
 
 
 def arms_config(folder: Path, **options) -> CellConfig:
-    """The same, loaded."""
+    """Return the same as a loaded configuration."""
     file = folder / "arms.yaml"
     file.write_text(arms_yaml(**options))
     return load_config([file])

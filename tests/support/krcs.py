@@ -1,4 +1,4 @@
-"""Virtual KRCs without time, their files, and a PC that answers as public drivers do."""
+"""Virtual KRCs without time, their files, and a PC that answers like public drivers."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def element(tag, index, type_="DOUBLE", hold=None):
 
 
 def krc_file(sent=SENT, received=SIX, hold=1, more="", sentype="ImFree", only_send="FALSE"):
-    """The text of an RSI Ethernet file."""
+    """Return the text of an RSI Ethernet file."""
     send = "".join(element(tag, "INTERNAL", "LONG" if tag == "DEF_Delay" else "DOUBLE") for tag in sent)
     receive = "".join(element(tag, number, hold=hold) for number, tag in enumerate(received, start=1))
     return (
@@ -32,7 +32,7 @@ def ethernet(**how):
 
 
 def sen(ipoc, axes=(0.0,) * 6, external=None, more="", sentype="ImFree", tag="AK"):
-    """A reply."""
+    """Return a reply."""
     numbers = "".join(f' A{number}="{value:.6f}"' for number, value in enumerate(axes, start=1))
     outer = "".join(f' E{number}="{value:.6f}"' for number, value in enumerate(external or (), start=1))
     outer = f"<EK{outer}/>" if outer else ""
@@ -44,13 +44,13 @@ def ipoc_of(telegram):
 
 
 def values_of(telegram, tag):
-    """The numbers in an element of a telegram."""
+    """Return the numbers in an element of a telegram."""
     inner = re.search(rf"<{tag} ([^>]*)/>", telegram.decode())[1]
     return [float(text) for text in re.findall(r'="([^"]*)"', inner)]
 
 
-class Sheet(list):
-    """A log that is a list of (level, event, text, fields)."""
+class LogRecords(list):
+    """Log that is a list of (level, event, text, fields)."""
 
     def __call__(self, level, event, text, **fields):
         self.append((level, event, text, fields))
@@ -59,12 +59,12 @@ class Sheet(list):
         return [text for _, name, text, _ in self if name == event]
 
 
-class Desk:
-    """A virtual KRC, and the PC that answers it cycle by cycle."""
+class ControllerRig:
+    """Virtual KRC and the PC that answers it, cycle by cycle."""
 
     def __init__(self, profile="krc4-rsi3", context=None, arm=None, ipoc=100, start=True, cycle=None, **file):
         self.profile = PROFILES[profile] if cycle is None else PROFILES[profile].in_cycle(cycle)
-        self.log = Sheet()
+        self.log = LogRecords()
         self.controller = Controller(
             self.profile, context or Context(precision=6), ethernet(**file), arm or kr16(),
             chance=Random(1), log=EventLog(self.log), ipoc=ipoc,
@@ -91,18 +91,18 @@ class Desk:
         return list(self.status["setpoint"].values())
 
     def get(self, *datagrams, age=0.001, stranger=None):
-        """A cycle in which these datagrams come."""
+        """Run a cycle in which these datagrams arrive."""
         self.telegram = self.controller.cycle([Arrival(data, age, stranger) for data in datagrams])
         return self.telegram
 
     def silent(self, cycles=1):
-        """Cycles in which nothing comes."""
+        """Run cycles in which nothing arrives."""
         for _ in range(cycles):
             self.get()
         return self.telegram
 
     def answer(self, axes=(0.0,) * 6, cycles=1, **how):
-        """Cycles in which the PC answers as it should."""
+        """Run cycles in which the PC answers correctly."""
         for _ in range(cycles):
             self.get(sen(ipoc_of(self.telegram), axes, **how))
         return self.telegram

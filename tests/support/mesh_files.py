@@ -1,7 +1,8 @@
-"""Random mesh files, valid and damaged, with the faces that stand in them.
+"""Random mesh files, valid and damaged, with their faces.
 
-A face is an array (k, 3) of its corners. ``solid`` makes closed surfaces, ``WRITERS`` write them as programs
-may, ``damaged`` breaks a file, and ``FACES`` read the faces of a file by other means than the product.
+A face is an array (k, 3) of its corners. ``solid`` makes closed surfaces, ``WRITERS`` write them in the
+forms of various programs, ``damaged`` breaks a file, and ``FACES`` read the faces independently of the
+product.
 """
 
 import re
@@ -18,7 +19,7 @@ NAMES = [b"part", b"Schwei\xdfbrenner \xfc", b"a b c", b"facet_1", b"solid", b""
 
 
 def solid(rng, polygons=True):
-    """A few closed surfaces: (vertices, faces as tuples of indices) each."""
+    """Return one or two closed surfaces, each as (vertices, faces as tuples of indices)."""
     return [_placed(rng, *_surface(rng, polygons)) for _ in range(int(rng.integers(1, 3)))]
 
 
@@ -60,7 +61,7 @@ def _placed(rng, vertices, faces):
 
 
 def text(rng, lines):
-    """Lines of words as a text file: any line ending, blank lines, spaces and tabs; perhaps no last end."""
+    """Return lines of words as a text file with any line ends, blank lines, spaces and tabs."""
     end = [b"\n", b"\r\n", b"\r"][int(rng.integers(3))]
     gap, indent = [b" ", b"\t", b"  "][int(rng.integers(3))], [b"", b"  ", b"\t"][int(rng.integers(3))]
     out = [indent + gap.join(line) if isinstance(line, list) else line for line in lines]
@@ -181,7 +182,7 @@ TOKENS = [b"nan", b"-inf", b"1e999", b"-1", b"0", b"99999", b"4294967295", b"1_0
 
 
 def damaged(rng, data):
-    """A file with one to three faults of any kind."""
+    """Return a file with one to three faults of any kind."""
     for _ in range(int(rng.integers(1, 4))):
         data = _DAMAGES[int(rng.integers(len(_DAMAGES)))](rng, data)
     return data
@@ -225,7 +226,7 @@ def _token(rng, data):
 
 
 def _count(rng, data):
-    """One whole number, perhaps a count of the header or an index, becomes another."""
+    """Replace one whole number, which may be a count of the header or an index."""
     tokens = list(re.finditer(rb"(?<![.\d])\d+(?![.\d])", data[: 600 if rng.random() < 0.5 else len(data)]))
     if not tokens:
         return data
@@ -240,7 +241,7 @@ _DAMAGES = [_cut, _tail, _byte, _line, _token, _count]
 
 
 def stl_faces(data):
-    """Every three vertices anywhere in a text; or all records that follow the head."""
+    """Return the faces of an STL file: every three vertices of a text, or all records after the header."""
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
     if len(data) == 84 + 50 * count:
         return [

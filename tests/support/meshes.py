@@ -1,4 +1,4 @@
-"""Meshes for tests: blocks on a grid of uneven steps, round rings, and the files that hold them."""
+"""Meshes for tests: blocks on a grid of uneven steps, round rings, and their files."""
 
 import struct
 from itertools import product
@@ -13,7 +13,10 @@ BAR = ("#",)
 
 
 def blocks(plan, xs, ys, height):
-    """(vertices, faces) of a prism over the cells '#' of a plan; cell (row, column) spans ys and xs there."""
+    """Return (vertices, faces) of a prism over the cells '#' of a plan.
+
+    The cell (row, column) spans ys and xs at these indices.
+    """
     filled = {(i, j) for i, row in enumerate(plan) for j, mark in enumerate(row) if mark == "#"}
     cells = {(i, j, k) for (i, j), k in product(filled, range(len(height) - 1))}
     steps = (ys, xs, height)
@@ -38,7 +41,7 @@ def blocks(plan, xs, ys, height):
 
 
 def ring(inner, outer, height, count=16):
-    """A round ring."""
+    """Return (vertices, faces) of a round ring."""
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     vertices = np.vstack([np.column_stack([r * circle, np.full(count, z)])
@@ -59,18 +62,18 @@ def ring(inner, outer, height, count=16):
 
 
 def volume(vertices, faces):
-    """Volume enclosed by a closed surface, positive if it is wound outward."""
+    """Return the volume that a closed surface encloses, positive if it is wound outward."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6)
 
 
 def stl(vertices, faces):
-    """Binary STL."""
+    """Return a binary STL file."""
     records = [struct.pack("<12fH", 0, 0, 0, *vertices[face].ravel(), 0) for face in faces]
     return b"\0" * 80 + struct.pack("<I", len(records)) + b"".join(records)
 
 
 def obj(vertices, faces):
-    """Wavefront OBJ."""
+    """Return a Wavefront OBJ file."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices).tolist()]
     return "\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces)]).encode() + b"\n"

@@ -14,7 +14,7 @@ from armgate.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tic
 from armgate.gate import Gate
 from armgate.links.rsi.link import RsiLink
 from armgate.links.rsi.setup import setup_of
-from support.krcs import Sheet, krc_file
+from support.krcs import LogRecords, krc_file
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 KRC = "192.168.1.20"
@@ -63,7 +63,7 @@ class Rig:
             link["precision"] = cell_precision
         self.cell = build_cell(load_config([cell_text(folder, gantry=gantry, cycle=kind.cycle, **link)]))
         robot = self.cell.robots[0]
-        self.notes, self.log = [], Sheet()
+        self.notes, self.log = [], LogRecords()
         self.setup = setup_of(self.cell, robot)
         self.link = RsiLink(self.setup, start, self.notes.append)
         mode = Mode(krc_mode or link.get("mode", "absolute"))

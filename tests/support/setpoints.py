@@ -1,4 +1,4 @@
-"""Holds what a virtual KRC's drives were given, cycle by cycle, against the bounds of the cell."""
+"""Check of the setpoints of a virtual KRC's drives, cycle by cycle, against the bounds of the cell."""
 
 import csv
 from itertools import pairwise
@@ -11,13 +11,13 @@ EXACT = 2e-6
 
 
 def check_setpoints(trace, robot):
-    """Reads a trace (``armgate krc --trace``) of a robot of a cell.
+    """Check a trace (``armgate krc --trace``) of a robot of a cell.
 
-    In every cycle of every run: speed and acceleration within the cell's bounds. One that the KRC held for
-    want of a reply is a step of velocity of its own making; after it the robot starts from rest.
+    Speed and acceleration must be within the cell's bounds in every cycle of every run. A cycle without a
+    reply is an exception: the KRC holds the robot, which then starts from rest.
 
     Returns:
-        Number of cycles in which the robot moved, and how many were held.
+        Number of cycles in which the robot moved, and number of cycles in which it was held.
     """
     axes = {axis.name: axis for axis in arm_of_cell(robot, read_urdf(robot.urdf)).axes}
     with trace.open() as file:

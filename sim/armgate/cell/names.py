@@ -1,4 +1,4 @@
-"""Names of robots, links, joints, frames and bodies: the names that the protocol can carry."""
+"""Names of robots, links, joints, frames and bodies: the names that the protocol allows."""
 
 import re
 

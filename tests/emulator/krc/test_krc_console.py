@@ -6,7 +6,7 @@ import pytest
 
 from armgate.emulator.krc.process.console import Console
 from armgate.emulator.krc.process.network import Channel, Disturbance
-from support.krcs import Desk, ipoc_of
+from support.krcs import ControllerRig, ipoc_of
 
 
 class Runner:
@@ -20,9 +20,9 @@ class Runner:
 
 class Bench:
     def __init__(self, **how):
-        self.desk = Desk(**how)
+        self.rig = ControllerRig(**how)
         self.channels = {name: Channel(name, Disturbance()) for name in ("to-pc", "to-krc")}
-        self.console = Console(self.desk.controller, self.channels, Runner())
+        self.console = Console(self.rig.controller, self.channels, Runner())
 
     def __call__(self, line):
         return json.loads(self.console.answer(line))
@@ -30,7 +30,7 @@ class Bench:
 
 def test_status_has_state_positions_network_and_runner():
     bench = Bench()
-    bench.desk.answer((0.05, 0, 0, 0, 0, 0), cycles=3)
+    bench.rig.answer((0.05, 0, 0, 0, 0, 0), cycles=3)
     status = bench("status")
     assert (status["ok"], status["state"], status["delay"], status["ipoc"]) == (True, "running", 0, 112)
     assert (status["setpoint"]["A1"], status["programmed"]["A1"]) == (0.05, 0.0)
@@ -56,7 +56,7 @@ def test_jog_moves_an_axis_and_ipoc_sets_the_next_number():
     assert bench("jog A3 -2.5")["measured"]["A3"] == 87.5
     assert bench("ipoc 42")["ok"]
     bench("start")
-    assert ipoc_of(bench.desk.silent()) == "42"
+    assert ipoc_of(bench.rig.silent()) == "42"
     assert "no jogging while waiting" in bench("jog A1 1")["error"]
 
 

@@ -11,7 +11,7 @@ from armgate.emulator.krc.process.network import Channel, Disturbance
 from armgate.emulator.krc.process.real_time import RealTimeRunner
 from armgate.emulator.krc.process.udp_socket import Peer, UdpSocket
 from support.clients import PATIENCE
-from support.krcs import Desk, ipoc_of, sen
+from support.krcs import ControllerRig, ipoc_of, sen
 
 CYCLE = 4_000_000
 
@@ -37,10 +37,10 @@ def pc():
         yield own
 
 
-def runner_for(pc, desk, now):
+def runner_for(pc, rig, now):
     peer = Peer.resolve("127.0.0.1", pc.getsockname()[1])
     channels = {name: Channel(name, Disturbance()) for name in ("to_pc", "to_krc")}
-    return RealTimeRunner(desk.controller, 0.004, peer, log=desk.controller._log, now=now, **channels)
+    return RealTimeRunner(rig.controller, 0.004, peer, log=rig.controller._log, now=now, **channels)
 
 
 async def received(pc):
@@ -50,7 +50,7 @@ async def received(pc):
 
 async def test_cycles_have_absolute_times_and_slip_only_if_the_process_is_late(pc):
     time = [0]
-    runner = runner_for(pc, Desk(start=False), lambda: time[0])
+    runner = runner_for(pc, ControllerRig(start=False), lambda: time[0])
     runner._cycle_timer = RecordingTimer()
     for now in (0, CYCLE + CYCLE // 20, 2 * CYCLE, 3 * CYCLE + CYCLE // 2, 4 * CYCLE + CYCLE // 2):
         time[0] = now
@@ -86,19 +86,19 @@ async def test_the_age_of_a_reply_is_from_the_kernel_and_other_senders_are_marke
 
 
 async def test_the_runner_runs_until_it_is_closed(pc):
-    desk = Desk(context=Context(timeout=10**6), start=False)
-    desk.operate("start")
+    rig = ControllerRig(context=Context(timeout=10**6), start=False)
+    rig.operate("start")
     peer = Peer.resolve("127.0.0.1", pc.getsockname()[1])
     channels = {name: Channel(name, Disturbance(delay=0.001)) for name in ("to_pc", "to_krc")}
-    runner = RealTimeRunner(desk.controller, 0.004, peer, log=desk.controller._log, **channels)
+    runner = RealTimeRunner(rig.controller, 0.004, peer, log=rig.controller._log, **channels)
     runner.start()
     for _ in range(20):
         telegram, source = await received(pc)
         pc.sendto(sen(ipoc_of(telegram)), source)
-        if desk.state == "running":
+        if rig.state == "running":
             break
     runner.close()
-    assert desk.state == "running"
+    assert rig.state == "running"
     assert runner.unsent == 0
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from armgate.links.rsi.axes import axes_of
 from armgate.links.rsi.telegram import TelegramError, TelegramReader
-from support.krcs import Desk, krc_file, sen
+from support.krcs import ControllerRig, krc_file, sen
 from support.rsi import SIX, Rig
 from support.rsi_ends import SLOW, at_rest, gap, nothing_moves, rearm
 
@@ -265,7 +265,7 @@ class TestTelegrams:
 
 class TestCartesianCorrections:
     def test_the_virtual_krc_warns_once_that_nothing_moves(self):
-        desk = Desk(received=(*SIX, "RKorr.X", "RKorr.Z"))
+        desk = ControllerRig(received=(*SIX, "RKorr.X", "RKorr.Z"))
         begun = desk.setpoint
         for _ in range(5):
             desk.get(sen(desk_ipoc(desk), more='<RKorr X="1.5" Z="0.0"/>'))
@@ -275,7 +275,7 @@ class TestCartesianCorrections:
         assert "RKorr.Z" not in text
 
     def test_zeros_are_no_warning(self):
-        desk = Desk(received=(*SIX, "RKorr.X"))
+        desk = ControllerRig(received=(*SIX, "RKorr.X"))
         desk.get(sen(desk_ipoc(desk), more='<RKorr X="0.0"/>'))
         assert not desk.log.texts("cartesian")
 

@@ -216,7 +216,7 @@ class _Converter:
         return _VALUES[node.tag](text)
 
     def _text(self, node: yaml.Node, path: KeyPath) -> str:
-        """Return the text of a scalar; names and messages can carry neither NUL nor lone surrogates."""
+        """Return the text of a scalar; names and messages can contain neither NUL nor lone surrogates."""
         text = str(node.value)
         bad = next((sign for sign in text if sign == "\0" or "\ud800" <= sign <= "\udfff"), None)
         if bad is not None:

@@ -151,7 +151,7 @@ def _halved(surface: Surface, piece: Piece) -> float:
 def _candidates(piece: Piece, axis: int) -> list[float]:
     """Return the middle, some corners of the surface, and both sides of its largest flat faces.
 
-    The planes lie beside the faces: what lies in a plane would belong to both parts.
+    The planes are beside the faces, because a face in a plane would belong to both parts.
     """
     low, high = float(piece.low[axis]), float(piece.high[axis])
     if high - low < _THIN:

@@ -1,9 +1,9 @@
 """Decomposition of a surface into convex bodies that together contain it and everything that it encloses.
 
 Space is cut into boxes, and each body is the hull of the part of the mesh in one box. The bodies contain
-everything wherever the cuts are (proof in ``cutting``). The choice of the cuts (``cut_planes``) decides only
-how closely the bodies follow the mesh. Two pieces are merged if one body is not larger than both: the hull of
-two pieces contains both.
+everything for any choice of cuts (proof in ``cutting``). The choice (``cut_planes``) affects only how closely
+the bodies follow the mesh. Two pieces are merged if their common hull, which contains both, is hardly larger
+than the two hulls.
 
 Bodies with too many corners are thinned, and thickened by what that loses: hull ⊂ thinned hull ⊕ loss, with ⊕
 for "thickened by". The slack of polygons that are not quite flat, and ``ROUNDING`` for floating-point errors,
