@@ -35,8 +35,8 @@ def collect_pairs(
 ) -> tuple[Pair, ...]:
     """Return all pairs that must stay apart.
 
-    Pairs that cannot move relative to each other are left out. So are bodies of one robot on the same joint or
-    on neighbouring joints, because they overlap at the joint, and the pairs of ``ignore_pairs``.
+    Pairs that cannot move relative to each other are left out. So are bodies of one robot on the same joint
+    or on neighbouring joints, because they overlap at the joint, and the pairs of ``ignore_pairs``.
 
     Raises:
         ConfigError: A name in ``ignore_pairs`` is neither a link nor a body of the robot, nor a surrounding.
