@@ -50,7 +50,7 @@ class IncrementBounds:
             upper: upper joint limits.
             velocity: rad/s or m/s.
             acceleration: rad/s² or m/s².
-            period: of the robot's clock, s.
+            period: period of the robot's clock, s.
             deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. If it is the tighter bound
                 it also limits acceleration, so that every speed that is reached can be braked.
             speed: share of the velocity that the lease allows.

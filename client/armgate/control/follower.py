@@ -32,10 +32,10 @@ class Situation:
     """Inputs of the follower at a tick of its robot.
 
     Attributes:
-        time: of the tick, s.
-        setpoint: its own, (n,), rad or m; start of (17).
+        time: time of the tick, s.
+        setpoint: setpoint of the robot, (n,), rad or m; start of (17).
         last: the increment that led to it, (n,).
-        q: measured, (n,).
+        q: measured position, (n,).
         target: p, newest measured position of the leader's tool (3,), m; None while it is unknown.
         target_time: time of that measurement, s, on the clock of `time`.
         distance: d_r, wanted view distance, m.
@@ -108,14 +108,12 @@ class Follower:
     """Camera law, prediction, on-line scheme and shaping combined.
 
     Args:
-        law: of the robot that carries the camera.
-        bounds: of its increments, as the gate applies them.
-        period: of its clock, s.
+        law: law of the robot that carries the camera.
+        bounds: bounds of its increments, as the gate applies them.
+        period: period of its clock, s.
         ahead: time after `Situation.time` at which an increment shows in the measured position, s: the delay
             of the loop (one period if the robot moves at its next tick) and the lag of the robot
             (`predict.ramp_lag`).
-            s: the delay of the loop (one period where the robot moves at its next tick) and the lag of the
-            robot (`predict.ramp_lag`).
         scheme: parameters of the integration of (16).
         predictor: predictor of the target; by default with velocity and acceleration.
         stale: age beyond which a target is lost, s: the follower comes to rest.

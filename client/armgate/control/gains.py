@@ -20,7 +20,7 @@ class Gains:
         distance: k of (14), 1/(m·s)·rad, per metre of distance error and metre of lever.
         roll: k_c of (15), 1/s.
         repulsion: η, the strength of (12). The paper leaves it at 1, with other radii.
-        reach: ρ0 of (12), m. Bounding spheres farther than this from each other do not push.
+        reach: ρ0 of (12), m. Bounding spheres further apart than this do not repel.
         own_repulsion: η between spheres of the robot's own segments.
         own_reach: ρ0 between them, m.
         contact: lower bound of d in (12), m: a pair that touches or overlaps is pushed apart by a finite

@@ -2,7 +2,7 @@
 
     q̇ = −k_p J_w⁺ Ψ + (I − J_w⁺ J_t) W⁻¹ F,   J_w⁺ = W⁻¹ J_tᵀ S⁻¹,   S = J_t W⁻¹ J_tᵀ        (9), (7)
 
-needs neither projector nor pseudoinverse written out: collecting terms, q̇ = W⁻¹ (F + J_tᵀ λ) with the two
+needs no explicit projector and no explicit pseudoinverse: collecting terms, q̇ = W⁻¹ (F + J_tᵀ λ) with the two
 unknowns λ = S⁻¹ (Ψ̇ − J_t W⁻¹ F) and the wanted Ψ̇ = −k_p Ψ. With J_t and F stacked as M = [J_t; F], the
 one product M W⁻¹ Mᵀ holds both S and J_t W⁻¹ F, and q̇ = [λ; 1]ᵀ M W⁻¹.
 """
@@ -52,9 +52,9 @@ def limited_gradient(
 
     Args:
         M: as in `weighted_gradient`.
-        rate: as there.
+        rate: as in `weighted_gradient`.
         down: the diagonal of W⁻¹ for joints that go down, (n,), each in [0, 1].
-        up: for those that go up.
+        up: the same for joints that go up.
         steepness: as in `weighted_gradient`.
     """
     w = np.maximum(down, up)

@@ -3,7 +3,6 @@
 Each kernel names the function that it repeats, whose docstring explains the formulas. `compiled.py` calls the
 kernels, and tests/control/test_compiled.py compares both forms. All kernels are in one file because numba's
 cache tracks only the file of the function that it compiled: a change in here causes a new compilation.
-that it compiled: what changes here is compiled anew.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 pinocchio itself takes almost no time; asking it for results one by one does. So each sphere becomes a frame
 of our own copy of the model, one call places them all, and the arrays that pinocchio writes into are bound
 once and remain valid.
-once: they stay live.
 """
 
 from __future__ import annotations

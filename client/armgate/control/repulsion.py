@@ -5,7 +5,6 @@
 is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the
 negative gradient of the potential η/2 (1/d − 1/ρ0)². As printed, (12) changes sign with d and would pull
 overlapping bodies together: d is bounded below by a contact distance, and φ is bounded above.
-together: d is taken as no less than a contact distance, and φ as no more than a cap.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ ROUNDS = 4
 DAMPING = 1e-6
 
 
-# Share of the joints' joint effect with which the angle is braked; the joints also have limits of their own
-# to meet. With 0.7, as for each joint, 1 of 80 approaches swept past the target, with 0.35 none of 160.
+# Share of the combined effect of all joints with which the angle is braked; the joints must meet limits of
+# their own. With 0.7, as for each joint, 1 of 80 approaches swept past the target, with 0.35 none of 160.
 RESERVE = 0.35
 
 
@@ -92,8 +92,8 @@ def corrected(dq: Vector, missing: V2, J_t: Vector, low: Vector, high: Vector) -
         dq: within the bounds, (n,).
         missing: the change of Ψ, (2).
         J_t: ∂Ψ/∂q at dq, (2, n).
-        low: bounds of the increment, (n,).
-        high: the same, upper.
+        low: lower bounds of the increment, (n,).
+        high: upper bounds of the increment, (n,).
     """
     mobility, e = (high - low) ** 2, np.array(missing)
     floor = DAMPING * float((J_t * J_t * mobility).sum()) * np.eye(2)

@@ -1,1 +1,1 @@
-"""Pictures of manipulability ellipsoids along a motion."""
+"""``armgate ellipsoid``: pictures of manipulability ellipsoids along a motion."""

@@ -1,1 +1,1 @@
-"""``armgate follow``: keeps one robot's camera on another robot's tool."""
+"""``armgate follow``: keep one robot's camera on another robot's tool."""

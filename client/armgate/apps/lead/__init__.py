@@ -1,1 +1,1 @@
-"""``armgate lead``: drives one robot along a recorded path, or by hand."""
+"""``armgate lead``: drive one robot along a recorded path, by hand, or towards another robot."""

@@ -142,7 +142,8 @@ def run(
 
     Raises:
         UsageError: There is no such robot, frame or row, or the motion cannot be written.
-        ClientError: The lease was refused or lost, the robot stopped, or the daemon is gone.
+        AppError: The target was not reached; the robot is at rest.
+        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
     """
     arm = build(cell, robot, goal)
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])

@@ -1,1 +1,1 @@
-"""``armgate sessions``: lists the sessions of a daemon, and ends one of them."""
+"""``armgate sessions``: list the sessions of a daemon, or end one."""

@@ -1,1 +1,1 @@
-"""``armgate zoom``: changes the wanted view distance as an operator would."""
+"""``armgate zoom``: change the wanted view distance as an operator would."""

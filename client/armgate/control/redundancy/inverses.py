@@ -20,7 +20,7 @@ def pseudoinverse(J: ArrayLike, tolerance: float = TOLERANCE) -> Array:
     """Return J⁺ (n, m), the Moore-Penrose inverse (slide 10).
 
     Raises:
-        ValueError: if J is no matrix of finite numbers.
+        ValueError: if J is not a matrix of finite numbers.
     """
     parts = spaces(J, tolerance)
     inverse: Array = (parts.row_space / parts.sigma[: parts.rank]) @ parts.range.T

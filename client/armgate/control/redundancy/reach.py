@@ -9,7 +9,6 @@ Jᵀ·error = 0, but its path bends, and it is slow along short axes of the velo
 A joint at a limit is locked if q̇ would push against the limit: its column of J becomes zero, and q̇ is
 computed again, so that the other joints take over its part. If it were only clamped, its part would be
 missing.
-anew: the other joints do its part. Clamped only, it would leave the task undone.
 """
 
 from collections.abc import Callable, Sequence
