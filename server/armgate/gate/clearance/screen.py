@@ -174,13 +174,17 @@ class _Table:
         return np.asarray(-reach[: len(mine)] - reach[len(mine) :])
 
     def _reach(self, bodies: Index, n: Array) -> Array:
-        """Return the largest n·x over all positions that each body may pass, (P,)."""
+        """Return the largest n·x over all positions that each body may pass, (P,).
+
+        The compiled form is ``kernels._reach``.
+        """
         local = np.einsum("mpji,pj->mpi", self._R.take(bodies, axis=1), n)
         along = support(self._rows[bodies], local) + self._deviation.take(bodies, axis=1)
         along += np.einsum("mpj,pj->mp", self._t.take(bodies, axis=1), n)
         return np.asarray(along.max(axis=0))
 
     def _write(self, robot: int, swept: Sequence[Swept]) -> None:
+        """Write the occupancies of a robot to its rows. The compiled form is ``kernels.hold``."""
         mine, row = self._own[robot], 0
         self._make_room(sum(len(s.nodes) for s in swept))
         for s in swept:
