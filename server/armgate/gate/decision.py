@@ -25,7 +25,7 @@ BUDGET = 32
 """Engine evaluations that one command may cost."""
 
 _OUTSIDE_LIMITS = Binding(-1, 0.0, 0.0, None)
-"""Stands for a joint outside its limits, which binds instead of a pair."""
+"""Placeholder for a joint outside its limits, which binds instead of a pair."""
 
 _TRIALS = 2
 _SECANT = 0.98
@@ -46,7 +46,7 @@ class Decision:
 
 
 class DecisionMaker:
-    """Decides about increments; its only state are the floors and turns of retreats."""
+    """Decision maker of one cell; its only state are the floors and turns of retreats."""
 
     def __init__(self, clearance: Clearance, response: str) -> None:
         self._clearance = clearance

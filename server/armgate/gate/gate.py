@@ -50,7 +50,7 @@ _GAP_RATE = 1000
 
 
 class Gate:
-    """Decides about commands, and keeps the invariant over all events.
+    """Safety gate of one cell: decides about commands, and keeps the invariant over all events.
 
     Args:
         cell: The cell.

@@ -20,7 +20,7 @@ ROUNDING = 1e-12
 _BISECTIONS = 24
 
 _Box = Callable[[int], tuple[float, float]]
-"""Returns the lowest and the highest increment of a joint."""
+"""Function that returns the lowest and the highest increment of a joint."""
 
 
 @dataclass(frozen=True, slots=True)

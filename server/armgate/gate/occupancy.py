@@ -82,7 +82,7 @@ def occupancy(
 def settle_measured(
     q: Joints, held: Sequence[Occupancy], tolerance: float, lag_tube: Joints = ()
 ) -> Joints | None:
-    """Return the measured position to go on with; None if no held occupancy explains the measurement.
+    """Return the measured position to continue with; None if no held occupancy explains the measurement.
 
     The robot is inside the proven cover (which begins at a measurement too), and the measurement is within
     the rounding of the robot. A position is admissible if each of its joints is within ``lag_tube`` and

@@ -18,7 +18,7 @@ _BUDGET = 64
 
 
 class Reservations:
-    """Keeps the robots' reserved occupancies and the bounds that are proven of them in step."""
+    """Reserved occupancies of all robots, in step with the bounds that are proven for them."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
@@ -54,7 +54,7 @@ class Reservations:
             self._clearance.bound.put(s.index, staged)
 
     def drop_pending(self, s: RobotState) -> None:
-        """Drop the pending plan, which the link has not taken.
+        """Drop the pending plan, which the link has not accepted.
 
         The bounds stay at the lower of both, which holds for the old plan too.
         """

@@ -282,7 +282,7 @@ class RobotState:
     # --- ticks ---------------------------------------------------------------------------------------------
 
     def take_tick(self, event: Tick, settled: Joints) -> None:
-        """Take a tick into the state; ``settled`` is the measured q to go on with."""
+        """Take a tick into the state; ``settled`` is the measured q to continue with."""
         self._remember(event)
         self.changed, self.still = min(self.changed, event.time), self.still + 1
         if self.tick >= 0 and not same(event.setpoint, self.setpoint):

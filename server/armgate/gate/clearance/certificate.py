@@ -44,7 +44,7 @@ class Proof:
 
 
 class Certifier:
-    """Queries the engines and proves lower bounds with their directions."""
+    """Certifier: queries the engines and proves lower bounds with their directions."""
 
     def __init__(self, cell: Cell) -> None:
         shapes = tuple(b.shape for b in cell.bodies)

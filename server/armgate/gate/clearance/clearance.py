@@ -49,7 +49,7 @@ class ClearanceResult:
 
 
 class Clearance:
-    """Keeps the bounds proven of the held occupancies, and checks new occupancies.
+    """Clearance of one cell: keeps the bounds of the held occupancies, and checks new occupancies.
 
     Args:
         cell: The cell.

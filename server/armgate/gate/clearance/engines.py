@@ -37,7 +37,7 @@ class Suggestion:
 
 
 class Engine(Protocol):
-    """Suggests the direction in which two bodies are farthest apart."""
+    """Distance engine: suggests the direction in which two bodies are farthest apart."""
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Query bodies ``a`` and ``b`` (indices) at poses (R, t) in one common frame."""

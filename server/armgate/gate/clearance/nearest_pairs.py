@@ -25,7 +25,7 @@ _REFRESHES = 64
 
 
 class NearestPairs:
-    """Finds the nearest pairs of one robot at a time, and keeps the directions that it finds."""
+    """Nearest pairs of one robot at a time; the directions that are found are kept."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance

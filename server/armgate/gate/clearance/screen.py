@@ -70,7 +70,7 @@ def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
 
 
 class Screen:
-    """Lowers the kept bounds of a robot's pairs, and tries the kept directions of pairs that fall too low.
+    """Numpy screen: lowers a robot's kept bounds, and tries the kept directions of pairs that fall too low.
 
     Args:
         space: The cell's bodies.

@@ -28,7 +28,7 @@ from armgate.gate.occupancy import Occupancy
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Place = Callable[[int, ArrayLike], tuple[Array, Array]]
-"""Returns the placements of a robot's bodies at q, R (nb, 3, 3) and t (nb, 3)."""
+"""Function that returns the placements of a robot's bodies at q, R (nb, 3, 3) and t (nb, 3)."""
 
 _KEPT = 8
 
@@ -40,7 +40,7 @@ class Swept:
     Attributes:
         nodes: Joint positions, (m, n).
         tube: e, (n,).
-        place: Returns the bodies' placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3).
+        place: Function that returns the placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3).
         motion: R_j of each body, (nb, n).
         bend: G_ij of each body, (nb, n, n).
     """
@@ -126,7 +126,7 @@ class Space:
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
 
     def fit(self, robot: int, nodes: Sequence[Joints], margin: float) -> bool:
-        """Compute a robot's motion bounds anew if it may be outside of their range; return True if so.
+        """Compute a robot's motion bounds anew if it may be outside their range; return True if so.
 
         Args:
             robot: Its index.
