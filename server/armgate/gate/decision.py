@@ -7,6 +7,7 @@ u = u_b + β(u_wanted − u_b), where u_b is the next braking increment of the h
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal, assert_never
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from armgate.gate.joint_limits import LimitedIncrement, blend, limit_increment, 
 from armgate.gate.occupancy import Occupancy
 from armgate.gate.retreat import Requirements, Retreat
 from armgate.gate.robot import RobotState
+
+Response = Literal["stop", "slow"]
 
 BUDGET = 32
 """Engine evaluations that one command may cost."""
@@ -48,10 +51,16 @@ class Decision:
 class DecisionMaker:
     """Decision maker of one cell; its only state are the floors and turns of retreats."""
 
-    def __init__(self, clearance: Clearance, response: str) -> None:
+    def __init__(self, clearance: Clearance, response: Response) -> None:
         self._clearance = clearance
         self._retreat = Retreat(clearance)
-        self._slow = response == "slow"
+        match response:
+            case "stop":
+                self._slow = False
+            case "slow":
+                self._slow = True
+            case _:
+                assert_never(response)
 
     def decide(self, dq: Joints, state: RobotState, states: list[RobotState]) -> Decision:
         """Decide about the increment ``dq`` of a command that passed the checks."""

@@ -277,11 +277,15 @@ class Gate:
     def _link_change(self, event: LinkChange) -> list[GateOutput]:
         s = self._of(event.robot)
         s.link = event.state
-        if event.state not in (LinkState.LOST, LinkState.FAULTED):
-            return []
-        s.untracked = True
-        reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
-        return [self._raise_stop([s], reason, "gate", LINK)]
+        match event.state:
+            case LinkState.WAITING | LinkState.READY:
+                return []
+            case LinkState.LOST | LinkState.FAULTED:
+                s.untracked = True
+                reason = f"the link to {s.name} is {event.state.value}: {event.reason}"
+                return [self._raise_stop([s], reason, "gate", LINK)]
+            case _:
+                assert_never(event.state)
 
     def _fault(self, s: RobotState, reason: str, off_path: float) -> list[GateOutput]:
         """Stop a robot that is not where it can be, and the robots whose stop paths may now meet it.

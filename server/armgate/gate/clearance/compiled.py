@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal, assert_never
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -170,11 +170,21 @@ def _pack_joints(model: RobotModel) -> Records:
     for i, joint in enumerate(model.joints):
         placement = model.pin_model.jointPlacements[i + 1]
         subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
-        slides = joint.kind == "prismatic"
+        slides = _slides(joint.kind)
         joints[i]["R"], joints[i]["t"] = placement.rotation, placement.translation
         joints[i]["axis"] = subspace[:3] if slides else subspace[3:]
         joints[i]["slides"], joints[i]["parent"] = slides, model.parents[i]
     return joints
+
+
+def _slides(kind: Literal["revolute", "prismatic"]) -> bool:
+    match kind:
+        case "revolute":
+            return False
+        case "prismatic":
+            return True
+        case _:
+            assert_never(kind)
 
 
 def _pack_bodies(space: Space) -> Records:
