@@ -73,7 +73,7 @@ class Clip(NamedTuple):
     begin: float
     end: float
     faster: float
-    says: str
+    title: str
 
 
 CLIPS = (
@@ -103,7 +103,7 @@ def main(folder: Path, *names: str) -> None:
 
 
 def animation(file: Path) -> None:
-    """The four experiments, one after the other."""
+    """Write the four experiments, one after the other."""
     frames: list[Image.Image] = []
     fork_server = ForkServer()
     fork_server.warm()
@@ -134,7 +134,7 @@ def _trial(clip: Clip) -> Trial:
 
 
 def _quiet(_watch: object) -> None:
-    """Shows nothing."""
+    """Show nothing."""
 
 
 def _frames(clip: Clip, run: Path) -> Iterator[Image.Image]:
@@ -165,7 +165,7 @@ def _frames(clip: Clip, run: Path) -> Iterator[Image.Image]:
 
 
 def _looking(eye: tuple[float, float, float], at: tuple[float, float, float]) -> Placement:
-    """A camera there: z ahead, x up."""
+    """Return the pose of a camera at one point that looks at another: z ahead, x up."""
     z = np.subtract(at, eye)
     z /= np.linalg.norm(z)
     right = np.cross(z, [0.0, 0.0, 1.0])
@@ -182,7 +182,7 @@ def _composed(outside: Any, inside: Any, clip: Clip, state: State, time: float) 
     picture.paste(inset, (left, top))
     draw.text((left + 6, top + 4), "what the camera sees", font=_font(11), fill=(30, 34, 40))
     draw.rectangle((0, 0, WIDTH, 44), fill=(255, 255, 255, 170))
-    draw.text((12, 5), clip.says, font=_font(15), fill=(20, 24, 30))
+    draw.text((12, 5), clip.title, font=_font(15), fill=(20, 24, 30))
     faster = "" if clip.faster == 1.0 else f", {clip.faster:g} times faster"
     draw.text((12, 25), f"{time:4.1f} s{faster}   {_figures(state)}", font=_font(12), fill=(70, 76, 84))
     return picture
@@ -195,18 +195,20 @@ def _small(picture: Any) -> Image.Image:
 
 
 def _figures(state: State) -> str:
-    told = []
+    parts = []
     if (angle := state.signals.get("follow.angle_error")) is not None:
-        told.append(f"angle error {np.degrees(angle.value[0]):.2f}°")
+        parts.append(f"angle error {np.degrees(angle.value[0]):.2f}°")
     if (distance := state.signals.get("follow.distance_error")) is not None:
-        told.append(f"distance error {1000 * distance.value[0]:+.0f} mm")
-    near = [near.distance for entry in state.entries for near in entry.nearest or () if _strangers(near.pair)]
+        parts.append(f"distance error {1000 * distance.value[0]:+.0f} mm")
+    near = [
+        near.distance for entry in state.entries for near in entry.nearest or () if _of_two_robots(near.pair)
+    ]
     if near:
-        told.append(f"clearance at least {1000 * min(near):.0f} mm")
-    return "   ".join(told)
+        parts.append(f"clearance at least {1000 * min(near):.0f} mm")
+    return "   ".join(parts)
 
 
-def _strangers(pair: tuple[str, str]) -> bool:
+def _of_two_robots(pair: tuple[str, str]) -> bool:
     a, b = (name.partition("/")[0] for name in pair)
     return a != b
 
@@ -279,7 +281,7 @@ def _photograph(tab: Any) -> Image.Image:
 
 
 def _at_work(address: str) -> None:
-    """Waits until the follower has followed for some seconds."""
+    """Wait until the follower has followed for some seconds."""
     with connect(address, name="pictures", role="observer") as cell:
         cell.subscribe(every=10)
         since = None

@@ -131,7 +131,9 @@ def readme_program() -> str:
 def _daemon() -> Iterator[str]:
     """Run a daemon of the working tree and yield its address."""
     command = [sys.executable, "-m", "armgate.apps", "serve", "configs/demo.yaml", "--port", "0"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as daemon:  # noqa: S603
+    with subprocess.Popen(  # noqa: S603
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as daemon:
         assert daemon.stdout is not None
         try:
             line = daemon.stdout.readline()

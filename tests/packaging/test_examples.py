@@ -1,4 +1,4 @@
-"""What the documents show is real: configurations load, programs are Python, files in commands exist."""
+"""The examples in the documents are valid: configurations load, programs are Python, named files exist."""
 
 import ast
 import re
@@ -26,7 +26,7 @@ def python_blocks() -> Iterator[object]:
             yield pytest.param(block, id=f"{path.stem}-{number}")
 
 
-def test_the_cell_in_the_documents_can_be_built(tmp_path: Path) -> None:
+def test_the_cell_of_the_configuration_page_can_be_built(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "configs" / "robots", tmp_path / "robots")
     whole, *overlays = blocks(ROOT / "docs" / "configuration.md", "yaml")
     files = []

@@ -13,7 +13,7 @@ PACKAGES = sorted(
 
 
 @pytest.mark.parametrize("portion", PORTIONS, ids=lambda path: path.parent.name)
-def test_no_portion_hides_the_others(portion: Path) -> None:
+def test_a_portion_of_the_namespace_holds_packages_only(portion: Path) -> None:
     assert portion.is_dir()
     stray = sorted(path.name for path in portion.iterdir() if path.is_file())
     assert stray == [], (
@@ -21,7 +21,7 @@ def test_no_portion_hides_the_others(portion: Path) -> None:
     )
 
 
-def test_no_package_name_is_taken_twice() -> None:
+def test_package_names_are_unique() -> None:
     names = [package.name for package in PACKAGES]
     assert len(names) == len(set(names)), "two portions hold the same package: one of them is never imported"
 
@@ -42,6 +42,6 @@ def test_each_package_is_under_an_import_rule(package: Path) -> None:
     assert f"armgate.{package.name}" in sources.split(), f"name armgate.{package.name} in .importlinter"
 
 
-def test_tests_are_no_packages() -> None:
+def test_test_folders_are_not_packages() -> None:
     strays = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("__init__.py"))
     assert strays == [], "tests are imported by path (importmode importlib), so they need no __init__.py"

@@ -1,4 +1,4 @@
-"""What a controller's machine needs works where the cell's libraries and the plots are not installed."""
+"""The SDK and the command line work without the libraries of the cell and of the plots."""
 
 import subprocess
 import sys
@@ -45,7 +45,7 @@ def test_the_blocker_blocks() -> None:
         "armgate.conformance.run",
     ],
 )
-def test_it_imports_without_the_cells_libraries(module: str) -> None:
+def test_a_module_for_controllers_imports_without_the_cells_libraries(module: str) -> None:
     done = run_light(f"import {module}")
     assert done.returncode == 0, done.stderr
 

@@ -1,4 +1,4 @@
-"""The tests give the same results under every parent: a terminal, nohup, a shell's background."""
+"""Tests give the same results under every parent: a terminal, nohup, the background of a shell."""
 
 import os
 import signal
@@ -14,11 +14,11 @@ SAME = f"{Path(__file__).relative_to(ROOT)}::test_children_of_tests_ignore_no_si
 
 
 def test_children_of_tests_ignore_no_signal() -> None:
-    told = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
-    assert told.stdout == "False False\n"
+    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
+    assert probe.stdout == "False False\n"
 
 
-def test_nor_do_they_under_a_parent_that_ignores_hangup_and_interrupt() -> None:
+def test_children_of_tests_ignore_no_signal_if_the_parent_ignores_hangup_and_interrupt() -> None:
     def ignore() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
         signal.signal(signal.SIGINT, signal.SIG_IGN)

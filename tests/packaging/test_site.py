@@ -1,4 +1,4 @@
-"""The site of the documentation: links, diagrams, navigation, and the check of what was built."""
+"""The site of the documentation: links, diagrams, navigation, and the check of the built pages."""
 
 import re
 from pathlib import Path

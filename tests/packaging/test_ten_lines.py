@@ -1,4 +1,4 @@
-"""The controller that the README shows, word for word, drives a robot of a real daemon."""
+"""The controller in the README, word for word, drives a robot of a real daemon."""
 
 import re
 import signal
@@ -50,7 +50,7 @@ def daemon_address() -> Iterator[str]:
     assert daemon.returncode == 0, log
 
 
-def test_the_documents_show_one_controller() -> None:
+def test_readme_and_guide_show_the_same_controller() -> None:
     program = ten_lines("README.md")
     assert program == ten_lines("docs/controllers.md")
     assert len([line for line in program.splitlines() if line.strip()]) <= 10

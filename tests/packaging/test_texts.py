@@ -1,4 +1,4 @@
-"""The texts beside the code: the changelog knows the version, links lead somewhere, no machine shows."""
+"""Changelog, links and paths in the texts: the version is listed, links resolve, no path names a machine."""
 
 import re
 import tomllib
@@ -30,12 +30,12 @@ def written_files() -> Iterator[Path]:
 
 
 def prose(path: Path) -> str:
-    """The text of a Markdown file without its code blocks, which may hold anything."""
+    """Return the text of a Markdown file without its code blocks, which may contain anything."""
     return FENCED.sub("", path.read_text(encoding="utf-8"))
 
 
 def anchors(path: Path) -> set[str]:
-    """The anchors that a Markdown file's headings make, by the rule of the usual forges."""
+    """Return the anchors of a Markdown file's headings, by the rule of the usual forges."""
     titles = (re.sub(r"[^\w\- ]", "", title.lower()) for title in HEADING.findall(prose(path)))
     return {title.replace(" ", "-") for title in titles}
 
@@ -51,7 +51,7 @@ def broken_links(path: Path) -> Iterator[str]:
             yield link
 
 
-def test_the_changelog_knows_the_version() -> None:
+def test_the_newest_entry_of_the_changelog_is_this_version() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     titles = re.findall(
         r"^## \[([^\]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
@@ -61,7 +61,7 @@ def test_the_changelog_knows_the_version() -> None:
 
 
 @pytest.mark.parametrize("path", MARKDOWN, ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_lead_somewhere(path: Path) -> None:
+def test_links_lead_to_files_and_anchors(path: Path) -> None:
     assert list(broken_links(path)) == []
 
 
@@ -73,14 +73,14 @@ def test_a_broken_link_is_found(tmp_path: Path) -> None:
     assert list(broken_links(page)) == ["#two", "no.svg"]
 
 
-def test_no_machines_paths() -> None:
+def test_files_contain_no_path_of_a_machine() -> None:
     found = []
     for path in written_files():
         text = path.read_bytes().decode("utf-8", errors="ignore")
         found += [f"{path.relative_to(ROOT)}: {match[0]}…" for match in MACHINE.finditer(text)]
-    assert found == [], "paths are relative to the repository, or given by whoever runs it"
+    assert found == [], "paths are relative to the repository, or arguments of a command"
 
 
-def test_a_machines_path_is_found() -> None:
+def test_a_path_of_a_machine_is_found() -> None:
     assert MACHINE.search("see " + "/".join(["", "home", "me", "cell.yaml"]))
     assert not MACHINE.search("docs/home/me and https://example.org/home/me")

@@ -1,4 +1,4 @@
-"""A wheel holds what the folders hold: all four portions, their data files, the licence and the commands."""
+"""A wheel contains all four portions with their data files, the licence and the commands, nothing else."""
 
 import subprocess
 import sys
@@ -43,18 +43,18 @@ def test_every_file_of_a_portion_is_in_the_wheel(wheel: zipfile.ZipFile, folder:
     assert files - set(wheel.namelist()) == set()
 
 
-def test_the_cells_of_the_demo_are_in_the_wheel(wheel: zipfile.ZipFile) -> None:
+def test_the_configurations_are_in_the_wheel(wheel: zipfile.ZipFile) -> None:
     assert "armgate/apps/configs/demo.yaml" in config_files()
     assert config_files() - set(wheel.namelist()) == set()
 
 
-def test_the_wheel_holds_nothing_else(wheel: zipfile.ZipFile) -> None:
+def test_the_wheel_contains_nothing_else(wheel: zipfile.ZipFile) -> None:
     ours = config_files().union(*map(source_files, FOLDERS))
     others = {name for name in wheel.namelist() if ".dist-info/" not in name} - ours
     assert others == set()
 
 
-def test_the_wheel_carries_licence_and_commands(wheel: zipfile.ZipFile) -> None:
+def test_the_wheel_contains_licence_and_commands(wheel: zipfile.ZipFile) -> None:
     info = f"armgate-{PROJECT['version']}.dist-info"
     assert "Apache License" in wheel.read(f"{info}/licenses/LICENSE").decode()
     points = wheel.read(f"{info}/entry_points.txt").decode()
@@ -64,7 +64,7 @@ def test_the_wheel_carries_licence_and_commands(wheel: zipfile.ZipFile) -> None:
 
 def test_the_wheel_imports_without_the_sources(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
     wheel.extractall(tmp_path)
-    # An editable install keeps the sources on the path: they would stand in for what the wheel lacks.
+    # An editable install keeps the sources on the path; they would hide files that the wheel lacks.
     sources = [str(ROOT / folder) for folder in FOLDERS]
     path = f"sys.path = [{str(tmp_path)!r}, *(p for p in sys.path if p not in {sources!r})]"
     modules = "armgate.protocol, armgate.client, armgate.cell.config, armgate.daemon, armgate.apps.cli"

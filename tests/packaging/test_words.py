@@ -1,4 +1,4 @@
-"""The lint of English finds what it is for, and passes plain sentences."""
+"""The lint of English finds bare clauses, idioms and long sentences, and passes plain sentences."""
 
 import subprocess
 import sys
