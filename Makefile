@@ -23,7 +23,7 @@ help:  ## list the commands
 	@echo
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo
-	@echo "ARGS are handed on:  make demo ARGS=\"--duration 10\"   make test ARGS=\"tests/protocol -x\""
+	@echo "ARGS are passed on:  make demo ARGS=\"--duration 10\"   make test ARGS=\"tests/protocol -x\""
 	@echo "PYTHON names the interpreter (3.11 or newer):  make install PYTHON=python3.12"
 
 install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the cell's libraries and the plots
@@ -47,7 +47,7 @@ endif
 test-all: test  ## run the daily tests and then the slow ones, a quarter of an hour
 	@$(PYTEST) -m slow
 
-lint: $(VENV)/.linted  ## check style, types and who imports whom
+lint: $(VENV)/.linted  ## check style, types and import rules
 	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \
 		echo "$$f: remove it; armgate is a namespace, and this file hides the other portions" >&2; exit 1; fi; done
 	@$(BIN)/ruff check .
@@ -96,13 +96,13 @@ coverage: $(VENV)/.system $(VENV)/.tested  ## run the tests and write what they 
 adversary: $(VENV)/.tested  ## attack the gate for STEPS commands: make adversary STEPS=1000000
 	@STEPS=$(STEPS) $(BIN)/python tests/gate/adversary.py
 
-certificates: $(VENV)/.tested  ## hold PAIRS proofs of distance against a second method
+certificates: $(VENV)/.tested  ## compare PAIRS proofs of distance with a second method
 	@PAIRS=$(PAIRS) $(BIN)/python tests/gate/certificates.py
 
 fuzz-meshes: $(VENV)/.tested  ## try RUNS mesh files of each format, half of them damaged: make fuzz-meshes RUNS=10000
 	@RUNS=$(RUNS) SEED=$(SEED) PYTHONPATH=tests $(BIN)/python tests/cell/mesh_fuzz.py
 
-mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests notice: make mutants MUTANTS=100
+mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests catch: make mutants MUTANTS=100
 	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)
 
 soak: $(VENV)/.tested  ## abuse the daemon for 10000 ticks, and watch its memory over 100000
@@ -117,16 +117,16 @@ bench-wire: $(VENV)/.installed  ## measure command to verdict against a bare ech
 bench-rsi: $(VENV)/.installed  ## measure a reply by RSI against a bare UDP echo
 	@$(BIN)/python benchmarks/bench_rsi.py $(ARGS)
 
-bench-record: $(VENV)/.installed  ## measure what recording costs the daemon's loop and the disk
+bench-record: $(VENV)/.installed  ## measure the cost of recording for the daemon's loop and the disk
 	@$(BIN)/python benchmarks/bench_record.py $(ARGS)
 
-bench-view: $(VENV)/.system $(VENV)/.tested  ## measure what a viewer with a browser costs the daemon, and what reaches the page
+bench-view: $(VENV)/.system $(VENV)/.tested  ## measure the cost of a viewer with a browser, and the states that reach its page
 	@$(BIN)/python benchmarks/bench_view.py $(ARGS)
 
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
 
-bench-monitor: $(VENV)/.installed  ## measure what the monitor costs, and whether ticks come later for it
+bench-monitor: $(VENV)/.installed  ## measure the cost of the monitor, and the delay of ticks by it
 	@$(BIN)/python benchmarks/bench_monitor.py $(ARGS)
 
 bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
