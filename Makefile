@@ -58,7 +58,7 @@ lint: $(VENV)/.linted  ## check style, types and import rules
 spec: $(VENV)/.installed  ## write the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)
 
-reference: $(VENV)/.viewed  ## write the reference pages and the map of packages from the code
+reference: $(VENV)/.installed  ## write the reference pages and the map of packages from the code
 	@$(BIN)/python -m tools.reference $(ARGS)
 	@$(BIN)/python -m tools.packages $(ARGS)
 
@@ -66,11 +66,12 @@ words: $(VENV)/.made  ## find idioms, bare clauses and long sentences: make word
 	@$(BIN)/python -m tools.words $(ARGS)
 
 docs: $(VENV)/.documented reference  ## build the documentation's site into build/site, without network
-	@$(VENV)/docs/bin/python -m mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/python -m mkdocs build --quiet --strict
+	@$(BIN)/python -m tools.site.check build/site
 	@echo "armgate: open build/site/index.html"
 
 docs-serve: $(VENV)/.documented  ## show the site on this machine, and renew it while pages change
-	@$(VENV)/docs/bin/python -m mkdocs serve
+	@NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/python -m mkdocs serve
 
 pictures: $(VENV)/.system $(VENV)/.tested  ## draw the pictures: the viewer's page, the experiments, the map of packages
 	@$(BIN)/python -m tools.pictures docs
