@@ -52,7 +52,8 @@ class DiagramError(ValueError):
 
 def drawn(markdown: str) -> str:
     """Return a page whose Mermaid blocks are replaced by SVG."""
-    return _BLOCK.sub(lambda match: f'<div class="diagram">{svg(parsed(match[1]))}</div>', markdown)
+    begin, end = '<div class="diagram" data-search-exclude>', "</div>"
+    return _BLOCK.sub(lambda match: begin + svg(parsed(match[1])) + end, markdown)
 
 
 def parsed(text: str) -> Diagram:
