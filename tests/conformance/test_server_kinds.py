@@ -16,7 +16,7 @@ from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, query_server
 from armgate.conformance.wire_log import WireLog
 from armgate.daemon.auth import tokens
-from armgate.daemon.auth.access import Keys
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.tls import server_context
 from conformance.conftest import CONFIGS, another, serving
 from support.certificates import Authority

@@ -353,7 +353,7 @@ async def test_a_token_can_be_written_to_a_file_that_only_its_user_can_read(tmp_
         "token", "--role", "observer", "--name", "b", "--file", tmp_path / "tokens", "--out", out
     )
     assert status == 2
-    assert "it is there already" in err
+    assert "the file exists" in err
     assert "b" not in (json.loads(line)["name"] for line in (tmp_path / "tokens").read_text().splitlines())
 
 
@@ -575,7 +575,7 @@ async def test_on_a_unix_socket_the_kernel_tells_who_a_client_is(tmp_path, conne
         assert cell.welcome.role == role
         assert len(await done(cell.urdf("A"))) > 1000
         await done(cell.close())
-        with pytest.raises(Rejected, match=f"user {os.getuid()} may come in as {role} at most"):
+        with pytest.raises(Rejected, match=f"user {os.getuid()} may connect as {role} at most"):
             await connect(address, "me", more)
         with pytest.raises(BadArgument, match="speaks no TLS"):
             await connect(address, "me", role, tls=True)

@@ -1,13 +1,15 @@
-"""Token bucket: an allowance that time refills. It bounds rates."""
+"""Token bucket: a bound on rates. Its tokens have nothing to do with the tokens of clients."""
 
 
 class TokenBucket:
-    """Allow a burst at once, and a rate on average.
+    """Allows a burst at once, and a rate on average.
+
+    The bucket holds tokens, up to ``burst``; it gains ``rate`` tokens per second, and each event takes one.
 
     Args:
-        rate: How fast it refills, per s.
-        burst: How much it holds; it begins full.
-        now: The time, s, of any clock that does not go back.
+        rate: Tokens gained per second.
+        burst: Tokens that it can hold; it begins full.
+        now: Time of a clock that does not go back, s.
     """
 
     __slots__ = ("_burst", "_left", "_rate", "_time")
@@ -19,7 +21,7 @@ class TokenBucket:
         self._time = now
 
     def take(self, now: float) -> bool:
-        """Take one if there is one."""
+        """Take one token; return False if there is none."""
         self._refill(now)
         if self._left < 1.0:
             return False
@@ -27,25 +29,25 @@ class TokenBucket:
         return True
 
     def reserve(self, now: float) -> float:
-        """Take one in any case; return how long to wait until it is there, s.
+        """Take one token in any case; return the time to wait until the bucket has gained it, s.
 
-        Waits add up, so many clients that share a bucket are served one after the other.
+        Waits add up, so clients that share a bucket are served one after the other.
         """
         self._refill(now)
         self._left -= 1.0
         return max(0.0, -self._left / self._rate)
 
     def spend(self, count: float) -> None:
-        """Take some, also if there are fewer: the next ones wait for it."""
+        """Take tokens even if there are fewer: later events wait for them."""
         self._left -= count
 
     def wait(self, now: float) -> float:
-        """Return how long until there is one, s; 0 if there is one now."""
+        """Return the time until there is a token, s; 0 if there is one now."""
         self._refill(now)
         return max(0.0, (1.0 - self._left) / self._rate)
 
     def full(self, now: float) -> bool:
-        """Return True if nothing of the burst is used: a new bucket would do the same."""
+        """Return True if the bucket is full, and so the same as a new one."""
         self._refill(now)
         return self._left >= self._burst
 

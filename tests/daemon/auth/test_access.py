@@ -364,7 +364,7 @@ def test_a_token_is_of_no_use_after_its_time():
     access = Access(t.Tokens([made.token]), FailureLog(9, 9, 0.0), house.log, wall=wall.__next__)
     hello = m.Hello(versions=(1,), name="x", token=made.secret)
     assert access.admit(hello, Slot(HERE), 0.0).token == made.token
-    with pytest.raises(RemoteProtocolError, match="asks for a token"):
+    with pytest.raises(RemoteProtocolError, match="requires a token"):
         access.admit(hello, Slot(HERE), 0.0)
     assert house.lines()[-1]["why"] == "expired"
 

@@ -27,7 +27,7 @@ async def test_after_a_file_that_cannot_be_read_it_is_read_again(error):
     log = Log(stream)
     rereading = Reloader([ReloadSource("tokens", read, lambda new: used.append(new) or {})], log)
     for left in (1, 0):
-        rereading.ask()
+        rereading.request()
         await until(lambda: rereading._task is None, turns=10**7)
         assert len(found) == left
     log.close()
@@ -42,7 +42,7 @@ async def test_after_a_defect_it_can_be_asked_again():
     source = ReloadSource("tokens", lambda: "new", lambda new: used.append(new) or used.index("other"))
     rereading = Reloader([source], log)
     for count in (1, 2):
-        rereading.ask()
+        rereading.request()
         with pytest.raises(ValueError, match="not in list"):
             await rereading._task
         assert len(used) == count

@@ -9,7 +9,7 @@ import pytest
 
 from armgate import events
 from armgate.cell.cell import build_cell
-from armgate.daemon.auth.access import Keys
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.tokens import Tokens
 from armgate.daemon.lifecycle.daemon import Daemon
 from armgate.daemon.lifecycle.phase import TRANSITIONS, Lifetime, Phase, PhaseEvent

@@ -88,7 +88,7 @@ def test_a_thousand_idle_connections_keep_nobody_out_and_cost_no_threads_or_desc
 
 
 def test_a_connection_that_asks_nothing_is_closed_in_time(port, monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 0.1)
+    monkeypatch.setattr(module, "_TIMEOUT", 0.1)
     with socket.create_connection(("127.0.0.1", port), PATIENCE) as sock:
         assert sock.recv(1) == b""
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from armgate.cell.config import ServerConfig
-from armgate.daemon.auth.access import Keys
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.tokens import Tokens, make
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
 from armgate.daemon.sessions.login import Login

@@ -1,10 +1,10 @@
-"""Addresses: which the daemon may listen on, and whose a connection is."""
+"""Addresses: loopback, and the origin that a connection counts for."""
 
 import ipaddress
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach this address."""
+    """Return True if only this machine can reach this address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -12,7 +12,7 @@ def is_loopback(host: str) -> bool:
 
 
 def origin(host: str) -> str:
-    """Who is counted as one: an IPv4 address, or an IPv6 network of 64 bits, of which a host has all."""
+    """Return the origin of an address: the IPv4 address, or the IPv6 network of 64 bits of one host."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

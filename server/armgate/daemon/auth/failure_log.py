@@ -1,7 +1,7 @@
-"""Failed logins and refused connections: how many are logged one by one, from one address and in all.
+"""Log of failed logins and refused connections, bounded per origin and in all.
 
-Guessing a token is hopeless (2^256), so failures close no door: a right token is accepted whatever else comes
-from its address. What failures cost is lines of the log; these are bounded here.
+To guess a token is hopeless (2^256 values), so failures block nothing: a right token is accepted whatever
+else comes from its address. Failures only cost lines of the log, and these are bounded here.
 """
 
 from collections import OrderedDict
@@ -10,16 +10,18 @@ from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 
 _REMEMBERED = 1024
+"""Origins that are remembered; the one whose last failure is oldest is forgotten first."""
+
 _MINUTE = 60.0
 
 
 class FailureLog:
-    """Counts failures.
+    """Counts failures, and logs some of them.
 
     Args:
-        in_all: Failures per minute that are logged, on average and at once.
+        in_all: Failures that are logged per minute, on average and at once.
         per_origin: The same for one origin.
-        now: The time, s, of any clock that does not go back.
+        now: Time of a clock that does not go back, s.
     """
 
     def __init__(self, in_all: float, per_origin: float, now: float) -> None:
@@ -29,10 +31,8 @@ class FailureLog:
         self._unlogged = 0
 
     def failed(self, origin: str, now: float) -> int | None:
-        """Count a failure; return how many before it were not logged, or None if it is not logged either."""
-        bucket = self._failing.pop(origin, None) or TokenBucket(
-            self._per_origin / _MINUTE, self._per_origin, now
-        )
+        """Count a failure; return how many before it were not logged, or None if it is not to be logged."""
+        bucket = self._failing.pop(origin, None) or self._new_bucket(now)
         self._failing[origin] = bucket
         while len(self._failing) > _REMEMBERED:
             self._failing.popitem(last=False)
@@ -43,8 +43,11 @@ class FailureLog:
         return None
 
     def note(self, log: Log, event: str, origin: str, now: float, **fields: object) -> None:
-        """Count a failure and log it as a warning, unless too many were logged already."""
+        """Count a failure, and log it as a warning unless too many were logged before."""
         unlogged = self.failed(origin, now)
         if unlogged is not None:
             more = {"unlogged": unlogged} if unlogged else {}
             log.warning(event, origin=origin, **fields, **more)
+
+    def _new_bucket(self, now: float) -> TokenBucket:
+        return TokenBucket(self._per_origin / _MINUTE, self._per_origin, now)

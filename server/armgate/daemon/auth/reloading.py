@@ -1,4 +1,4 @@
-"""Files that are read again while the daemon runs: tokens and certificates."""
+"""Reloading of tokens and certificates while the daemon runs."""
 
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
@@ -12,12 +12,12 @@ from armgate.links.log import Log
 
 @dataclass(frozen=True, slots=True)
 class ReloadSource:
-    """Something that is read again.
+    """A source that can be read again.
 
     Attributes:
-        name: What it is, for the log.
+        name: Its name in the log.
         read: Reads it; called in a thread.
-        use: Uses it from now on; returns what the log shall say of it.
+        use: Uses the result from now on; returns fields for the log.
     """
 
     name: str
@@ -26,35 +26,35 @@ class ReloadSource:
 
 
 class Reloader:
-    """Reads files again when asked, beside the ticks; what cannot be read changes nothing.
+    """Reads sources again on request, without delaying ticks; a source that cannot be read changes nothing.
 
     Args:
-        sources: What is read, one after the other.
-        log: Where it is logged what became of them.
+        sources: Sources, read one after the other.
+        log: Receives the result of each.
     """
 
     def __init__(self, sources: Sequence[ReloadSource], log: Log) -> None:
         self._sources = sources
         self._log = log
-        self._wanted = False
+        self._requested = False
         self._task: asyncio.Task[None] | None = None
 
-    def ask(self) -> None:
-        """Read what the files hold from now on; once more if asked again meanwhile."""
-        self._wanted = True
+    def request(self) -> None:
+        """Read all sources; once more if this is called again before that is done."""
+        self._requested = True
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def _run(self) -> None:
         try:
-            while self._wanted:
-                self._wanted = False
+            while self._requested:
+                self._requested = False
                 for source in self._sources:
-                    await self._read(source)
+                    await self._reload(source)
         finally:
             self._task = None
 
-    async def _read(self, source: ReloadSource) -> None:
+    async def _reload(self, source: ReloadSource) -> None:
         try:
             found = await asyncio.to_thread(source.read)
         except (TokenError, TlsError, OSError) as error:
@@ -65,8 +65,8 @@ class Reloader:
 
 
 def warn_of_unknown_robots(tokens: Iterable[Token], robots: Iterable[str], log: Log) -> None:
-    """Warn of tokens for robots that the cell does not have: a name is mistyped."""
+    """Warn of tokens that name robots which the cell does not have, such as mistyped names."""
     known = set(robots)
     for token in tokens:
-        if strange := sorted(set(token.robots or ()) - known):
-            log.warning("token.robots", token=token.name, unknown=strange, robots=sorted(known))
+        if unknown := sorted(set(token.robots or ()) - known):
+            log.warning("token.robots", token=token.name, unknown=unknown, robots=sorted(known))

@@ -1,4 +1,4 @@
-"""The server's side of TLS, from the configuration."""
+"""TLS of the daemon: its certificate, and the certificates of clients."""
 
 import asyncio
 import ssl
@@ -7,8 +7,8 @@ from pathlib import Path
 
 from armgate.protocol.secret_file import SecretFileError, check_secret_file
 
-_EXTENSIONS = 0xA3
-_OCTETS, _OID = 0x04, 0x06
+_EXTENSIONS, _OCTETS, _OID = 0xA3, 0x04, 0x06
+"""Tags of DER (X.690): extensions of a certificate, octet string, object identifier."""
 _KEY_USAGE = bytes.fromhex("551d25")
 """2.5.29.37, extended key usage."""
 _CLIENT = bytes.fromhex("2b06010505070302")
@@ -16,21 +16,21 @@ _CLIENT = bytes.fromhex("2b06010505070302")
 
 
 class TlsError(Exception):
-    """A certificate or a key cannot be used; the text names the file and says why."""
+    """A certificate or a key cannot be used; the text names the file and the reason."""
 
     exit_code = 2
 
 
 def server_context(certificate: Path, key: Path, client_ca: Path | None) -> ssl.SSLContext:
-    """What connections are encrypted with.
+    """Return the TLS settings of the daemon's connections.
 
     Args:
-        certificate: The server's certificate, then those between it and its CA.
-        key: Its private key.
-        client_ca: Where given, clients must show a certificate that one of these CAs has signed.
+        certificate: File of the server's certificate, followed by those between it and its CA.
+        key: File of its private key.
+        client_ca: File of CAs; if given, clients must show a certificate that one of them has signed.
 
     Raises:
-        TlsError: A file cannot be read or does not fit.
+        TlsError: A file cannot be read, or certificate and key do not belong together.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -44,13 +44,13 @@ def server_context(certificate: Path, key: Path, client_ca: Path | None) -> ssl.
     try:
         context.load_cert_chain(certificate, key, password=_no_password)
     except (OSError, ValueError) as error:
-        text = f"{certificate} and {key}: {_told(error)}"
+        text = f"{certificate} and {key}: {_reason(error)}"
         raise TlsError(f"{text}; expected a certificate and its unencrypted key, both in PEM") from error
     if client_ca is not None:
         try:
             context.load_verify_locations(client_ca)
         except OSError as error:
-            raise TlsError(f"{client_ca}: {_told(error)}; expected certificates of CAs in PEM") from error
+            raise TlsError(f"{client_ca}: {_reason(error)}; expected certificates of CAs in PEM") from error
         context.verify_mode = ssl.CERT_REQUIRED
     return context
 
@@ -67,7 +67,7 @@ def _no_password() -> str:
     raise ValueError("the key is encrypted")
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return getattr(error, "reason", None) or getattr(error, "strerror", None) or str(error)
 
 
@@ -78,21 +78,21 @@ def peer_certificate(transport: asyncio.BaseTransport) -> bytes | None:
     return certificate
 
 
-# --- the purpose of a certificate -------------------------------------------------------------------------
+# --- purpose of a certificate -----------------------------------------------------------------------------
 
 
 def is_for_clients(certificate: bytes) -> bool:
     """Return True if a certificate names clients in its extended key usage.
 
-    The TLS library accepts a certificate that names no purpose for every purpose, so that the daemon's own
-    certificate would make a client of whoever can read its key.
+    The TLS library accepts a certificate that names no purpose for every purpose. With the daemon's own
+    certificate, any user who can read its key could connect as a client.
 
     Args:
-        certificate: In DER, verified by the TLS library.
+        certificate: A certificate in DER that the TLS library has verified.
     """
     try:
         return any(oid == _CLIENT for oid in _purposes(certificate))
-    except Exception:  # a client made these bytes: whatever cannot be read names no purpose
+    except Exception:  # bytes of a client: a certificate that cannot be parsed names no purpose
         return False
 
 
@@ -111,7 +111,7 @@ def _purposes(certificate: bytes) -> Iterator[bytes]:
 
 
 def _items(der: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield tag and content of the values that stand one after the other (X.690, 8.1)."""
+    """Yield tag and content of consecutive values (X.690, 8.1)."""
     at = 0
     while at < len(der):
         tag, length, at = der[at], der[at + 1], at + 2

@@ -1,4 +1,4 @@
-"""``armgate token``: makes a token for one client."""
+"""``armgate token``: create a token for one client, or rotate its secret."""
 
 import getpass
 import hashlib
@@ -11,81 +11,103 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from armgate.daemon.auth.tokens import Token
+    from armgate.daemon.auth.tokens import Made, Token
 
 ALL = "all"
 
 _LONGEST_CERTIFICATE = 1 << 16
-"""Most characters of a certificate's file that are read; a device has no end."""
+"""Largest number of characters of a certificate file that are read; a device has no end."""
+
+_File = Annotated[Path, typer.Option(help="Token file of the daemon (server.tokens); created if missing.")]
+_Role = Annotated[
+    Literal["observer", "controller", "operator"] | None,
+    typer.Option(help="Highest role that it allows; required unless --rotate is given.", show_default=False),
+]
+_Robots = Annotated[
+    str, typer.Option(metavar="NAMES", help="Robots that its owner may command: A,B,… or all.")
+]
+_Name = Annotated[
+    str | None, typer.Option(help="Name of its owner in the log; by default this user's name and the role.")
+]
+_Out = Annotated[
+    Path | None, typer.Option(help="New file for the secret, readable by this user only; else it is printed.")
+]
+_Days = Annotated[float | None, typer.Option(min=0.0, help="Days until it expires.", show_default="never")]
+_Certificate = Annotated[
+    Path | None,
+    typer.Option(help="Bind the role to this client certificate (PEM) instead of creating a secret."),
+]
+_Rotate = Annotated[str | None, typer.Option(metavar="NAME", help="Give this token a new secret.")]
+_Overlap = Annotated[
+    float, typer.Option(min=0.0, help="With --rotate: hours for which the old secret stays valid.")
+]
 
 
 class CalledWronglyError(Exception):
-    """The command was called wrongly; nothing was made."""
+    """The command was called wrongly; nothing was created."""
 
     exit_code = 2
 
 
 def token(
-    file: Annotated[Path, typer.Option(help="File of the daemon's tokens (server.tokens); made if missing.")],
+    file: _File,
     *,
-    role: Annotated[
-        Literal["observer", "controller", "operator"] | None,
-        typer.Option(help="The most that it allows; required unless --rotate is given.", show_default=False),
-    ] = None,
-    robots: Annotated[
-        str, typer.Option(metavar="NAMES", help="Robots that it lets command: A,B,… or all.")
-    ] = ALL,
-    name: Annotated[
-        str | None,
-        typer.Option(help="Whose it is, as the log will say; by default who calls this and the role."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="New file for the secret, readable by this user alone; else it is printed."),
-    ] = None,
-    days: Annotated[
-        float | None, typer.Option(min=0.0, help="Days until it expires.", show_default="never")
-    ] = None,
-    certificate: Annotated[
-        Path | None,
-        typer.Option(help="Bind the role to this client certificate (PEM) instead of making a secret."),
-    ] = None,
-    rotate: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Give the token of this name a new secret.")
-    ] = None,
-    overlap: Annotated[
-        float, typer.Option(min=0.0, help="With --rotate: hours that the old secret stays valid.")
-    ] = 0.0,
+    role: _Role = None,
+    robots: _Robots = ALL,
+    name: _Name = None,
+    out: _Out = None,
+    days: _Days = None,
+    certificate: _Certificate = None,
+    rotate: _Rotate = None,
+    overlap: _Overlap = 0.0,
 ) -> None:
     """Create a token; prints the secret once, or writes it to a file, and stores only its hash."""
-    from armgate.daemon.auth import tokens
-
     _check_free(out)
     if rotate is not None:
         if role or name or certificate or days is not None or robots != ALL:
             raise CalledWronglyError("--rotate: expected only --file, --overlap and --out beside it")
-        made = tokens.rotate(file, rotate, _after(hours=overlap) if overlap else None)
-        valid = f"the old one is valid for {overlap:g} h more at most"
-        _tell(made.token, f"has a new secret, {valid}", made.secret, out)
+        _rotate(file, rotate, overlap, out)
         return
     if role is None:
         raise CalledWronglyError("--role: expected observer, controller or operator")
+    made = _make(role, robots, name, days)
+    may = "observe and stop" if role == "observer" else f"command {'all robots' if robots == ALL else robots}"
+    what = f"may connect as {role} and {may}"
+    if certificate is None:
+        _append(file, made.token)
+        _report(made.token, what, made.secret, out)
+    else:
+        bound = {"sha256": None, "certificate": _digest(certificate)}
+        _append(file, made.token.model_copy(update=bound))
+        typer.echo(f"armgate: {made.token.name} {what}, with the certificate {certificate}", err=True)
+
+
+def _make(
+    role: Literal["observer", "controller", "operator"], robots: str, name: str | None, days: float | None
+) -> "Made":
+    from armgate.daemon.auth.tokens import make
+
     named = None if robots == ALL else tuple(robot.strip() for robot in robots.split(","))
     expires = None if days is None else _after(days=days)
     try:
-        made = tokens.make(name or f"{getpass.getuser()}-{role}", role, named, expires)
+        return make(name or f"{getpass.getuser()}-{role}", role, named, expires)
     except ValueError as error:
         text = f"--name {name!r}, --robots {robots!r}: expected names of 1 to 64 of A-Z a-z 0-9 _ . : / -"
         raise CalledWronglyError(text) from error
-    may = "watch and stop" if role == "observer" else f"command {'all robots' if named is None else robots}"
-    what = f"may come in as {role} and {may}"
-    if certificate is None:
-        tokens.append(file, made.token)
-        _tell(made.token, what, made.secret, out)
-    else:
-        bound = {"sha256": None, "certificate": _digest(certificate)}
-        tokens.append(file, made.token.model_copy(update=bound))
-        typer.echo(f"armgate: {made.token.name} {what}, with the certificate {certificate}", err=True)
+
+
+def _append(file: Path, made: "Token") -> None:
+    from armgate.daemon.auth.tokens import append
+
+    append(file, made)
+
+
+def _rotate(file: Path, name: str, overlap: float, out: Path | None) -> None:
+    from armgate.daemon.auth.tokens import rotate
+
+    made = rotate(file, name, _after(hours=overlap) if overlap else None)
+    valid = f"the old one is valid for {overlap:g} h more at most"
+    _report(made.token, f"has a new secret, {valid}", made.secret, out)
 
 
 def _after(**duration: float) -> datetime:
@@ -98,13 +120,13 @@ def _digest(certificate: Path) -> str:
             text = file.read(_LONGEST_CERTIFICATE)
         return hashlib.sha256(ssl.PEM_cert_to_DER_cert(text)).hexdigest()
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no certificate"
-        raise CalledWronglyError(f"--certificate {certificate}: {reason}; expected one in PEM") from error
+        reason = getattr(error, "strerror", None) or "not a certificate"
+        raise CalledWronglyError(f"--certificate {certificate}: {reason}; expected a PEM file") from error
 
 
-def _tell(token: "Token", what: str, secret: str, out: Path | None) -> None:
-    where = "shown this once:" if out is None else f"in {out}, for this user alone"
-    typer.echo(f"armgate: {token.name} {what}; its secret is {where}", err=True)
+def _report(made: "Token", what: str, secret: str, out: Path | None) -> None:
+    where = "printed this once:" if out is None else f"in {out}, for this user only"
+    typer.echo(f"armgate: {made.name} {what}; its secret is {where}", err=True)
     if out is None:
         typer.echo(secret)
     else:
@@ -113,7 +135,7 @@ def _tell(token: "Token", what: str, secret: str, out: Path | None) -> None:
 
 def _check_free(out: Path | None) -> None:
     if out is not None and os.path.lexists(out):
-        raise CalledWronglyError(f"--out {out}: it is there already; remove it, or name another file")
+        raise CalledWronglyError(f"--out {out}: the file exists; remove it, or name another file")
 
 
 def _write(out: Path, secret: str) -> None:

@@ -1,10 +1,11 @@
-"""Tokens: who may come in, and as what.
+"""Tokens: the clients that are accepted, and their roles.
 
-A token is 256 random bits; its file holds only the SHA-256. A slow hash (scrypt) protects secrets that people
-choose, which can be guessed; 2^256 equally likely ones cannot, however cheap a guess is, and a slow hash in
-the daemon would let anybody who connects hold up the ticks.
+A token is 256 random bits, of which the file holds only the SHA-256. A slow hash such as scrypt protects
+secrets that people choose and that can be guessed. One of 2^256 equally likely values cannot be guessed,
+however cheap a guess is, and a slow hash in the daemon would let every client that connects delay the
+ticks.
 
-The file is one JSON object a line: who deletes a line takes that token back. Only its owner may write it.
+The file has one JSON object per line. To revoke a token, delete its line. Only its owner may write the file.
 """
 
 import hashlib
@@ -26,19 +27,20 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from armgate.protocol.messages import Hash, Name, Role
 
 PREFIX = "armgate_"
-"""Tells those who scan for lost secrets what they have found."""
+"""Beginning of every secret, by which scanners for leaked secrets identify it."""
 
 _BYTES = 32
+"""Random bytes of a secret."""
 
 _LONGEST = 1 << 24
-"""Most characters of a file of tokens."""
+"""Largest number of characters of a token file."""
 
 RANKS: dict[Role, int] = {"observer": 0, "controller": 1, "operator": 2}
-"""Roles in order: each may do what those below it may."""
+"""Ranks of roles: each role includes the rights of those below it."""
 
 
 class TokenError(Exception):
-    """A file of tokens is not what it should be; the text names file and line."""
+    """A token file is invalid; the text names file and line."""
 
     exit_code = 2
 
@@ -47,12 +49,12 @@ class Token(BaseModel):
     """One line of the file: a client that is accepted, by a secret or by its certificate.
 
     Attributes:
-        name: Whose it is, for the log.
-        role: The most that it allows; its owner may come in as less.
-        robots: The robots that it lets command, None: all.
+        name: Name of its owner, for the log.
+        role: Highest role that it allows; its owner may connect in a lower one.
+        robots: Robots that its owner may command; None: all.
         sha256: Hash of the secret, in hex.
         certificate: SHA-256 of the client's certificate in DER, in hex; shown over TLS instead of a secret.
-        expires: When it is of no more use; None: never.
+        expires: Time at which it expires; None: never.
     """
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
@@ -70,22 +72,22 @@ class Token(BaseModel):
         return self
 
     def allows(self, role: Role) -> bool:
-        """Return True if its owner may come in as this."""
+        """Return True if its owner may connect in this role."""
         return RANKS[role] <= RANKS[self.role]
 
     def expired(self, now: float) -> bool:
-        """Return True if it is of no more use at this Unix time, s."""
+        """Return True if it has expired at this Unix time, s."""
         return self.expires is not None and self.expires.timestamp() <= now
 
     @property
     def grant(self) -> "Token":
-        """What it allows to whom, whenever it expires: a session stays valid while this stays the same."""
+        """The token without its expiry: a session stays valid as long as its grant is the same."""
         return self.model_copy(update={"expires": None})
 
 
 @dataclass(frozen=True)
 class Made:
-    """A new token, and its secret, which is kept nowhere."""
+    """A new token and its secret, which is stored nowhere."""
 
     token: Token
     secret: str
@@ -106,7 +108,7 @@ class Tokens:
         return next((token for token in self._tokens if token.certificate == given), None)
 
     def find(self, secret: str | None) -> Token | None:
-        """The token with this secret; how long this takes does not tell which, or how near it was."""
+        """Return the token with this secret; the time that this takes reveals nothing about the secrets."""
         given = digest(secret or "")
         found = None
         for token in self._tokens:
@@ -116,7 +118,7 @@ class Tokens:
 
 
 def digest(secret: str) -> str:
-    """What is kept of a secret."""
+    """Return the hash by which a secret is stored."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
@@ -124,7 +126,7 @@ def make(name: str, role: Role, robots: Sequence[str] | None, expires: datetime 
     """Return a new token.
 
     Raises:
-        ValueError: One of the names cannot be a name.
+        ValueError: The name, or that of a robot, is invalid.
     """
     secret = PREFIX + secrets.token_urlsafe(_BYTES)
     own = None if robots is None else tuple(robots)
@@ -132,26 +134,28 @@ def make(name: str, role: Role, robots: Sequence[str] | None, expires: datetime 
 
 
 def read(file: Path) -> Tokens:
-    """All tokens in a file.
+    """Return all tokens in a file.
 
     Raises:
-        TokenError: It cannot be read, others may write it, or a line is no token.
+        TokenError: It cannot be read, other users may write it, or a line is not a token.
     """
     if file.exists() and not file.is_file():
-        raise TokenError(f"{file}: not a regular file; expected tokens made by `armgate token`")
+        raise TokenError(f"{file}: not a regular file; expected tokens created by `armgate token`")
     try:
         with file.open(encoding="utf-8") as opened:
             text, found = opened.read(_LONGEST + 1), os.fstat(opened.fileno())
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8"
-        raise TokenError(f"{file}: {reason}; expected tokens made by `armgate token`") from error
+        raise TokenError(f"{file}: {reason}; expected tokens created by `armgate token`") from error
     if len(text) > _LONGEST:
-        raise TokenError(f"{file}: more than {_LONGEST} characters; expected tokens made by `armgate token`")
+        raise TokenError(
+            f"{file}: more than {_LONGEST} characters; expected tokens created by `armgate token`"
+        )
     if found.st_uid not in (os.geteuid(), 0):
-        owner = f"belongs to user {found.st_uid}, who could let anybody in"
+        owner = f"belongs to user {found.st_uid}, who could add tokens"
         raise TokenError(f"{file}: {owner}; expected a file of this user or of root")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise TokenError(f"{file}: others may write it, and so let themselves in; run: chmod 600 {file}")
+        raise TokenError(f"{file}: other users may write it, and so add tokens; run: chmod 600 {file}")
     lines = enumerate(text.splitlines(), start=1)
     tokens = [_token(file, number, line) for number, line in lines if line.strip()]
     _once(file, tokens)
@@ -159,10 +163,10 @@ def read(file: Path) -> Tokens:
 
 
 def append(file: Path, token: Token) -> None:
-    """Add a token to a file, which is made if there is none.
+    """Add a token to a file; create the file if it does not exist.
 
     Raises:
-        TokenError: The file holds something else, or a token of that name.
+        TokenError: The file is invalid, or holds a token of that name.
         OSError: It cannot be written.
     """
     _write(file, [*(read(file) if file.exists() else ()), token])
@@ -172,9 +176,9 @@ def rotate(file: Path, name: str, until: datetime | None) -> Made:
     """Give the owner of a token a new secret; return it.
 
     Args:
-        file: The file of the tokens.
-        name: Whose token it is.
-        until: End of the time in which the old secret is valid too, at most until it expires; None: none.
+        file: The token file.
+        name: Name of the token.
+        until: Time until which the old secret stays valid, unless it expires before; None: it ends now.
 
     Raises:
         TokenError: The file cannot be read, or holds no secret of that name, or only expired ones.
@@ -186,7 +190,7 @@ def rotate(file: Path, name: str, until: datetime | None) -> Made:
         raise TokenError(f"{file}: no secret of {name}; expected one of {', '.join(t.name for t in known)}")
     last = max(old, key=_end)
     if last.expired(time()):
-        raise TokenError(f"{file}: {name} has expired; delete its line and make a new token")
+        raise TokenError(f"{file}: {name} has expired; delete its line and create a new token")
     made = make(name, last.role, last.robots, last.expires)
     rest = [token for token in known if token.name != name]
     kept = [] if until is None else [last.model_copy(update={"expires": _earlier(until, last.expires)})]
@@ -204,7 +208,7 @@ def _earlier(until: datetime, expires: datetime | None) -> datetime:
 
 
 def _write(file: Path, tokens: Sequence[Token]) -> None:
-    """Replace the file as a whole, so that the daemon never reads half of it; a link to it stays."""
+    """Replace the file as a whole, so that the daemon never reads half of it; a symbolic link to it stays."""
     file = file.resolve()
     _once(file, tokens)
     lines = "".join(token.model_dump_json(exclude_none=True) + "\n" for token in tokens)
@@ -228,29 +232,29 @@ def _token(file: Path, number: int, line: str) -> Token:
         return Token.model_validate_json(line)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_input=False)[0]
-        # What stands where no key of ours stands is not repeated: it may be a secret in the wrong place.
+        # An unknown key is not repeated in the text: it may be a secret in the wrong place.
         where = ".".join(str(key) for key in problem["loc"] if key in Token.model_fields)
         text = f"{file}:{number}: {where + ': ' if where else ''}{problem['msg']}"
-        raise TokenError(f"{text}; expected a line made by `armgate token`") from None
+        raise TokenError(f"{text}; expected a line created by `armgate token`") from None
 
 
 def _once(file: Path, tokens: Sequence[Token]) -> None:
-    """Check that names and proofs are unique, except for the name of a rotated secret, which expires."""
+    """Check that names and hashes are unique, except for the name of a rotated secret, which expires."""
     named: dict[str, list[Token]] = {}
     proven: dict[tuple[str | None, str | None], list[Token]] = {}
     for token in tokens:
         named.setdefault(token.name, []).append(token)
         proven.setdefault((token.sha256, token.certificate), []).append(token)
     if twice := sorted(name for name, same in named.items() if len(same) > 1 and not _rotated(same)):
-        raise TokenError(f"{file}: two tokens named {', '.join(twice)}; give every token a name of its own")
+        raise TokenError(f"{file}: two tokens named {', '.join(twice)}; give every token its own name")
     for same in proven.values():
         if len(same) > 1:
             text = f"{file}: the same secret or certificate for {' and '.join(token.name for token in same)}"
-            raise TokenError(f"{text}; make a token of its own for each")
+            raise TokenError(f"{text}; create a token for each")
 
 
 def _rotated(same: Sequence[Token]) -> bool:
-    """Return True if tokens of one name are an old and a new secret that allow the same."""
+    """Return True if tokens of one name are an old and a new secret with the same rights."""
     allowed = {(token.role, frozenset(token.robots or ()), token.robots is None) for token in same}
     secrets_only = all(token.sha256 is not None for token in same)
     expiring = any(token.expires is not None for token in same)

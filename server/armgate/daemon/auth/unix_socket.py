@@ -1,4 +1,4 @@
-"""The daemon's Unix socket: clients of this machine are who the kernel says, without tokens."""
+"""The daemon's Unix socket: the kernel names the user of each client, so no token is needed."""
 
 import fcntl
 import os
@@ -12,6 +12,8 @@ from pathlib import Path
 from armgate.protocol.messages import Role
 
 _QUEUE = 128
+"""Connections that may wait in the kernel."""
+
 _LOCK = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -40,21 +42,21 @@ def _uid(user: str) -> int:
         return pwd.getpwnam(user).pw_uid
     except KeyError:
         text = f"server.socket.users: this machine has no user {user!r}"
-        raise UnixSocketError(f"{text}; expected a name or a number of one") from None
+        raise UnixSocketError(f"{text}; expected the name or the number of a user") from None
 
 
 class UnixSocket:
-    """A Unix socket that listens; every user may connect, and the daemon decides by the user.
+    """A listening Unix socket; every user may connect, and the daemon decides by the user.
 
     Attributes:
-        path: Where it is.
+        path: Its path.
         socket: The socket.
 
     Args:
-        path: Where to listen.
+        path: Path to listen on.
 
     Raises:
-        UnixSocketError: Another daemon listens there, or it cannot be listened on.
+        UnixSocketError: Another daemon listens on it, or it cannot be listened on.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,11 +72,11 @@ class UnixSocket:
             self.socket.close()
             os.close(self._lock)
             text = f"server.socket.path: cannot listen on {path}: {error.strerror or error}"
-            raise UnixSocketError(f"{text}; name another") from error
+            raise UnixSocketError(f"{text}; use another path") from error
         self.socket.setblocking(False)
 
     def close(self) -> None:
-        """Listen no more, and remove the socket."""
+        """Stop listening, and remove the socket."""
         self.socket.close()
         with suppress(OSError):  # another program may have replaced the file
             _unlink(self.path)
@@ -82,10 +84,10 @@ class UnixSocket:
 
 
 def _check_folder(folder: Path) -> None:
-    """Check that no other user could put a socket of its own in the place of the daemon's.
+    """Check that no other user can replace the daemon's socket by another one.
 
     Raises:
-        UnixSocketError: Another user could, or there is no such folder.
+        UnixSocketError: Another user can, or the folder does not exist.
     """
     try:
         found = folder.stat()
@@ -98,7 +100,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _bind(sock: socket.socket, path: Path) -> None:
-    """Bind with the mode 666 from the beginning: a chmod afterwards could meet another file."""
+    """Bind with mode 666 from the beginning: a chmod afterwards could change another file."""
     before = os.umask(0o111)
     try:
         sock.bind(str(path))
@@ -107,10 +109,10 @@ def _bind(sock: socket.socket, path: Path) -> None:
 
 
 def _unlink(path: Path) -> None:
-    """Remove a socket that a daemon has left, and nothing else."""
+    """Remove a socket that another daemon has left behind, and nothing else."""
     if os.path.lexists(path):
         if not stat.S_ISSOCK(path.lstat().st_mode):
-            raise FileExistsError(None, "it is there already and is no socket")
+            raise FileExistsError(None, "the file exists and is not a socket")
         path.unlink()
 
 
@@ -124,5 +126,5 @@ def _locked(path: Path) -> int:
     except OSError as error:
         os.close(lock)
         text = f"server.socket.path: another daemon listens on {path.with_suffix('')}"
-        raise UnixSocketError(f"{text}; end it, or name another path") from error
+        raise UnixSocketError(f"{text}; end it, or use another path") from error
     return lock

@@ -26,49 +26,49 @@ REMEDY = (
 
 
 def report(cell: Cell, console: Console | None = None) -> int:
-    """Print tables about a cell.
+    """Print a report about a cell.
 
     Returns:
-        Exit status: 0, or 1 if a robot starts outside its limits or too close to something.
+        Exit status: 0, or 1 if a robot starts outside its limits or below a distance to keep.
 
     Raises:
-        ConfigError: A robot's KRC cannot be what the cell says it is, or the cell is larger than the protocol
-            can describe; the text names file, line and key.
+        ConfigError: The configuration of a robot's KRC is contradictory, or the cell is larger than the
+            protocol can describe; the text names file, line and key.
     """
     console = console or Console()
     setups = [setup_of(cell, one) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
     CellDescription(cell, lockstep=False)
     nearest = start_clearances(cell)
 
-    def say(text: str, style: str = "") -> None:
+    def write(text: str, style: str = "") -> None:
         console.print(Text(printable(text), style=style), soft_wrap=True)
 
-    say(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
+    write(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
-        say(_lags(robot))
+        write(_lags(robot))
     for setup in setups:
-        say(_rsi(setup))
+        write(_rsi(setup))
         for warning in warnings_of(setup):
-            say(f"{setup.robot}: warning: {warning}", style="yellow")
+            write(f"{setup.robot}: warning: {warning}", style="yellow")
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
     for text in cell_warnings(cell):
-        say(f"warning: {text}", style="yellow")
+        write(f"warning: {text}", style="yellow")
     faults = start_faults(cell, nearest)
     for fault in faults[:_FAULTS]:
-        say(fault, style="red")
+        write(fault, style="red")
     if len(faults) > _FAULTS:
-        say(f"… and {len(faults) - _FAULTS} more", style="red")
+        write(f"… and {len(faults) - _FAULTS} more", style="red")
     if faults:
-        say(REMEDY, style="red")
+        write(REMEDY, style="red")
     else:
-        say("start: within all limits and distances")
+        write("start: within all limits and distances")
     return 1 if faults else 0
 
 
 def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
-    """Return a line for each joint that starts outside its limits, and for each pair that is too close."""
+    """Return a line for each joint that starts outside its limits and each pair that is too close."""
     return [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
 
 
@@ -79,7 +79,7 @@ def _rsi(setup: Setup) -> str:
 
 
 def _lags(robot: Robot) -> str:
-    """Return how a robot lags its setpoint, as the gate reckons with it."""
+    """Return the lag of a robot behind its setpoint, as the gate assumes it."""
     low, high = (f"{1000.0 * lag:g}" for lag in (min(robot.lags), max(robot.lags)))
     lag = low if low == high else f"{low} to {high}"
     differ = f"axes differ by at most {1000.0 * robot.lag_difference:g} ms"
@@ -111,7 +111,7 @@ def _apart(distance: float, word: str) -> str:
 
 def _pairs(cell: Cell) -> Table:
     counts = Counter((pair.kind, pair.limit) for pair in cell.pairs)
-    table = Table("pairs", "count", "kept apart by", title=f"{len(cell.bodies)} bodies")
+    table = Table("pairs", "count", "distance to keep", title=f"{len(cell.bodies)} bodies")
     for (kind, limit), count in sorted(counts.items()):
         table.add_row(kind, str(count), f"{limit * 1000:g} mm")
     return table

@@ -4,7 +4,6 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,64 +12,71 @@ import typer
 from armgate.cell.errors import install_hint
 
 if TYPE_CHECKING:
-    from ssl import SSLContext
-
     from armgate.cell.cell import Cell
-    from armgate.cell.config import CellConfig, ServerConfig
-    from armgate.daemon.auth.access import Keys
+    from armgate.cell.config import CellConfig
+    from armgate.daemon.auth.keys import Keys
     from armgate.links.log import Log
-    from armgate.protocol.messages import Role
 
-_TOLD = 16
-"""How many faults of the start are logged."""
+_FAULTS_LOGGED = 16
+"""Faults of the start position that are logged."""
+
+_EXTRA = ("pinocchio", "coal", "fcl", "mcap", "prometheus_client")
+"""Modules of the extra ``cell``."""
 
 Configs = Annotated[
-    list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
+    list[Path],
+    typer.Argument(metavar="CONFIG...", help="Configuration files; later ones overlay earlier ones."),
+]
+_Host = Annotated[
+    str | None, typer.Option(help="Address to listen on; beyond loopback only with TLS and tokens.")
+]
+_Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any free port.")]
+_Lockstep = Annotated[
+    str | None, typer.Option(metavar="NAMES", help="Run in lock-step with the participants A,B,…")
+]
+_Record = Annotated[Path | None, typer.Option(metavar="DIR", help="Record the run into this folder.")]
+_RobotServer = Annotated[
+    Path | None, typer.Option(metavar="PATH", help="Socket of the robot server that holds the robots.")
+]
+_RequireLogin = Annotated[
+    bool, typer.Option("--require-login", help="Refuse to start without tokens or a Unix socket.")
 ]
 
 
 class ServeError(Exception):
-    """The daemon cannot start as it was called; nothing was moved."""
+    """The daemon cannot start with these options; nothing was moved."""
 
     exit_code = 2
 
 
 def serve(
     configs: Configs,
-    host: Annotated[
-        str | None, typer.Option(help="Address to listen on; beyond loopback with TLS and tokens only.")
-    ] = None,
-    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any.")] = None,
-    lockstep: Annotated[str | None, typer.Option(metavar="NAMES", help="Run in lock-step with A,B,…")] = None,
-    record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Record everything into this folder.")
-    ] = None,
-    robot_server: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Socket of the robot server that holds the robots."),
-    ] = None,
-    require_login: Annotated[
-        bool, typer.Option("--require-login", help="Refuse to start without tokens or a Unix socket.")
-    ] = False,
+    host: _Host = None,
+    port: _Port = None,
+    lockstep: _Lockstep = None,
+    record: _Record = None,
+    robot_server: _RobotServer = None,
+    require_login: _RequireLogin = False,
 ) -> None:
-    """Serve a cell to controllers and observers until SIGTERM or Ctrl-C.
+    """Serve a cell to clients until SIGTERM or Ctrl-C.
 
-    SIGHUP reads tokens and certificates again.
+    On SIGHUP, reload tokens and certificates.
     """
     from armgate.cell.config import load_config
+    from armgate.daemon.auth.keys import load_keys
 
     config = _overridden(load_config(configs), host, port, lockstep)
-    keys = _keys(config, require_login)
+    keys = load_keys(config, login_required=require_login)
     cell = _built(config)
     raise typer.Exit(_serve(cell, keys, record, _robot_server(cell, robot_server)))
 
 
 def check(configs: Configs) -> None:
-    """Check a configuration: robots, joints, limits, pairs, clearance at the start."""
+    """Check a configuration: robots, joints, limits, pairs, clearances at the start position."""
     from armgate.cell.config import load_config
 
     cell = _built(load_config(configs))
-    with _cell_extra():
+    with _extra_needed():
         from armgate.daemon.lifecycle.check import report
     raise typer.Exit(report(cell))
 
@@ -90,109 +96,44 @@ def _overridden(
         try:
             changed["clock"] = LockstepClockConfig(kind="lockstep", participants=names, **grace)
         except ValueError as error:
-            text = f"--lockstep {lockstep!r}: expected the participants' names, each once, joined by commas"
+            text = (
+                f"--lockstep {lockstep!r}: expected the participants' names, each once, separated by commas"
+            )
             raise ServeError(text) from error
     return config.model_copy(update=changed)
 
 
-def _keys(config: "CellConfig", required: bool) -> "Keys":
-    from armgate.daemon.auth.access import Keys
-    from armgate.daemon.auth.address import is_loopback
-    from armgate.daemon.auth.tokens import read
-
-    server = config.server
-    if not is_loopback(server.host):
-        _refuse_foreign(server)
-    if required and server.tokens is None and server.socket is None:
-        raise ServeError(
-            "--require-login: without tokens every user of this machine could command the robots; configure "
-            "server.tokens or server.socket (docs/security.md)"
-        )
-    users, path = _local(config)
-    file, tls = _token_file(config), _tls(config)
-    reread = None if file is None else partial(read, file)
-    return Keys(
-        tls=tls,
-        tokens=None if reread is None else reread(),
-        reread=reread,
-        users=users,
-        socket=path,
-        reread_tls=None if tls is None else partial(_context, config),
-    )
-
-
-def _local(config: "CellConfig") -> "tuple[dict[int, Role], Path | None]":
-    from armgate.daemon.auth.unix_socket import uids
-
-    local = config.server.socket
-    if local is None:
-        return {}, None
-    return uids(local.users), config.file(("server", "socket", "path"), local.path)
-
-
-def _refuse_foreign(server: "ServerConfig") -> None:
-    missing = [key for key in ("tls", "tokens") if getattr(server, key) is None]
-    if missing:
-        raise ServeError(
-            f"refusing to listen on {server.host}: without TLS and tokens anybody who reaches that address "
-            f"could command the robots, or listen in; configure server.{' and server.'.join(missing)} "
-            "(docs/security.md), or listen on 127.0.0.1 and reach it through a tunnel (ssh -L)"
-        )
-
-
-def _tls(config: "CellConfig") -> "SSLContext | None":
-    return None if config.server.tls is None else _context(config)
-
-
-def _context(config: "CellConfig") -> "SSLContext":
-    from armgate.daemon.auth.tls import server_context
-
-    tls = config.server.tls
-    assert tls is not None
-    base = ("server", "tls")
-    return server_context(
-        config.file((*base, "certificate"), tls.certificate),
-        config.file((*base, "key"), tls.key),
-        None if tls.client_ca is None else config.file((*base, "client_ca"), tls.client_ca),
-    )
-
-
-def _token_file(config: "CellConfig") -> Path | None:
-    tokens = config.server.tokens
-    return None if tokens is None else config.file(("server", "tokens"), tokens)
-
-
-_CELL_EXTRA = ("pinocchio", "coal", "fcl", "mcap", "prometheus_client")
-
-
 @contextmanager
-def _cell_extra() -> Iterator[None]:
+def _extra_needed() -> Iterator[None]:
+    """Report a missing module of the extra ``cell`` as an error of the machine's installation."""
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in _CELL_EXTRA:
+        if (error.name or "").partition(".")[0] not in _EXTRA:
             raise
         text = f"{error.name} is not installed; a machine with the cell needs {install_hint('cell')}"
         raise ServeError(text) from error
 
 
 def _built(config: "CellConfig") -> "Cell":
-    with _cell_extra():
+    with _extra_needed():
         from armgate.cell.cell import build_cell
 
         return build_cell(config)
 
 
 def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
-    """Where the robots are: in the robot server if one is named or a robot is not emulated; None: here."""
+    """Return the socket of the robot server, or None if the robots are emulated in this process.
+
+    They are in a robot server if one is named, or if a robot is not emulated.
+    """
     from armgate.links.robot_server.command import robot_server_path
     from armgate.links.robot_server.make import needs_robot_server
 
-    needed = needs_robot_server(cell)
-    if not needed and given is None and cell.config.server.robot_server is None:
+    if not needs_robot_server(cell) and given is None and cell.config.server.robot_server is None:
         return None
     if cell.config.clock.kind == "lockstep":
-        raise ServeError("robots in a robot server have clocks of their own: they cannot run in lock-step")
+        raise ServeError("robots in a robot server have their own clocks: they cannot run in lock-step")
     return given or robot_server_path(cell)
 
 
@@ -202,7 +143,7 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
     from armgate.daemon.auth.reloading import warn_of_unknown_robots
     from armgate.links.log import Log
 
-    with _cell_extra():
+    with _extra_needed():
         from armgate.daemon.lifecycle.daemon import Daemon
         from armgate.daemon.recording.start import recorder_of
         from armgate.gate import Gate
@@ -213,23 +154,21 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
     try:
         recorder = recorder_of(cell.config, record)
         daemon = Daemon(cell, Gate, log, keys, recorder=recorder, robot_server=robot_server)
-        # What stands now stays: looking through all of it for garbage, as Python does when many clients have
-        # come and gone, takes as long as three ticks.
+        # Objects that exist now stay. Python's garbage collector would search all of them when many clients
+        # have come and gone, which takes as long as three ticks.
         gc.collect()
         gc.freeze()
         return asyncio.run(daemon.run(_announce))
     except OSError as error:
         where = f"{cell.config.server.host}:{cell.config.server.port}"
-        text = (
-            f"cannot listen on {where}: {error.strerror or error}; stop what uses it, or give another --port"
-        )
-        raise ServeError(text) from error
+        text = f"cannot listen on {where}: {error.strerror or error}"
+        raise ServeError(f"{text}; stop what uses it, or give another --port") from error
     finally:
         log.close()
 
 
 def _warn(cell: "Cell", log: "Log") -> None:
-    """Log what ``armgate check`` warns of, and why commands will be refused from the start."""
+    """Log the warnings of ``armgate check``, and why the gate will refuse commands from the start."""
     from armgate.cell.cell_warnings import cell_warnings
     from armgate.daemon.lifecycle.check import REMEDY, start_faults
     from armgate.gate import start_clearances
@@ -238,7 +177,8 @@ def _warn(cell: "Cell", log: "Log") -> None:
         log.warning("remark", text=text)
     faults = start_faults(cell, start_clearances(cell))
     if faults:
-        log.warning("start", faults=faults[:_TOLD], more=max(0, len(faults) - _TOLD), remedy=REMEDY)
+        more = max(0, len(faults) - _FAULTS_LOGGED)
+        log.warning("start", faults=faults[:_FAULTS_LOGGED], more=more, remedy=REMEDY)
 
 
 def _announce(host: str, port: int) -> None:

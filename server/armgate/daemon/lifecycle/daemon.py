@@ -11,7 +11,7 @@ from typing import Any
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
 from armgate.cell.config.link import EmulatedLinkConfig
-from armgate.daemon.auth.access import Keys
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import Reloader
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
@@ -176,7 +176,7 @@ class Daemon:
             loop.add_signal_handler(number, self.end)
         sources = self._sessions.reload_sources()
         if sources is not None:
-            loop.add_signal_handler(signal.SIGHUP, Reloader(sources, self._log).ask)
+            loop.add_signal_handler(signal.SIGHUP, Reloader(sources, self._log).request)
         elif signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup sets SIG_IGN
             loop.add_signal_handler(signal.SIGHUP, self.end)
 

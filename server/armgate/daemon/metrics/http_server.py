@@ -1,8 +1,8 @@
-"""HTTP server for the daemon's figures: one page, on this machine only, in a thread of its own.
+"""HTTP server of the metrics: one page, on this machine only, in its own thread.
 
 Everything is bounded: connections are accepted one after the other at a bounded rate, few may be open, and
-each has a few seconds for its request and its answer. If one more comes, the oldest is closed. So idle or
-numerous connections cost no threads or descriptors that the daemon needs.
+each has a few seconds for its request and its answer. If one more connects, the oldest is closed. So idle
+or numerous connections use up no threads or descriptors that the daemon needs.
 """
 
 import asyncio
@@ -21,20 +21,20 @@ _OPEN = 16
 """Connections that may be open at once."""
 _RATE, _BURST = 50.0, 8.0
 """Connections accepted per second, and at once: each has (_OPEN - _BURST) / _RATE for its request."""
-_PATIENCE = 5.0
+_TIMEOUT = 5.0
 """Time for a request and its answer, s."""
 _REQUEST = 8192
 """Largest request, bytes."""
 _RETRY = 1.0
-"""Pause if the system gives no more connections, s."""
+"""Pause if the system has no more descriptors or memory, s."""
 
 
 class MetricsServer:
     """Serves one page.
 
     Args:
-        page: Makes the page; called in the server's thread.
-        content_type: Of the page.
+        page: Returns the page; called in the thread of the server.
+        content_type: Content type of the page.
     """
 
     def __init__(self, page: Callable[[], bytes], content_type: str) -> None:
@@ -47,13 +47,10 @@ class MetricsServer:
         self._thread = threading.Thread(target=self._run, name="metrics", daemon=True)
 
     def open(self, port: int) -> int:
-        """Listen on loopback and serve.
-
-        Returns:
-            The port.
+        """Listen on loopback and serve; return the port.
 
         Raises:
-            OSError: It cannot be listened on.
+            OSError: The port cannot be listened on.
         """
         self._socket = socket.create_server((_HOST, port), backlog=_OPEN)
         self._socket.setblocking(False)
@@ -78,12 +75,12 @@ class MetricsServer:
         try:
             while True:
                 await asyncio.sleep(bucket.reserve(monotonic()))
-                await self._called()
+                await self._connection_waits()
                 try:
-                    self._seat(self._socket.accept()[0])
+                    self._take(self._socket.accept()[0])
                 except (BlockingIOError, ConnectionAbortedError):
                     pass
-                except OSError:  # no more descriptors or memory: that may pass
+                except OSError:  # the system has no more descriptors or memory; this may pass
                     await asyncio.sleep(_RETRY)
         finally:
             open_ = dict(self._open)
@@ -93,16 +90,16 @@ class MetricsServer:
             for taken in open_.values():
                 taken.close()
 
-    async def _called(self) -> None:
-        """Wait for a connection in the system's queue."""
-        called = asyncio.Event()
-        self._loop.add_reader(self._socket, called.set)
+    async def _connection_waits(self) -> None:
+        """Wait until a connection is in the queue of the system."""
+        waiting = asyncio.Event()
+        self._loop.add_reader(self._socket, waiting.set)
         try:
-            await called.wait()
+            await waiting.wait()
         finally:
             self._loop.remove_reader(self._socket)
 
-    def _seat(self, taken: socket.socket) -> None:
+    def _take(self, taken: socket.socket) -> None:
         taken.setblocking(False)
         task = self._loop.create_task(self._answer(taken))
         task.add_done_callback(self._leave)
@@ -115,15 +112,15 @@ class MetricsServer:
 
     async def _answer(self, taken: socket.socket) -> None:
         with contextlib.suppress(OSError, TimeoutError):
-            async with asyncio.timeout(_PATIENCE):
+            async with asyncio.timeout(_TIMEOUT):
                 answer = self._answer_to(await self._request(taken))
                 await self._loop.sock_sendall(taken, answer)
                 taken.shutdown(socket.SHUT_WR)
                 while await self._loop.sock_recv(taken, _REQUEST):
-                    pass  # closing with unread bytes would take the answer back
+                    pass  # a socket closed with unread bytes would discard the answer
 
     async def _request(self, taken: socket.socket) -> bytes:
-        """Return the head of a request, or as much of it as came."""
+        """Return the head of a request, or the part of it that arrived."""
         head = b""
         while b"\r\n\r\n" not in head and b"\n\n" not in head and len(head) < _REQUEST:
             data = await self._loop.sock_recv(taken, _REQUEST)
@@ -147,7 +144,7 @@ class MetricsServer:
 
 
 def _is_own(headers: list[str]) -> bool:
-    """Return True if the request names this machine; that of a foreign web page names another host."""
+    """Return True if the request names this machine; a request of a foreign web page names another host."""
     hosts = [
         value.strip() for name, _, value in (h.partition(":") for h in headers) if name.lower() == "host"
     ]

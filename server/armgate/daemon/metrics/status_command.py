@@ -1,4 +1,4 @@
-"""``armgate status``: the figures that Prometheus reads, for people."""
+"""``armgate status``: the metrics that Prometheus reads, in readable form."""
 
 from collections.abc import Mapping, Sequence
 from http.client import HTTPException
@@ -13,31 +13,36 @@ from armgate.cell.escaping import printable
 
 
 class StatusError(Exception):
-    """No figures can be read at this address."""
+    """No metrics can be read at this address."""
 
     exit_code = 1
 
 
 class AddressError(Exception):
-    """The address is no HOST:PORT."""
+    """The address is not HOST:PORT."""
 
     exit_code = 2
 
 
 _DEFAULT = "127.0.0.1:7412"
-_MOST = 16 << 20
+_LARGEST = 16 << 20
+"""Largest answer that is read, bytes."""
 
 
 def status(
     address: Annotated[
-        str, typer.Argument(metavar="[HOST:PORT]", help="Where the daemon serves its figures: metrics.port.")
+        str,
+        typer.Argument(
+            metavar="[HOST:PORT]", help="Address at which the daemon serves its metrics (metrics.port)."
+        ),
     ] = _DEFAULT,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="The same on 127.0.0.1.", show_default=False)
+        int | None,
+        typer.Option(min=1, max=65535, help="Port on 127.0.0.1, instead of HOST:PORT.", show_default=False),
     ] = None,
 ) -> None:
-    """Print a daemon's figures: verdicts, clearance, links, queues, lateness of ticks."""
-    for family in _figures(_place(address, port)):
+    """Print a daemon's metrics: verdicts, clearances, links, queues, lateness of ticks."""
+    for family in _families(_place(address, port)):
         typer.echo(printable(family.documentation))
         if family.type == "histogram":
             typer.echo(f"  {_histogram(family.samples)}")
@@ -47,7 +52,7 @@ def status(
 
 
 def _label(labels: Mapping[str, str]) -> str:
-    """The robot, then the rest."""
+    """Return the values of the labels, the robot first."""
     rest = [value for key, value in labels.items() if key != "robot" and value]
     return " ".join([labels["robot"], *rest] if "robot" in labels else rest)
 
@@ -56,11 +61,11 @@ def _place(address: str, port: int | None) -> str:
     """Return HOST:PORT.
 
     Raises:
-        AddressError: The text is no address, or address and port are given.
+        AddressError: The text is not an address, or both address and port are given.
     """
     if port is not None:
         if address != _DEFAULT:
-            raise AddressError("HOST:PORT and --port are given; expected one of them")
+            raise AddressError("both HOST:PORT and --port are given; expected one of them")
         return f"127.0.0.1:{port}"
     try:
         parts = urlsplit(f"//{address}")
@@ -68,18 +73,18 @@ def _place(address: str, port: int | None) -> str:
             return address
     except ValueError:
         pass
-    raise AddressError(f"address {address!r}: expected HOST:PORT, as {_DEFAULT}")
+    raise AddressError(f"address {address!r}: expected HOST:PORT, such as {_DEFAULT}")
 
 
-def _figures(place: str) -> list[Any]:
-    """Return the families of figures that are served at HOST:PORT."""
+def _families(place: str) -> list[Any]:
+    """Return the families of metrics that are served at HOST:PORT."""
     from prometheus_client.parser import text_string_to_metric_families
 
     try:
         with urlopen(f"http://{place}/metrics", timeout=5.0) as answer:
-            return list(text_string_to_metric_families(answer.read(_MOST).decode()))
+            return list(text_string_to_metric_families(answer.read(_LARGEST).decode()))
     except (HTTPException, HTTPError, ValueError) as error:
-        text = f"{place} serves no figures: {error or type(error).__name__}; give the address of metrics.port"
+        text = f"{place} serves no metrics: {error or type(error).__name__}; give the address of metrics.port"
         raise StatusError(text) from error
     except OSError as error:
         why = getattr(error, "reason", error)
@@ -88,7 +93,7 @@ def _figures(place: str) -> list[Any]:
 
 
 def _histogram(samples: Sequence[Any]) -> str:
-    """Count, mean, and the bounds below which half and 99 % of the values are."""
+    """Return count, mean, and the bounds below which half and 99 % of the values are."""
     buckets = [(float(s[1]["le"]), s[2]) for s in samples if s[0].endswith("_bucket")]
     count = next(s[2] for s in samples if s[0].endswith("_count"))
     total = next(s[2] for s in samples if s[0].endswith("_sum"))

@@ -1,7 +1,7 @@
 """The flight recorder of a lock-step run: it writes between two turns of the event loop, without a thread.
 
-There is time for it while the participants compute, and a thread would only take the interpreter from the
-event loop just when that has to answer. Nothing is lost to a slow disk: the run waits for it.
+There is time for that while the participants compute. A thread would take the interpreter from the event loop
+just when that has to answer. No record is lost to a slow disk, because the run waits for the disk.
 """
 
 import asyncio
@@ -11,14 +11,14 @@ from armgate.recording import Item
 
 
 class InlineRecorder(Recorder):
-    """A `Recorder` that is begun, fed and closed in one event loop; see there."""
+    """A `Recorder` that is begun, fed and closed in one event loop."""
 
     _loop: asyncio.AbstractEventLoop
     _due = False
     _flushing: asyncio.TimerHandle | None = None
 
     def close(self, timeout: float = 10.0) -> None:
-        """Write what waits and close the file; ``timeout`` has no sense here."""
+        """Write the waiting records and close the file; ``timeout`` is not used."""
         if self._begun:
             self._catch_up()
             self._begun = False

@@ -1,4 +1,4 @@
-"""One file of a recording on a disk that may be full."""
+"""One file of a recording, on a disk that may be full."""
 
 import contextlib
 import os
@@ -10,7 +10,7 @@ from armgate.recording.chain import Seal, Signer
 
 
 class _Stream:
-    """Unbuffered: what was written is the operating system's, whatever becomes of this process."""
+    """Unbuffered stream: written bytes belong to the operating system even if this process dies."""
 
     def __init__(self, descriptor: int, write: Callable[[int, bytes], int] = os.write) -> None:
         self._descriptor = descriptor
@@ -19,19 +19,19 @@ class _Stream:
         self._kept = bytearray()
 
     def write(self, data: bytes, /) -> int:
-        """Keeps the bytes until ``flush``: one call of the system for a chunk and its indexes."""
+        """Keep the bytes until ``flush``, so that a chunk and its indexes are one system call."""
         self._kept += data
         return len(data)
 
     def tell(self) -> int:
-        """How many bytes were written or kept."""
+        """Return the number of bytes written or kept."""
         return self._at + len(self._kept)
 
     def flush(self) -> None:
-        """Writes all of it.
+        """Write the bytes that are kept.
 
         Raises:
-            OSError: It does not fit.
+            OSError: They cannot be written.
         """
         while self._kept:
             done = self._system_write(self._descriptor, bytes(self._kept))
@@ -40,11 +40,11 @@ class _Stream:
 
 
 class RecordFile:
-    """A part that is written; made by ``RecordFile.create``.
+    """A file that is being written; made by `RecordFile.create`.
 
     Attributes:
-        path: The file.
-        header: What it begins with.
+        path: Its path.
+        header: Header at its beginning.
     """
 
     def __init__(
@@ -68,21 +68,21 @@ class RecordFile:
 
     @classmethod
     def create(cls, path: Path, header: Header, signer: Signer | None = None) -> "RecordFile":
-        """Make the file; ``signer`` signs its seal.
+        """Create the file; ``signer`` signs its seal.
 
         Raises:
-            OSError: It is there already, or cannot be written.
+            OSError: It exists, or cannot be written.
         """
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         return cls(path, os.open(path, flags, 0o644), header, signer=signer)
 
     @property
     def size(self) -> int:
-        """Bytes so far."""
+        """Size of the file so far, bytes."""
         return self._sink.size
 
     def put(self, item: Item, at: float) -> None:
-        """Adds an item of daemon time ``at`` [s].
+        """Add an item of daemon time ``at``, s.
 
         Raises:
             OSError: It cannot be written.
@@ -90,7 +90,7 @@ class RecordFile:
         self._sink.put(item, at)
 
     def flush(self) -> None:
-        """Hands everything to the operating system.
+        """Pass everything to the operating system.
 
         Raises:
             OSError: It cannot be written.
@@ -99,7 +99,7 @@ class RecordFile:
         self._good = self._sink.size
 
     def close(self, *, last: bool = True) -> Seal:
-        """Make the file whole; return the end of its hash chain.
+        """Complete the file; return the end of its hash chain.
 
         Args:
             last: False if another part follows.
@@ -115,14 +115,14 @@ class RecordFile:
         return seal
 
     def abandon(self) -> None:
-        """Cuts off what was only half written, and writes no more."""
+        """Cut off an item that was written in part, and write no more."""
         if self._descriptor >= 0:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self._good)
             self._release()
 
     def _release(self) -> None:
-        # Never twice: the number may be another file's by then.
+        # Close it only once: the system may have given the number to another file.
         descriptor, self._descriptor = self._descriptor, -1
         with contextlib.suppress(OSError):
             os.close(descriptor)

@@ -1,7 +1,8 @@
-"""The flight recorder: what happened goes into a queue, a thread of its own writes it.
+"""The flight recorder: events, outputs and states go into a queue, and a thread writes them.
 
-The event loop only puts immutable values into a queue: a slow or full disk delays no tick. What does not fit
-is lost, counted, marked in the recording and said in the states.
+The event loop only puts immutable values into the queue, so a slow or full disk delays no tick. Records
+that do not fit into the queue are lost. They are counted, marked in the recording, and reported in the
+states.
 """
 
 import threading
@@ -20,24 +21,24 @@ from armgate.recording import CellState, Gap, Header, Item, LogLine, RobotState,
 from armgate.recording.chain import Seal, Signer
 
 FLUSH = 0.12
-"""What a killed daemon may lose at most, s, beside what the thread was late."""
+"""Longest time of a run that is lost if the daemon is killed, s, in addition to the backlog of the thread."""
 
 _POLL = 0.02
-"""How often the thread looks for records, s: waking it for each would cost the event loop most of all."""
+"""Time between two looks of the thread for records, s: to wake it for each would cost the event loop most."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateAt:
-    """What an instant showed; taken apart by the writer."""
+    """States of an instant; the thread makes records of it."""
 
     ticks: Sequence[Tick]
     entries: Sequence[m.Entry]
-    moment: CellState
+    cell: CellState
 
     def items(self) -> list[Item]:
-        """The records that it makes."""
+        """Return its records."""
         own = {entry.robot: entry for entry in self.entries}
-        return [*(RobotState(own[tick.robot]) for tick in self.ticks), self.moment]
+        return [*(RobotState(own[tick.robot]) for tick in self.ticks), self.cell]
 
 
 _Queued = tuple[float, Item | StateAt] | None
@@ -47,17 +48,19 @@ class Recorder:
     """Records one run of a daemon.
 
     Args:
-        folder: Where the files go; made if it is not there.
-        required: Whether robots shall rest when something could not be recorded.
-        rotate: After so many bytes the next file begins.
-        limit: How many records may wait for the disk.
+        folder: Folder of the files; created if it does not exist.
+        required: True if robots must rest as soon as something could not be recorded.
+        rotate: Size after which the next file begins, bytes.
+        limit: Records that may wait for the disk.
         flush: Longest time between two flushes, s.
-        signer: Signs each file when it is closed; None: no signature.
-        create: Makes a part, from its path, header and signer.
-        clock: The thread's time, s, of any clock that does not go back.
-        pause: Waits for some seconds of it.
+        signer: Signs each file when it is closed; None: files are not signed.
+        create: Creates a file, from its path, header and signer.
+        clock: Clock of the thread, s; does not go back.
+        pause: Waits for a number of seconds.
 
     Attributes:
+        folder: The same folder.
+        required: The same.
         seal: End of the hash chain of the file that was closed last.
     """
 
@@ -93,14 +96,14 @@ class Recorder:
         self._thread: threading.Thread | None = None
 
     def begin(self, header: Header, now: Callable[[], float]) -> None:
-        """Make the first file and begin to write.
+        """Create the first file and begin to write.
 
         Args:
-            header: What the recording is of.
+            header: Header of the recording.
             now: Daemon time, s.
 
         Raises:
-            OSError: The folder or file cannot be made.
+            OSError: The folder or the file cannot be created.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         self._header, self._now = header, now
@@ -116,12 +119,12 @@ class Recorder:
 
     @property
     def ended_early(self) -> bool:
-        """Return True if writing failed: what happened since then is not recorded."""
+        """True if writing failed: nothing is recorded since then."""
         return self._failure is not None
 
     @property
     def trouble(self) -> str | None:
-        """What went wrong so far, for the states; None if nothing did."""
+        """Warning for the states about records that are missing; None if none is."""
         if self._failure is not None:
             return f"recording ended: {self._failure}"
         if self._lost:
@@ -130,16 +133,16 @@ class Recorder:
 
     @property
     def depth(self) -> int:
-        """How many records wait to be written."""
+        """Number of records that wait to be written."""
         return len(self._queue)
 
     @property
     def lost(self) -> int:
-        """How many records were lost."""
+        """Number of records that were lost."""
         return self._lost
 
     def tap(self, event: GateEvent, outputs: Sequence[GateOutput]) -> None:
-        """Take what the gate was told and answered."""
+        """Record an event and the gate's outputs."""
         self._put(self._now(), Step(event, outputs))
 
     def show(self, snapshot: Snapshot) -> None:
@@ -148,18 +151,18 @@ class Recorder:
         if ticks:
             at = ticks[0].time
             by_robot = {tick.robot: tick.tick for tick in ticks}
-            moment = CellState(at, snapshot.step, by_robot, snapshot.signals, snapshot.warnings)
-            self._put(at, StateAt(ticks, snapshot.entries, moment))
+            cell = CellState(at, snapshot.step, by_robot, snapshot.signals, snapshot.warnings)
+            self._put(at, StateAt(ticks, snapshot.entries, cell))
 
     def log(self, record: Mapping[str, Any]) -> None:
-        """Take a line of the log."""
+        """Record a line of the log."""
         if self._begun:
             fields = {key: value for key, value in record.items() if key not in ("time", "level", "event")}
             line = LogLine(record["time"], record["level"], record["event"], fields)
             self._put(self._now(), line)
 
     def close(self, timeout: float = 10.0) -> None:
-        """Write what waits and close the file, for at most ``timeout`` s."""
+        """Write the waiting records and close the file, for at most ``timeout`` s."""
         if self._thread is not None:
             self._queue.append(None)
             self._thread.join(timeout)
@@ -185,7 +188,7 @@ class Recorder:
 
     def _write(self) -> None:
         self._guarded(self._write_on)
-        while not self._ended and self._next() is not None:  # it has failed: count what comes
+        while not self._ended and self._next_queued() is not None:  # it has failed: count the records
             self._lost += 1
 
     def _write_on(self) -> None:
@@ -199,12 +202,12 @@ class Recorder:
                 return
             else:
                 self._put_into_file(*queued)
-                self._pause(0)  # whoever waits for the interpreter goes first: the event loop
+                self._pause(0)  # the event loop may wait for the interpreter: let it run first
             if self._clock() >= due:
                 self._flush_part()
                 due = self._clock() + self._flush
 
-    def _next(self) -> _Queued:
+    def _next_queued(self) -> _Queued:
         while not self._queue:
             self._pause(_POLL)
         return self._queue.popleft()
@@ -212,7 +215,7 @@ class Recorder:
     # --- the file -----------------------------------------------------------------------------------------
 
     def _guarded(self, work: Callable[[], object]) -> None:
-        """Does it; if that fails, the recording has ended."""
+        """Do some work; if that fails, the recording has ended."""
         try:
             work()
         except OSError as error:
@@ -227,9 +230,9 @@ class Recorder:
     def _flush_part(self) -> None:
         self._part.flush()
         if self._part.size >= self._rotate:
-            self._turn()
+            self._next_part()
 
-    def _turn(self) -> None:
+    def _next_part(self) -> None:
         previous, header = self._close_part(last=False).digest.hex(), self._part.header
         self._part = self._open(header.model_copy(update={"part": header.part + 1, "previous": previous}))
 

@@ -1,4 +1,4 @@
-"""The key that signs recordings: Ed25519, by the package cryptography (extra ``sign``)."""
+"""Key that signs recordings: Ed25519, by the package cryptography (extra ``sign``)."""
 
 import os
 import stat
@@ -8,17 +8,17 @@ from pathlib import Path
 from armgate.recording.chain import Signer
 
 _LONGEST = 1 << 16
-"""Most bytes of a key's file that are read; a device has no end."""
+"""Largest number of bytes of a key file that are read; a device has no end."""
 
 
 class SignerError(Exception):
-    """The key cannot be used; the text says why, and what to do."""
+    """The key cannot be used; the text gives the reason and the remedy."""
 
     exit_code = 2
 
 
 def load_signer(file: Path) -> Signer:
-    """Load a private key in PEM, without a password.
+    """Load a private key from a PEM file without a password.
 
     Raises:
         SignerError: It cannot be used.
@@ -34,19 +34,19 @@ def load_signer(file: Path) -> Signer:
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
         raise SignerError(f"{file}: expected an Ed25519 private key in PEM, without a password") from error
     if not isinstance(key, Ed25519PrivateKey):
-        raise SignerError(f"{file}: expected an Ed25519 key; make one: openssl genpkey -algorithm ed25519")
+        raise SignerError(f"{file}: expected an Ed25519 key; create one: openssl genpkey -algorithm ed25519")
     return _Key(key.public_key().public_bytes_raw(), key.sign)
 
 
 def _private(file: Path) -> bytes:
-    """Read a file that only its owner may read."""
+    """Return the content of a file, which only its owner may read."""
     try:
         with file.open("rb") as opened:
             mode, data = os.fstat(opened.fileno()).st_mode, opened.read(_LONGEST)
     except OSError as error:
         raise SignerError(f"{file}: {error.strerror or error}") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise SignerError(f"{file}: others may use this key; run: chmod 600 {file}")
+        raise SignerError(f"{file}: other users may use this key; run: chmod 600 {file}")
     return data
 
 

@@ -1,4 +1,4 @@
-"""How a recording begins: where it goes, and its header."""
+"""Start of a recording: its folder and its header."""
 
 import base64
 import time
@@ -20,32 +20,32 @@ from armgate.recording.reader import PATTERN
 
 
 class RecorderError(Exception):
-    """Nothing can be recorded there; nothing was moved."""
+    """The run cannot be recorded; nothing was moved."""
 
     exit_code = 2
 
 
 def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
-    """The recorder that is asked for; None if none is.
+    """Return the recorder that is configured or asked for; None if the run is not recorded.
 
     Args:
         config: The cell's configuration.
-        folder: Where to record; None: where the configuration says.
+        folder: Folder to record into; None: the configured one.
 
     Raises:
-        RecorderError: There is a recording in that folder, or the key that signs cannot be used.
+        RecorderError: The folder holds a recording, or the signing key cannot be used.
     """
     own = config.recording
     if folder is None:
         if own.folder is None:
             if own.required:
-                text = "recording.required: but nothing says where; expected recording.folder or --record DIR"
+                text = "recording.required: no folder is given; expected recording.folder or --record DIR"
                 raise RecorderError(text)
             return None
         now = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
         folder = config.file(("recording", "folder"), own.folder) / now
     if next(folder.glob(PATTERN), None) is not None:
-        raise RecorderError(f"{folder}: holds a recording already; expected a folder without one")
+        raise RecorderError(f"{folder}: holds a recording already; expected a folder without a recording")
     signer = None if own.sign is None else _signer(config.file(("recording", "sign"), own.sign))
     kind = InlineRecorder if isinstance(config.clock, LockstepClockConfig) else Recorder
     return kind(folder, required=own.required, rotate=own.rotate, limit=own.queue, signer=signer)
@@ -59,29 +59,29 @@ def _signer(file: Path) -> Signer:
 
 
 def begin(recorder: Recorder, header: Header, now: Callable[[], float]) -> None:
-    """Makes the first file and begins to write.
+    """Create the first file and begin to write.
 
     Raises:
-        RecorderError: It cannot be made.
+        RecorderError: It cannot be created.
     """
     try:
         recorder.begin(header, now)
     except OSError as error:
-        text = f"{recorder.folder}: nothing can be recorded there: {error.strerror or error}"
+        text = f"{recorder.folder}: cannot record into this folder: {error.strerror or error}"
         raise RecorderError(text) from error
 
 
 def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool | None = None) -> Header:
-    """The header of a recording.
+    """Return the header of a recording.
 
     Args:
         cell: The cell.
         start: The daemon's start id.
-        lockstep: Whether time passes in lock-step.
+        lockstep: True if time passes in lock-step.
         now: Daemon time, s.
-        compiled: Whether the gate is the compiled one; where that can be, if it is not said.
+        compiled: True if the gate's kernels are compiled; None: if they can be.
     """
-    library = CellDescription(cell, lockstep)
+    described = CellDescription(cell, lockstep)
     return Header(
         start=start,
         origin_ns=time.time_ns() - round(now * 1e9),
@@ -92,8 +92,8 @@ def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool
         software=software(),
         machine=machine(),
         files=_texts(pack(cell.config)),
-        description=library.description.model_dump(mode="json"),
-        assets=_texts(library.assets),
+        description=described.description.model_dump(mode="json"),
+        assets=_texts(described.assets),
     )
 
 

@@ -1,10 +1,11 @@
-"""Bounds on connections: how many there may be, in all and from one address, and whose place is kept.
+"""Bounds on the number of connections, in all and from one address, and places reserved for higher roles.
 
-A connection is *waiting* until its hello is accepted, then it is a *session*. Waiting connections never take
-the place of a session, and no number of them keeps a new connection out: if there is no room, a waiting
-connection makes room, first one that has sent nothing, then the one that came first. Of each bound a part is
-kept for operators, and another for operators and controllers, so that observers or controllers cannot fill
-it. Observers of one token, wherever they connect from, have the same bound as those of one address.
+A connection is *waiting* until its hello is accepted; then it is a *session*. A waiting connection never
+takes the place of a session, and no number of them keeps a new connection out: if the limit is reached, a
+waiting connection is closed to make room, first one that has sent nothing, then the oldest. A part of each
+limit is reserved for operators, and another for operators and controllers, so that observers or controllers
+cannot use up all places. Observers with one token have the same limit as those of one address, wherever
+they connect from.
 """
 
 from collections import Counter
@@ -12,23 +13,24 @@ from dataclasses import dataclass, field
 
 from armgate.protocol.messages import Role
 
-_KEPT = 16
-"""One place of so many is kept for operators, and one more for operators and controllers."""
+_RESERVED = 16
+"""One place in this many is reserved for operators, and one more for operators and controllers."""
 
 _BELOW: dict[Role, int] = {"operator": 0, "controller": 1, "observer": 2}
+"""Number of roles above each role: reserved shares that it may not use."""
 
 
 @dataclass(eq=False, slots=True)
 class Slot:
-    """A connection's place.
+    """Place of one connection.
 
     Attributes:
-        origin: The address that it counts for.
-        uid: The user at its other end, None if it does not come over the Unix socket.
-        refusal: Why it may not stay; empty if it may.
-        silent: True until it has sent something.
-        identity: The token that its session counts for; empty while it waits or has none.
-        role: The role of its session; None while it waits.
+        origin: Address that it counts for.
+        uid: User at its other end; None if it does not use the Unix socket.
+        refusal: Reason why it may not stay; empty if it may.
+        silent: True until the client has sent something.
+        identity: Token that its session counts for; empty while it waits, or without a token.
+        role: Role of its session; None while it waits.
     """
 
     origin: str
@@ -38,13 +40,17 @@ class Slot:
     identity: str = ""
     role: Role | None = field(default=None)
 
+    def note_data(self) -> None:
+        """Note that the client has sent something."""
+        self.silent = False
+
 
 class ConnectionLimits:
     """Counts connections.
 
     Args:
-        in_all: How many there may be at once.
-        per_origin: How many of them from one origin, and of one token.
+        in_all: Largest number of connections.
+        per_origin: Largest number of connections from one origin, and of one token.
     """
 
     def __init__(self, in_all: int, per_origin: int) -> None:
@@ -54,52 +60,51 @@ class ConnectionLimits:
         self._sessions: set[Slot] = set()
 
     def enter(self, origin: str, uid: int | None = None) -> tuple[Slot, Slot | None]:
-        """Return the place of a new connection, and the waiting one that makes room for it, if any."""
-        guest, evicted = Slot(origin, uid), None
+        """Return the slot of a new connection, and the waiting one to close to make room for it, if any."""
+        slot, evicted = Slot(origin, uid), None
         if self._from(origin) >= self._per_origin:
             evicted = self._oldest(origin)
             if evicted is None:
-                guest.refusal = self._full_address()
-                return guest, None
+                slot.refusal = self._full_address()
+                return slot, None
         elif len(self._waiting) + len(self._sessions) >= self._in_all:
             evicted = self._oldest(self._crowded())
             if evicted is None:
-                guest.refusal = self._full()
-                return guest, None
+                slot.refusal = self._full()
+                return slot, None
         if evicted is not None:
             self.leave(evicted)
-        self._waiting[guest] = None
-        return guest, evicted
+        self._waiting[slot] = None
+        return slot, evicted
 
-    def admit(self, guest: Slot, role: Role, identity: str) -> str:
+    def admit(self, slot: Slot, role: Role, identity: str) -> str:
         """Make a session of a waiting connection.
 
         Args:
-            guest: The connection's place.
-            role: The role that its hello is accepted in.
-            identity: The token that it came in by; empty without one.
+            slot: The connection's slot.
+            role: Role that its hello was granted.
+            identity: Name of its token; empty without one.
 
         Returns:
-            Why there is no room for it; empty if there is.
+            Reason why there is no place for it; empty if there is.
         """
         others = [one for one in self._sessions if _BELOW[one.role or "observer"] >= _BELOW[role]]
         if len(others) >= self._bound(self._in_all, role):
             return self._full()
-        if sum(one.origin == guest.origin for one in others) >= self._bound(self._per_origin, role):
+        bound = self._bound(self._per_origin, role)
+        if sum(one.origin == slot.origin for one in others) >= bound:
             return self._full_address()
-        if identity and sum(one.identity == identity for one in others) >= self._bound(
-            self._per_origin, role
-        ):
+        if identity and sum(one.identity == identity for one in others) >= bound:
             return f"there are {self._per_origin} connections with your token already; close some"
-        self._waiting.pop(guest, None)
-        guest.role, guest.identity = role, identity
-        self._sessions.add(guest)
+        self._waiting.pop(slot, None)
+        slot.role, slot.identity = role, identity
+        self._sessions.add(slot)
         return ""
 
-    def leave(self, guest: Slot) -> None:
+    def leave(self, slot: Slot) -> None:
         """Free the place of a connection."""
-        self._waiting.pop(guest, None)
-        self._sessions.discard(guest)
+        self._waiting.pop(slot, None)
+        self._sessions.discard(slot)
 
     @property
     def empty(self) -> bool:
@@ -107,29 +112,30 @@ class ConnectionLimits:
         return not self._waiting and not self._sessions
 
     def _from(self, origin: str) -> int:
-        return sum(guest.origin == origin for guest in (*self._waiting, *self._sessions))
+        return sum(slot.origin == origin for slot in (*self._waiting, *self._sessions))
 
     def _oldest(self, origin: str) -> Slot | None:
-        """Return the waiting connection of an origin that came first, if there is one a silent one."""
-        waiting = [guest for guest in self._waiting if guest.origin == origin]
-        return next((guest for guest in waiting if guest.silent), waiting[0] if waiting else None)
+        """Return the oldest waiting connection of an origin, if possible one that has sent nothing."""
+        waiting = [slot for slot in self._waiting if slot.origin == origin]
+        return next((slot for slot in waiting if slot.silent), waiting[0] if waiting else None)
 
     def _crowded(self) -> str:
         """Return the origin with most waiting connections."""
-        counts = Counter(guest.origin for guest in self._waiting)
+        counts = Counter(slot.origin for slot in self._waiting)
         return max(counts, key=counts.__getitem__, default="")
 
     @staticmethod
     def _bound(limit: int, role: Role) -> int:
-        return limit - _BELOW[role] * (limit // _KEPT)
+        return limit - _BELOW[role] * (limit // _RESERVED)
 
     def _full(self) -> str:
         return (
-            f"there are {self._in_all} connections already, or all but those kept for higher roles; try later"
+            f"there are {self._in_all} connections already, or all but those reserved for higher roles; "
+            "try again later"
         )
 
     def _full_address(self) -> str:
         return (
-            f"there are {self._per_origin} connections from your address already, or all but those kept for "
-            "higher roles; close some"
+            f"there are {self._per_origin} connections from your address already, or all but those reserved "
+            "for higher roles; close some"
         )

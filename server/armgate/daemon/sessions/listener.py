@@ -1,7 +1,7 @@
-"""Accepts connections: a few at a time, a bounded number per second, as many as there is room for.
+"""Accepting of connections: a few at a time, a bounded number per second, up to a bounded number in all.
 
-All this counts before TLS, whose handshake costs more than all that follows. What cannot be accepted yet
-waits in the kernel's queue, so that connected clients are not delayed.
+These bounds apply before TLS, whose handshake costs more than everything that follows. Connections that
+cannot be accepted yet wait in the kernel's queue, so that connected clients are not delayed.
 """
 
 import asyncio
@@ -25,36 +25,36 @@ _QUEUE = 128
 """Connections that may wait in the kernel."""
 
 _AT_ONCE = 4
-"""Connections taken in at one turn of the event loop."""
+"""Connections accepted in one turn of the event loop."""
 
 _BURST = 32.0
-"""Connections taken in at once after a quiet time."""
+"""Connections accepted at once after a quiet time."""
 
 _LEAVING = 128
-"""Connections that are being told why they may not stay; further ones are closed without a word."""
+"""Refused connections that are being sent the reason; further ones are closed without a message."""
 
 _RETRY = 1.0
-"""How long to wait if the system gives no more connections, s."""
+"""Time to wait if the system has no more descriptors or memory, s."""
 
 
 class Listener:
-    """Listens at one address.
+    """Accepts connections on one address, and on a Unix socket.
 
     Args:
-        make: Makes the protocol of a connection. A guest who may not stay is made one too, so that it can be
-            told why; ``left`` is to be called when it is gone.
-        room: Counts the connections.
+        make: Makes the protocol of a connection, even of one that may not stay, so that its client can be
+            sent the reason; it must call `left` when the connection is closed.
+        limits: Counts the connections.
         rate: Connections per second on average.
-        tls: Encrypts them; None: they are not.
-        handshake: How long TLS may take, s.
-        log: Where failures are logged.
-        refused: Counts the connections that were refused, to bound what is logged.
+        tls: Encrypts connections; None: they are not encrypted.
+        handshake: Time that the handshake of TLS may take, s.
+        log: Receives failures.
+        refused: Counts refused connections, and bounds their log.
     """
 
     def __init__(
         self,
         make: Callable[[Slot], ConnectionProtocol],
-        room: ConnectionLimits,
+        limits: ConnectionLimits,
         *,
         rate: float,
         tls: ssl.SSLContext | None,
@@ -64,12 +64,12 @@ class Listener:
     ) -> None:
         self._refused = refused
         self._make = make
-        self._room = room
+        self._limits = limits
         self._tls = tls
         self._handshake = handshake
         self._log = log
         self._leaving: set[Slot] = set()
-        self._places: dict[Slot, ConnectionProtocol] = {}
+        self._protocols: dict[Slot, ConnectionProtocol] = {}
         self._handshakes: dict[Slot, asyncio.Task[None]] = {}
         self._sockets: list[socket.socket] = []
         self._timers: dict[socket.socket, asyncio.TimerHandle] = {}
@@ -77,7 +77,7 @@ class Listener:
         self._bucket = TokenBucket(rate, _BURST, monotonic())
 
     async def open(self, host: str, port: int) -> int:
-        """Begin to listen; returns the port.
+        """Begin to listen; return the port.
 
         Raises:
             OSError: The address cannot be listened on.
@@ -87,22 +87,24 @@ class Listener:
         try:
             for family, _, _, _, address in dict.fromkeys(found):
                 self._sockets.append(_bound(family, (address[0], port, *address[2:])))
-                port = self._sockets[-1].getsockname()[1]  # the same one for all, also where any would do
+                port = self._sockets[-1].getsockname()[
+                    1
+                ]  # the same for all addresses, even if any may be used
         except OSError:
             self.close()
             raise
         for sock in self._sockets:
-            self._watch(sock)
+            self._resume(sock)
         return port
 
     def open_local(self, path: Path) -> None:
         """Begin to listen on a Unix socket too.
 
         Raises:
-            UnixSocketError: It cannot be listened on.
+            UnixSocketError: The socket cannot be listened on.
         """
         self._local = UnixSocket(path)
-        self._watch(self._local.socket)
+        self._resume(self._local.socket)
 
     def use_tls(self, tls: ssl.SSLContext) -> dict[str, object]:
         """Encrypt new connections with these certificates; return no fields for the log."""
@@ -110,7 +112,7 @@ class Listener:
         return {}
 
     def close(self) -> None:
-        """Accept no more connections; those accepted stay."""
+        """Stop accepting; accepted connections stay."""
         loop = asyncio.get_running_loop()
         for timer in self._timers.values():
             timer.cancel()
@@ -125,36 +127,36 @@ class Listener:
             self._local.close()
             self._local = None
 
-    def left(self, guest: Slot) -> None:
+    def left(self, slot: Slot) -> None:
         """Free the place of a connection that is closed."""
-        self._leaving.discard(guest)
-        self._places.pop(guest, None)
-        self._room.leave(guest)
+        self._leaving.discard(slot)
+        self._protocols.pop(slot, None)
+        self._limits.leave(slot)
 
-    # --- taking in ----------------------------------------------------------------------------------------
+    # --- accepting -----------------------------------------------------------------------------------------
 
-    def _watch(self, sock: socket.socket) -> None:
+    def _resume(self, sock: socket.socket) -> None:
         self._timers.pop(sock, None)
         asyncio.get_running_loop().add_reader(sock, self._accept, sock)
 
-    def _rest(self, sock: socket.socket, seconds: float) -> None:
+    def _pause(self, sock: socket.socket, seconds: float) -> None:
         loop = asyncio.get_running_loop()
         loop.remove_reader(sock)
-        self._timers[sock] = loop.call_later(seconds, self._watch, sock)
+        self._timers[sock] = loop.call_later(seconds, self._resume, sock)
 
     def _accept(self, sock: socket.socket) -> None:
         now = monotonic()
         for _ in range(_AT_ONCE):
             if wait := self._bucket.wait(now):
-                self._rest(sock, wait)
+                self._pause(sock, wait)
                 return
             try:
                 taken, address = sock.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
-            except OSError as error:  # no more files or memory: that may pass
+            except OSError as error:  # the system has no more descriptors or memory; this may pass
                 self._log.error("accept", error=str(error))
-                self._rest(sock, _RETRY)
+                self._pause(sock, _RETRY)
                 return
             self._bucket.take(now)
             self._take(taken, address)
@@ -162,49 +164,49 @@ class Listener:
     def _take(self, taken: socket.socket, address: tuple[str, int] | str) -> None:
         uid = peer_uid(taken) if taken.family == socket.AF_UNIX else None
         source = origin(address[0]) if uid is None else f"uid {uid}"
-        guest, evicted = self._room.enter(source, uid)
+        slot, evicted = self._limits.enter(source, uid)
         if evicted is not None:
             self._evict(evicted)
-        if guest.refusal:
+        if slot.refusal:
             if len(self._leaving) >= _LEAVING:
                 taken.close()
                 return
-            self._leaving.add(guest)
+            self._leaving.add(slot)
         taken.setblocking(False)
-        task = asyncio.get_running_loop().create_task(self._seat(taken, guest))
-        self._handshakes[guest] = task
-        task.add_done_callback(lambda done: self._seated(done, taken, guest))
+        task = asyncio.get_running_loop().create_task(self._connect(taken, slot))
+        self._handshakes[slot] = task
+        task.add_done_callback(lambda done: self._connected(done, taken, slot))
 
-    def _seated(self, done: asyncio.Task[None], taken: socket.socket, guest: Slot) -> None:
-        self._handshakes.pop(guest, None)
+    def _connected(self, done: asyncio.Task[None], taken: socket.socket, slot: Slot) -> None:
+        self._handshakes.pop(slot, None)
         if done.cancelled():
-            if guest not in self._places:
-                taken.close()  # it was cancelled before it began
-            self.left(guest)
+            if slot not in self._protocols:
+                taken.close()  # cancelled before it began
+            self.left(slot)
 
-    def _evict(self, guest: Slot) -> None:
-        task = self._handshakes.get(guest)
+    def _evict(self, slot: Slot) -> None:
+        task = self._handshakes.get(slot)
         if task is not None and not task.done():
             task.cancel()
-        elif (place := self._places.get(guest)) is not None:
-            self._leaving.add(guest)
-            place.evict()
+        elif (protocol := self._protocols.get(slot)) is not None:
+            self._leaving.add(slot)
+            protocol.evict()
 
-    async def _seat(self, taken: socket.socket, guest: Slot) -> None:
+    async def _connect(self, taken: socket.socket, slot: Slot) -> None:
         loop = asyncio.get_running_loop()
-        place = self._places[guest] = self._make(guest)
+        protocol = self._protocols[slot] = self._make(slot)
         try:
-            if self._tls is None or guest.uid is not None:
-                await loop.connect_accepted_socket(lambda: place, taken)
+            if self._tls is None or slot.uid is not None:
+                await loop.connect_accepted_socket(lambda: protocol, taken)
             else:
-                await tls_stream.accept(taken, place, self._tls, self._handshake, place.serve)
+                await tls_stream.accept(taken, protocol, self._tls, self._handshake, protocol.serve)
         except OSError as error:
-            self._refused.note(self._log, "tls.failed", guest.origin, monotonic(), error=str(error))
-            self.left(guest)
+            self._refused.note(self._log, "tls.failed", slot.origin, monotonic(), error=str(error))
+            self.left(slot)
 
 
 def _bound(family: int, address: tuple[str | int, ...]) -> socket.socket:
-    # Without the protocol's name asyncio would not turn Nagle's delays off.
+    # asyncio turns off Nagle's algorithm only for sockets that name their protocol.
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable
 from time import monotonic, time
 
 from armgate.cell.config import ServerConfig
-from armgate.daemon.auth.access import Access, Keys
+from armgate.daemon.auth.access import Access
 from armgate.daemon.auth.failure_log import FailureLog
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import warn_of_unknown_robots
 from armgate.daemon.auth.tokens import Token, Tokens
 from armgate.daemon.core.interfaces import Client

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from time import monotonic
 
 from armgate.cell.config import ServerConfig
-from armgate.daemon.auth.access import Keys
 from armgate.daemon.auth.failure_log import FailureLog
+from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import ReloadSource
 from armgate.daemon.auth.tls import is_for_clients
 from armgate.daemon.core.core import Core

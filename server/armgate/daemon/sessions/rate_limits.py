@@ -1,9 +1,9 @@
-"""RateLimits for reading: how many messages of a client, an identity, an address and all clients are read.
+"""Rate limits of reading: messages per second of a client, an identity, an address and all clients.
 
 An identity is a token, or the address of a client without one. Each message that is read counts in every
-allowance that applies to its client. A client that has used one up is not read for a while; nothing that it
-sent is dropped. Holders of robots and operators with a token count only in their own allowance, so that no
-other client can use it up.
+limit that applies to its client. A client that has used up one of them is not read for a while; nothing
+that it sent is dropped. Holders of robots, and operators with a token, count only in their own limit, so
+that no other client can use it up.
 """
 
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from armgate.daemon.token_bucket import TokenBucket
 
 _BURST = 0.25
-"""Burst of an allowance as a share of what it allows in 1 s."""
+"""Burst of a limit as a share of the messages that it allows in 1 s."""
 
 _KEPT = 1024
-"""RateLimits of identities and addresses that are kept; those that are full are forgotten first."""
+"""Limits of identities and addresses that are kept; those of which nothing is used are forgotten first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,14 @@ class Rates:
 
 
 class RateLimits:
-    """The allowances that clients share.
+    """Limits that clients share.
 
     Args:
         rates: The rates.
-        now: The time, s, of a clock that does not go back.
+        now: Time of a clock that does not go back, s.
+
+    Attributes:
+        now: The same clock.
     """
 
     def __init__(self, rates: Rates, now: Callable[[], float]) -> None:
@@ -43,11 +46,11 @@ class RateLimits:
         self._shared: dict[str, TokenBucket] = {}
 
     def own(self) -> TokenBucket:
-        """Return the allowance of a new client."""
+        """Return the limit of a new client."""
         return self._bucket(self._rates.client)
 
     def shared(self, identity: str, address: str) -> tuple[TokenBucket, ...]:
-        """Return the allowances that a client of this identity at this address shares with others."""
+        """Return the limits that a client of this identity at this address shares with other clients."""
         of_address = self._of(f"address {address}", self._rates.address)
         return (self._of(f"identity {identity}", self._rates.identity), of_address, self._all)
 
@@ -67,35 +70,35 @@ class RateLimits:
 
 
 class RateLimit:
-    """What one client may use: its own allowance, and those that it shares.
+    """Limits that apply to one client: its own, and those that it shares.
 
     Args:
-        allowances: The allowances of all clients.
-        address: Where the client connects from; its identity until it has one.
+        limits: Limits of all clients.
+        address: Address that the client connects from; its identity until it has another one.
     """
 
-    def __init__(self, allowances: RateLimits, address: str) -> None:
-        self._allowances = allowances
+    def __init__(self, limits: RateLimits, address: str) -> None:
+        self._limits = limits
         self._address = address
-        self._own = allowances.own()
-        self._shared = allowances.shared(address, address)
+        self._own = limits.own()
+        self._shared = limits.shared(address, address)
 
     def identify(self, identity: str) -> None:
-        """Count in this identity's allowance from now on."""
-        self._shared = self._allowances.shared(identity, self._address)
+        """Count in the limit of this identity from now on."""
+        self._shared = self._limits.shared(identity, self._address)
 
     def reserve(self, privileged: bool) -> float:
-        """Take one message; return how long to wait before it is read, s.
+        """Take one message; return the time to wait before it is read, s.
 
         Args:
-            privileged: True if only the client's own allowance counts.
+            privileged: True if only the client's own limit counts.
         """
-        now = self._allowances.now()
+        now = self._limits.now()
         own = self._own.reserve(now)
         return own if privileged else max(own, *(bucket.reserve(now) for bucket in self._shared))
 
     def spend(self, count: float, privileged: bool) -> None:
-        """Take what reading cost beyond the one message that was reserved."""
+        """Take the cost of reading beyond the one message that was reserved."""
         self._own.spend(count)
         if not privileged:
             for bucket in self._shared:

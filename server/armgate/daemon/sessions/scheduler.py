@@ -1,10 +1,10 @@
-"""Fair turns of the event loop: which session is served next, and how much of a turn serving may take.
+"""Fair scheduling of sessions: which one is served next, and how much time of a turn serving may take.
 
 Ticks are timers of the event loop, so they wait for at most one turn. A turn is bounded by time: each lane
-has a slice of it, and what does not fit waits for the next turn. Sessions that hold a robot are served in a
-lane of their own, before all others. All others together get at most half of a core over longer times. Within
-a lane the identities (tokens, addresses) take turns, so that an identity with many connections gets no more
-than one with a single connection.
+has a slice of it, and work that does not fit waits for the next turn. Sessions that hold a robot are served
+in their own lane, before all others. All others together get at most half of a core over longer times.
+Within a lane the identities (tokens, addresses) take turns, so an identity with many connections gets no
+more time than one with a single connection.
 """
 
 import asyncio
@@ -17,19 +17,19 @@ from armgate.daemon.token_bucket import TokenBucket
 Work = Callable[[], None]
 
 _HOLDERS = 1e-3
-"""Time of one turn for sessions that hold a robot, s."""
+"""Time in each turn for sessions that hold a robot, s."""
 
 _OTHERS = 250e-6
-"""Time of one turn for all other sessions, s."""
+"""Time in each turn for all other sessions, s."""
 
 SHARE = 0.5
 """Share of a core that serving all other sessions may use over longer times."""
 
 _BURST = 0.02
-"""Time that serving all other sessions may use beyond that share at once, s."""
+"""Time that serving all other sessions may use at once beyond that share, s."""
 
 _UNIT = 1e-6
-"""Time that counts as one in a lane's budget, s."""
+"""Unit of a lane's budget, s."""
 
 
 class Lane:
@@ -41,7 +41,7 @@ class Lane:
         share: Share of all time that this lane may use; 1: no bound.
 
     Attributes:
-        queued: Number of the newest work that was queued, counted from 1.
+        queued: Number of the newest queued work, counted from 1.
     """
 
     def __init__(self, slice_: float, clock: Callable[[], float], share: float = 1.0) -> None:
@@ -54,11 +54,11 @@ class Lane:
 
     @property
     def free(self) -> bool:
-        """True if nothing waits and time of this turn, and of the lane's share, is left."""
+        """True if nothing waits, and time is left of this turn and of the lane's share."""
         return not self._queues and self._used < self._slice and not self.pause()
 
     def pause(self) -> float:
-        """Return how long to wait until time of this lane's share is left, s; 0 if some is left now."""
+        """Return the time until this lane may use its share again, s; 0 if it may now."""
         return 0.0 if self._budget is None else self._budget.wait(self._clock())
 
     @property
@@ -72,11 +72,11 @@ class Lane:
         self._queues.setdefault(identity, deque()).append((self.queued, work))
 
     def waits(self, number: int) -> bool:
-        """Return True if work that was queued up to this number waits."""
+        """Return True if work up to this number waits."""
         return any(queue[0][0] <= number for queue in self._queues.values())
 
     def do(self, work: Work) -> None:
-        """Do work now and count its time; work within other work counts once."""
+        """Do work now and count its time; nested work counts once."""
         begin, used = self._clock(), self._used
         work()
         spent = self._clock() - begin - (self._used - used)
@@ -85,7 +85,7 @@ class Lane:
             self._budget.spend(spent / _UNIT)
 
     def run(self) -> None:
-        """Begin a new turn: do what fits into it, one piece of each identity in rotation."""
+        """Begin a new turn: do as much work as fits into it, one piece of each identity in rotation."""
         self._used = 0.0
         while self._queues and self._used < self._slice and not self.pause():
             identity, queue = next(iter(self._queues.items()))
@@ -97,7 +97,7 @@ class Lane:
 
 
 class FairScheduler:
-    """Serves sessions in both lanes on the running event loop.
+    """Serves sessions in two lanes on the running event loop.
 
     Args:
         clock: A clock for durations, s.
@@ -111,15 +111,15 @@ class FairScheduler:
         self._timer: asyncio.TimerHandle | None = None
 
     def holders_queued(self) -> int:
-        """Return the number of the newest work that was queued for sessions that hold a robot."""
+        """Return the number of the newest work queued for sessions that hold a robot."""
         return self._holders.queued
 
     def holders_wait(self, number: int) -> bool:
-        """Return True if such work that was queued up to this number waits."""
+        """Return True if such work up to this number waits."""
         return self._holders.waits(number)
 
     def now(self, identity: str, holder: bool, work: Work) -> None:
-        """Do work at once if this turn has time for it, else queue it."""
+        """Do work at once if time is left in this turn, else queue it."""
         lane = self._lane(holder)
         if lane.free:
             lane.do(work)

@@ -159,7 +159,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         if self.closing:
             self._reader.discard()
         else:
-            self.slot.silent = False
+            self.slot.note_data()
             self._reader.push(data)
 
     def eof_received(self) -> bool:

@@ -1,6 +1,6 @@
-"""TLS of one connection: what a client sends is decrypted in small pieces, each in a turn of its session.
+"""TLS of one connection: data of a client are decrypted in small pieces, each in a turn of its session.
 
-Decrypting costs time before a message is complete: for handshakes, key updates (TLS 1.3) and records of one
+Decryption costs time before any message is complete: for handshakes, key updates (TLS 1.3) and records of one
 byte. asyncio itself would decrypt up to 256 KiB at once, of every connection in every turn of the event loop.
 """
 
@@ -15,7 +15,7 @@ _PIECE = 2048
 """Bytes that are decrypted at once: up to 75 key updates, about 1 ms."""
 
 Serve = Callable[[Callable[[], None]], None]
-"""Does some work in the turn of a session."""
+"""Does work in the turn of a session."""
 
 
 async def accept(
@@ -25,13 +25,13 @@ async def accept(
     handshake: float,
     serve: Serve,
 ) -> None:
-    """Encrypt an accepted connection; returns when the handshake is over.
+    """Encrypt an accepted connection; return when the handshake is over.
 
     Args:
         sock: Its socket.
-        protocol: The protocol of what is encrypted; it is connected when the handshake is over.
+        protocol: Protocol of the decrypted data; connected when the handshake is over.
         context: Certificate and key.
-        handshake: How long the handshake may take, s.
+        handshake: Time that the handshake may take, s.
         serve: Does work in this connection's turn.
 
     Raises:
@@ -49,7 +49,7 @@ async def accept(
 
 
 class _Tls(SSLProtocol):
-    """asyncio's TLS, with a small buffer for what comes in."""
+    """TLS of asyncio, with a small buffer for incoming data."""
 
     max_size = _PIECE
 
@@ -60,23 +60,23 @@ def _tls(
     context: ssl.SSLContext,
     over: asyncio.Future[None],
     handshake: float,
-) -> Any:  # its stub takes only whole seconds, and lacks what follows
+) -> Any:  # the stub takes only whole seconds, and lacks what follows
     tls: Any = _Tls
     made = tls(loop, protocol, context, over, server_side=True, ssl_handshake_timeout=handshake)
-    # While the session is not read, at most this much waits to be decrypted at once.
+    # While the session is not read, at most this many bytes wait to be decrypted at once.
     made._set_read_buffer_limits(high=_PIECE)
     return made
 
 
 class _Valve:
-    """The encrypted transport as TLS sees it: read only if neither TLS nor a waiting piece forbids it."""
+    """Encrypted transport as TLS sees it; read only if neither TLS nor a waiting piece forbids it."""
 
     def __init__(self, transport: asyncio.Transport) -> None:
         self._transport = transport
         self._paused = self._waits = False
 
     def pause_reading(self) -> None:
-        """Read no more until TLS permits it again."""
+        """Stop reading until TLS permits it again."""
         self._paused = True
         self._set()
 
@@ -86,7 +86,7 @@ class _Valve:
         self._set()
 
     def wait(self, waits: bool) -> None:
-        """Read nothing while a piece waits for its turn."""
+        """Stop reading while a piece waits for its turn."""
         self._waits = waits
         self._set()
 
@@ -104,7 +104,7 @@ class _Pieces(asyncio.BufferedProtocol):
     """Encrypted input of one connection, decrypted piece by piece.
 
     Args:
-        tls: Decrypts it.
+        tls: Decrypts the input.
         serve: Does work in this connection's turn.
     """
 
@@ -117,22 +117,22 @@ class _Pieces(asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin the handshake."""
-        # What waits to be written waits in the session, as without TLS.
+        # Data wait in the session to be written, as without TLS.
         cast(asyncio.Transport, transport).set_write_buffer_limits(high=1, low=0)
         self._valve = _Valve(cast(asyncio.Transport, transport))
         self._tls.connection_made(self._valve)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End TLS too."""
+        """Report the loss to TLS."""
         self._lost = True
         self._tls.connection_lost(exc)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return where the next piece may be put."""
+        """Return the memory for the next piece."""
         return self._room
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Have a piece decrypted in its turn, and read no other one before."""
+        """Decrypt a piece in its turn, and read no other piece before."""
         self._valve.wait(True)
         self._serve(lambda: self._decrypt(nbytes))
 
@@ -143,14 +143,14 @@ class _Pieces(asyncio.BufferedProtocol):
             self._tls.buffer_updated(nbytes)
 
     def eof_received(self) -> bool | None:
-        """Tell TLS; return True if it keeps the transport open."""
+        """Report the end of the stream to TLS; return True if TLS keeps the transport open."""
         stays: bool | None = self._tls.eof_received()
         return stays
 
     def pause_writing(self) -> None:
-        """Let what is encrypted wait."""
+        """Stop writing encrypted data: the transport takes no more."""
         self._tls.pause_writing()
 
     def resume_writing(self) -> None:
-        """Write what is encrypted again."""
+        """Write encrypted data again."""
         self._tls.resume_writing()
