@@ -154,7 +154,7 @@ async def test_a_certificate_for_another_host_is_not_trusted(secured, connect):
 
 
 async def test_without_tls_the_text_asks_for_it(secured, connect):
-    with pytest.raises(ConnectionLost, match="does it ask for TLS"):
+    with pytest.raises(ConnectionLost, match="does it require TLS"):
         await connect(secured.address, "eye", token=secured.tokens["eye"])
 
 
@@ -172,7 +172,7 @@ async def test_files_that_are_no_certificates_are_bad_arguments(secured, connect
         await connect(secured.address, "eye", tls=secured.folder / "none.pem")
     with pytest.raises(BadArgument, match=r"tokens: .*PEM"):
         await connect(secured.address, "eye", tls=secured.folder / "tokens")
-    with pytest.raises(BadArgument, match="no certificate"):
+    with pytest.raises(BadArgument, match="needs a certificate"):
         tls_context(secured.authority.file, key="a.key")
 
 
@@ -391,7 +391,7 @@ async def test_a_token_taken_back_ends_its_sessions_and_no_others(tmp_path):
             new, _ = await token(file := tmp_path / "other", "--role", "controller", "--name", "new")
             (tmp_path / "tokens").write_text(both[1] + "\n" + file.read_text())
             assert (await reread(daemon, "tokens.read"))["names"] == ["eye", "new"]
-            with pytest.raises(Rejected, match="taken back") as caught:
+            with pytest.raises(Rejected, match="revoked") as caught:
                 await gone.ping()
             assert caught.value.code == "unauthorized"
             await stays.ping()
@@ -577,7 +577,7 @@ async def test_on_a_unix_socket_the_kernel_tells_who_a_client_is(tmp_path, conne
         await done(cell.close())
         with pytest.raises(Rejected, match=f"user {os.getuid()} may connect as {role} at most"):
             await connect(address, "me", more)
-        with pytest.raises(BadArgument, match="speaks no TLS"):
+        with pytest.raises(BadArgument, match="does not use TLS"):
             await connect(address, "me", role, tls=True)
         daemon.signal()
         status, log = await daemon.end()

@@ -158,7 +158,7 @@ def test_the_socket_takes_the_place_of_one_that_was_left_and_of_nothing_else(tmp
     served.close()
     assert not path.exists()
     path.write_text("something")
-    with pytest.raises(UnixSocketError, match="is no socket"):
+    with pytest.raises(UnixSocketError, match="is not a socket"):
         UnixSocket(path)
     assert path.read_text() == "something"
 
