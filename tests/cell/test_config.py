@@ -6,6 +6,7 @@ import yaml
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import CellConfig, LockstepClockConfig, dump_config, load_config
+from armgate.cell.config.fields import ConfigModel
 from armgate.cell.errors import ConfigError
 from armgate.cell.shapes import Capsule, Sphere
 
@@ -380,3 +381,22 @@ def test_extreme_numbers_of_a_robot_are_refused(write, key, value):
     error = refused(whole, build=key in ("joints", "start"))
     assert key in error.path
     assert "too large" in str(error) or "too small" in str(error) or "out of range" in str(error)
+
+
+# --- descriptions, from which the reference is generated ----------------------------------------------------
+
+
+def _config_models(model=ConfigModel):
+    for own in model.__subclasses__():
+        if own.__module__.startswith("armgate.cell."):
+            yield own
+        yield from _config_models(own)
+
+
+@pytest.mark.parametrize("model", sorted(set(_config_models()), key=lambda model: model.__name__))
+def test_every_model_and_field_has_a_description(model):
+    assert model.__doc__
+    assert model.__doc__.endswith(".")
+    for name, field in model.model_fields.items():
+        assert field.description, name
+        assert field.description.endswith((".", "]")), name
