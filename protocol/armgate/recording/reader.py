@@ -18,7 +18,7 @@ from armgate.recording.errors import (
     first_problem,
 )
 from armgate.recording.header import Header
-from armgate.recording.scan import ChunkReader, Place, scan
+from armgate.recording.scan import ChunkPosition, ChunkReader, scan
 from armgate.recording.topics import GAP, RUN
 
 PATTERN = "recording-*.mcap"
@@ -52,7 +52,7 @@ class Part:
 
     file: Path
     header: Header
-    chunks: tuple[Place, ...]
+    chunks: tuple[ChunkPosition, ...]
     reader: ChunkReader
     closed: bool
     lost: int

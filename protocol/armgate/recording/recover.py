@@ -17,7 +17,7 @@ from armgate.recording.chain import ChainWriter, Stream
 from armgate.recording.errors import DamagedError
 from armgate.recording.files import open_file
 from armgate.recording.header import METADATA, Header, header_record
-from armgate.recording.scan import PREFIX, Place, records, scan, scan_from
+from armgate.recording.scan import PREFIX, ChunkPosition, records, scan, scan_from
 from armgate.recording.topics import CHAIN, GAP, RUN
 
 _SIGN = b"\x04\x00\x00\x00zstd"
@@ -66,18 +66,18 @@ def recover_file(file: Path, stream: Stream) -> Recovery:
     return Recovery(copy.messages, _dropped(places, good, found.good, found.size), copy.lost)
 
 
-def is_readable(places: Sequence[Place]) -> bool:
+def is_readable(places: Sequence[ChunkPosition]) -> bool:
     """Return True if every chunk can be read."""
     return all(map(_readable, places))
 
 
-def _dropped(places: Sequence[Place], good: Sequence[Place], end: int, size: int) -> int:
+def _dropped(places: Sequence[ChunkPosition], good: Sequence[ChunkPosition], end: int, size: int) -> int:
     """Return the number of bytes after the last readable chunk that could not be read."""
     tail = places[places.index(good[-1]) + 1 :]
     return size - (tail[0].begin if tail else max(end, good[-1].end))
 
 
-def _readable(place: Place) -> bool:
+def _readable(place: ChunkPosition) -> bool:
     try:
         for _ in records(place):
             pass
@@ -86,7 +86,7 @@ def _readable(place: Place) -> bool:
     return True
 
 
-def _behind_damage(file: Path, offset: int, size: int) -> Iterator[Place]:
+def _behind_damage(file: Path, offset: int, size: int) -> Iterator[ChunkPosition]:
     """Yield the chunks behind each damaged place."""
     while (begin := _next_chunk(file, offset, size)) is not None:
         found = scan_from(file, begin)
@@ -124,7 +124,7 @@ class _Copy:
         self._sequence: int | None = None
         self._last_ns = 0
 
-    def add(self, place: Place) -> None:
+    def add(self, place: ChunkPosition) -> None:
         """Copy a chunk.
 
         Raises:

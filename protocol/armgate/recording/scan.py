@@ -33,7 +33,7 @@ _PRIVATE = 0x80
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ChunkPosition:
     """Position of a chunk in a file.
 
     Attributes:
@@ -74,7 +74,7 @@ class Scan:
     """
 
     file: Path
-    chunks: tuple[Place, ...]
+    chunks: tuple[ChunkPosition, ...]
     good: int
     size: int
     closed: bool
@@ -101,7 +101,7 @@ def scan(file: Path) -> Scan:
     return Scan(file, tuple(chunks), good, size, closed and good == size)
 
 
-def scan_from(file: Path, offset: int) -> tuple[Place, ...]:
+def scan_from(file: Path, offset: int) -> tuple[ChunkPosition, ...]:
     """Return the readable chunks of the consecutive records that begin at ``offset``.
 
     Raises:
@@ -113,9 +113,9 @@ def scan_from(file: Path, offset: int) -> tuple[Place, ...]:
         return tuple(_walk(file, stream, offset, size)[0])
 
 
-def _walk(file: Path, stream: BinaryIO, good: int, size: int) -> tuple[list[Place], int, bool]:
+def _walk(file: Path, stream: BinaryIO, good: int, size: int) -> tuple[list[ChunkPosition], int, bool]:
     """Return the chunks of consecutive records, the end of the last one, and True if the file ends there."""
-    chunks: list[Place] = []
+    chunks: list[ChunkPosition] = []
     while (record := _prefix(stream.read(PREFIX.size))) is not None:
         kind, length = record
         content = good + PREFIX.size
@@ -129,7 +129,7 @@ def _walk(file: Path, stream: BinaryIO, good: int, size: int) -> tuple[list[Plac
             if length < _TIMES.size:
                 break
             first, last = _TIMES.unpack(stream.read(_TIMES.size))
-            chunks.append(Place(file, content, length, first, last))
+            chunks.append(ChunkPosition(file, content, length, first, last))
         good = content + length
         stream.seek(good)
         if kind == Opcode.FOOTER and stream.read(len(MAGIC)) == MAGIC:
@@ -178,7 +178,7 @@ class ChunkReader:
         DamagedError: The first chunk is damaged.
     """
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: ChunkPosition) -> None:
         self._topics: dict[int, str] = {}
         for _ in self.messages(place):
             pass
@@ -187,7 +187,7 @@ class ChunkReader:
         """Return the topic of a message; "" if its channel is unknown."""
         return self._topics.get(message.channel_id, "")
 
-    def messages(self, place: Place) -> Iterator[tuple[str, int, bytes]]:
+    def messages(self, place: ChunkPosition) -> Iterator[tuple[str, int, bytes]]:
         """Yield topic, log time [ns] and data of every message of a chunk.
 
         Raises:
@@ -200,7 +200,7 @@ class ChunkReader:
                 yield self.topic(record), record.log_time, record.data
 
 
-def records(place: Place) -> Iterator[Schema | Channel | Message]:
+def records(place: ChunkPosition) -> Iterator[Schema | Channel | Message]:
     """Yield all records of a chunk: schemas, channels and messages.
 
     Raises:

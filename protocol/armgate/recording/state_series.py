@@ -17,7 +17,7 @@ _KEPT = 64
 
 
 @dataclass(slots=True)
-class _Known:
+class _Newest:
     """Newest entries and cell state up to some time."""
 
     entries: dict[str, m.Entry] = field(default_factory=dict)
@@ -61,11 +61,11 @@ class StateSeries:
 
     def at(self, time: float) -> m.State | None:
         """Return the newest state at a daemon time [s]; None before the first state."""
-        known = _Known()
+        known = _Newest()
         # The times of adjacent chunks can overlap through log lines, so each item's own time is compared.
         last = bisect_right(self._starts, time) - 1
         for index in range(last, -1, -1):
-            older = _Known()
+            older = _Newest()
             for when, item in self._cached(index):
                 if when <= time:
                     older.take(item)
@@ -81,7 +81,7 @@ class StateSeries:
         Args:
             robot: Yield only the states at the ticks of this robot; None: at all ticks.
         """
-        known = _Known()
+        known = _Newest()
         for index in range(len(self._places)):
             for _, item in self._read(index):
                 known.take(item)
@@ -103,7 +103,7 @@ class StateSeries:
                     found.append(((ns - origin) / _NS, item))
         return tuple(found)
 
-    def _state(self, known: _Known, robot: str | None = None) -> m.State | None:
+    def _state(self, known: _Newest, robot: str | None = None) -> m.State | None:
         cell = known.cell
         if cell is None or not cell.ticks:
             return None

@@ -18,7 +18,7 @@ from armgate.recording.errors import DamagedError
 from armgate.recording.files import open_file
 from armgate.recording.header import END, SEAL, end_record
 from armgate.recording.reader import Part, Recording
-from armgate.recording.scan import PREFIX, Place, records
+from armgate.recording.scan import PREFIX, ChunkPosition, records
 from armgate.recording.topics import CHAIN
 
 _NS = 1_000_000_000
@@ -85,7 +85,7 @@ def verify(recording: Recording) -> Chain:
     links, breaks, unsealed, seals = 0, [], [], []
     previous: bytes | None = b"" if recording.header.part == 1 else None
     for part in recording.parts:
-        checked = _Checked(recording, part)
+        checked = _FileChain(recording, part)
         breaks += checked.breaks
         links += checked.links
         if previous is not None and part.header.previous != previous.hex():
@@ -101,7 +101,7 @@ def verify(recording: Recording) -> Chain:
     return Chain(links, tuple(breaks), tuple(unsealed), tuple(seals), numbers, checked.last)
 
 
-def _missing(recording: Recording, last: "_Checked") -> Iterator[Break]:
+def _missing(recording: Recording, last: "_FileChain") -> Iterator[Break]:
     """Yield a break for each end of the recording at which parts were removed."""
     first, end = recording.parts[0], recording.parts[-1]
     if (number := first.header.part) != 1:
@@ -112,7 +112,7 @@ def _missing(recording: Recording, last: "_Checked") -> Iterator[Break]:
         yield Break(end.file, size, size, time, f"part {number + 1} followed, and is missing")
 
 
-class _Checked:
+class _FileChain:
     """Verified chain of one file."""
 
     def __init__(self, recording: Recording, part: Part) -> None:
@@ -131,11 +131,11 @@ class _Checked:
                     self.breaks.append(self.broken(first, last, place, "its hash differs"))
                 before = claimed
 
-    def broken(self, first: int, end: int, place: Place, why: str) -> Break:
+    def broken(self, first: int, end: int, place: ChunkPosition, why: str) -> Break:
         """Return a break in this file."""
         return Break(self._part.file, first, end, (place.first_ns - self._origin) / _NS, why)
 
-    def _segments(self, end: int) -> Iterator[tuple[int, int, Place, bytes | None]]:
+    def _segments(self, end: int) -> Iterator[tuple[int, int, ChunkPosition, bytes | None]]:
         """Yield begin, end and first chunk of each segment between two links, and the later link."""
         first, chunks = 0, self._part.chunks
         begun = chunks[0]
@@ -154,7 +154,7 @@ class _Checked:
         elif linked:
             yield first, chunks[-1].end, begun, None
 
-    def _link(self, place: Place) -> bytes | None:
+    def _link(self, place: ChunkPosition) -> bytes | None:
         """Return the link at the start of a chunk; None if there is none or the chunk cannot be read."""
         try:
             for record in records(place):
