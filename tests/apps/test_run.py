@@ -21,7 +21,7 @@ from armgate.apps.stack.failures import exit_error, stops_in
 from armgate.apps.stack.monitoring import read_report
 from armgate.apps.stack.plan import DAEMON, PRIORITIES, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
-from armgate.apps.stack.robot_processes import robots_of
+from armgate.apps.stack.robot_processes import RobotProcesses, robots_of
 from armgate.apps.stack.run_folder import socket_in
 from armgate.cell.config import load_config
 
@@ -151,11 +151,14 @@ def test_a_participant_that_is_stopped_ends_the_run(children: Children) -> None:
 
 
 @pytest.mark.parametrize("name", ["robots", "krc-FR"])
-def test_a_robot_server_or_krc_that_ends_by_itself_ends_the_run(children: Children, name: str) -> None:
+def test_a_robot_server_or_virtual_robot_that_ends_by_itself_ends_the_run(
+    children: Children, name: str
+) -> None:
+    robots = RobotProcesses(Path("s"), {"krc-FR": ["krc"]})
     children.start("leader", POLITE)
     children.start(name, GOOD)
     with pytest.raises(AppError, match=rf"the {name} ended \(0\)"):
-        course._until_done(children, NAMES, lambda: None)
+        course._until_done(children, NAMES, lambda: None, course._needed(replace(plan(), robots=robots)))
 
 
 def test_a_daemon_that_fails_while_it_ends_fails_the_run(children: Children) -> None:
@@ -233,8 +236,8 @@ def test_virtual_krcs_follow_from_the_links(tmp_path: Path, monkeypatch: pytest.
     assert robots is not None
     assert robots.server(files) == ["robot-server", *map(str, files), "--socket", "r/logs/robots.sock"]
     assert replace(plan(), robots=robots).daemon()[-2:] == ["--robot-server", "r/logs/robots.sock"]
-    assert list(robots.krcs) == ["krc-FR", "krc-GR"]
-    words = list(robots.krcs["krc-GR"])
+    assert list(robots.virtual) == ["krc-FR", "krc-GR"]
+    words = list(robots.virtual["krc-GR"])
     options = dict(zip(words[1::2], words[2::2], strict=True))
     assert (options["--profile"], options["--robot"], options["--cycle"]) == ("krc2-rsi2", "GR", "12")
     assert (options["--axiscorr"], options["--axiscorrmon"]) == ("A=400,E=4000", "A=401,E=4001")
@@ -246,7 +249,7 @@ def test_the_demo_refuses_to_move_a_real_robot(tmp_path: Path) -> None:
     real = tmp_path / "real.yaml"
     real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
-    with pytest.raises(UsageError, match="GR has a real KRC"):
+    with pytest.raises(UsageError, match="GR is a real one"):
         robots_of(load_config(files), files, tmp_path)
 
 

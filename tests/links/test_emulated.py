@@ -4,7 +4,7 @@ import pytest
 
 from armgate.emulator import EmulatedRobot
 from armgate.events import Plan, PlanKey, Rebase, Tick
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 
 
 def test_tick_zero_is_the_start_at_rest():

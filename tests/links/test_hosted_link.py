@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from armgate.links.robot_server.hosted_link import HostedLink
 from armgate.links.robot_server.messages import ResumePoint, TickReport
 from armgate.links.wall_clocked import WallClockedLink

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from armgate.events import Plan, PlanKey, Rebase
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from armgate.links.plan_player import PlanPlayer, Played
 
 START = "d1"

@@ -22,7 +22,7 @@ from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from armgate.monitor.findings import Finding
 from armgate.monitor.model import build
 from armgate.monitor.monitor import Monitor

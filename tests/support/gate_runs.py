@@ -5,7 +5,7 @@ from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 
 START = "feed"
 LIMIT = 1 << 30  # all that is fed has room: it is fed faster than any robot ticks

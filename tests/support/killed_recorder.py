@@ -16,7 +16,7 @@ from armgate.daemon.recording.record_file import RecordFile
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from support.cells import arms_config
 
 START = "feed"

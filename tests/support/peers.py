@@ -9,7 +9,7 @@ from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.interfaces import Client
 from armgate.daemon.core.leasing import LeaseTime
 from armgate.gate import Gate
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import messages as m
 

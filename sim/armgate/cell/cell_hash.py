@@ -23,6 +23,9 @@ def cell_hash(config: CellConfig, robots: "Sequence[Robot]", bodies: Sequence[Bo
     _replace_files(resolved, bodies)
     for robot in robots:
         own = resolved["robots"][robot.name]
+        own["link"] = {
+            key: value for key, value in own["link"].items() if key not in robot.config.link.UNHASHED
+        }
         own["urdf"] = robot.urdf
         own["start"] = robot.start.tolist()
         bounds = (robot.lower, robot.upper, robot.velocity, robot.acceleration, robot.deceleration)
@@ -36,8 +39,6 @@ def _replace_files(resolved: dict[str, Any], bodies: Sequence[Body]) -> None:
     """Replace mesh files by their convex parts; those of a robot are in its composed URDF."""
     for own in resolved["robots"].values():
         del own["meshes"]
-        for key in ("ethernet", "krc", "listen"):
-            own["link"].pop(key, None)
         own["bodies"] = {name: body for name, body in own["bodies"].items() if "mesh" not in body["shape"]}
     for name, own in resolved["surroundings"].items():
         if "mesh" in own["shape"]:

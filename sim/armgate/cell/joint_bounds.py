@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.cell.config import CellConfig, JointConfig
-from armgate.cell.config.link import EmulatedLinkConfig
 from armgate.cell.config.units import UNITS, Quantity
 from armgate.cell.config.yaml_tree import KeyPath
 from armgate.cell.errors import ErrorCollector
@@ -94,7 +93,7 @@ def joint_lags(config: CellConfig, robot: str, model: RobotModel) -> tuple[float
         ConfigError: ``lags`` names an unknown joint.
     """
     link, names = config.robots[robot].link, [joint.name for joint in model.joints]
-    own = link.lags if isinstance(link, EmulatedLinkConfig) else {}
+    own = link.joint_lags
     for name in own:
         if name not in names:
             text = f"robot {robot} has no joint {name!r}; expected one of {', '.join(names)}"
@@ -110,11 +109,7 @@ def lag_difference(config: CellConfig, robot: str, lags: tuple[float, ...]) -> f
     own = config.robots[robot]
     if own.lag_difference is not None:
         return own.lag_difference
-    return (
-        max(lags) - min(lags)
-        if isinstance(own.link, EmulatedLinkConfig)
-        else LAG_DIFFERENCE_SHARE * own.link.lag
-    )
+    return max(lags) - min(lags) if own.link.EXACT_LAGS else LAG_DIFFERENCE_SHARE * own.link.lag
 
 
 def _row(config: CellConfig, robot: str, joint: Joint) -> tuple[float, ...]:

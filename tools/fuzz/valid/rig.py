@@ -19,7 +19,7 @@ from armgate.daemon.core.to_protocol import answer
 from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import VirtualClock
 from armgate.gate import Gate
-from armgate.links.emulated import EmulatedLink
+from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m

@@ -1,4 +1,4 @@
-"""Processes of robots outside of the daemon: a robot server, and virtual KRCs in place of real ones."""
+"""Processes of robots outside of the daemon: a robot server, and virtual robots in place of real ones."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,26 +6,24 @@ from pathlib import Path
 
 from armgate.apps.errors import UsageError
 from armgate.apps.stack.run_folder import socket_in
-from armgate.cell.config import CellConfig, RobotConfig
-from armgate.cell.config.link import AxisGroup, RsiLinkConfig
+from armgate.cell.config import CellConfig
+from armgate.cell.config.link_kinds import load_kind
 
 SERVER = "robots"
 """Name of the robot server among the children of a run."""
-KRC = "krc-"
-"""Start of the names of virtual KRCs among the children of a run."""
 
 
 @dataclass(frozen=True)
 class RobotProcesses:
-    """Robot server and virtual KRCs of a run.
+    """Robot server and virtual robots of a run.
 
     Attributes:
         socket: Socket of the robot server.
-        krcs: Arguments of ``armgate`` that start each virtual KRC, by the child's name.
+        virtual: Arguments of ``armgate`` that start each virtual robot, by the child's name.
     """
 
     socket: Path
-    krcs: Mapping[str, Sequence[str]]
+    virtual: Mapping[str, Sequence[str]]
 
     def server(self, configs: Sequence[Path]) -> list[str]:
         """Return the arguments of ``armgate`` that start the robot server."""
@@ -38,39 +36,24 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> RobotProc
     Args:
         cell: The configuration.
         configs: Files of the configuration.
-        run: The run's folder. Its ``logs`` hold the robot server's socket and, as ``krc-ROBOT.csv``, the
-            setpoints that the drives of each virtual KRC received.
+        run: The run's folder. Its ``logs`` hold the robot server's socket and what virtual robots write.
 
     Raises:
         UsageError: A robot is real; this command must not move it.
     """
-    krcs = {}
-    for name, robot in cell.robots.items():
-        if isinstance(robot.link, RsiLinkConfig):
-            child = f"{KRC}{name}"
-            trace = ["--trace", str(run / "logs" / f"{child}.csv")]
-            krcs[child] = _krc(cell, name, robot, robot.link, configs) + trace
-    return RobotProcesses(socket_in(run), krcs) if krcs else None
-
-
-def _krc(
-    cell: CellConfig, name: str, robot: RobotConfig, link: RsiLinkConfig, configs: Sequence[Path]
-) -> list[str]:
-    if link.virtual is None or link.listen is None:
-        raise UsageError(
-            f"robot {name} has a real KRC; this command moves only robots whose link names a virtual KRC "
-            "(virtual) and the address that answers it (listen)"
-        )
-    ethernet = cell.file(("robots", name, "link", "ethernet"), link.ethernet)
-    command = ["krc", "--profile", link.virtual, "--config", str(ethernet), "--robot", name]
-    command += [word for config in configs for word in ("--cell", str(config))]
-    command += ["--to", link.listen, "--cycle", f"{1000 * robot.period:g}", "--mode", link.mode]
-    command += ["--precision", str(link.precision), "--timeout", str(link.timeout)]
-    if link.axiscorr is not None:
-        # AXISCORR clips corrections below this limit, so AXISCORRMON cannot trip.
-        command += ["--axiscorr", _listed(link.axiscorr, 0.0), "--axiscorrmon", _listed(link.axiscorr, 1.0)]
-    return command
-
-
-def _listed(limits: Mapping[AxisGroup, float], more: float) -> str:
-    return ",".join(f"{axis}={limit + more:g}" for axis, limit in limits.items())
+    kinds = {name: load_kind(robot.link.kind) for name, robot in cell.robots.items()}
+    if not any(kind.self_clocked for kind in kinds.values()):
+        return None
+    virtual = {}
+    for name, kind in kinds.items():
+        if not kind.self_clocked:
+            continue
+        link = cell.robots[name].link
+        process = kind.virtual(link, cell, name, configs, run / "logs")
+        if process is None:
+            raise UsageError(
+                f"robot {name} is a real one (its link is of kind {link.kind}); this command moves only "
+                "robots whose link names a virtual robot in their place"
+            )
+        virtual[process.name] = process.command
+    return RobotProcesses(socket_in(run), virtual)

@@ -25,11 +25,13 @@ from armgate.apps.stack.monitoring import (
 from armgate.apps.stack.observation import Observation, completed
 from armgate.apps.stack.plan import DAEMON, ORDINARY, VIEWER, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
-from armgate.apps.stack.robot_processes import KRC, SERVER, RobotProcesses
+from armgate.apps.stack.robot_processes import SERVER, RobotProcesses
 from armgate.cell.escaping import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 
+NEEDED = frozenset({DAEMON, SERVER, MONITOR})
+"""Children that must run until the end of any run."""
 LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
@@ -114,7 +116,7 @@ def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )
         reader.start()
-        _until_ready(children, watch)
+        _until_ready(children, watch, _needed(plan))
         _start_clients(children, plan, address)
         complete, failure = _watched(children, plan, watch, show)
         reader.join(REST_TIME)
@@ -137,11 +139,11 @@ def _start_daemon(children: Children, plan: Plan) -> str:
 
 
 def _start_robots(children: Children, plan: Plan, robots: RobotProcesses) -> None:
-    """Start the robot server, which must listen before the KRCs send, then the KRCs."""
+    """Start the robot server, which must listen before virtual robots send, then the virtual robots."""
     priority = plan.priority("robots")
     children.launch(SERVER, robots.server(plan.configs), priority=priority)
     _printed(children, SERVER, HOLDING)
-    for name, command in robots.krcs.items():
+    for name, command in robots.virtual.items():
         children.launch(name, command, priority=priority)
 
 
@@ -168,7 +170,7 @@ def _watched(
     """
     complete, failure = False, None
     try:
-        complete = _until_done(children, plan.until or plan.names, lambda: show(watch))
+        complete = _until_done(children, plan.until or plan.names, lambda: show(watch), _needed(plan))
         if complete and watch.error is not None:
             failure = AppError(f"the run was not observed to its end: {watch.error}")
     except AppError as error:
@@ -192,20 +194,25 @@ def _printed(children: Children, name: str, what: re.Pattern[str]) -> str:
     raise AppError(f"the {name} was not ready within {START_TIME:g} s; see {children.log(name)}")
 
 
-def _until_ready(children: Children, watch: Watch) -> None:
-    """Wait until all robots can be moved: real robots and virtual KRCs take some time."""
+def _until_ready(children: Children, watch: Watch, needed: frozenset[str]) -> None:
+    """Wait until all robots can be moved: real and virtual robots take some time."""
     deadline = time.monotonic() + START_TIME
     while time.monotonic() < deadline:
         with watch.lock:
             entries = watch.seen.entries
         if entries and all(entry.link == "ready" and entry.q for entry in entries):
             return
-        if not _goes_on(children, children.next(_LOOK)):
+        if not _goes_on(children, children.next(_LOOK), needed):
             raise AppError("interrupted before the robots were ready")
     raise AppError(f"not all robots were ready within {START_TIME:g} s; see {children.log(SERVER)}")
 
 
-def _until_done(children: Children, names: Sequence[str], show: Callable[[], None]) -> bool:
+def _until_done(
+    children: Children,
+    names: Sequence[str],
+    show: Callable[[], None],
+    needed: frozenset[str] = NEEDED,
+) -> bool:
     """Watch until the named children have ended (True) or the user ends the run (False).
 
     Raises:
@@ -217,17 +224,17 @@ def _until_done(children: Children, names: Sequence[str], show: Callable[[], Non
         if now >= due:
             show()
             due = now + REFRESH
-        if not _goes_on(children, children.next(max(0.0, due - time.monotonic()))):
+        if not _goes_on(children, children.next(max(0.0, due - time.monotonic())), needed):
             return False
     # An end is queued before its child counts as ended, so the queue holds every failure so far.
     while (event := children.next(0.0)) is not None:
-        if not _goes_on(children, event):
+        if not _goes_on(children, event, needed):
             return False
     show()
     return True
 
 
-def _goes_on(children: Children, event: Event | None) -> bool:
+def _goes_on(children: Children, event: Event | None, needed: frozenset[str] = NEEDED) -> bool:
     """Return True if the run goes on after an event, False if the user ends it.
 
     Raises:
@@ -244,16 +251,16 @@ def _goes_on(children: Children, event: Event | None) -> bool:
             if (error := violation_error(event)) is not None:
                 raise error
         case Exited():
-            if event.status != 0 or _needed(event.name):
+            if event.status != 0 or event.name in needed:
                 raise failure_of(children, event)
         case _:
             assert_never(event)
     return True
 
 
-def _needed(name: str) -> bool:
-    """Return True for a child that must run until the end of the run."""
-    return name in (DAEMON, SERVER, MONITOR) or name.startswith(KRC)
+def _needed(plan: Plan) -> frozenset[str]:
+    """Return the children that must run until the end of the run."""
+    return NEEDED if plan.robots is None else NEEDED | plan.robots.virtual.keys()
 
 
 def _report_viewer(children: Children, event: Printed | Exited) -> None:
@@ -265,14 +272,14 @@ def _report_viewer(children: Children, event: Printed | Exited) -> None:
 
 
 def _rest(children: Children, plan: Plan, failure: AppError | None) -> AppError | None:
-    """End all processes in order: participants first, then monitor, viewer, daemon, KRCs, robot server.
+    """End all processes in order: participants, monitor, viewer, daemon, virtual robots, robot server.
 
     Returns:
         Failure of the run: the given one, or that of the first child that ended with an error.
     """
     children.send(signal.SIGINT, *plan.names)
     children.wait(plan.names, REST_TIME)
-    for name in (MONITOR, VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.krcs, SERVER))):
+    for name in (MONITOR, VIEWER, DAEMON, *(() if plan.robots is None else (*plan.robots.virtual, SERVER))):
         children.send(signal.SIGTERM, name)
         children.wait([name], REST_TIME)
     while (event := children.next(0.0)) is not None:

@@ -9,12 +9,11 @@ from rich.text import Text
 
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.cell_warnings import cell_warnings
-from armgate.cell.config.link import RsiLinkConfig
 from armgate.cell.escaping import printable
 from armgate.daemon.core.description import CellDescription
 from armgate.events import Nearest
 from armgate.gate import start_clearances
-from armgate.links.rsi.setup import Setup, setup_of, warnings_of
+from armgate.links.kind import check_links
 
 _SHOWN = 8
 _FAULTS = 64
@@ -32,11 +31,11 @@ def report(cell: Cell, console: Console | None = None) -> int:
         Exit status: 0, or 1 if a robot starts outside its limits or below a distance to keep.
 
     Raises:
-        ConfigError: The configuration of a robot's KRC is contradictory, or the cell is larger than the
-            protocol can describe; the text names file, line and key.
+        ConfigError: A robot's link cannot be made as configured, or the cell is larger than the protocol can
+            describe; the text names file, line and key.
     """
     console = console or Console()
-    setups = [setup_of(cell, one) for one in cell.robots if isinstance(one.config.link, RsiLinkConfig)]
+    links = check_links(cell)
     CellDescription(cell, lockstep=False)
     nearest = start_clearances(cell)
 
@@ -47,10 +46,11 @@ def report(cell: Cell, console: Console | None = None) -> int:
     for robot in cell.robots:
         console.print(_joints(robot))
         write(_lags(robot))
-    for setup in setups:
-        write(_rsi(setup))
-        for warning in warnings_of(setup):
-            write(f"{setup.robot}: warning: {warning}", style="yellow")
+    for name, link in links.items():
+        for line in link.lines:
+            write(f"{name}: {line}")
+        for warning in link.warnings:
+            write(f"{name}: warning: {warning}", style="yellow")
     console.print(_pairs(cell))
     console.print(_clearances(nearest))
     for text in cell_warnings(cell):
@@ -70,12 +70,6 @@ def report(cell: Cell, console: Console | None = None) -> int:
 def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
     """Return a line for each joint that starts outside its limits and each pair that is too close."""
     return [fault for robot in cell.robots for fault in _outside(robot)] + _too_close(nearest)
-
-
-def _rsi(setup: Setup) -> str:
-    axes = ", ".join(f"{axis.name} {axis.joint}" for axis in setup.axes)
-    host, port = setup.listen
-    return f"{setup.robot}: by RSI with the KRC at {setup.krc}, answered at {host}:{port}; axes {axes}"
 
 
 def _lags(robot: Robot) -> str:

@@ -127,8 +127,8 @@ def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
 
     They are in a robot server if one is named, or if a robot is not emulated.
     """
+    from armgate.links.kind import needs_robot_server
     from armgate.links.robot_server.command import robot_server_path
-    from armgate.links.robot_server.make import needs_robot_server
 
     if not needs_robot_server(cell) and given is None and cell.config.server.robot_server is None:
         return None

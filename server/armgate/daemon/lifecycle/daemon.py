@@ -10,7 +10,6 @@ from typing import Any
 
 from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
-from armgate.cell.config.link import EmulatedLinkConfig
 from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import Reloader
 from armgate.daemon.core.core import Core
@@ -30,7 +29,7 @@ from armgate.daemon.sessions.manager import SessionManager
 from armgate.daemon.sessions.read_time import ReadTime
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.welcome import Greeter
-from armgate.links.emulated import EmulatedLink
+from armgate.links.kind import make_stepped_link
 from armgate.links.link import SteppedLink
 from armgate.links.log import Log
 from armgate.links.systemd import Notifier
@@ -263,13 +262,8 @@ def _make_pace(
         driven = RobotDrivenPace(robot_server, cell, start)
         return driven, driven.links, ()
     periods, clock = [robot.period for robot in cell.robots], cell.config.clock
-    links = [_emulated(cell, index, start) for index in range(len(cell.robots))]
+    links = [make_stepped_link(cell, robot, start) for robot in cell.robots]
     if isinstance(clock, LockstepClockConfig):
         return LockstepPace(periods, clock.participants, clock.grace, log), links, links
     return WallClockPace(periods), links, links
 
-
-def _emulated(cell: Cell, index: int, start: str) -> EmulatedLink:
-    robot = cell.robots[index]
-    assert isinstance(robot.config.link, EmulatedLinkConfig), "held by the robot server"
-    return EmulatedLink(robot.name, start, robot.start.tolist(), robot.period, robot.lags)

@@ -1,5 +1,1 @@
-"""Link to an emulated robot, in the process of the daemon or of the robot server."""
-
-from armgate.links.emulated.link import EmulatedLink
-
-__all__ = ["EmulatedLink"]
+"""Emulated robots: a link in the process that holds it, and its kind."""

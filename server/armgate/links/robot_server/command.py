@@ -57,7 +57,7 @@ def _serve(cell: "Cell", path: Path) -> int:
     from time import monotonic
 
     from armgate.links.log import Log
-    from armgate.links.robot_server.make import host_links
+    from armgate.links.robot_server.hosted_link import host_links
     from armgate.links.robot_server.server import RobotServer
     from armgate.links.robot_server.unix_socket import listen
     from armgate.links.systemd import Notifier

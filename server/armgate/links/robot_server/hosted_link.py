@@ -9,12 +9,18 @@ keys of plans carry the daemon's start id and its count of resets. Three rules f
 - Without a daemon no plan is accepted.
 """
 
+import secrets
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
+from armgate.links.kind import LinkContext, make_link
 from armgate.links.link import LinkEvent, SelfClockedLink
 from armgate.links.robot_server.messages import ResumePoint, TickReport
+
+if TYPE_CHECKING:
+    from armgate.cell.cell import Cell, Robot
 
 Send = Callable[[TickReport | LinkChange | PlanAnswer], None]
 """Sends a message to the attached daemon."""
@@ -161,3 +167,25 @@ class HostedLink:
     def _outward(self, key: PlanKey) -> PlanKey:
         """Return the daemon's key for a link's key."""
         return PlanKey(self._daemon, self._daemon_resets, key.target - self._offset, key.last_played)
+
+
+def host_links(
+    cell: "Cell", now: Callable[[], float], note: Callable[[str, str], None] = lambda robot, text: None
+) -> list[HostedLink]:
+    """Make the links of all robots, in the order of the configuration.
+
+    Args:
+        cell: The cell.
+        now: Clock that stamps ticks, s.
+        note: Called with the name of a robot and a note to the operator about what the robot sends.
+
+    Raises:
+        ConfigError: A robot's link cannot be made as configured; the text names file, line and key.
+    """
+    start = secrets.token_hex(8)
+
+    def hosted(robot: "Robot") -> HostedLink:
+        context = LinkContext(start, now, lambda text: note(robot.name, text))
+        return HostedLink(make_link(cell, robot, context), start, robot.q_tolerance, robot.lag_window)
+
+    return [hosted(robot) for robot in cell.robots]

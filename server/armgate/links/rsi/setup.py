@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armgate.cell.config.link import RsiLinkConfig
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis, axes_of
+from armgate.links.rsi.config import RsiLinkConfig
 from armgate.links.rsi.ethernet_checks import file_objection, is_host, unsent_values
 from armgate.links.rsi.ethernet_file import Ethernet, EthernetError, load_ethernet
 from armgate.links.rsi.probe import probe_size

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from armgate.cell.config.fields import (
     Acceleration,
@@ -17,6 +17,7 @@ from armgate.cell.config.fields import (
     Speed,
 )
 from armgate.cell.config.link import EmulatedLinkConfig, LinkConfig
+from armgate.cell.config.link_kinds import read_link
 from armgate.cell.config.shape import MeshesConfig, Pose, ShapeConfig
 
 
@@ -146,5 +147,5 @@ class RobotConfig(ConfigModel):
     Absent: that of the emulated joints, or 10 % of ``link.lag`` for a real robot."""
     q_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-6
     """Rounding of the measured position [rad or m]."""
-    link: Annotated[LinkConfig, Field(discriminator="kind")] = EmulatedLinkConfig()
-    """Connection to the robot: emulated, or a KUKA controller by RSI."""
+    link: Annotated[SerializeAsAny[LinkConfig], BeforeValidator(read_link)] = EmulatedLinkConfig()
+    """Connection to the robot, of the kind ``kind``; a kind comes with armgate or with another package."""

@@ -7,6 +7,8 @@ from typing import get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from armgate.cell.config.link import LinkConfig
+from armgate.cell.config.link_kinds import load_kind
 from armgate.cell.config.yaml_tree import KeyPath, Node, config_error
 from armgate.cell.errors import ConfigError, join_lines
 from armgate.cell.names import NAME_TEXT
@@ -39,7 +41,7 @@ def to_config_error(error: ValidationError, tree: Node, model: type[BaseModel]) 
     details = error.errors(include_url=False)
     paths = [_path(detail, tree) for detail in details]
     errors = [
-        config_error(tree.locate(path), path, _text(detail, path, model))
+        config_error(tree.locate(path), path, _text(detail, path, model, tree))
         for detail, path in zip(details, paths, strict=True)
     ]
     errors.sort(key=lambda each: (str(each.file), each.line))
@@ -69,12 +71,12 @@ def _child(node: Node, step: str | int) -> Node | None:
     return None
 
 
-def _text(detail: ErrorDetails, path: KeyPath, model: type[BaseModel]) -> str:
+def _text(detail: ErrorDetails, path: KeyPath, model: type[BaseModel], tree: Node) -> str:
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
     if kind == "extra_forbidden":
-        return _unknown_key(str(path[-1]), _known_keys(model, detail["loc"][:-1]))
+        return _unknown_key(str(path[-1]), _known_keys(model, detail["loc"][:-1], tree))
     if kind == "missing" and isinstance(path[-1], int):
         return "an entry is missing; expected it here"
     if kind in _TEXTS:
@@ -103,11 +105,16 @@ def _unknown_key(key: str, known: list[str]) -> str:
     return f"unknown key {key!r}; {hint}expected one of {', '.join(known)}"
 
 
-def _known_keys(model: type[BaseModel], path: KeyPath) -> list[str]:
+def _known_keys(model: type[BaseModel], path: KeyPath, tree: Node) -> list[str]:
     """Return the keys of the models under this path, found by following it through the annotations."""
     front: list[object] = [model]
+    node: Node | None = tree
     for step in path:
         front = [inner for outer in front for inner in _inside(outer, step)]
+        node = None if node is None else _child(node, step)
+        if node is not None and LinkConfig in front:
+            kind = _child(node, "kind")  # it decides which model the section has
+            front = [LinkConfig if kind is None else load_kind(str(kind.value)).config]
     return [key for inner in front for cls in _models(inner) for key in cls.model_fields]
 
 

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from armgate.cell.cell import Cell, Robot
-    from armgate.cell.config.link import RsiLinkConfig
     from armgate.cell.placement import Placement
     from armgate.links.rsi.commissioning.axis_directions import FlangeInFoot
     from armgate.links.rsi.commissioning.survey import Survey
+    from armgate.links.rsi.config import RsiLinkConfig
     from armgate.links.rsi.setup import Setup
 
 rsi = typer.Typer(
@@ -106,7 +106,7 @@ def check(
 
 
 def _rsi_link(robot: "Robot") -> "RsiLinkConfig":
-    from armgate.cell.config.link import RsiLinkConfig
+    from armgate.links.rsi.config import RsiLinkConfig
 
     link = robot.config.link
     if not isinstance(link, RsiLinkConfig):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from armgate.cell.config.link import RsiLinkConfig
 from armgate.links.rsi.axes import A_AXES, E_AXES, Axis
+from armgate.links.rsi.config import RsiLinkConfig
 
 GENERATIONS = ("rsi2", "rsi3")
 """RSI 2 on a KRC2; RSI 3 and later on a KRC4 or KRC5."""
