@@ -13,6 +13,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from armgate.cell.config import CellConfig
+from armgate.cell.config.link import LinkConfig
+from armgate.cell.config.link_kinds import installed_kinds, load_kind
 from armgate.cell.config.units import Quantity
 from tools.reference.table import prose, table
 
@@ -74,12 +76,20 @@ def _sections() -> dict[Model, str]:
 def _models(annotation: Any, below: str = "") -> Iterator[tuple[Model, str]]:
     """Yield the models in a type, and the path from the field to each."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation, below
+        for model in _of_kinds(annotation):
+            yield model, below
     elif get_origin(annotation) is dict:
         yield from _models(get_args(annotation)[1], f"{below}.NAME")
     elif get_origin(annotation) is not Literal:
         for part in get_args(annotation):
             yield from _models(part, below)
+
+
+def _of_kinds(model: Model) -> list[Model]:
+    """Return the models of all installed kinds in place of the base of link sections."""
+    if model is LinkConfig:
+        return [load_kind(kind).config for kind in installed_kinds()]
+    return [model]
 
 
 def _kind(model: Model) -> str:
@@ -106,7 +116,7 @@ def _type(annotation: Any, notes: list[Any], sections: dict[Model, str]) -> str:
     if origin is dict:
         return f"mapping of NAME to {_type(inside[1], [], sections)}{_size(notes)}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return f"[section](#{_anchor(sections[annotation])})"
+        return " or ".join(f"[section](#{_anchor(sections[model])})" for model in _of_kinds(annotation))
     return _leaf(annotation, notes)
 
 

@@ -31,7 +31,7 @@ class LinkConfig(ConfigModel):
 
 
 class EmulatedLinkConfig(LinkConfig):
-    """Emulated robot that follows its setpoint with a first-order lag."""
+    """Link to an emulated robot, which follows its setpoint with a first-order lag."""
 
     EXACT_LAGS: ClassVar[bool] = True
 
