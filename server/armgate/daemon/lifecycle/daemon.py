@@ -266,4 +266,3 @@ def _make_pace(
     if isinstance(clock, LockstepClockConfig):
         return LockstepPace(periods, clock.participants, clock.grace, log), links, links
     return WallClockPace(periods), links, links
-
