@@ -192,7 +192,7 @@ def _recovered_messages(one: "RecoveredFile") -> str:
     if result.lost:
         text += f"; {result.lost} more were lost by damage and are counted in a gap"
     if result.dropped:
-        text += f"; {result.dropped} bytes at its end were not a complete record and were cut off"
+        text += f"; {result.dropped} bytes at its end were not a complete record and were removed"
     return text if one.original is None else f"{text}; the damaged file is kept as {one.original.name}"
 
 
