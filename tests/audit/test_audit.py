@@ -38,7 +38,7 @@ async def recorded(folder, **recording):
     return out, log
 
 
-async def test_a_run_is_sealed_with_what_the_log_says(tmp_path):
+async def test_the_log_contains_the_seal_of_a_run(tmp_path):
     out, log = await recorded(tmp_path)
     (closed,) = [line for line in log if line["event"] == "recording.closed"]
     status, said, err = await run("audit", out)
@@ -49,7 +49,7 @@ async def test_a_run_is_sealed_with_what_the_log_says(tmp_path):
     assert (status, "hash chain intact" in said) == (0, True)
 
 
-async def test_a_changed_run_is_told_by_audit_and_replay(tmp_path):
+async def test_audit_and_replay_report_a_changed_run(tmp_path):
     out, _ = await recorded(tmp_path)
     file = out / part_name(1)
     place, data = scan(file).chunks[3], bytearray(file.read_bytes())
@@ -65,7 +65,7 @@ async def test_a_changed_run_is_told_by_audit_and_replay(tmp_path):
     assert "broken: " in (out / "report.html").read_text()
 
 
-async def test_a_signed_run_is_told_from_others(tmp_path):
+async def test_a_signature_is_verified_against_the_key(tmp_path):
     private, public = keys(tmp_path, "recorder")
     _, other = keys(tmp_path, "other")
     out, _ = await recorded(tmp_path, sign=str(private))
@@ -79,7 +79,7 @@ async def test_a_signed_run_is_told_from_others(tmp_path):
     assert private.read_bytes() not in (out / part_name(1)).read_bytes()
 
 
-async def test_a_signature_that_is_taken_out_or_changed_is_missed(tmp_path):
+async def test_a_removed_or_changed_signature_is_an_error(tmp_path):
     private, public = keys(tmp_path, "recorder")
     out, _ = await recorded(tmp_path, sign=str(private))
     file = out / part_name(1)
@@ -127,7 +127,7 @@ async def recorded_beside(folder):
         (lambda key: key.write_bytes(rsa()), "expected an Ed25519 key"),
     ],
 )
-async def test_a_key_that_cannot_sign_ends_the_start(tmp_path, make, text):
+async def test_a_key_that_cannot_sign_prevents_the_start(tmp_path, make, text):
     private, _ = keys(tmp_path, "recorder")
     make(private)
     file = tmp_path / "arms.yaml"
@@ -141,7 +141,7 @@ def rsa():
     return subprocess.run(made, check=True, capture_output=True).stdout
 
 
-async def test_a_recovered_run_has_a_chain_of_its_own_without_a_daemons_signature(tmp_path):
+async def test_a_recovered_run_has_a_new_chain_without_a_signature(tmp_path):
     private, public = keys(tmp_path, "recorder")
     out, _ = await recorded(tmp_path, sign=str(private))
     file = out / part_name(1)

@@ -15,7 +15,7 @@ def content(tmp_path_factory):
 
 
 @pytest.mark.parametrize("share", range(4))
-def test_every_tool_reads_or_refuses_what_is_damaged(content, share):
+def test_every_tool_reads_or_rejects_damaged_recordings(content, share):
     for seed in range(share, COUNT, 4):
         tools = TOOLS if seed % 8 == 0 else TOOLS[:-1]
         assert tried(content, seed, tools) == []

@@ -49,7 +49,7 @@ def judged_again(folder):
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_killed_in_any_state_of_the_writer_all_that_was_flushed_is_judged_the_same(killed, state):
+def test_flushed_events_replay_identically_after_a_kill_in_any_state_of_the_writer(killed, state):
     folder, flushed = killed
     if state != "turn_closed":  # there every file was closed, and no other begun
         with pytest.raises(TruncatedError, match="armgate recover"):
@@ -57,7 +57,7 @@ def test_killed_in_any_state_of_the_writer_all_that_was_flushed_is_judged_the_sa
     assert judged_again(folder / state) >= flushed[state] > 0
 
 
-def test_killed_at_twenty_random_moments_all_that_was_flushed_is_judged_the_same(killed):
+def test_flushed_events_replay_identically_after_kills_at_twenty_random_moments(killed):
     folder, flushed = killed
     moments = [name for name in flushed if name.isdigit()]
     left = {name: judged_again(folder / name) for name in moments}
@@ -66,13 +66,13 @@ def test_killed_at_twenty_random_moments_all_that_was_flushed_is_judged_the_same
     assert len(set(left.values())) > 10
 
 
-def test_killed_at_its_start_there_is_nothing_to_recover(killed):
+def test_a_writer_killed_at_its_start_leaves_nothing_to_recover(killed):
     folder, _ = killed
     with pytest.raises(RecordingError, match="nothing can be recovered"):
         recover_recording(folder / "start")
 
 
-def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
+def test_a_closed_file_that_is_damaged_is_recovered(tmp_path):
     records.write(tmp_path, range(300))
     file = tmp_path / "recording-0001.mcap"
     content = bytearray(file.read_bytes())
@@ -85,7 +85,7 @@ def test_a_closed_file_that_is_damaged_is_not_called_whole(tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
 
-def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_path, monkeypatch):
+def test_a_file_stays_unchanged_and_an_error_is_reported_if_the_disk_is_full(tmp_path, monkeypatch):
     records.write(tmp_path, range(300))
     file = tmp_path / "recording-0001.mcap"
     file.write_bytes(file.read_bytes()[:-20])
@@ -102,7 +102,7 @@ def test_without_room_for_a_whole_copy_the_file_stays_and_the_text_says_so(tmp_p
     assert [one.name for one in tmp_path.iterdir()] == [file.name]
 
 
-async def test_a_daemon_killed_while_it_moves_is_recovered_and_judged_the_same(tmp_path):
+async def test_the_recording_of_a_killed_daemon_is_recovered_and_replays_identically(tmp_path):
     file, out = tmp_path / "arms.yaml", tmp_path / "run"
     file.write_text(arms_yaml(lag=0.03, max_age_ticks=1000))
     async with Process.serving(file, "--record", out) as daemon:

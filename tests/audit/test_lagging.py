@@ -34,7 +34,7 @@ def ticks(lags, delay, tolerance=0.0, seed=1, count=600, period=0.004):
 
 @pytest.mark.parametrize("delay", [0, 1, 4])
 @pytest.mark.parametrize("tolerance", [0.0, 1e-5])
-def test_lags_and_delay_are_what_the_robot_has(delay, tolerance):
+def test_lags_and_delay_of_a_simulated_robot_are_measured(delay, tolerance):
     found = measure_lags(scenes.duel(), "A", ticks(LAGS, delay, tolerance))
     assert found.delay == delay
     assert list(found.lags.values()) == pytest.approx(LAGS, rel=0.002)
@@ -44,11 +44,11 @@ def test_lags_and_delay_are_what_the_robot_has(delay, tolerance):
     assert found.still == ()
 
 
-def test_a_difference_is_proposed_even_if_none_is_measured():
+def test_a_minimal_difference_is_proposed_for_equal_lags():
     assert measure_lags(scenes.duel(), "A", ticks((0.03,) * 4, 1)).proposed == pytest.approx(9e-4, rel=0.01)
 
 
-def test_joints_that_do_not_move_are_named_and_a_robot_that_does_not_is_not_measured():
+def test_joints_at_rest_are_listed_and_a_robot_at_rest_is_not_measured():
     cell = scenes.duel()
     given = ticks(LAGS, 1)
     name = cell.robots[0].model.joints[1].name
@@ -63,7 +63,7 @@ def test_joints_that_do_not_move_are_named_and_a_robot_that_does_not_is_not_meas
     assert measure_lags(cell, "A", given[:40]) is None  # too short
 
 
-def test_a_virtual_krc_whose_axes_lag_differently_is_measured_through_its_telegrams(tmp_path, monkeypatch):
+def test_different_lags_of_a_virtual_krc_are_measured_from_its_telegrams(tmp_path, monkeypatch):
     """With four decimals, in its fastest cycle; by the link's own ticks."""
     from armgate.emulator.krc.process.options import select_profile
     from support import rsi

@@ -41,7 +41,7 @@ TAILS = {
 @pytest.mark.parametrize("tail", TAILS)
 @pytest.mark.parametrize("length", [1, 9, 40, 2000])
 @pytest.mark.parametrize("instead", [True, False], ids=["over the end", "behind the end"])
-def test_a_bad_tail_is_cut_off_as_if_the_file_ended_there(tmp_path, tail, length, instead):
+def test_a_damaged_end_is_removed(tmp_path, tail, length, instead):
     bad = TAILS[tail](length)
 
     def over(data, _):
@@ -69,7 +69,7 @@ def flip(offset):
     "change", [flip(100), flip(-1), flip(-9), flip(-5), flip(20), flip(30)],
     ids=["data", "length", "kind", "longer", "size", "compression"],
 )  # fmt: skip
-def test_a_damaged_chunk_in_the_middle_is_skipped_and_marked(tmp_path, close, change):
+def test_a_damaged_chunk_in_the_middle_is_skipped_and_counted_in_a_gap(tmp_path, close, change):
     file = damaged(tmp_path, change, close=close)
     before = file.read_bytes()
     (one,) = recover_recording(tmp_path)
@@ -82,7 +82,7 @@ def test_a_damaged_chunk_in_the_middle_is_skipped_and_marked(tmp_path, close, ch
         list(Recording.open(tmp_path).steps())
 
 
-def test_damage_that_hits_no_message_loses_none(tmp_path):
+def test_damage_outside_of_messages_loses_none(tmp_path):
     def index(data, chunks):
         data[chunks[5].end : chunks[5].end + 4] = b"\x00\x00\x00\x00"
 
@@ -113,7 +113,7 @@ def test_a_file_that_is_damaged_again_keeps_both_originals(tmp_path):
     assert [one.original.name, two.original.name] == [f"{file.name}.damaged", f"{file.name}.damaged-2"]
 
 
-async def test_the_command_says_what_was_lost(tmp_path):
+async def test_the_command_prints_what_was_lost(tmp_path):
     damaged(tmp_path, flip(100))
     status, said, _ = await run("recover", tmp_path)
     assert status == 0

@@ -76,7 +76,7 @@ def lane():
     return gate
 
 
-def test_where_a_command_would_lead_is_told_from_the_first_tick_on():
+def test_the_intended_motion_is_known_from_the_first_tick():
     gate = lane()
     found = gate.intended(Command("A", 1, 1, 0, (1e-4, -1e-4)))
     assert (found.asked, found.limited, found.share) == ((1e-4, -1e-4), (1e-4, -1e-4), 1.0)
@@ -86,15 +86,15 @@ def test_where_a_command_would_lead_is_told_from_the_first_tick_on():
 
 
 @pytest.mark.parametrize("dq", [(1e-4,), (1e-4,) * 3, (math.nan, 0.0), (0.0, math.inf)])
-def test_what_cannot_be_asked_for_leads_nowhere(dq):
+def test_an_invalid_increment_has_no_intended_motion(dq):
     assert lane().intended(Command("A", 1, 1, 0, dq)) is None
 
 
-def test_before_its_first_tick_a_robot_can_be_asked_for_nothing():
+def test_a_robot_has_no_intended_motion_before_its_first_tick():
     assert ReplayGate(scenes.lane(), "s", compiled=False).intended(Command("A", 1, 1, 0, (0.0, 0.0))) is None
 
 
-def test_witness_points_are_those_of_the_pair_in_its_order_where_the_others_stand():
+def test_witness_points_are_in_the_order_of_the_pair():
     _, both = followed(1.0)
     left, right = (both.beside._clearance.names(0)[k] for k in (0, 1))
     a, b = both.beside.witness("left", (left, right), (-0.3,))
@@ -119,7 +119,7 @@ def test_witness_points_of_the_surroundings_and_of_a_robot_with_itself():
     assert a[1] == pytest.approx(-b[1], abs=1e-4)
 
 
-def test_while_somebody_is_unknown_there_is_no_witness():
+def test_there_is_no_witness_while_a_position_is_unknown():
     gate = ReplayGate(scenes.head_on(1.1, (T, T)), "s", compiled=False)
     gate.step(Tick("left", 0, 0.0, (-0.55,), (-0.55,), (0.0,)))
     assert gate.witness("left", gate._clearance.names(0), (-0.55,)) is None
@@ -128,7 +128,7 @@ def test_while_somebody_is_unknown_there_is_no_witness():
 # --- what it follows ----------------------------------------------------------------------------------------
 
 
-def test_under_the_same_rules_it_says_the_same_and_is_where_the_other_is():
+def test_with_the_same_rules_outputs_and_state_are_identical():
     hands, both = followed()
     for dq, answer in ((STEP, True), (STEP, None), (-STEP, False), (0.0, True)):
         verdict = hands.command((dq,), answer=None)
@@ -141,7 +141,7 @@ def test_under_the_same_rules_it_says_the_same_and_is_where_the_other_is():
         assert_followed(both)
 
 
-def test_what_it_would_refuse_is_held_as_it_was_played():
+def test_a_plan_that_these_rules_refuse_is_held_as_recorded():
     hands, both = followed(0.0999 + 2 * STEP, now=STRICT.items())
     verdict = hands.command((4 * STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.LIMITED, Outcome.REFUSED)
@@ -152,7 +152,7 @@ def test_what_it_would_refuse_is_held_as_it_was_played():
     assert_followed(both)
 
 
-def test_what_it_follows_is_known_as_a_violation_and_costs_no_question():
+def test_a_followed_violation_is_known_without_a_query():
     """The kept bound counts what was played, without the engine: the pair is below its limit."""
     hands, both = followed(0.1 + 0.5 * STEP, now=STRICT.items())
     clearance = both.beside._clearance
@@ -173,7 +173,7 @@ def plan_of(both, dq):
     return plan
 
 
-def test_what_it_would_let_through_is_not_held_if_it_was_refused():
+def test_a_plan_that_these_rules_admit_is_not_held_if_it_was_refused():
     hands, both = followed(0.02 + 0.5 * STEP, now=LOOSE.items())
     verdict = hands.command((STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.REFUSED, Outcome.ADMITTED)
@@ -195,7 +195,7 @@ def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting()
 
 
 @pytest.mark.parametrize("elder", [0, 1])
-def test_a_slot_is_used_or_free_as_it_was(elder):
+def test_a_slot_is_used_or_free_as_recorded(elder):
     """One of them bears older commands, so only one of them judges the first."""
     ages = [{"max_age_ticks": n} for n in ((9, 1) if elder == 0 else (1, 9))]
     hands, both = followed(then=ages[0].items(), now=ages[1].items())
@@ -209,7 +209,7 @@ def test_a_slot_is_used_or_free_as_it_was(elder):
     assert_followed(both)
 
 
-def test_a_stop_that_was_not_raised_then_is_told_and_not_kept_each_time():
+def test_a_stop_of_these_rules_only_is_reported_and_not_kept():
     """Its tolerance is less: what is measured is a fault to it, and was none."""
     hands, both = followed(1.0, tolerance=(0.2, 0.0))
     (x,) = hands.q[0]
@@ -223,7 +223,7 @@ def test_a_stop_that_was_not_raised_then_is_told_and_not_kept_each_time():
     assert_followed(both, way=False)
 
 
-def test_a_stop_that_only_was_raised_then_is_kept():
+def test_a_recorded_stop_is_kept():
     hands, both = followed(1.0, tolerance=(0.0, 0.2))
     (x,) = hands.q[0]
     (stopped,) = hands.rest(0, (x + 0.03,))
@@ -240,7 +240,7 @@ def test_a_stop_that_only_was_raised_then_is_kept():
     assert both.beside._clearance.bound[0] < kept - 0.02
 
 
-def test_of_two_stops_the_one_that_was_raised_is_kept_with_its_number():
+def test_only_the_recorded_one_of_two_stops_is_kept():
     """It stops the neighbour of a faulted robot too, for it must keep more: that one was not stopped then."""
     hands, both = followed(0.19, now=STRICT.items())
     (stopped,) = hands.rest(0, (hands.q[0][0] + 0.06,))
@@ -251,7 +251,7 @@ def test_of_two_stops_the_one_that_was_raised_is_kept_with_its_number():
 
 
 @pytest.mark.parametrize("stricter", [0, 1])
-def test_a_reset_is_followed_whoever_would_have_taken_it(stricter):
+def test_a_recorded_answer_to_a_reset_is_followed(stricter):
     """One of them has not heard of the robot since its link was lost."""
     hands, both = followed(1.0)
     (stop,) = hands.gate.step(Stop(("left",), "x", "y"))

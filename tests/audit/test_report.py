@@ -19,7 +19,7 @@ class Images(HTMLParser):
         self.linked += [given[key] for key in ("href", "src") if key in given and tag != "img"]
 
 
-async def test_the_page_needs_nothing_else_and_tells_the_run(tmp_path):
+async def test_the_page_is_self_contained_and_shows_the_run(tmp_path):
     from armgate.audit.report import report_page
     from armgate.recording import Recording
     from support import records
@@ -34,7 +34,7 @@ async def test_the_page_needs_nothing_else_and_tells_the_run(tmp_path):
     assert "3.6 s" in text
 
 
-async def test_the_command_writes_it_beside_the_recording(one_run):
+async def test_the_command_writes_the_page_beside_the_recording(one_run):
     status, out, err = await run("report", one_run)
     assert (status, err) == (0, "")
     assert str(one_run / "report.html") in out

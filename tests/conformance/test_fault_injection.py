@@ -64,7 +64,7 @@ DATA = bytes(range(256)) * 40
         "bandwidth=400k",
     ],
 )
-async def test_what_passes_is_whole_and_in_order(text):
+async def test_bytes_arrive_complete_and_in_order(text):
     async with echoing(Faults.parse(text)) as (_, _, reader, writer):
         for start in range(0, len(DATA), 1000):
             writer.write(DATA[start : start + 1000])
@@ -94,7 +94,7 @@ async def test_a_connection_ends_after_so_many_bytes(fault, how):
             assert len(echo.heard) == 100
 
 
-async def test_silence_tells_nobody():
+async def test_silence_keeps_the_connection_open():
     async with echoing(Faults.parse("silence=100")) as (echo, _, reader, writer):
         writer.write(b"x" * 60)
         await reader.readexactly(60)
@@ -106,18 +106,18 @@ async def test_silence_tells_nobody():
 
 
 @pytest.mark.parametrize("text", ["colour=3", "latency", "latency=fast", "latency=3k", "slice=3ms", "cut=-1"])
-def test_what_is_no_fault_is_told(text):
+def test_an_invalid_fault_is_an_error(text):
     with pytest.raises(FaultError, match="--faults"):
         Faults.parse(text)
 
 
-def test_faults_are_read():
+def test_faults_are_parsed():
     faults = Faults.parse("latency=80ms, jitter=0.04s,slice=7,bandwidth=64k")
     assert faults == Faults(latency=0.08, jitter=0.04, slice=7, bandwidth=65536.0)
     assert faults.delay == pytest.approx(0.24)
 
 
-async def test_cases_pass_through_a_slicing_line():
+async def test_cases_pass_with_sliced_packets():
     ids = [
         "FRM-1/one",
         "FRM-2",
@@ -137,7 +137,7 @@ async def test_cases_pass_through_a_slicing_line():
     assert not [(r.case.id, r.findings) for r in results if r.failed(strict=True)]
 
 
-async def test_nothing_is_asked_of_a_connection_that_the_kit_has_half_closed():
+async def test_no_request_follows_a_half_close_by_the_kit():
     faults = Faults.parse("latency=20ms")
     async with serving("conformance.yaml") as port, Proxy("127.0.0.1", port, faults) as proxy:
         target = Target("127.0.0.1", port, faults=faults, proxy=proxy)
@@ -157,7 +157,7 @@ def far_cell(_):
     return build_cell(config.model_copy(update={"max_age_ticks": 150, "server": server}))
 
 
-async def test_a_controller_far_away_works_and_one_that_is_cut_off_leaves_its_robot_at_rest():
+async def test_a_distant_controller_works_and_its_robot_rests_after_the_connection_is_lost():
     async with serving("", build=far_cell) as port:
         eye = await Raw.hello(port, "eye", "observer")
         eye.send(m.Subscribe(robots=("A",)))

@@ -15,7 +15,7 @@ VERDICT = {
 }  # fmt: skip
 
 
-def test_a_stream_is_cut_into_the_same_payloads_however_it_comes():
+def test_payloads_do_not_depend_on_how_the_stream_is_split():
     stream = b"".join(pack({"type": "bye", "reason": "x" * n}) for n in range(20))
     reader = FrameReader()
     found = [payload for i in range(len(stream)) for payload in reader.feed(stream[i : i + 1])]
@@ -25,7 +25,7 @@ def test_a_stream_is_cut_into_the_same_payloads_however_it_comes():
 
 
 @pytest.mark.parametrize("data", [b"\x00\x00\x00\x00", b"\x00\x10\x00\x01"])
-def test_a_frame_that_a_server_may_not_send_is_told(data):
+def test_a_forbidden_frame_of_a_server_is_an_error(data):
     with pytest.raises(Malformed):
         FrameReader().feed(data)
 
@@ -44,20 +44,20 @@ def test_a_frame_that_a_server_may_not_send_is_told(data):
         msgpack.packb({str(i): i for i in range(129)}),
     ],
 )
-def test_a_payload_that_a_server_may_not_send_is_told(payload):
+def test_a_forbidden_payload_of_a_server_is_an_error(payload):
     with pytest.raises(Malformed):
         unpack(payload)
 
 
 @pytest.mark.parametrize("model", m.SERVER_MESSAGES, ids=lambda model: model.__name__)
-def test_the_kits_own_forms_know_every_message_of_the_protocol(model):
+def test_the_kits_own_schema_covers_every_message_of_the_protocol(model):
     form = MESSAGES[model.model_fields["type"].default]
     told = {part.partition(":")[0] for part in form.split()}
     fields = {name: field.is_required() for name, field in model.model_fields.items() if name != "type"}
     assert told == {name if needed else f"{name}?" for name, needed in fields.items()}
 
 
-def test_forms_accept_what_the_protocol_accepts():
+def test_the_schema_accepts_all_messages_of_the_protocol():
     from hypothesis import given, settings
     from hypothesis import strategies as st
 
@@ -87,7 +87,7 @@ def test_forms_accept_what_the_protocol_accepts():
         {"type": 5},
     ],
 )
-def test_forms_refuse_the_rest(change):
+def test_the_schema_rejects_invalid_messages(change):
     assert not list(schema_errors(VERDICT))
     assert list(schema_errors(VERDICT | change))
     assert "Reason" in MAPS
@@ -121,7 +121,7 @@ def test_a_verdict_out_of_order_and_one_that_never_comes_are_found():
     assert book.verdicts.unanswered == [("R", 1)]
 
 
-def test_a_state_that_applies_what_was_not_judged_is_found():
+def test_a_state_that_applies_a_command_before_its_verdict_is_found():
     book = Book(1)
     state = {"type": "state", "robot": "R", "tick": 7, "entries": [{"robot": "R", "applied_seq": 1}]}
     assert "before its verdict" in next(book.verdicts.note_received(state))
@@ -130,5 +130,5 @@ def test_a_state_that_applies_what_was_not_judged_is_found():
     assert "came after" in next(book.verdicts.note_received(state | {"tick": 6}))
 
 
-def test_a_frame_holds_its_length():
+def test_a_frame_begins_with_its_length():
     assert frame(b"abc") == b"\x00\x00\x00\x03abc"

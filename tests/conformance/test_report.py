@@ -33,7 +33,7 @@ RESULTS = [
 ]
 
 
-def test_the_worse_verdict_counts():
+def test_the_worse_outcome_counts():
     assert [one.outcome.value for one in RESULTS] == ["PASS", "FAIL", "FAIL", "NON-STRICT", "SKIPPED"]
 
 
@@ -42,7 +42,7 @@ def test_the_last_line():
     assert report.last_line(RESULTS, strict=True) == "5 cases, 1 passed, 3 failed, 1 skipped"
 
 
-def test_a_failure_quotes_the_statement_and_shows_the_wire():
+def test_a_failure_quotes_the_statement_and_shows_the_wire_log():
     told = report.failure(RESULTS[1])
     case = RESULTS[1].case
     assert case.statement.text in told
@@ -50,7 +50,7 @@ def test_a_failure_quotes_the_statement_and_shows_the_wire():
     assert "0.1 a → <x>" in told
 
 
-def test_junit_can_be_read(tmp_path):
+def test_junit_is_valid_xml(tmp_path):
     report.write_junit(RESULTS, tmp_path / "junit.xml", strict=False)
     root = ET.parse(tmp_path / "junit.xml").getroot()
     assert {key: root.get(key) for key in ("tests", "failures", "skipped")} == {
@@ -62,7 +62,7 @@ def test_junit_can_be_read(tmp_path):
     assert {suite.get("name") for suite in root} == {r.case.statement.section for r in RESULTS}
 
 
-def test_the_page_stands_alone_and_escapes():
+def test_the_page_is_self_contained_and_escapes_texts():
     text = html_page(RESULTS, SERVER, "h:1", False, "--only X")
     assert "&lt;toy&gt; 1" in text
     assert "cell &amp; co" in text
@@ -72,19 +72,19 @@ def test_the_page_stands_alone_and_escapes():
     assert text.count("<details open") == 3
 
 
-def test_the_page_sets_the_names_in_a_statement_as_code():
+def test_the_page_marks_up_code_in_statements():
     told = next(c for c in cases() if "`verdict`" in c.statement.text)
     text = html_page([Result(told, Outcome.PASS, Outcome.PASS)], SERVER, "h:1", False, "")
     assert "<code>verdict</code>" in text
     assert "`" not in text
 
 
-def test_wire_logs_are_files(tmp_path):
+def test_wire_logs_are_written(tmp_path):
     report.write_wire_logs(RESULTS, tmp_path)
     assert len(list(tmp_path.iterdir())) == 3
 
 
-async def test_the_command_tells_and_exits_by_what_it_found(tmp_path):
+async def test_the_command_prints_results_and_exits_with_0(tmp_path):
     async with serving("conformance.yaml") as port:
         status, out, err = await run("conformance", f"127.0.0.1:{port}", "--only", "VER", "--out", tmp_path)
     assert (status, err) == (0, "")
@@ -92,7 +92,7 @@ async def test_the_command_tells_and_exits_by_what_it_found(tmp_path):
     assert "<h1>" in (tmp_path / "report.html").read_text()
 
 
-async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
+async def test_a_nonconforming_server_gives_status_1(monkeypatch):
     from armgate.daemon.lifecycle.daemon import Daemon
 
     right = Daemon._welcome
@@ -121,21 +121,21 @@ async def test_a_server_that_is_wrong_gives_status_1(monkeypatch):
         (("127.0.0.1:1", "--tls-ca", "x", "--tls-cert", "y"), "go together"),
     ],
 )
-async def test_called_wrongly_it_says_so_and_exits_2(arguments, text):
+async def test_wrong_use_is_an_error_with_status_2(arguments, text):
     status, _, err = await run("conformance", *arguments)
     assert status == 2
     assert text in " ".join(err.split())
     assert "Traceback" not in err
 
 
-async def test_what_could_not_be_tried_did_not_pass():
+async def test_a_run_without_applicable_cases_gives_status_2():
     async with serving("conformance.yaml") as port:
         status, out, _ = await run("conformance", f"127.0.0.1:{port}", "--only", "LCK-2")
     assert status == 2
     assert "only for a server in lock-step" in out
 
 
-async def test_it_lists_its_cases():
+async def test_the_command_lists_the_cases():
     status, out, _ = await run("conformance", "--list")
     assert status == 0
     assert len(out.splitlines()) == len(cases())

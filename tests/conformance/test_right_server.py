@@ -33,7 +33,7 @@ def cases(file):
 @pytest.mark.parametrize(
     ("more", "least"), [((), 298), (("configs/conformance-lockstep.yaml",), 18)], ids=["wall", "lock-step"]
 )
-async def test_it_passes_all_cases(tmp_path, more, least):
+async def test_the_daemon_passes_all_cases(tmp_path, more, least):
     start = " ".join((SERVE, *more, "--port 0"))
     status, out = await conformance("--start", start, "--participants", "kit-a,kit-b", "--out", tmp_path)
     found = cases(tmp_path / "junit.xml")

@@ -41,7 +41,7 @@ def found(seen, kept=None):
     return list(unsafe_motion("R", seen, BOUNDS, kept or commands()))
 
 
-def test_a_robot_that_moves_as_judged_and_brakes_is_safe():
+def test_motion_by_verdicts_and_braking_is_safe():
     kept = commands((1, "admitted", 2, 0.05), (2, "limited", 3, 0.14))
     seen = samples([0.0, 0.0, 0.05, 0.14, 0.18, 0.20, 0.20], {2: 1, 3: 2})
     assert found(seen, kept) == []
@@ -76,17 +76,17 @@ def test_a_robot_that_moves_as_judged_and_brakes_is_safe():
         ),
     ],
 )
-def test_each_wrong_motion_is_found(seen, kept, text):
+def test_each_unsafe_motion_is_found(seen, kept, text):
     assert any(text in finding for finding in found(seen, kept)), found(seen, kept)
 
 
-def test_a_command_that_must_not_be_done_is_found_whatever_its_verdict():
+def test_a_forbidden_command_is_found_whatever_its_verdict():
     kept = commands((1, "admitted", 2, 0.03))
     kept.forbid({"robot": "R", "seq": 1}, "its fence is old")
     assert any("its fence is old" in finding for finding in found(samples([0.0, 0.0, 0.03], {2: 1}), kept))
 
 
-def test_a_state_that_was_not_seen_is_no_finding():
+def test_a_missed_state_is_no_finding():
     seen = samples([0.0, 0.0, 0.05, 0.13, 0.2], {2: 1, 3: 2, 4: 3})
     kept = commands(*((seq, "admitted", None, 0.0) for seq in (1, 2, 3)))
     assert found([seen[0], seen[1], seen[4]], kept) == []
@@ -98,7 +98,7 @@ def test_a_joint_without_a_bound_may_stop_at_once():
     assert not [f for f in unsafe_motion("R", seen, free, commands()) if "brakes" in f]
 
 
-def test_a_reset_puts_the_setpoint_where_the_robot_is():
+def test_a_reset_may_move_the_setpoint_to_the_measured_position():
     seen = samples([0.0, 0.0, 0.09, 0.09], stops={1: (4,)})
     assert not [f for f in found(seen) if "accelerates" in f]
 
@@ -107,11 +107,11 @@ def near(distance):
     return ((("a", "b"), distance, 0.05),)
 
 
-def test_bodies_that_come_too_near_are_found_but_not_those_that_were_so_before():
+def test_a_violated_clearance_is_found_unless_it_was_violated_before():
     assert found(samples([0.0, 0.0], nearest={0: near(0.06), 1: near(0.04)}))
     assert not found(samples([0.0, 0.0], nearest={0: near(0.03), 1: near(0.04)}))
 
 
-def test_a_robot_outside_its_limits_may_come_back():
+def test_a_robot_outside_its_limits_may_move_back():
     assert found(samples([1.2, 1.17, 1.14])) == []
     assert found(samples([1.2, 1.23]))

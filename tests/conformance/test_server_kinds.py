@@ -67,7 +67,7 @@ async def test_a_server_with_tls_certificates_of_clients_and_tokens(tmp_path):
 @pytest.mark.parametrize(
     ("open_", "outcome"), [(True, Outcome.PASS), (False, Outcome.FAIL)], ids=["open", "locked"]
 )
-async def test_a_door_that_guesses_do_not_lock(open_, outcome, monkeypatch):
+async def test_wrong_tokens_must_not_lock_out_a_right_one(open_, outcome, monkeypatch):
     secrets, kept = made({"operator": None})
     keys = Keys(None, kept)
     if not open_:
@@ -122,7 +122,7 @@ async def test_a_robot_whose_link_is_not_ready(tmp_path):
     assert out.splitlines()[-1] == "1 cases, 1 passed, 0 failed, 0 skipped"
 
 
-async def test_no_report_holds_a_token():
+async def test_wire_logs_contain_no_token():
     log = WireLog()
     client = Connection("w", log, CommandLog(), 1.0)
     client.connection_made(Mute())

@@ -593,7 +593,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-async def test_a_server_wrong_in_one_way_is_caught(name, kit, monkeypatch):
+async def test_the_case_for_a_deviation_fails(name, kit, monkeypatch):
     change, case, verdict = WRONG[name]
     change(monkeypatch)
     lockstep = {"files": LOCKSTEP, "participants": ("kit-a", "kit-b")} if case.startswith("LCK") else {}

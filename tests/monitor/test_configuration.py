@@ -70,12 +70,12 @@ def test_quantities(given, dimension, rate, expected):
         10**400,
     ],
 )
-def test_what_is_no_length_is_refused_with_its_place(given):
+def test_an_invalid_length_is_rejected_with_its_place(given):
     with pytest.raises(DescriptionError, match=r"^robots\.FR\.x: .*expected"):
         si(given, "robots.FR.x", "length")
 
 
-def test_overlays_merge_as_the_documents_say(tmp_path):
+def test_overlays_merge_as_documented(tmp_path):
     (tmp_path / "links").mkdir()
     below = written(
         tmp_path, "armgate: 1\na: {x: 1, y: [1, 2]}\nlink: {kind: emulated, lag: 1}\nurdf: a.urdf\n"
@@ -96,7 +96,7 @@ def test_an_empty_section_of_an_overlay_changes_nothing_and_null_removes(tmp_pat
 
 
 @pytest.mark.parametrize("section", ["surroundings", "robots", "  A"])
-def test_the_gate_and_the_monitor_keep_what_lies_below_an_empty_section(tmp_path, section):
+def test_gate_and_monitor_keep_the_mapping_below_an_empty_section(tmp_path, section):
     files = [written(tmp_path, arms_yaml())]
     head = "robots:\n" if section.startswith(" ") else ""
     files.append(written(tmp_path, f"{head}{section}:\n", "above.yaml"))
@@ -119,13 +119,13 @@ def test_the_gate_and_the_monitor_keep_what_lies_below_an_empty_section(tmp_path
         ("[0.05, 1.0]", "[0.05, -1.0]", "positive"),
     ],
 )
-def test_what_cannot_be_read_is_refused_by_name(tmp_path, old, new, said):
+def test_unreadable_input_is_rejected_by_name(tmp_path, old, new, said):
     file = written(tmp_path, arms_yaml().replace(old, new, 1))
     with pytest.raises(DescriptionError, match=r"(?s)" + said.replace(".", r"\.")):
         build(read_files([file]))
 
 
-def test_a_file_that_multiplies_by_aliases_is_refused(tmp_path):
+def test_a_file_that_grows_by_aliases_is_rejected(tmp_path):
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 9)]
     with pytest.raises(DescriptionError, match="more than"):
@@ -161,12 +161,12 @@ def with_urdf(folder: Path, old: str, new: str):
         ("<robot name", '<robot version="7" name', "version"),
     ],
 )
-def test_what_a_urdf_holds_that_the_monitor_does_not_know_is_refused(tmp_path, old, new, said):
+def test_unsupported_content_of_a_urdf_is_rejected(tmp_path, old, new, said):
     with pytest.raises(DescriptionError, match=said):
         build(read_files([with_urdf(tmp_path, old, new)]))
 
 
-def test_quaternions_and_accelerations_of_a_urdf_are_read_as_the_cell_reads_them(tmp_path):
+def test_the_monitor_reads_quaternions_and_accelerations_as_the_cell_does(tmp_path):
     turned = 'quat_xyzw="0.1 0.2 0.3 0.9273618495495703"'
     file = with_urdf(tmp_path, "<collision>", f'<collision><origin xyz="0.1 0 0" {turned}/>')
     urdf = tmp_path / "arm.urdf"
@@ -313,7 +313,7 @@ def test_variants_that_the_gate_reads_are_read(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_damaged_mesh_is_refused_or_read_whole(tmp_path, name):
+def test_a_damaged_mesh_is_rejected_or_read_completely(tmp_path, name):
     """Cut off anywhere, or with a byte changed: one clear error, never a traceback of another kind."""
     rng = np.random.default_rng(6)
     data = FILES[name]
@@ -337,7 +337,7 @@ def test_a_damaged_mesh_is_refused_or_read_whole(tmp_path, name):
         ("x.stl", b"solid x\nfacet\nvertex 0 0 0\n", "ends too early"),
     ],
 )
-def test_a_mesh_that_cannot_be_read_is_refused_with_its_name(tmp_path, name, data, said):
+def test_an_unreadable_mesh_is_rejected_with_its_name(tmp_path, name, data, said):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(DescriptionError, match=said):
         read_mesh(tmp_path / name)

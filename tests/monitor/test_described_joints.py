@@ -51,7 +51,7 @@ TURNS = {
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_quaternions_that_become_angles_are_no_difference(tmp_path, turn):
+def test_conversion_of_quaternions_to_angles_is_no_difference(tmp_path, turn):
     """The composed URDF has roll, pitch, yaw; at a pitch of 90° they are worst to compute."""
     text = URDF.read_text().replace("<robot ", '<robot version="1.1" ', 1)
     values = " ".join(map(repr, TURNS[turn]))
@@ -79,7 +79,7 @@ def with_origin(text: str, joint: str, origin: str) -> str:
     return text.replace(element, changed)
 
 
-def test_a_moved_joint_is_named_with_both_values_and_advice(tmp_path):
+def test_a_moved_joint_is_reported_with_both_values_and_advice(tmp_path):
     text, robot = composed(tmp_path)
     wrong = with_origin(text, "A3", '<origin xyz="0.67 0 0"/>')
     assert list(joint_differences(robot, wrong.encode())) == [
@@ -110,7 +110,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_every_other_difference_of_a_joint_is_named(tmp_path, name):
+def test_every_other_difference_of_a_joint_is_reported(tmp_path, name):
     old, new, said = CHANGES[name]
     text, robot = composed(tmp_path)
     assert old in text
@@ -123,7 +123,7 @@ def test_every_other_difference_of_a_joint_is_named(tmp_path, name):
     assert all(ADVICE in one for one in found)
 
 
-def test_bytes_that_are_no_text_are_a_difference(tmp_path):
+def test_a_described_urdf_that_is_not_text_is_a_difference(tmp_path):
     _, robot = composed(tmp_path)
     (found,) = joint_differences(robot, b"\xff\xfe<robot")
     assert "cannot be read: not a URDF in UTF-8" in found

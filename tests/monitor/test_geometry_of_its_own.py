@@ -28,7 +28,7 @@ def both(name):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_bodies_are_where_another_library_places_them(name):
+def test_placements_of_bodies_agree_with_another_library(name):
     mine, theirs = both(name)
     rng = np.random.default_rng(1)
     for index, (robot, other) in enumerate(zip(mine.robots, theirs.robots, strict=True)):
@@ -44,7 +44,7 @@ def test_bodies_are_where_another_library_places_them(name):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_bounds_and_pairs_are_those_of_the_cell(name):
+def test_bounds_and_pairs_agree_with_the_cell(name):
     mine, theirs = both(name)
     for robot, other in zip(mine.robots, theirs.robots, strict=True):
         for key in ("lower", "upper", "velocity", "acceleration", "deceleration"):
@@ -63,7 +63,7 @@ def test_bounds_and_pairs_are_those_of_the_cell(name):
     assert named(mine) == named(theirs)
 
 
-def test_no_point_moves_farther_than_the_levers_say():
+def test_no_point_moves_farther_than_the_levers_allow():
     cell, _ = both("demo")
     rng = np.random.default_rng(2)
     for index, robot in enumerate(cell.robots):
@@ -109,7 +109,7 @@ def engine_distance(one, two, A, B):
     return coal.distance(engine(*one), places[0], engine(*two), places[1], request, result)
 
 
-def test_both_bounds_hold_the_distance_of_another_engine():
+def test_both_bounds_enclose_the_distance_of_another_engine():
     rng = np.random.default_rng(3)
     apart_count = 0
     for _ in range(1500):
@@ -156,7 +156,7 @@ BLOCK = meshes.blocks(meshes.BAR, (0.0, 0.2), (0.0, 0.2), (0.0, 0.2))
 RING = meshes.ring(0.2, 0.3, 0.1)
 
 
-def test_a_convex_piece_is_its_hull_and_another_its_triangles():
+def test_a_convex_piece_becomes_its_hull_and_any_other_its_triangles():
     (block,) = solids_of(Mesh(*BLOCK), (1.0, 1.0, 1.0), "parts")
     assert _inside(block, [0.1, 0.1, 0.1]) < 0.0
     (hollow,) = solids_of(Mesh(*RING), (1.0, 1.0, 1.0), "parts")
@@ -173,7 +173,7 @@ def _inside(solid: Solid, at) -> float:
     return distance_bounds(PlacedSolid(solid, np.eye(4)), PlacedSolid(primitive("sphere", [1e-3], ""), T)).low
 
 
-def test_pieces_that_do_not_touch_are_solids_of_their_own():
+def test_separate_pieces_become_separate_solids():
     vertices, faces = BLOCK
     two = Mesh(
         np.concatenate([vertices, vertices + np.array([1.0, 0.0, 0.0])]),
@@ -182,7 +182,7 @@ def test_pieces_that_do_not_touch_are_solids_of_their_own():
     assert len(solids_of(two, (1.0, 1.0, 1.0), "parts")) == 2
 
 
-def test_boxes_around_triangles_never_leave_any_out():
+def test_boxes_contain_all_triangles():
     """The distance to bare triangles is the least of those to each, whatever the tree of boxes."""
     rng = np.random.default_rng(4)
     triangles = rng.uniform(-0.3, 0.3, (40, 1, 3)) + rng.uniform(-0.05, 0.05, (40, 3, 3))
@@ -199,7 +199,7 @@ def test_boxes_around_triangles_never_leave_any_out():
 # --- stops --------------------------------------------------------------------------------------------------
 
 
-def test_what_a_robot_still_moves_is_the_sum_of_its_braking():
+def test_the_stop_distance_is_the_sum_of_the_braking_increments():
     rng = np.random.default_rng(5)
     for _ in range(200):
         u, decel = rng.normal(size=4) * 1e-2, rng.uniform(1e-4, 1e-3, 4)

@@ -46,7 +46,7 @@ def reset_under_noise(folder: Path, goal, joint: int, ticks: int) -> Watched:
 
 
 @pytest.mark.usefixtures("_measured_becomes_setpoint")
-def test_setpoints_that_drift_nearer_reset_by_reset_are_found(tmp_path):
+def test_setpoints_that_drift_closer_with_each_reset_are_found(tmp_path):
     watched = reset_under_noise(tmp_path, DOWN, joint=1, ticks=130)
     first = watched.findings[0]
     assert (first.kind, first.pair) == ("clearance", ("FR/camera_housing", "floor"))
@@ -54,7 +54,7 @@ def test_setpoints_that_drift_nearer_reset_by_reset_are_found(tmp_path):
 
 
 @pytest.mark.usefixtures("_measured_becomes_setpoint")
-def test_setpoints_that_drift_out_of_their_limits_reset_by_reset_are_found(tmp_path):
+def test_setpoints_that_drift_beyond_limits_with_each_reset_are_found(tmp_path):
     watched = reset_under_noise(tmp_path, ROUND, joint=0, ticks=150)
     assert [(f.kind, f.joint) for f in watched.findings[:1]] == [("limit", "A1")]
 
@@ -99,7 +99,7 @@ def beyond_its_limit(folder: Path, distance: float) -> Watched:
 
 
 @pytest.mark.parametrize("distance", [0.3, 0.6])
-def test_motion_bounds_that_do_not_hold_beyond_a_limit_are_found(tmp_path, monkeypatch, distance):
+def test_motion_bounds_that_are_wrong_beyond_a_limit_are_found(tmp_path, monkeypatch, distance):
     monkeypatch.setattr(Clearance, "fit", lambda *_: None)
     findings = beyond_its_limit(tmp_path, distance).findings
     assert [(f.kind, f.pair) for f in findings[:1]] == [("clearance", ("R/slide", "post"))]
@@ -115,7 +115,7 @@ def test_a_retreat_from_beyond_a_limit_raises_no_alarm(tmp_path, distance):
 # --- a link that plays other increments than the plan has -------------------------------------------------
 
 
-def test_a_link_that_plays_other_increments_under_the_right_key_is_found(tmp_path, monkeypatch):
+def test_a_link_that_plays_other_increments_with_the_right_key_is_found(tmp_path, monkeypatch):
     told = Gate._follow_plan
 
     def trusting(self, *args):

@@ -88,7 +88,7 @@ async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_
         assert int(lines[-1].split()[2]) > 100
 
 
-async def test_a_daemon_on_a_unix_socket_is_watched(tmp_path):
+async def test_a_daemon_on_a_unix_socket_is_monitored(tmp_path):
     file = config(tmp_path, server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: observer}}}}}}")
     async with Process.serving(file, "--require-login", host="unix"):
         process = await launch("monitor", f"unix:{tmp_path / 'cell.sock'}", str(file))
@@ -113,7 +113,7 @@ async def test_a_daemon_that_serves_another_cell_is_stopped(tmp_path):
     assert lines[-1].endswith("1 violation")
 
 
-async def test_a_margin_that_is_violated_stops_the_cell_with_numbers_and_pair(tmp_path):
+async def test_a_violated_clearance_stops_the_cell_and_reports_numbers_and_pair(tmp_path):
     """The monitor's configuration asks for more than the daemon keeps."""
     strict = config(tmp_path, "strict.yaml")
     strict.write_text(strict.read_text().replace("stop_distance: 20 mm", "stop_distance: 46 mm"))
@@ -132,7 +132,7 @@ async def test_a_margin_that_is_violated_stops_the_cell_with_numbers_and_pair(tm
     assert status == 1
 
 
-async def test_states_that_stop_coming_are_noticed_and_a_lost_daemon_ends_the_watch(tmp_path):
+async def test_missing_states_are_reported_and_a_lost_daemon_ends_the_monitor(tmp_path):
     file = config(tmp_path)
     async with Process.serving(file) as daemon, watching(daemon.port, file, silence=0.3) as monitor:
         await asyncio.sleep(0.5)  # states come
@@ -149,7 +149,7 @@ async def test_states_that_stop_coming_are_noticed_and_a_lost_daemon_ends_the_wa
     assert "not monitored any more" in err
 
 
-async def test_a_configuration_that_it_cannot_read_is_refused(tmp_path):
+async def test_an_unreadable_configuration_is_rejected(tmp_path):
     file = config(tmp_path)
     async with Process.serving(file) as daemon:
         wrong = config(tmp_path, "wrong.yaml")

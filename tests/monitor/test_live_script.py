@@ -103,7 +103,7 @@ def jump(tick: int, **more) -> list[m.State]:
     return [state(t, 0.3, **more) for t in range(tick, tick + 3)]
 
 
-def test_a_stop_that_is_not_answered_is_printed_and_asked_for_again(watched):
+def test_a_stop_without_an_answer_is_reported_and_repeated(watched):
     script = [*map(state, range(5)), *jump(5), *(state(t, 0.3) for t in range(8, 10))]
     line, lines, _ = watched(script, (TimedOut("no answer"), 5.0, 0))
     assert len(line.asked) == 2
@@ -111,7 +111,7 @@ def test_a_stop_that_is_not_answered_is_printed_and_asked_for_again(watched):
     assert "stopped the cell: stop 2" in lines
 
 
-def test_a_finding_right_after_a_lifted_stop_stops_again_when_the_time_is_over(watched):
+def test_a_finding_right_after_a_reset_stops_again_after_a_second(watched):
     """The first stop is lifted at once; the second finding comes before a second has passed."""
     script = [*map(state, range(5)), *jump(5), *(state(t) for t in range(8, 120))]
     line, lines, _ = watched(script)
@@ -119,12 +119,12 @@ def test_a_finding_right_after_a_lifted_stop_stops_again_when_the_time_is_over(w
     assert "stopped the cell: stop 2" in lines
 
 
-def test_a_finding_while_the_stop_before_is_in_force_asks_for_no_other(watched):
+def test_a_finding_causes_no_stop_while_the_last_one_is_in_force(watched):
     script = [*map(state, range(5)), *jump(5), *(state(t, stops=(1,)) for t in range(8, 120))]
     assert len(watched(script)[0].asked) == 1
 
 
-def test_no_state_is_skipped_when_more_came_than_are_kept(watched, monkeypatch):
+def test_no_kept_state_is_skipped_if_more_came_than_are_kept(watched, monkeypatch):
     """A stop takes long: the state that was judged last is not kept any more."""
     monkeypatch.setattr(live, "BACKLOG", 20)
     many = [state(t) for t in range(5, 65)]
@@ -134,12 +134,12 @@ def test_no_state_is_skipped_when_more_came_than_are_kept(watched, monkeypatch):
     assert summary.states == 5 + 20 + 5
 
 
-def test_states_that_were_judged_are_not_judged_again(watched):
+def test_checked_states_are_not_checked_again(watched):
     script = [*map(state, range(5)), 0.1, 0.1, *(state(t) for t in range(5, 9)), 0.1, state(9)]
     assert watched(script)[2].states == 10
 
 
-def test_states_that_are_judged_late_are_noted_and_counted(watched):
+def test_states_that_are_checked_late_are_noted_and_counted(watched):
     script = [*map(state, range(50)), 0.1]
     late = [state(t) for t in range(50, 60)]
     _, lines, summary = watched([*script, *late, 0.7, state(60, time=0.72), state(61, time=0.732)])
@@ -147,7 +147,7 @@ def test_states_that_are_judged_late_are_noted_and_counted(watched):
     assert sum("0.7 s late" in text or "0.8 s late" in text for text in lines) == 1
 
 
-def test_a_rule_that_is_broken_after_a_reset_stops_again(watched):
+def test_a_rule_that_is_violated_after_a_reset_stops_again(watched):
     wrong = {"q": HOME[:2]}
     script = [*map(state, range(3)), *(state(t, **wrong) for t in range(3, 5))]
     script += [state(t, stops=(1,), **wrong) for t in range(5, 100)]
@@ -157,7 +157,7 @@ def test_a_rule_that_is_broken_after_a_reset_stops_again(watched):
     assert "stopped the cell: stop 2" in lines
 
 
-def test_a_robot_that_never_ticks_is_noted_and_a_dead_connection_ends_the_watch(watched):
+def test_a_robot_without_ticks_is_noted_and_a_dead_connection_ends_the_monitor(watched):
     line, lines, summary = watched([0.1] * 60)
     assert summary.unseen == ["A"]
     assert [text for text in lines if "no state yet of A" in text] == lines[1:]

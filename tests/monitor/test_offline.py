@@ -50,7 +50,7 @@ def test_every_state_is_checked_and_counted(run, tmp_path):
     assert {one["kind"] for one in found["smallest"]} == {"surroundings", "self"}
 
 
-def test_a_stricter_configuration_is_violated_with_tick_pair_and_numbers(run, tmp_path):
+def test_violations_of_a_stricter_configuration_are_reported_with_tick_pair_and_numbers(run, tmp_path):
     tree = demo(ARM)
     tree["stop_distance"] = 0.3
     status, out, _ = monitor(run, saved(tree, tmp_path / "strict.yaml"))
@@ -83,7 +83,7 @@ def rewritten(run: Path, folder: Path, change) -> Path:
     return folder
 
 
-def test_states_that_were_left_out_are_counted_as_missed(run, tmp_path):
+def test_missing_states_are_counted_as_missed(run, tmp_path):
     def without(topic, value):
         return None if topic.startswith("/robots/") and value["tick"] in (20, 21, 40) else value
 
@@ -103,7 +103,7 @@ def pair(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize(("ready", "expected"), [(True, 1), (False, 0)])
-def test_a_robot_without_a_state_is_named_and_fails_if_its_link_was_ready(pair, tmp_path, ready, expected):
+def test_a_robot_without_a_state_is_a_violation_if_its_link_was_ready(pair, tmp_path, ready, expected):
     def without(topic, value):
         gone = topic.startswith("/robots/") and value["robot"] == GANTRY
         return None if gone or (topic == "/gate/link" and not ready) else value
@@ -129,7 +129,7 @@ def test_silence_after_a_link_was_lost_is_no_violation(tmp_path, told):
     assert ("violated: GR, tick 4 (0.048 s): no state for" in out) == (not told)
 
 
-def test_a_state_that_is_recorded_again_when_a_link_changes_is_no_violation(tmp_path):
+def test_a_repeated_state_after_a_link_change_is_no_violation(tmp_path):
     recorder = Recorder(tmp_path / "run", limit=1 << 30)
     watched = Watched(demo(ARM), tmp_path, recorder=recorder)
     watched.rest(5)
@@ -141,7 +141,7 @@ def test_a_state_that_is_recorded_again_when_a_link_changes_is_no_violation(tmp_
     assert "10 states, 30 positions checked, no violations" in out
 
 
-def test_a_recording_whose_chain_is_broken_is_violated(run, tmp_path):
+def test_a_broken_hash_chain_is_a_violation(run, tmp_path):
     data = (run / "recording-0001.mcap").read_bytes()
     digest = verify(Recording.open(run)).seals[0].digest.hex().encode()
     assert data.count(digest) == 1
@@ -200,14 +200,14 @@ def with_file(name, text):
         (header("description", lambda d: d | {"robots": []}), 1),
     ],
 )
-def test_a_recording_that_was_tampered_with_is_refused_or_violated(run, tmp_path, change, status):
+def test_a_manipulated_recording_is_rejected_or_a_violation(run, tmp_path, change, status):
     got, out, err = monitor(rewritten(run, tmp_path / "run", change))
     assert got == status, (out, err)
     assert "violated" in out or len(err.splitlines()) == 1
     assert not (tmp_path / "escaped").exists()
 
 
-def test_a_recording_that_breaks_off_says_how_to_recover_it(run, tmp_path):
+def test_the_error_of_an_incomplete_recording_names_recover(run, tmp_path):
     data = (run / "recording-0001.mcap").read_bytes()
     (tmp_path / "recording-0001.mcap").write_bytes(data[: len(data) // 2])
     status, _, err = monitor(tmp_path)
@@ -226,7 +226,7 @@ def test_a_recording_that_breaks_off_says_how_to_recover_it(run, tmp_path):
         ((), "Missing argument"),
     ],
 )
-def test_wrong_use_ends_with_2_and_one_error(arguments, said):
+def test_wrong_use_is_one_error_with_status_2(arguments, said):
     status, out, err = monitor(*arguments)
     assert (status, out) == (1 if "none.yaml" in arguments else 2, "")
     assert re.search(said, err)

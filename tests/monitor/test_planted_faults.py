@@ -145,7 +145,7 @@ MODEL_FAULTS: dict[str, tuple[str, Change]] = {
 
 
 @pytest.mark.parametrize("name", MODEL_FAULTS)
-def test_a_fault_of_the_gates_model_is_found(name, tmp_path):
+def test_a_wrong_model_of_the_gate_is_found(name, tmp_path):
     scenario, change = MODEL_FAULTS[name]
 
     def wrong(tree: Tree) -> None:
@@ -187,7 +187,7 @@ PLAN_FAULTS: dict[str, Callable[[e.Plan], e.Plan]] = {
 
 
 @pytest.mark.parametrize("name", PLAN_FAULTS)
-def test_a_link_that_plays_something_else_is_found(name, tmp_path):
+def test_a_link_that_plays_other_plans_is_found(name, tmp_path):
     assert driven(SCENARIOS["down"], tmp_path, tamper=PLAN_FAULTS[name]).findings
 
 
@@ -251,7 +251,7 @@ def test_a_robot_that_slips_is_found(tmp_path):
     assert watched.rest(2)[0].kind == "stray"
 
 
-def test_a_robot_that_falls_silent_is_found(tmp_path):
+def test_a_robot_without_further_states_is_found(tmp_path):
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
     del watched.links[GANTRY]
@@ -274,7 +274,7 @@ def test_a_robot_whose_link_has_ended_is_not_silent(tmp_path, link):
     assert {f.robot for f in watched.monitor.summary.findings} == {GANTRY}
 
 
-def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
+def test_pairs_of_a_robot_with_old_states_are_not_checked(tmp_path):
     """Its last place, in the states of the other robot, counts no longer after 2.5 periods."""
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
@@ -285,7 +285,7 @@ def test_a_robot_whose_states_are_old_is_left_out_of_pairs(tmp_path):
         assert monitor._clearances.knows(index) == seen
 
 
-def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
+def test_accelerations_are_not_checked_while_a_link_is_not_ready(tmp_path):
     """The gate bounds only speeds then."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
@@ -309,7 +309,7 @@ def test_a_link_that_is_not_ready_is_not_held_to_accelerations(tmp_path):
     ("holds", "off", "expected"),
     [(True, 0.0, set()), (True, 1e-5, {"acceleration"}), (False, 0.0, {"acceleration"})],
 )
-def test_a_link_that_holds_may_take_back_the_newest_increment_only(tmp_path, holds, off, expected):
+def test_a_holding_link_may_undo_only_the_newest_increment(tmp_path, holds, off, expected):
     """The reply was late: the robot is held at the setpoint before, and starts from rest."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
@@ -325,7 +325,7 @@ def test_a_link_that_holds_may_take_back_the_newest_increment_only(tmp_path, hol
     assert kinds - {"stop_end"} == expected
 
 
-def test_a_robot_is_not_held_to_setpoints_that_were_missed(tmp_path):
+def test_stray_positions_are_not_checked_after_missed_setpoints(tmp_path):
     """It may follow setpoints of states that did not come, for as long as they can act."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(5)

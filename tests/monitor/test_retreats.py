@@ -25,7 +25,7 @@ def started(folder: Path, start, **fault) -> Watched:
 
 
 @pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
-def test_a_way_out_raises_no_alarm(tmp_path, start):
+def test_a_retreat_raises_no_alarm(tmp_path, start):
     watched = started(tmp_path, start)
     assert watched.monitor.summary.retreats >= 1
     assert watched.toward(UP, 200) == []
@@ -34,7 +34,7 @@ def test_a_way_out_raises_no_alarm(tmp_path, start):
 
 
 @pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
-def test_a_way_deeper_is_found(tmp_path, start):
+def test_motion_deeper_into_a_violation_is_found(tmp_path, start):
     """The gate believes in a distance so small that it sees no violation, or in a lower floor."""
     watched = started(tmp_path, start, wrong=lambda t: t["surroundings"]["floor"].update(xyz=[1.5, 0, -0.5]))
     found = watched.toward({ARM: start + np.radians([0, 0, 3, 0, 0, 0])}, 60)
@@ -43,12 +43,12 @@ def test_a_way_deeper_is_found(tmp_path, start):
     assert ("the retreat began" in found[0].text) == (start is NEAR_FLOOR)
 
 
-def test_a_start_beyond_a_limit_may_come_back_only(tmp_path):
+def test_a_joint_that_starts_beyond_a_limit_may_only_move_back(tmp_path):
     watched = started(tmp_path, BEYOND)
     assert watched.toward(UP, 60) == []
 
 
-def test_a_joint_that_goes_farther_beyond_its_limit_is_found(tmp_path):
+def test_a_joint_that_moves_farther_beyond_its_limit_is_found(tmp_path):
     def wide(tree):
         file = Path(tree["robots"][ARM]["urdf"])
         (tmp_path / "wide.urdf").write_text(file.read_text().replace("3.2288591161895095", "6.0"))
@@ -59,7 +59,7 @@ def test_a_joint_that_goes_farther_beyond_its_limit_is_found(tmp_path):
     assert [(f.kind, f.joint) for f in found] == [("limit", "A1")]
 
 
-def test_a_robot_that_is_pushed_and_reset_retreats_again(tmp_path):
+def test_a_pushed_robot_may_retreat_after_a_reset(tmp_path):
     """Moved by hand into a margin: that is found once; after the reset the way out raises no alarm."""
     watched = Watched(demo(ARM), tmp_path)
     watched.toward(DOWN, 130)
@@ -94,7 +94,7 @@ def too_near(tmp_path):
     return again, start
 
 
-def test_two_robots_inside_a_margin_move_apart(too_near):
+def test_two_robots_that_are_too_close_may_move_apart(too_near):
     """The gate lets them go one at a time."""
     watched, start = too_near
     away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *start[GANTRY][3:]]}
@@ -102,7 +102,7 @@ def test_two_robots_inside_a_margin_move_apart(too_near):
     assert watched.monitor._floors == {}
 
 
-def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(too_near):
+def test_a_violated_clearance_keeps_its_floor_while_states_are_missing(too_near):
     watched, _ = too_near
     floors = dict(watched.monitor._floors)
     gantry = watched.links.pop(GANTRY)
@@ -114,7 +114,7 @@ def test_a_margin_that_was_violated_keeps_its_floor_while_states_are_missing(too
     assert watched.findings == []
 
 
-def test_a_joint_that_goes_on_beyond_its_limit_after_a_reset_is_found_again(tmp_path):
+def test_a_joint_that_moves_on_beyond_its_limit_after_a_reset_is_found_again(tmp_path):
     def wide(tree):
         file = Path(tree["robots"][ARM]["urdf"])
         (tmp_path / "wide.urdf").write_text(file.read_text().replace("3.2288591161895095", "6.0"))

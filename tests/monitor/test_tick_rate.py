@@ -148,7 +148,7 @@ def test_a_recording_of_a_link_that_ticks_twice_as_fast_is_violated(tmp_path):
 
 
 @pytest.mark.parametrize("back", [0.0, 1e-3])
-def test_a_time_that_stands_still_or_goes_back_is_found(tmp_path, back):
+def test_a_time_that_does_not_increase_is_found(tmp_path, back):
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(50)
     watched.lie = lambda s: s.model_copy(update={"time": 49 * 0.012 - back})
@@ -157,7 +157,7 @@ def test_a_time_that_stands_still_or_goes_back_is_found(tmp_path, back):
     assert "its time is not after 0.588" in found.text
 
 
-def test_a_link_that_is_not_ready_has_no_pace(tmp_path):
+def test_ticks_of_a_link_that_is_not_ready_do_not_count(tmp_path):
     watched = Watched(demo(ARM), tmp_path)
     watched.beat = 0.006
     watched.lie = lambda s: s.model_copy(update={"link": "lost"})
