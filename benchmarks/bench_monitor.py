@@ -1,7 +1,8 @@
-"""What the monitor costs: its share of a core in the demo by the clock, and what it changes in the ticks.
+"""Benchmark of the monitor: its share of a core in the demo, and its effect on the lateness of ticks.
 
-Usage: bench_monitor.py [SECONDS]. The demo runs with the monitor and without it, in turn; the lateness of the
-ticks is the daemon's own histogram, read while the demo runs. An audit of the recording follows.
+Usage: bench_monitor.py [SECONDS]. The demo runs by the wall clock, with and without the monitor in turn. The
+lateness of ticks comes from the daemon's histogram, read while the demo runs. A check of the recording
+follows.
 """
 
 import json
@@ -17,14 +18,14 @@ from report import Row, report
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
 ROUNDS = 2
-"""With and without the monitor in turn; the better lateness of each counts: other programs only add to it."""
+"""Number of runs with and without the monitor; the smaller lateness counts: other programs only add to it."""
 
 PORT = 7493
 BUCKET = re.compile(r'^armgate_tick_lateness_seconds_bucket\{.*le="([^"]+)".*\} (\S+)$', re.MULTILINE)
 
 
 def scrape() -> dict[float, float]:
-    """Ticks by upper bound of their lateness, s; empty while nothing is served."""
+    """Return the number of ticks by upper bound of their lateness, s; empty while nothing is served."""
     try:
         with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/metrics", timeout=1.0) as page:
             text = page.read().decode()
@@ -37,7 +38,7 @@ def scrape() -> dict[float, float]:
 
 
 def quantile(counts: dict[float, float], share: float) -> float:
-    """The bound, ms, below which this share of the ticks is; between two bounds by proportion."""
+    """Return the lateness, ms, below which this share of the ticks is, interpolated between two bounds."""
     total, below, before = max(counts.values()), 0.0, 0.0
     for bound, count in sorted(counts.items()):
         if count >= share * total:
@@ -48,7 +49,7 @@ def quantile(counts: dict[float, float], share: float) -> float:
 
 
 def demo(folder: Path, *options: str) -> tuple[dict, dict[float, float]]:
-    """Figures of a demo in a new folder, and the lateness of its ticks."""
+    """Run a demo in a new folder; return its figures and the lateness of its ticks."""
     folder.mkdir()
     overlay = folder / "metrics.yaml"
     overlay.write_text(f"armgate: 1\nmetrics: {{port: {PORT}}}\n", encoding="utf-8")
@@ -76,9 +77,9 @@ def main() -> None:
         run = folder / f"with{ROUNDS - 1}" / "run"
         judged = json.loads((run / "monitor.json").read_text(encoding="utf-8"))
         start = time.perf_counter()
-        audit = [sys.executable, "-m", "armgate.apps", "monitor", str(run)]
-        subprocess.run(audit, check=True, stdout=subprocess.DEVNULL)
-        audited = time.perf_counter() - start
+        check = [sys.executable, "-m", "armgate.apps", "monitor", str(run)]
+        subprocess.run(check, check=True, stdout=subprocess.DEVNULL)
+        checked = time.perf_counter() - start
     with_, without = min(late[True]), min(late[False])
     report(
         "monitor",
@@ -87,11 +88,11 @@ def main() -> None:
             Row("demo by the clock, violations", judged["violations"], "1", 0.0),
             Row("demo by the clock, states missed", sum(judged["missed"].values()), "1", 0.0),
             Row("demo by the clock, states checked", judged["states"], "1"),
-            Row("p99 of the ticks' lateness, more than without", with_ - without, "ms", 0.5),
+            Row("p99 of the ticks' lateness, increase by the monitor", with_ - without, "ms", 0.5),
             Row("p99 of the ticks' lateness, with the monitor", with_, "ms"),
             Row("p99 of the ticks' lateness, without it", without, "ms"),
             Row("late commands, with the monitor", metrics["late_commands"], "1", 0.0),
-            Row("audit of the recording, a state", 1e3 * audited / judged["states"], "ms"),
+            Row("check of the recording, per state", 1e3 * checked / judged["states"], "ms"),
         ],
     )
 

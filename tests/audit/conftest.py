@@ -1,4 +1,4 @@
-"""One recorded run for all tests that only read it."""
+"""Recorded run for all tests that only read it."""
 
 import asyncio
 
@@ -10,7 +10,7 @@ from support.clients import Process
 
 @pytest.fixture(scope="session")
 def one_run(tmp_path_factory):
-    """The folder of a run in which nobody moves."""
+    """Return the folder of a run in which no robot moves."""
     folder = tmp_path_factory.mktemp("one_run")
 
     async def serve():

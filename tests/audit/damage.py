@@ -1,4 +1,4 @@
-"""Damaged and hostile recordings, each from a whole one: bytes, records, and fields of the JSON.
+"""Damaged and hostile recordings, made from a complete one: changed bytes, records and JSON fields.
 
 ``CASES=10000 python tests/audit/damage.py`` tries that many: every offline tool must refuse each with one
 clear error, or read it.
@@ -48,12 +48,12 @@ VALUES = (
 
 
 def ask(k):
-    """A turns into the post, B asks for too much."""
+    """Return the commands of a step: A turns into the post, B exceeds its speed."""
     return {"A": (-0.004, 0.0, 0.0), "B": (0.0, 9.0 if k == 20 else 0.0, 0.0)} if k > 2 else {}
 
 
 def whole(folder: Path) -> Path:
-    """Record a run in which something is refused; return its file."""
+    """Record a run with a refused command; return its file."""
     from armgate.cell.cell import build_cell
     from armgate.cell.config import load_config
 
@@ -64,7 +64,7 @@ def whole(folder: Path) -> Path:
 
 
 def _with_states(file: Path, new: Path) -> Path:
-    """Add what clients were shown, the log, and a gap that hides nothing."""
+    """Add states, log lines, and an empty gap."""
     recording = Recording.open(file)
     with new.open("wb", buffering=0) as stream:
         sink = RecordingWriter(stream, recording.header)
@@ -92,7 +92,7 @@ def _states(tick: Tick):
 
 
 class Content:
-    """The records of a file."""
+    """Records of a file."""
 
     def __init__(self, file: Path) -> None:
         self.data = file.read_bytes()
@@ -121,7 +121,7 @@ class Content:
 
 
 def damage(content: Content, file: Path, chance: random.Random) -> str:
-    """Write a damaged recording; return what was done."""
+    """Write a damaged recording; return a description of the damage."""
     kind = chance.choice(("bytes", "records", "field", "field", "field", "header", "config"))
     if kind == "bytes":
         data = bytearray(content.data)
@@ -244,7 +244,7 @@ def _config(value, chance: random.Random) -> str:
 
 
 def use(tool: str, folder: Path) -> None:
-    """Use a tool on a recording as its command does."""
+    """Run a tool on a recording as its command does."""
     match tool:
         case "open":
             for _ in Recording.open(folder).items():
@@ -281,7 +281,7 @@ def use(tool: str, folder: Path) -> None:
 
 
 def attempt(tool: str, folder: Path) -> tuple[str, str | None]:
-    """Use a tool; return its outcome, and a traceback if that is a defect."""
+    """Run a tool; return its outcome, and a traceback if that is a defect."""
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             use(tool, folder)
@@ -296,7 +296,7 @@ def attempt(tool: str, folder: Path) -> tuple[str, str | None]:
 
 
 def tried(content: Content, seed: int, tools=TOOLS) -> list[str]:
-    """Damage a recording and use the tools on it; return the defects."""
+    """Damage a recording and run the tools on it; return the defects."""
     found = []
     with tempfile.TemporaryDirectory() as name:
         what = damage(content, Path(name) / NAME, random.Random(seed))
@@ -311,7 +311,7 @@ def tried(content: Content, seed: int, tools=TOOLS) -> list[str]:
 
 
 def main() -> int:
-    """Try many cases; print defects, each kind once."""
+    """Run many cases; print each kind of defect once."""
     first, count = int(os.environ.get("FIRST", "0")), int(os.environ.get("CASES", "1000"))
     kinds = set()
     with tempfile.TemporaryDirectory() as name:

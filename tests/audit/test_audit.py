@@ -15,7 +15,7 @@ from support.clients import Mover, Process, run
 
 
 def keys(folder, name):
-    """A private and a public key, made as the documents say."""
+    """Make a private and a public key as documented."""
     private, public = folder / f"{name}.key", folder / f"{name}.pub"
     subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", private], check=True)
     subprocess.run(["openssl", "pkey", "-in", private, "-pubout", "-out", public], check=True)
@@ -24,7 +24,7 @@ def keys(folder, name):
 
 
 async def recorded(folder, **recording):
-    """The folder of a run in which a robot moves, and the daemon's log."""
+    """Record a run in which a robot moves; return its folder and the daemon's log."""
     file, out = folder / "arms.yaml", folder / "run"
     text = arms_yaml(max_age_ticks=1000)
     file.write_text(text + yaml.safe_dump({"recording": recording}) if recording else text)

@@ -1,4 +1,4 @@
-"""Recordings made to do harm: bounded memory, no links followed, only packed files read, one clear error."""
+"""Hostile recordings: bounded memory, no links followed, only packed files read, one clear error."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def command(*arguments, memory=None):
 
 
 def refused(ended):
-    """It ended with one line of error."""
+    """Check that the command ended with one line of error."""
     assert ended.returncode in (1, 2)
     assert "Traceback" not in ended.stderr
     assert len(ended.stderr.strip().splitlines()) == 1
@@ -67,7 +67,7 @@ def refused(ended):
 
 
 def bomb(file, told, size=1 << 32, form="zstd"):
-    """A chunk of zeros, of which it tells a size."""
+    """Return a chunk of zeros that states a size."""
     data = b""
     if form == "zstd":
         packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
@@ -230,7 +230,7 @@ def test_packed_files_must_have_plain_names(header, name):
 
 
 def crafted(folder, change, header):
-    """A recording with another header, whatever it is."""
+    """Write a recording with an arbitrary header."""
     value = json.loads(header.model_dump_json())
     change(value)
     base = Content(with_header(folder, header) / NAME)

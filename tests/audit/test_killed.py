@@ -1,4 +1,4 @@
-"""Record, kill -9, recover, replay: in every state of the writer, at random moments, and a real daemon."""
+"""Record, kill -9, recover, replay: in every state of the writer, at random moments, with a real daemon."""
 
 import errno
 import json
@@ -27,7 +27,7 @@ CHILD = Path(__file__).parents[1] / "support" / "killed_recorder.py"
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """Folder, and for each case how many steps had been flushed when it was killed."""
+    """Return the folder, and for each case the number of steps flushed before the kill."""
     folder = tmp_path_factory.mktemp("killed")
     chance = random.Random(20)
     moments = [str(n) for n in chance.sample(range(3, 400), 20)]
@@ -40,7 +40,7 @@ def killed(tmp_path_factory):
 
 
 def judged_again(folder):
-    """How many steps are left after recovery; all are answered the same."""
+    """Check that all remaining steps replay identically; return their number."""
     recover_recording(folder)
     recording = Recording.open(folder)
     outcome = replay_recording(recording, recorded_cell(recording.header))

@@ -1,4 +1,4 @@
-"""Measured lags: simulated drives, a virtual KRC whose axes lag differently, and the command."""
+"""``armgate lag``: simulated drives, a virtual KRC whose axes have different lags, and the command."""
 
 import math
 import random
@@ -18,7 +18,7 @@ LAGS = (0.033, 0.027, 0.030, 0.0285)
 
 
 def ticks(lags, delay, tolerance=0.0, seed=1, count=600, period=0.004):
-    """A robot that swings its joints at different rates, measured with noise."""
+    """Return the ticks of a robot that swings its joints at different rates, measured with noise."""
     rng, out = random.Random(seed), []
     setpoints = [[0.0] * len(lags)] * (delay + 1)
     q = [0.0] * len(lags)
@@ -64,7 +64,7 @@ def test_joints_at_rest_are_listed_and_a_robot_at_rest_is_not_measured():
 
 
 def test_different_lags_of_a_virtual_krc_are_measured_from_its_telegrams(tmp_path, monkeypatch):
-    """With four decimals, in its fastest cycle; by the link's own ticks."""
+    """Telegrams have four decimals, in the fastest cycle; the lags are measured from the link's ticks."""
     from armgate.emulator.krc.process.options import select_profile
     from support import rsi
 

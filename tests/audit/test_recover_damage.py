@@ -1,4 +1,4 @@
-"""Recovery of damaged files: all that can be read is kept, and what is lost is said and marked."""
+"""Recovery of damaged files: everything readable is kept, and losses are reported and marked."""
 
 import random
 
@@ -21,7 +21,7 @@ def gaps(folder):
 
 
 def damaged(folder, change, count=200, **how):
-    """A recording of so many ticks, whose bytes were changed, with the places of its chunks."""
+    """Return a recording whose bytes are changed, with the positions of its chunks."""
     folder.mkdir(exist_ok=True)
     file = records.write(folder, range(count), **how)
     chunks, data = scan(file).chunks, bytearray(file.read_bytes())

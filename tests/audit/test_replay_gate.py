@@ -1,4 +1,4 @@
-"""A gate beside a recorded one: it judges by its own rules, and goes where the other went."""
+"""Gate for replays: it decides by its own rules, and its robots move as recorded."""
 
 import math
 
@@ -25,14 +25,14 @@ from gate.scripted_gate import STEP, ScriptedGate, T
 
 
 class Followed:
-    """A gate that answers, and one of other rules that follows it; ``now`` is what that one says."""
+    """Gate whose outputs count, and a replay gate with other rules; ``now`` are the outputs of the latter."""
 
     def __init__(self, then, now):
-        self.gate, self.beside, self.now = Gate(then, "s"), ReplayGate(now, "s", compiled=False), []
+        self.gate, self.replay, self.now = Gate(then, "s"), ReplayGate(now, "s", compiled=False), []
 
     def step(self, event):
         out = self.gate.step(event)
-        self.now = self.beside.step_following(event, out)
+        self.now = self.replay.step_following(event, out)
         return out
 
     def view(self, robot):
@@ -40,7 +40,7 @@ class Followed:
 
 
 def followed(gap=0.2, tolerance=(0.0, 0.0), then=(), now=()):
-    """ScriptedGate of two carts ``gap`` apart, and both gates."""
+    """Return a scripted gate of two carts ``gap`` apart, and both gates."""
     cells = [
         scenes.head_on(0.1 + gap, (T, T), tolerance=t, **dict(rules))
         for t, rules in zip(tolerance, (then, now), strict=True)
@@ -50,13 +50,13 @@ def followed(gap=0.2, tolerance=(0.0, 0.0), then=(), now=()):
 
 
 def assert_followed(both, way=True):
-    """Both gates hold the same of every robot; where it can still go differs where one found a fault."""
-    for s, other in zip(both.gate._robots, both.beside._robots, strict=True):
+    """Check that both gates have the same state of every robot; reservations may differ after a fault."""
+    for s, other in zip(both.gate._robots, both.replay._robots, strict=True):
         assert (s.pending, s.held, s.played) == (other.pending, other.held, other.played)
         assert (s.slot, s.setpoint, s.stops) == (other.slot, other.setpoint, other.stops)
         if way:
             assert [r.occupied.nodes for r in s.reserved] == [r.occupied.nodes for r in other.reserved]
-    assert both.gate._stops.next == both.beside._stops.next
+    assert both.gate._stops.next == both.replay._stops.next
 
 
 def outcome(both):
@@ -66,11 +66,11 @@ def outcome(both):
 STRICT, LOOSE = {"stop_distance": 0.1}, {"stop_distance": 0.01}
 
 
-# --- what it goes by ----------------------------------------------------------------------------------------
+# --- its view ----------------------------------------------------------------------------------------
 
 
 def lane():
-    """A cart at its start in front of a wall."""
+    """Return a gate with a cart at its start in front of a wall."""
     gate = ReplayGate(scenes.lane(), "s", compiled=False)
     gate.step(Tick("A", 0, 0.0, (-1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)))
     return gate
@@ -96,12 +96,12 @@ def test_a_robot_has_no_intended_motion_before_its_first_tick():
 
 def test_witness_points_are_in_the_order_of_the_pair():
     _, both = followed(1.0)
-    left, right = (both.beside._clearance.names(0)[k] for k in (0, 1))
-    a, b = both.beside.witness("left", (left, right), (-0.3,))
+    left, right = (both.replay._clearance.names(0)[k] for k in (0, 1))
+    a, b = both.replay.witness("left", (left, right), (-0.3,))
     assert (a, b) == (pytest.approx((-0.25, 0.0, 0.0), abs=1e-6), pytest.approx((0.5, 0.0, 0.0), abs=1e-6))
-    a, b = both.beside.witness("right", (left, right), (0.3,))
+    a, b = both.replay.witness("right", (left, right), (0.3,))
     assert (a, b) == (pytest.approx((-0.5, 0.0, 0.0), abs=1e-6), pytest.approx((0.25, 0.0, 0.0), abs=1e-6))
-    assert both.beside.witness("left", (right, left), (-0.3,)) is None
+    assert both.replay.witness("left", (right, left), (-0.3,)) is None
 
 
 def test_witness_points_of_the_surroundings_and_of_a_robot_with_itself():
@@ -125,7 +125,7 @@ def test_there_is_no_witness_while_a_position_is_unknown():
     assert gate.witness("left", gate._clearance.names(0), (-0.55,)) is None
 
 
-# --- what it follows ----------------------------------------------------------------------------------------
+# --- recorded outputs ---------------------------------------------------------------------------------------
 
 
 def test_with_the_same_rules_outputs_and_state_are_identical():
@@ -146,27 +146,27 @@ def test_a_plan_that_these_rules_refuse_is_held_as_recorded():
     verdict = hands.command((4 * STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.LIMITED, Outcome.REFUSED)
     assert_followed(both)
-    assert len(both.beside._robots[0].reserved) == 2
+    assert len(both.replay._robots[0].reserved) == 2
     hands.gate.step(PlanAnswer("left", hands.held[0].key, True))
     hands.play()
     assert_followed(both)
 
 
 def test_a_followed_violation_is_known_without_a_query():
-    """The kept bound counts what was played, without the engine: the pair is below its limit."""
+    """The kept bound includes the played motion, without a query: the pair is below its limit."""
     hands, both = followed(0.1 + 0.5 * STEP, now=STRICT.items())
-    clearance = both.beside._clearance
+    clearance = both.replay._clearance
     hands.rest(1)
     assert clearance.below(0) == []
     asked = clearance.certifier.queries
-    both.beside._follow_command(both.beside._robots[0], 1, None, [plan_of(both, STEP)])
+    both.replay._follow_command(both.replay._robots[0], 1, None, [plan_of(both, STEP)])
     assert clearance.certifier.queries == asked
     assert clearance.below(0) == [0]
     assert clearance.bound[0] == pytest.approx(0.1 - 0.5 * STEP, abs=1e-8)
 
 
 def plan_of(both, dq):
-    """What the gate that is followed would play."""
+    """Return the plan that the followed gate would play."""
     verdict, plan = both.gate.step(Command("left", 1, 1, both.gate.view("left").tick, (dq,)))
     assert verdict.outcome is not Outcome.REFUSED
     assert isinstance(plan, Plan)
@@ -178,8 +178,8 @@ def test_a_plan_that_these_rules_admit_is_not_held_if_it_was_refused():
     verdict = hands.command((STEP,), answer=None)
     assert (verdict.outcome, outcome(both)) == (Outcome.REFUSED, Outcome.ADMITTED)
     assert_followed(both)
-    assert both.beside._robots[0].pending is None
-    assert both.beside._reservations._staged == {}
+    assert both.replay._robots[0].pending is None
+    assert both.replay._reservations._staged == {}
 
 
 def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting():
@@ -196,7 +196,7 @@ def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting()
 
 @pytest.mark.parametrize("elder", [0, 1])
 def test_a_slot_is_used_or_free_as_recorded(elder):
-    """One of them bears older commands, so only one of them judges the first."""
+    """One gate accepts older commands, so only one of them decides on the first."""
     ages = [{"max_age_ticks": n} for n in ((9, 1) if elder == 0 else (1, 9))]
     hands, both = followed(then=ages[0].items(), now=ages[1].items())
     hands.rest(0, count=4)
@@ -210,7 +210,7 @@ def test_a_slot_is_used_or_free_as_recorded(elder):
 
 
 def test_a_stop_of_these_rules_only_is_reported_and_not_kept():
-    """Its tolerance is less: what is measured is a fault to it, and was none."""
+    """Its tolerance is smaller, so a measured position is a fault only for this gate."""
     hands, both = followed(1.0, tolerance=(0.2, 0.0))
     (x,) = hands.q[0]
     for off in (0.03, 0.1):
@@ -231,34 +231,34 @@ def test_a_recorded_stop_is_kept():
     assert both.now == []
     assert_followed(both, way=False)
     hands.rest(0, (x + 0.03,), count=2)
-    kept = both.beside._clearance.bound[0]
+    kept = both.replay._clearance.bound[0]
     assert hands.gate.step(Reset(stopped.id, "x"))[0] == ResetAnswer(stopped.id, True)
     assert both.now[0] == ResetAnswer(stopped.id, True)
     assert_followed(both, way=False)
-    state = both.beside._robots[0]
+    state = both.replay._robots[0]
     assert state.main.occupied.end == state.setpoint == (x + 0.03,)
-    assert both.beside._clearance.bound[0] < kept - 0.02
+    assert both.replay._clearance.bound[0] < kept - 0.02
 
 
 def test_only_the_recorded_one_of_two_stops_is_kept():
-    """It stops the neighbour of a faulted robot too, for it must keep more: that one was not stopped then."""
+    """It also stops the neighbour of a faulted robot, because its required distance is larger."""
     hands, both = followed(0.19, now=STRICT.items())
     (stopped,) = hands.rest(0, (hands.q[0][0] + 0.06,))
     assert [o.robots for o in both.now] == [("left",), ("right",)]
     assert_followed(both, way=False)
-    assert (both.beside._stops.of(0), both.beside._stops.of(1)) == ([stopped.id], [])
-    assert np.isfinite(both.beside._clearance.bound[0])
+    assert (both.replay._stops.of(0), both.replay._stops.of(1)) == ([stopped.id], [])
+    assert np.isfinite(both.replay._clearance.bound[0])
 
 
 @pytest.mark.parametrize("stricter", [0, 1])
 def test_a_recorded_answer_to_a_reset_is_followed(stricter):
-    """One of them has not heard of the robot since its link was lost."""
+    """One gate has received no tick of the robot since its link was lost."""
     hands, both = followed(1.0)
     (stop,) = hands.gate.step(Stop(("left",), "x", "y"))
-    both.gate._robots[0].untracked, both.beside._robots[0].untracked = stricter == 1, stricter == 0
+    both.gate._robots[0].untracked, both.replay._robots[0].untracked = stricter == 1, stricter == 0
     accepted = hands.gate.step(Reset(stop.id, "x"))[0].accepted
     assert (accepted, both.now[0].accepted) == ((False, True) if stricter == 1 else (True, False))
-    for gate in (both.gate, both.beside):
+    for gate in (both.gate, both.replay):
         gate._robots[0].untracked = False
     assert_followed(both)
     hands.command((STEP,), answer=None)

@@ -1,4 +1,4 @@
-"""A run on one page."""
+"""``armgate report``: a run on one page."""
 
 import re
 from collections import Counter

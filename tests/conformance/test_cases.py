@@ -1,4 +1,4 @@
-"""Every MUST about the server has a case, every case a statement."""
+"""Every MUST about the server has a case, and every case belongs to a statement."""
 
 import re
 from functools import partial
@@ -14,7 +14,7 @@ TRIED = {id_ for case in cases() for id_ in case.covers}
 
 @pytest.mark.parametrize("statement", MUSTS, ids=lambda s: s.id)
 def test_every_must_about_the_server_is_tested(statement):
-    assert statement.id in TRIED, f"no case tries {statement.id}: {statement.text}"
+    assert statement.id in TRIED, f"no case tests {statement.id}: {statement.text}"
 
 
 def test_every_case_names_statements_about_the_server():

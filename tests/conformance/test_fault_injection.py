@@ -1,4 +1,4 @@
-"""The proxy, and what must hold through it: late is not lost, and lost is at rest."""
+"""Injected network faults: delays lose nothing, and a lost connection leaves the robot at rest."""
 
 import asyncio
 import contextlib
@@ -18,16 +18,16 @@ from support.clients import Raw
 
 
 class Echo:
-    """A server that sends back what comes, and keeps it."""
+    """Server that returns what it receives, and keeps a copy."""
 
     def __init__(self):
-        self.heard = bytearray()
+        self.received = bytearray()
         self.ended = asyncio.get_running_loop().create_future()
 
     async def serve(self, reader, writer):
         try:
             while data := await reader.read(65536):
-                self.heard += data
+                self.received += data
                 writer.write(data)
             self.ended.set_result("end")
         except ConnectionError:
@@ -38,7 +38,7 @@ class Echo:
 
 @contextlib.asynccontextmanager
 async def echoing(faults, seed=1):
-    """A connection to an echo through a proxy."""
+    """Connect to an echo server through a proxy."""
     echo = Echo()
     server = await asyncio.start_server(echo.serve, "127.0.0.1", 0)
     async with server, Proxy("127.0.0.1", server.sockets[0].getsockname()[1], faults, seed) as proxy:
@@ -89,9 +89,9 @@ async def test_a_connection_ends_after_so_many_bytes(fault, how):
             while await reader.read(1000):
                 pass
         assert await echo.ended == how
-        assert len(echo.heard) <= 100
+        assert len(echo.received) <= 100
         if fault == "cut":
-            assert len(echo.heard) == 100
+            assert len(echo.received) == 100
 
 
 async def test_silence_keeps_the_connection_open():
@@ -101,7 +101,7 @@ async def test_silence_keeps_the_connection_open():
         writer.write(b"y" * 100)
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(reader.readexactly(1), 0.2)
-        assert len(echo.heard) == 100
+        assert len(echo.received) == 100
         assert not echo.ended.done()
 
 
@@ -147,11 +147,11 @@ async def test_no_request_follows_a_half_close_by_the_kit():
 
 
 FAR = Faults(latency=0.08, jitter=0.04, stall=0.4, every=1.0)
-"""80 ms ± 40 ms each way, and stalls of 200 to 400 ms: what loss looks like above TCP."""
+"""80 ms ± 40 ms each way, and stalls of 200 to 400 ms, as lost packets cause above TCP."""
 
 
 def far_cell(_):
-    """A cell for a controller far away."""
+    """Return a cell for a distant controller."""
     config = load_config([CONFIGS / "conformance.yaml"])
     server = config.server.model_copy(update={"lease_ttl": 2.0})
     return build_cell(config.model_copy(update={"max_age_ticks": 150, "server": server}))
@@ -180,7 +180,7 @@ async def test_a_distant_controller_works_and_its_robot_rests_after_the_connecti
 
 
 async def commanded(robot, count):
-    """The cause of each command's refusal, None for those let through."""
+    """Send commands; return the cause of refusal of each, None for others."""
     causes = []
     async for _ in robot.ticks():
         causes.append(await sent(robot, len(causes)))
@@ -190,13 +190,13 @@ async def commanded(robot, count):
 
 
 async def start(eye):
-    """Where the robot started."""
+    """Return the start position of the robot."""
     eye.send(m.Describe())
     return (await eye.get(m.Description)).robots[0].start
 
 
 async def sent(robot, count):
-    """The cause of a command's refusal, None if it was let through."""
+    """Send a command; return the cause of its refusal, None if it was not refused."""
     verdict = await robot.send([0.0005 if count % 20 < 10 else -0.0005, 0.0, 0.0])
     return verdict.reasons[0].cause if verdict.outcome == "refused" else None
 
@@ -207,5 +207,5 @@ def entry(state):
 
 async def newest(eye):
     eye.send(m.Ping(time=0.0))
-    await eye.get(m.Pong)  # what waited to be read is dropped
+    await eye.get(m.Pong)  # drops the messages that waited to be read
     return entry(await eye.get(m.State))

@@ -1,4 +1,4 @@
-"""What the kit makes of a server's bytes and messages."""
+"""Checks of the kit on the bytes and messages of a server."""
 
 import msgpack
 import pytest
@@ -51,10 +51,10 @@ def test_a_forbidden_payload_of_a_server_is_an_error(payload):
 
 @pytest.mark.parametrize("model", m.SERVER_MESSAGES, ids=lambda model: model.__name__)
 def test_the_kits_own_schema_covers_every_message_of_the_protocol(model):
-    form = MESSAGES[model.model_fields["type"].default]
-    told = {part.partition(":")[0] for part in form.split()}
+    schema = MESSAGES[model.model_fields["type"].default]
+    keys = {part.partition(":")[0] for part in schema.split()}
     fields = {name: field.is_required() for name, field in model.model_fields.items() if name != "type"}
-    assert told == {name if needed else f"{name}?" for name, needed in fields.items()}
+    assert keys == {name if needed else f"{name}?" for name, needed in fields.items()}
 
 
 def test_the_schema_accepts_all_messages_of_the_protocol():
@@ -93,8 +93,8 @@ def test_the_schema_rejects_invalid_messages(change):
     assert "Reason" in MAPS
 
 
-class Book:
-    """An account, with commands sent and what is wrong with what was heard."""
+class Tracked:
+    """Verdict tracker after some commands, and the violations that it finds."""
 
     def __init__(self, *seqs):
         self.verdicts = VerdictTracker(CommandLog())
@@ -106,28 +106,28 @@ class Book:
 
 
 def test_each_command_is_answered_once_and_in_order():
-    book = Book(1, 2, 3)
-    assert book.verdict(1) == []
-    assert list(book.verdicts.note_received({"type": "error", "seq": 2})) == []
-    assert book.verdict(3) == []
-    assert book.verdicts.unanswered == []
-    assert "second answer" in book.verdict(3)[0]
-    assert "no such command" in book.verdict(9)[0]
+    tracked = Tracked(1, 2, 3)
+    assert tracked.verdict(1) == []
+    assert list(tracked.verdicts.note_received({"type": "error", "seq": 2})) == []
+    assert tracked.verdict(3) == []
+    assert tracked.verdicts.unanswered == []
+    assert "second answer" in tracked.verdict(3)[0]
+    assert "no such command" in tracked.verdict(9)[0]
 
 
 def test_a_verdict_out_of_order_and_one_that_never_comes_are_found():
-    book = Book(1, 2)
-    assert "before that of seq 1" in book.verdict(2)[0]
-    assert book.verdicts.unanswered == [("R", 1)]
+    tracked = Tracked(1, 2)
+    assert "before that of seq 1" in tracked.verdict(2)[0]
+    assert tracked.verdicts.unanswered == [("R", 1)]
 
 
 def test_a_state_that_applies_a_command_before_its_verdict_is_found():
-    book = Book(1)
+    tracked = Tracked(1)
     state = {"type": "state", "robot": "R", "tick": 7, "entries": [{"robot": "R", "applied_seq": 1}]}
-    assert "before its verdict" in next(book.verdicts.note_received(state))
-    book.verdict(1)
-    assert list(book.verdicts.note_received(state)) == []
-    assert "came after" in next(book.verdicts.note_received(state | {"tick": 6}))
+    assert "before its verdict" in next(tracked.verdicts.note_received(state))
+    tracked.verdict(1)
+    assert list(tracked.verdicts.note_received(state)) == []
+    assert "came after" in next(tracked.verdicts.note_received(state | {"tick": 6}))
 
 
 def test_a_frame_begins_with_its_length():

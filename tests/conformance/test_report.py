@@ -1,4 +1,4 @@
-"""What a run tells: lines, exit status, JUnit, the page."""
+"""Reports of a run: lines, exit status, JUnit, HTML page."""
 
 import re
 from xml.etree import ElementTree as ET
@@ -43,11 +43,11 @@ def test_the_last_line():
 
 
 def test_a_failure_quotes_the_statement_and_shows_the_wire_log():
-    told = report.failure(RESULTS[1])
+    text = report.failure(RESULTS[1])
     case = RESULTS[1].case
-    assert case.statement.text in told
-    assert case.expectation in told
-    assert "0.1 a → <x>" in told
+    assert case.statement.text in text
+    assert case.expectation in text
+    assert "0.1 a → <x>" in text
 
 
 def test_junit_is_valid_xml(tmp_path):
@@ -67,14 +67,14 @@ def test_the_page_is_self_contained_and_escapes_texts():
     assert "&lt;toy&gt; 1" in text
     assert "cell &amp; co" in text
     assert "got &lt;b&gt;" in text
-    assert not re.search(r"(src|href)=|@import|url\(|<script", text), "something from elsewhere"
+    assert not re.search(r"(src|href)=|@import|url\(|<script", text), "the page is not self-contained"
     assert text.count("<details") == len(RESULTS)
     assert text.count("<details open") == 3
 
 
 def test_the_page_marks_up_code_in_statements():
-    told = next(c for c in cases() if "`verdict`" in c.statement.text)
-    text = html_page([Result(told, Outcome.PASS, Outcome.PASS)], SERVER, "h:1", False, "")
+    found = next(c for c in cases() if "`verdict`" in c.statement.text)
+    text = html_page([Result(found, Outcome.PASS, Outcome.PASS)], SERVER, "h:1", False, "")
     assert "<code>verdict</code>" in text
     assert "`" not in text
 

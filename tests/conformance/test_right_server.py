@@ -1,4 +1,4 @@
-"""The daemon keeps its specification: every case passes, by the wall clock and in lock-step."""
+"""The daemon conforms to its specification: every case passes, by the wall clock and in lock-step."""
 
 import sys
 from xml.etree import ElementTree as ET
@@ -9,16 +9,16 @@ from support.clients import launch
 
 SERVE = f"{sys.executable} -m armgate.apps serve configs/conformance.yaml"
 LATE = {"CMD-13/just", "LEA-20/speed", "SUB-8/slow", "STP-10/moving", "CMD-36/clearance"}
-"""Skipped where the machine is too busy, or too idle, to bring the situation about."""
+"""Cases that are skipped if the machine is too busy, or too idle, to produce the situation."""
 
-ELSEWHERE = (
+OTHER_SERVERS = (
     "only for a server", "--token-file", "--tls-ca", "the server speaks one version only",
     "the links of all robots are ready",
 )  # fmt: skip
 
 
 async def conformance(*arguments):
-    """Exit status and stdout of the command."""
+    """Run the command; return its exit status and stdout."""
     process = await launch("conformance", *map(str, arguments))
     out, err = await process.communicate()
     assert not err.decode(), err.decode()
@@ -26,7 +26,7 @@ async def conformance(*arguments):
 
 
 def cases(file):
-    """The cases of a JUnit report by id."""
+    """Return the cases of a JUnit report by id."""
     return {one.get("name").split()[0]: one for one in ET.parse(file).iter("testcase")}
 
 
@@ -42,9 +42,11 @@ async def test_the_daemon_passes_all_cases(tmp_path, more, least):
         for name, one in found.items()
         if len(one) and one.find("skipped") is not None
     }
-    strange = {n: why for n, why in skipped.items() if not any(e in why for e in ELSEWHERE) and n not in LATE}
+    unexpected = {
+        n: why for n, why in skipped.items() if not any(e in why for e in OTHER_SERVERS) and n not in LATE
+    }
     assert status == 0, "\n".join(line for line in out.splitlines() if "FAIL" in line or ": " in line[:14])
-    assert not strange
+    assert not unexpected
     passed = len(found) - len(skipped)
     assert passed >= least
     assert out.splitlines()[-1] == f"{len(found)} cases, {passed} passed, 0 failed, {len(skipped)} skipped"

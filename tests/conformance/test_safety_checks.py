@@ -1,4 +1,4 @@
-"""What the observer's states say of robots: right motion gives no finding, each kind of wrong motion one."""
+"""Safety checks on states: safe motion gives no finding, each kind of unsafe motion gives one."""
 
 import math
 from dataclasses import replace
@@ -12,7 +12,7 @@ BOUNDS = JointBounds(lower=(-1.0,), upper=(1.0,), step=(0.1,), change=(0.05,), b
 
 
 def samples(positions, applied=None, **more):
-    """One state a tick; ``applied`` by tick."""
+    """Return one state per tick; ``applied`` is by tick."""
     seq, found = None, []
     for tick, position in enumerate(positions):
         seq = (applied or {}).get(tick, seq)
@@ -26,7 +26,7 @@ def samples(positions, applied=None, **more):
 
 
 def commands(*verdicts):
-    """Commands that were sent, with their verdicts."""
+    """Return a log of commands and their verdicts."""
     kept = CommandLog()
     for seq, outcome, target, setpoint in verdicts:
         kept.sent["R", seq] = {"seq": seq}

@@ -1,4 +1,4 @@
-"""Servers of other kinds: with TLS and tokens, with two versions."""
+"""Servers of other kinds: with TLS and tokens, with a link that is not ready, with two versions."""
 
 import asyncio
 import itertools
@@ -29,7 +29,7 @@ ROLES = {"operator": None, "controller": None, "observer": None, "elsewhere": ("
 
 
 def made(robots):
-    """A token of each kind, and what the server keeps of them."""
+    """Return a token of each role, and the server's store of them."""
     found = {
         name: tokens.make(name, "controller" if name == "elsewhere" else name, own)
         for name, own in robots.items()
@@ -38,7 +38,7 @@ def made(robots):
 
 
 class Mute(asyncio.Transport):
-    """Takes bytes and does nothing."""
+    """Transport that discards bytes."""
 
     def write(self, data):
         pass
@@ -65,12 +65,12 @@ async def test_a_server_with_tls_certificates_of_clients_and_tokens(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("open_", "outcome"), [(True, Outcome.PASS), (False, Outcome.FAIL)], ids=["open", "locked"]
+    ("unlimited", "outcome"), [(True, Outcome.PASS), (False, Outcome.FAIL)], ids=["unlimited", "locked"]
 )
-async def test_wrong_tokens_must_not_lock_out_a_right_one(open_, outcome, monkeypatch):
+async def test_wrong_tokens_must_not_lock_out_a_right_one(unlimited, outcome, monkeypatch):
     secrets, kept = made({"operator": None})
     keys = Keys(None, kept)
-    if not open_:
+    if not unlimited:
         guesses = itertools.count()
         find = tokens.Tokens.find
         monkeypatch.setattr(
@@ -99,7 +99,7 @@ robots:
 
 
 async def test_a_robot_whose_link_is_not_ready(tmp_path):
-    """No KRC is there: the robot can be held, and every command of it is refused."""
+    """Without a KRC the robot can be held, but every command of it is refused."""
     files = [CONFIGS / "conformance.yaml", tmp_path / "far.yaml"]
     (own,) = free_ports(1)
     files[1].write_text(FAR_ARM.format(robots=CONFIGS / "robots", rsi=CONFIGS / "rsi", port=own))

@@ -1,4 +1,4 @@
-"""Servers wrong in one way each: the daemon with one behaviour changed. The case that should catches it."""
+"""Servers with one deviation each: the daemon with one behaviour changed. The case for it must fail."""
 
 import hashlib
 import math
@@ -36,12 +36,12 @@ LOCKSTEP = ("conformance.yaml", "conformance-lockstep.yaml")
 
 
 def around(patch, owner, name, make):
-    """Replace a method by one made from it."""
+    """Replace a method by a wrapper of it."""
     patch.setattr(owner, name, make(getattr(owner, name)))
 
 
 def without(patch, check):
-    """Leave out one of the checks before the gate."""
+    """Remove one of the checks before the gate's decision."""
     patch.setattr(command_checks, "_CHECKS", tuple(c for c in command_checks._CHECKS if c is not check))
 
 
@@ -81,7 +81,7 @@ def verdicts_out_of_order(patch):
     patch.setattr(Core, "_report", report)
 
 
-def verdicts_to_everybody(patch):
+def verdicts_to_all_sessions(patch):
     def report(self, output, asker, request):
         if isinstance(output, events.Verdict):
             for peer in self.peers.values():
@@ -93,7 +93,7 @@ def verdicts_to_everybody(patch):
     patch.setattr(Core, "_report", report)
 
 
-def says_refused_and_moves(patch):
+def moves_by_refused_commands(patch):
     refusal = events.Reason(events.Cause.CLEARANCE, "no", pair=("a", "b"))
 
     def verdict(told):
@@ -105,7 +105,7 @@ def says_refused_and_moves(patch):
     patch.setattr(to_protocol, "verdict", verdict)
 
 
-def tells_another_increment(patch):
+def reports_another_increment(patch):
     right = to_protocol.verdict
     patch.setattr(
         to_protocol, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq)))
@@ -121,7 +121,7 @@ def two_commands_a_tick(patch):
 
 
 def cleaned(clean):
-    """A gate that repairs increments instead of refusing them."""
+    """Return a change that repairs increments instead of refusing them."""
 
     def change(patch):
         def step(self, event):
@@ -171,7 +171,7 @@ def any_fence_of_the_holder(patch):
 
 
 def acquiring(**changed):
-    """Leases that are asked for otherwise than they were."""
+    """Return a change that acquires leases with other arguments."""
 
     def change(patch):
         around(
@@ -185,11 +185,11 @@ def acquiring(**changed):
     return change
 
 
-def anybody_takes_over(patch):
+def controllers_take_over(patch):
     acquiring(role="operator")(patch)
 
 
-def the_last_to_ask_gets_it(patch):
+def last_acquire_wins(patch):
     acquiring(role="operator", takeover=True)(patch)
 
 
@@ -226,11 +226,11 @@ def leases_kept_after_loss(patch):
     patch.setattr(Leases, "expire", lambda self, now: [])
 
 
-def losses_not_told(patch):
+def losses_not_reported(patch):
     patch.setattr(Leasing, "_notice_of", lambda self, loss: [])
 
 
-def release_by_anybody(patch):
+def release_by_any_session(patch):
     def release(self, robot, session, fence, now):
         grant = self._grants.get(robot)
         return right(self, robot, *((grant.session, grant.fence) if grant else (session, fence)), now)
@@ -248,7 +248,7 @@ def stop_ignored(patch):
     patch.setattr(Core, "_stop", stop)
 
 
-def stop_told_to_the_asker_only(patch):
+def stop_sent_to_the_requester_only(patch):
     def announce_stop(self, stopped, asker, request):
         everybody = self._peers
         self._peers = {} if asker is None else {asker.client.id: asker}
@@ -309,7 +309,7 @@ def first_reason_only(patch):
     around(patch, to_protocol, "reasons", lambda right: lambda given: right(given)[:1])
 
 
-def anybody_resets(patch):
+def controllers_reset(patch):
     patch.setitem(RIGHTS, m.Reset, frozenset({"observer", "controller", "operator"}))
 
 
@@ -330,7 +330,7 @@ def every_ignored(patch):
     patch.setattr(Subscription, "wants", lambda self, robot, tick: robot in self.robots)
 
 
-def nobody_is_holder(patch):
+def holder_not_shown(patch):
     around(patch, to_protocol, "entry", lambda right: lambda robot, view, holder: right(robot, view, None))
 
 
@@ -425,7 +425,7 @@ class Gossip(m.Signaled):
     type: Literal["gossip"] = "gossip"
 
 
-def types_of_its_own(patch):
+def unannounced_message_types(patch):
     around(
         patch, to_protocol, "answer",
         lambda right: lambda model, *a, **more: right(Gossip if model is m.Signaled else model, *a, **more),
@@ -452,7 +452,7 @@ def stops_not_named(patch):
     )
 
 
-def strangers_wait_for_the_step(patch):
+def non_participants_wait_for_the_step(patch):
     def command(self, peer, command):
         if self._description.description.lockstep and peer.client.name not in ("kit-a", "kit-b"):
             self._late = [*getattr(self, "_late", ()), (peer, command)]
@@ -470,7 +470,7 @@ def strangers_wait_for_the_step(patch):
     patch.setattr(Core, "tick", tick)
 
 
-def done_no_longer(patch):
+def done_is_forgotten(patch):
     def done(self, name):
         self._participants[name].done = False
         return right(self, name)
@@ -487,7 +487,7 @@ def states_in_another_order(patch):
     patch.setattr(Session, "send_states", send_states)
 
 
-def behind_hello_nothing(patch):
+def messages_with_hello_dropped(patch):
     def push(self, data):
         right(self, data)
         if self._there_was_none:
@@ -500,11 +500,11 @@ def behind_hello_nothing(patch):
     patch.setattr(connection.Connection, "push", push)
 
 
-def states_wait_for_what_was_said_ahead(patch):
+def states_wait_for_messages_ahead(patch):
     patch.setattr(WriterBatch, "flush", lambda self: None)
 
 
-def who_is_faster_is_seen(patch):
+def order_of_participants_shows(patch):
     turns = count()
     around(
         patch, Signals, "set",
@@ -529,43 +529,43 @@ WRONG = {
     "two verdicts": (two_verdicts, "CMD-1/one", "session"),
     "no verdict of refusals": (no_verdict_of_refusals, "CMD-2/echo", "session"),
     "verdicts out of order": (verdicts_out_of_order, "CMD-3/order", "session"),
-    "verdicts to everybody": (verdicts_to_everybody, "CMD-1/one", "session"),
-    "says refused, and moves": (says_refused_and_moves, "CMD-20/admitted", "safety"),
-    "tells another increment than it does": (tells_another_increment, "CMD-20/admitted", "session"),
+    "verdicts to all sessions": (verdicts_to_all_sessions, "CMD-1/one", "session"),
+    "moves by refused commands": (moves_by_refused_commands, "CMD-20/admitted", "safety"),
+    "reports another increment than it plays": (reports_another_increment, "CMD-20/admitted", "session"),
     "old ticks accepted": (old_ticks_accepted, "CMD-13/stale", "safety"),
     "ticks ahead accepted": (old_ticks_accepted, "CMD-12/far", "session"),
     "two commands a tick": (two_commands_a_tick, "CMD-14/double", "session"),
-    "NaN taken for zero": (cleaned(finite), "CMD-16/nan", "safety"),
+    "NaN replaced by zero": (cleaned(finite), "CMD-16/nan", "safety"),
     "wrong lengths made to fit": (cleaned(fitted), "CMD-15/short", "safety"),
     "checks in another order": (checks_in_another_order, "CMD-7/stale-length", "session"),
     "refusals take the slot": (refusals_take_the_slot, "CMD-9/next", "session"),
     "fence ignored": (fence_ignored, "CMD-9/stolen", "safety"),
     "any fence of the holder": (any_fence_of_the_holder, "CMD-9/next", "safety"),
-    "anybody takes over": (anybody_takes_over, "LEA-7/held", "session"),
-    "the last to ask gets the robot": (the_last_to_ask_gets_it, "LEA-4/race", "session"),
-    "own speed ignored": (speed_ignored, "LEA-1/free", "session"),
+    "controllers take over": (controllers_take_over, "LEA-7/held", "session"),
+    "the last acquire wins": (last_acquire_wins, "LEA-4/race", "session"),
+    "speed of the lease ignored": (speed_ignored, "LEA-1/free", "session"),
     "fences do not grow": (fences_do_not_grow, "LEA-2/grows", "session"),
     "leases never expire": (leases_never_expire, "LEA-13/silence", "session"),
     "pings renew nothing": (pings_renew_nothing, "LEA-14/ping", "session"),
     "lease kept after loss": (leases_kept_after_loss, "LEA-16/close", "safety"),
-    "losses not told": (losses_not_told, "LEA-8/takeover", "session"),
-    "released by anybody": (release_by_anybody, "LEA-12/other", "session"),
+    "losses not reported": (losses_not_reported, "LEA-8/takeover", "session"),
+    "released by any session": (release_by_any_session, "LEA-12/other", "session"),
     "stop ignored": (stop_ignored, "CMD-10/stopped", "safety"),
-    "stop told to the asker only": (stop_told_to_the_asker_only, "STP-2/everybody", "session"),
+    "stop sent to the requester only": (stop_sent_to_the_requester_only, "STP-2/everybody", "session"),
     "stop of one stops all": (stop_of_one_stops_all, "STP-6/others", "session"),
     "stop leaves the lease": (stop_leaves_the_lease, "STP-5/lease", "session"),
-    "stops pile up": (stops_pile_up, "STP-15/again", "session"),
+    "stops accumulate": (stops_pile_up, "STP-15/again", "session"),
     "more stops than allowed": (more_stops_than_allowed, "STP-16/many", "session"),
     "replaced stops unknown": (replaced_stops_unknown, "STP-17/replaced", "session"),
     "overtaken resets lift": (overtaken_resets_lift, "MSG-12/overtaken", "session"),
     "replaced stops lifted": (replaced_stops_lifted, "STP-18/replaced", "session"),
     "the first reason only": (first_reason_only, "CMD-38/joints", "session"),
-    "anybody resets": (anybody_resets, "STP-8/controller", "session"),
+    "controllers reset": (controllers_reset, "STP-8/controller", "session"),
     "observers signal": (observers_signal, "SIG-2/observer", "session"),
     "signals outlive their sessions": (signals_outlive_sessions, "SIG-4/gone", "session"),
     "signals belong to all": (signals_belong_to_all, "SIG-3/owned", "session"),
     "every ignored": (every_ignored, "SUB-4/every-3", "session"),
-    "nobody is holder": (nobody_is_holder, "STA-8/holder", "session"),
+    "holder not shown": (holder_not_shown, "STA-8/holder", "session"),
     "faster than described": (faster_than_described, "CMD-19/acceleration", "safety"),
     "brakes harder than described": (brakes_harder_than_described, "CMD-37/turn", "safety"),
     "another hash than the asset's": (another_hash, "DSC-9/urdf", "session"),
@@ -578,26 +578,26 @@ WRONG = {
     "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
     "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
     "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
-    "states queue up": (states_queue_up, "SUB-11/pause", "session"),
+    "states accumulate": (states_queue_up, "SUB-11/pause", "session"),
     "stops not named": (stops_not_named, "LEA-23/named", "session"),
-    "strangers wait for the step": (strangers_wait_for_the_step, "LCK-4/stranger", "session"),
-    "done no longer": (done_no_longer, "LCK-18/done", "session"),
+    "non-participants wait for the step": (non_participants_wait_for_the_step, "LCK-4/stranger", "session"),
+    "done is forgotten": (done_is_forgotten, "LCK-18/done", "session"),
     "states in another order": (states_in_another_order, "LCK-16/instants", "session"),
-    "behind hello nothing": (behind_hello_nothing, "HEL-17/packet", "session"),
-    "states wait for what was said ahead": (states_wait_for_what_was_said_ahead, "LCK-15/ahead", "session"),
-    "who is faster is seen": (who_is_faster_is_seen, "LCK-12/faster", "session"),
+    "messages with hello dropped": (messages_with_hello_dropped, "HEL-17/packet", "session"),
+    "states wait for messages ahead": (states_wait_for_messages_ahead, "LCK-15/ahead", "session"),
+    "order of participants shows": (order_of_participants_shows, "LCK-12/faster", "session"),
     "every start the same": (every_start_the_same, "HEL-11/anew", "session"),
-    "types of its own": (types_of_its_own, "EVO-4/unnamed", "session"),
+    "unannounced message types": (unannounced_message_types, "EVO-4/unnamed", "session"),
     "distances too large": (distances_too_large, "STA-13/witness", "session"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
 async def test_the_case_for_a_deviation_fails(name, kit, monkeypatch):
-    change, case, verdict = WRONG[name]
+    change, case, side = WRONG[name]
     change(monkeypatch)
     lockstep = {"files": LOCKSTEP, "participants": ("kit-a", "kit-b")} if case.startswith("LCK") else {}
     result = (await kit.results(case, within=PATIENCE, **lockstep))[case]
-    assert getattr(result, verdict) is Outcome.FAIL, (result.findings, result.wire[-10:])
+    assert getattr(result, side) is Outcome.FAIL, (result.findings, result.wire[-10:])
     assert result.findings
     assert result.wire, "a failure without its wire log"

@@ -1,4 +1,4 @@
-"""The monitor's own reading of configurations, URDFs and mesh files."""
+"""The monitor's own readers of configurations, URDFs and mesh files."""
 
 import contextlib
 import math
@@ -314,7 +314,7 @@ def test_variants_that_the_gate_reads_are_read(tmp_path, name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_damaged_mesh_is_rejected_or_read_completely(tmp_path, name):
-    """Cut off anywhere, or with a byte changed: one clear error, never a traceback of another kind."""
+    """A truncated file or a changed byte gives one clear error, never another exception."""
     rng = np.random.default_rng(6)
     data = FILES[name]
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""The joints of the described URDF against those that the monitor read itself: at connect and in an audit."""
+"""Comparison of the joints of the described URDF with those that the monitor reads: live and offline."""
 
 import base64
 import hashlib
@@ -29,7 +29,7 @@ ADVICE = "start the daemon and the monitor with the same URDF and configuration"
 
 
 def described(*files: Path) -> list[str]:
-    """Return what the monitor finds in the description of the daemon with the same files."""
+    """Return the differences to the description of a daemon with the same files."""
     library = CellDescription(build_cell(load_config(files)), False)
     return differences(build(read_files(files)), library.description, library.assets.__getitem__)
 
@@ -52,7 +52,7 @@ TURNS = {
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_conversion_of_quaternions_to_angles_is_no_difference(tmp_path, turn):
-    """The composed URDF has roll, pitch, yaw; at a pitch of 90° they are worst to compute."""
+    """The composed URDF has roll, pitch, yaw; at a pitch of 90° their rounding is largest."""
     text = URDF.read_text().replace("<robot ", '<robot version="1.1" ', 1)
     values = " ".join(map(repr, TURNS[turn]))
     text, count = re.subn(r'<origin xyz="([^"]*)"/>', rf'<origin xyz="\1" quat_xyzw="{values}"/>', text)
@@ -64,7 +64,7 @@ def test_conversion_of_quaternions_to_angles_is_no_difference(tmp_path, turn):
 
 
 def composed(tmp_path: Path) -> tuple[str, object]:
-    """The composed URDF of the gantry's robot, with a frame, and the monitor's robot."""
+    """Return the composed URDF of the gantry's robot, with a frame, and the monitor's robot."""
     tree = demo(GANTRY)
     file = saved(tree, tmp_path / "cell.yaml")
     (robot,) = build(read_files([file])).robots
@@ -96,16 +96,16 @@ def test_only_rounding_is_tolerated(tmp_path, off, count):
 
 
 CHANGES = {
-    "an axis is turned round": ('<axis xyz="0 1 0" />', '<axis xyz="0 -1 0" />', "the axis 0 -1 0, conf"),
+    "an axis is reversed": ('<axis xyz="0 1 0" />', '<axis xyz="0 -1 0" />', "the axis 0 -1 0, conf"),
     "an axis of the gantry": ('<axis xyz="0.0 1.0 0.0" />', '<axis xyz="0.0 1.0 0.1" />', "joint Y is"),
     "the mount of the arm": ('name="gantry_mount"', None, "joint gantry_mount is described with the origin"),
     "a joint slides": ('name="A5" type="revolute"', 'name="A5" type="prismatic"', "the kind prismatic"),
     "a joint is fixed": ('name="A5" type="revolute"', 'name="A5" type="fixed"', "the kind fixed"),
-    "a joint is called otherwise": ('joint name="A5"', 'joint name="A7"', "joint A7 is described but not"),
-    "a joint is elsewhere": ('<parent link="link_4" />', '<parent link="link_3" />', "the parent link_3"),
-    "a joint is twice": ('joint name="A5"', 'joint name="A4"', "occurs twice"),
+    "a joint has another name": ('joint name="A5"', 'joint name="A7"', "joint A7 is described but not"),
+    "another parent": ('<parent link="link_4" />', '<parent link="link_3" />', "the parent link_3"),
+    "a joint occurs twice": ('joint name="A5"', 'joint name="A4"', "occurs twice"),
     "a joint is of another type": ('name="A5" type="revolute"', 'name="A5" type="floating"', "'floating'"),
-    "it is no URDF": ("<robot ", "<robots ", "cannot be read"),
+    "it is not a URDF": ("<robot ", "<robots ", "cannot be read"),
 }  # fmt: skip
 
 
@@ -190,7 +190,7 @@ def run(tmp_path_factory) -> Path:
 
 
 def other_urdf(header: dict, *, honest: bool) -> dict:
-    """Return a header with another URDF than the one of its files; ``honest``: described by its hash."""
+    """Return a header with another URDF than that of its files; with its own hash if ``honest``."""
     header = json.loads(json.dumps(header))
     reference = header["description"]["robots"][0]["urdf"]
     data = base64.b64decode(header["assets"][reference["hash"]]).replace(b'"0.68 0 0"', b'"0.67 0 0"')

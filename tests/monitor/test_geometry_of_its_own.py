@@ -1,4 +1,4 @@
-"""Kinematics, levers and distances of the monitor, held against other libraries and against samples."""
+"""Kinematics, levers and distances of the monitor, compared with other libraries and with samples."""
 
 from pathlib import Path
 
@@ -183,7 +183,7 @@ def test_separate_pieces_become_separate_solids():
 
 
 def test_boxes_contain_all_triangles():
-    """The distance to bare triangles is the least of those to each, whatever the tree of boxes."""
+    """The distance to a set of triangles is the smallest distance to any of them, for any tree of boxes."""
     rng = np.random.default_rng(4)
     triangles = rng.uniform(-0.3, 0.3, (40, 1, 3)) + rng.uniform(-0.05, 0.05, (40, 3, 3))
     loose = Mesh(triangles.reshape(-1, 3), np.arange(120).reshape(-1, 3))

@@ -1,7 +1,7 @@
-"""Holes that the gate once had: with their fixes taken out, the monitor finds them; with them in, nothing.
+"""Former faults of the gate: the monitor finds them if the fixes are removed, and nothing with the fixes.
 
-Both resets under noise and motion bounds beyond a limit were invisible to the gate, which believed its own
-bounds.
+The gate could not detect its faults in resets under noise and in motion bounds beyond a limit, because it
+relied on its own bounds.
 """
 
 from dataclasses import replace
@@ -25,13 +25,13 @@ NOISE = 1e-4
 
 @pytest.fixture
 def _measured_becomes_setpoint(monkeypatch):
-    """A reset takes the measured position as setpoint, and believes that nothing has changed."""
+    """Reset to the measured position as setpoint, without updating the kept bounds."""
     monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
     monkeypatch.setattr(Reservations, "prove_setpoint", lambda *_: True)
 
 
 def reset_under_noise(folder: Path, goal, joint: int, ticks: int) -> Watched:
-    """Drive to a margin, rest, and reset again and again while the robot is measured beyond it."""
+    """Drive to the required distance, rest, and reset repeatedly while the measured position is beyond it."""
     tree = demo(ARM)
     tree["robots"][ARM]["q_tolerance"] = NOISE
     watched = Watched(tree, folder)
@@ -84,7 +84,7 @@ URDF = """<robot name="slide">
 
 
 def beyond_its_limit(folder: Path, distance: float) -> Watched:
-    """Start a slide beyond its limit, and turn it toward a post."""
+    """Start a prismatic joint beyond its limit, and turn the robot toward a post."""
     (folder / "slide.urdf").write_text(URDF)
     tree: Tree = {
         "armgate": 1,

@@ -1,4 +1,4 @@
-"""``armgate monitor HOST:PORT CONFIG`` beside a real daemon: watching, stopping the cell, ending in order."""
+"""``armgate monitor HOST:PORT CONFIG`` with a real daemon: checks, stops of the cell, and its end."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,7 @@ def config(tmp_path, name="arms.yaml", **options):
 
 @contextlib.asynccontextmanager
 async def watching(port, *configs, **options):
-    """A monitor that has said what it watches."""
+    """Run a monitor that has printed its first line."""
     more = [word for key, value in options.items() for word in (f"--{key}", str(value))]
     process = await launch("monitor", f"127.0.0.1:{port}", *map(str, configs), *more)
     try:
@@ -38,7 +38,7 @@ async def line_of(process):
 
 
 async def ended(process, by=signal.SIGINT):
-    """Exit status and the lines that were left."""
+    """End the monitor; return its exit status and remaining lines."""
     if by is not None:
         process.send_signal(by)
     async with asyncio.timeout(PATIENCE):
@@ -48,7 +48,7 @@ async def ended(process, by=signal.SIGINT):
 
 
 async def reset(operator, stop):
-    """Reset a stop, as soon as the robots rest."""
+    """Reset a stop as soon as the robots are at rest."""
     async with asyncio.timeout(PATIENCE):
         while True:
             operator.send(m.Reset(stop=stop))
@@ -58,7 +58,7 @@ async def reset(operator, stop):
 
 
 async def toward_the_post(port):
-    """Turn the first joint of A toward the post for as long as that is admitted."""
+    """Turn the first joint of A toward the post while that is admitted."""
     raw = await Raw.hello(port, "driver")
     fence = await raw.acquire("A")
     raw.send(m.Subscribe(robots=("A",), fields=("setpoint",)))
@@ -114,7 +114,7 @@ async def test_a_daemon_that_serves_another_cell_is_stopped(tmp_path):
 
 
 async def test_a_violated_clearance_stops_the_cell_and_reports_numbers_and_pair(tmp_path):
-    """The monitor's configuration asks for more than the daemon keeps."""
+    """The monitor's configuration requires more than the daemon's."""
     strict = config(tmp_path, "strict.yaml")
     strict.write_text(strict.read_text().replace("stop_distance: 20 mm", "stop_distance: 46 mm"))
     async with Process.serving(config(tmp_path)) as daemon, watching(daemon.port, strict) as monitor:

@@ -1,4 +1,4 @@
-"""The live watch on a scripted connection: stops that come late, are refused or are lifted; its backlog."""
+"""Live monitor on a scripted connection: stops that are late, refused or reset, and the backlog."""
 
 from collections import deque
 from types import SimpleNamespace
@@ -17,12 +17,12 @@ HOME = (0.0, 0.7853981633974483, 0.7853981633974483)
 
 
 class Line:
-    """A connection to a daemon, by a script: states that come, and seconds without one."""
+    """Scripted connection to a daemon: states, and seconds without one."""
 
     def __init__(self, library: CellDescription, script) -> None:
         self.description, self.welcome = library.description, SimpleNamespace(lockstep=False)
         self._assets = library.assets
-        self.now, self.asked, self.fails = 100.0, [], []
+        self.now, self.reasons, self.fails = 100.0, [], []
         self._script = deque(script)
         self._kept, self._count = deque(maxlen=1), 0
 
@@ -59,7 +59,7 @@ class Line:
         raise TimedOut("no answer to ping")
 
     def stop(self, reason):
-        self.asked.append(reason)
+        self.reasons.append(reason)
         if self.fails:
             error, seconds, arriving = self.fails.pop(0)
             self.now += seconds
@@ -67,12 +67,12 @@ class Line:
                 self.come()
             if error is not None:
                 raise error
-        return SimpleNamespace(stop=len(self.asked))
+        return SimpleNamespace(stop=len(self.reasons))
 
 
 @pytest.fixture
 def watched(tmp_path, monkeypatch):
-    """Return the connection and the printed lines after a watch by a script."""
+    """Return a function that runs a script; it returns connection, printed lines and summary."""
     file = tmp_path / "cell.yaml"
     file.write_text(arms_yaml("A"))
     library = CellDescription(build_cell(load_config([file])), False)
@@ -91,7 +91,7 @@ def watched(tmp_path, monkeypatch):
 
 
 def state(tick: int, joint: float = 0.0, stops: tuple[int, ...] = (), **changes) -> m.State:
-    """A state at rest; ``joint`` displaces the first joint."""
+    """Return a state at rest; ``joint`` displaces the first joint."""
     q = (HOME[0] + joint, *HOME[1:])
     entry = {"robot": "A", "tick": tick, "time": tick * 0.012, "q": q, "setpoint": q, "stop_end": q}
     entry |= {"stops": stops, "link": "ready"} | changes
@@ -99,23 +99,23 @@ def state(tick: int, joint: float = 0.0, stops: tuple[int, ...] = (), **changes)
 
 
 def jump(tick: int, **more) -> list[m.State]:
-    """A state that is found, and none after it."""
+    """Return a state with a violation, and two without a new one."""
     return [state(t, 0.3, **more) for t in range(tick, tick + 3)]
 
 
 def test_a_stop_without_an_answer_is_reported_and_repeated(watched):
     script = [*map(state, range(5)), *jump(5), *(state(t, 0.3) for t in range(8, 10))]
     line, lines, _ = watched(script, (TimedOut("no answer"), 5.0, 0))
-    assert len(line.asked) == 2
+    assert len(line.reasons) == 2
     assert any("could not be stopped" in text for text in lines)
     assert "stopped the cell: stop 2" in lines
 
 
 def test_a_finding_right_after_a_reset_stops_again_after_a_second(watched):
-    """The first stop is lifted at once; the second finding comes before a second has passed."""
+    """The first stop is reset at once; the second finding comes within a second."""
     script = [*map(state, range(5)), *jump(5), *(state(t) for t in range(8, 120))]
     line, lines, _ = watched(script)
-    assert len(line.asked) == 2
+    assert len(line.reasons) == 2
     assert "stopped the cell: stop 2" in lines
 
 
@@ -125,12 +125,12 @@ def test_a_finding_causes_no_stop_while_the_last_one_is_in_force(watched):
 
 
 def test_no_kept_state_is_skipped_if_more_came_than_are_kept(watched, monkeypatch):
-    """A stop takes long: the state that was judged last is not kept any more."""
+    """A stop takes so long that the last checked state is no longer kept."""
     monkeypatch.setattr(live, "BACKLOG", 20)
     many = [state(t) for t in range(5, 65)]
     script = [*map(state, range(5)), *[0.1] * 11, *many, 0.1, *(state(t) for t in range(65, 70))]
     line, _, summary = watched(script, (None, 5.0, 60))
-    assert len(line.asked) == 1
+    assert len(line.reasons) == 1
     assert summary.states == 5 + 20 + 5
 
 
@@ -153,7 +153,7 @@ def test_a_rule_that_is_violated_after_a_reset_stops_again(watched):
     script += [state(t, stops=(1,), **wrong) for t in range(5, 100)]
     script += [state(t, **wrong) for t in range(100, 103)]
     line, lines, _ = watched(script)
-    assert len(line.asked) == 2
+    assert len(line.reasons) == 2
     assert "stopped the cell: stop 2" in lines
 
 
@@ -169,7 +169,7 @@ def test_ticks_that_come_twice_as_fast_stop_the_cell(watched):
     line, lines, summary = watched(script)
     assert {finding.kind for finding in summary.findings} == {"pace"}
     assert any("violated: A, tick" in text and "ticks of 12 ms come in" in text for text in lines)
-    assert "ahead of time" in line.asked[0]
+    assert "ahead of time" in line.reasons[0]
 
 
 def test_a_described_urdf_that_the_daemon_does_not_send_stops_the_cell(watched, monkeypatch):
@@ -180,5 +180,5 @@ def test_a_described_urdf_that_the_daemon_does_not_send_stops_the_cell(watched, 
 
     monkeypatch.setattr(Line, "asset", refused)
     line, _, _ = watched([state(0)])
-    assert len(line.asked) == 1
-    assert "A: the joints cannot be compared: the daemon does not send the described URDF" in line.asked[0]
+    assert len(line.reasons) == 1
+    assert "A: the joints cannot be compared: the daemon does not send the described URDF" in line.reasons[0]

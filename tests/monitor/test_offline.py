@@ -1,4 +1,4 @@
-"""``armgate monitor RUN``: every state of a recording, and recordings that are not to be trusted."""
+"""``armgate monitor RUN``: checks of every state of a recording, and untrusted recordings."""
 
 import base64
 import json
@@ -21,7 +21,7 @@ from monitor.watched import ARM, GANTRY, Watched, demo, saved
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    """A recording of the arm on its way down to the floor and its stop in front of it."""
+    """Record the arm on its way down to the floor and its stop in front of it."""
     folder = tmp_path_factory.mktemp("run")
     recorder = Recorder(folder / "run", limit=1 << 30)
     watched = Watched(demo(ARM), folder, recorder=recorder)
@@ -63,7 +63,7 @@ def test_violations_of_a_stricter_configuration_are_reported_with_tick_pair_and_
 
 
 def rewritten(run: Path, folder: Path, change) -> Path:
-    """The same recording with messages changed: ``change(topic, value)`` returns another value, or None."""
+    """Copy a recording with changed messages: ``change(topic, value)`` returns another value, or None."""
     folder.mkdir()
     with (folder / "recording-0001.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
@@ -94,7 +94,7 @@ def test_missing_states_are_counted_as_missed(run, tmp_path):
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory) -> Path:
-    """A recording of two robots at rest."""
+    """Record two robots at rest."""
     folder = tmp_path_factory.mktemp("pair")
     recorder = Recorder(folder / "run", limit=1 << 30)
     Watched(demo(ARM, GANTRY), folder, recorder=recorder).rest(10)
@@ -161,7 +161,7 @@ def entry(**changes):
 
 
 def with_urdf(name):
-    """The packed configuration, which names another file as URDF."""
+    """Return the packed configuration with another file as URDF."""
 
     def change(files):
         text = base64.b64decode(files["config.yaml"]).decode()

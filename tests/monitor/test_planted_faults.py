@@ -1,6 +1,6 @@
-"""Faults planted into the gate, its model, its links and what it reports: the monitor must find each.
+"""Faults planted into the gate, its model, its links and its reports: the monitor must find each.
 
-Every fault is driven by a scenario in which it matters, and every scenario runs without a fault too.
+Every fault runs in a scenario in which it has an effect, and every scenario also runs without a fault.
 """
 
 from collections.abc import Callable
@@ -76,7 +76,7 @@ def surrounding(name: str, **changes) -> Change:
 
 
 def urdf(robot: str, old: str, new: str) -> Change:
-    """Change the URDF that the gate reads."""
+    """Return a change of the URDF that the gate reads."""
 
     def change(tree: Tree) -> None:
         file = Path(tree["robots"][robot]["urdf"])
@@ -120,7 +120,7 @@ MODEL_FAULTS: dict[str, tuple[str, Change]] = {
     "the stop distance is 1 mm less": ("down", top(stop_distance=0.049)),
     "the self distance is 2 mm less": ("fold", top(self_distance=0.018)),
     "a body is smaller": ("down", housing(shape={"box": [0.09, 0.09, 0.076]})),
-    "a body is elsewhere": ("down", housing(xyz=[0, 0, 0.035])),
+    "a body has another placement": ("down", housing(xyz=[0, 0, 0.035])),
     "a body is missing": ("down", arm(bodies={})),
     "a body is turned": ("onto the pipe", surrounding("pipe_feed", rpy=["100 deg", 0, 0])),
     "the base is 2 mm too high": ("down", arm(base={"xyz": [0, 0, 0.002]})),
@@ -173,7 +173,7 @@ def scaled(plan: e.Plan, factor: float) -> e.Plan:
 
 
 def stretched(plan: e.Plan) -> e.Plan:
-    """Brakes half as fast."""
+    """Return a plan that brakes half as fast."""
     first, *rest = plan.increments
     return replace(plan, increments=(first, *(u for u in rest for _ in range(2))))
 
@@ -181,7 +181,7 @@ def stretched(plan: e.Plan) -> e.Plan:
 PLAN_FAULTS: dict[str, Callable[[e.Plan], e.Plan]] = {
     "increments are doubled": lambda plan: scaled(plan, 2.0),
     "increments are 5 % larger": lambda plan: scaled(plan, 1.05),
-    "the braking is cut off": lambda plan: replace(plan, increments=plan.increments[:1]),
+    "the braking is missing": lambda plan: replace(plan, increments=plan.increments[:1]),
     "the braking takes twice as long": stretched,
 }
 
@@ -275,7 +275,7 @@ def test_a_robot_whose_link_has_ended_is_not_silent(tmp_path, link):
 
 
 def test_pairs_of_a_robot_with_old_states_are_not_checked(tmp_path):
-    """Its last place, in the states of the other robot, counts no longer after 2.5 periods."""
+    """Its last position, from states of the other robot, does not count after 2.5 periods."""
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.rest(3)
     monitor, index = watched.monitor, [r.name for r in watched.monitor.cell.robots].index(ARM)
@@ -286,7 +286,7 @@ def test_pairs_of_a_robot_with_old_states_are_not_checked(tmp_path):
 
 
 def test_accelerations_are_not_checked_while_a_link_is_not_ready(tmp_path):
-    """The gate bounds only speeds then."""
+    """The gate limits only speeds then."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     monitor = watched.monitor
@@ -310,7 +310,7 @@ def test_accelerations_are_not_checked_while_a_link_is_not_ready(tmp_path):
     [(True, 0.0, set()), (True, 1e-5, {"acceleration"}), (False, 0.0, {"acceleration"})],
 )
 def test_a_holding_link_may_undo_only_the_newest_increment(tmp_path, holds, off, expected):
-    """The reply was late: the robot is held at the setpoint before, and starts from rest."""
+    """The reply was late: the robot is held at the previous setpoint, and starts from rest."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(3)
     robot = replace(watched.monitor.cell.robots[0], holds=holds)
@@ -326,7 +326,7 @@ def test_a_holding_link_may_undo_only_the_newest_increment(tmp_path, holds, off,
 
 
 def test_stray_positions_are_not_checked_after_missed_setpoints(tmp_path):
-    """It may follow setpoints of states that did not come, for as long as they can act."""
+    """It may follow the setpoints of missed states for as long as they can act."""
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(5)
     (sample,) = (motion.last for motion in watched.monitor._motions)

@@ -1,4 +1,4 @@
-"""Starts inside a margin, in penetration, beyond a limit: no alarm on the way out, one on the way deeper."""
+"""Starts with a violated clearance, in penetration, beyond a limit: only motion deeper is a violation."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def test_a_retreat_raises_no_alarm(tmp_path, start):
 
 @pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
 def test_motion_deeper_into_a_violation_is_found(tmp_path, start):
-    """The gate believes in a distance so small that it sees no violation, or in a lower floor."""
+    """The gate has so small a required distance that it sees no violation, or a lower floor."""
     watched = started(tmp_path, start, wrong=lambda t: t["surroundings"]["floor"].update(xyz=[1.5, 0, -0.5]))
     found = watched.toward({ARM: start + np.radians([0, 0, 3, 0, 0, 0])}, 60)
     assert {f.kind for f in found} == {"clearance"}
@@ -60,7 +60,7 @@ def test_a_joint_that_moves_farther_beyond_its_limit_is_found(tmp_path):
 
 
 def test_a_pushed_robot_may_retreat_after_a_reset(tmp_path):
-    """Moved by hand into a margin: that is found once; after the reset the way out raises no alarm."""
+    """A push that violates a clearance is found once; after the reset the retreat raises no alarm."""
     watched = Watched(demo(ARM), tmp_path)
     watched.toward(DOWN, 130)
     watched.rest(60)
@@ -82,7 +82,7 @@ def test_a_pushed_robot_may_retreat_after_a_reset(tmp_path):
 
 @pytest.fixture
 def too_near(tmp_path):
-    """Two robots that start 20 mm nearer to each other than they may be, and where they stand."""
+    """Return two robots that start 20 mm closer to each other than required, and their positions."""
     watched = Watched(demo(ARM, GANTRY), tmp_path)
     watched.toward(TOGETHER, 260)
     watched.rest(60)
@@ -95,7 +95,7 @@ def too_near(tmp_path):
 
 
 def test_two_robots_that_are_too_close_may_move_apart(too_near):
-    """The gate lets them go one at a time."""
+    """The gate admits one at a time."""
     watched, start = too_near
     away = {ARM: UP[ARM], GANTRY: [2.9, 0.0, 2.5, *start[GANTRY][3:]]}
     assert watched.toward(away, 150) == []

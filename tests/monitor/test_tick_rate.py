@@ -1,4 +1,4 @@
-"""Ticks against time: fast clocks are found; delays, losses, pauses and bursts raise no alarm."""
+"""Comparison of ticks with time: fast clocks are found; delays, losses, pauses and bursts raise no alarm."""
 
 import random
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ def found_at(rate: TickRate, ticks: Iterator[tuple[int, float]]) -> float | None
     return next((time for tick, time in ticks if rate.check(tick, time) is not None), None)
 
 
-# --- what real clocks do ----------------------------------------------------------------------------------
+# --- real clocks ----------------------------------------------------------------------------------
 
 
 def late(
@@ -37,14 +37,14 @@ def late(
 
 
 def jittered(seed: int) -> Iterator[float]:
-    """Delays of a busy machine: up to half a tick always, 0.1 s often."""
+    """Yield the delays of a busy machine: up to half a tick always, 0.1 s often."""
     chance = random.Random(seed)
     while True:
         yield chance.random() * 0.006 + (0.1 if chance.random() < 0.3 else 0.0)
 
 
 def stalled(seed: int, length: float, period: float) -> Iterator[float]:
-    """Delays of a process that stands still for so long again and again, and then takes what has waited."""
+    """Yield the delays of a process that stalls repeatedly, and then processes the backlog."""
     chance = random.Random(seed)
     while True:
         yield from (0.001 for _ in range(chance.randrange(1, round(8.0 / period))))
@@ -67,7 +67,7 @@ def test_bursts_after_a_stall_raise_no_alarm(period, length):
 
 @pytest.mark.parametrize("period", PERIODS)
 def test_lost_ticks_and_pauses_raise_no_alarm(period):
-    """Each telegram is a tick: one that is lost, and a pause of the program, delay all that follow."""
+    """Each telegram is a tick: a lost telegram or a pause of the program delays all later ticks."""
     chance, time, ticks = random.Random(2), 0.0, []
     for tick in range(30_000):
         time += period * (1 + (chance.random() < 0.2)) + (30.0 if chance.random() < 1e-4 else 0.0)
@@ -109,7 +109,7 @@ def test_a_clock_that_is_twice_as_fast_from_the_beginning_is_found(period):
 
 
 def test_a_clock_that_becomes_too_fast_after_a_pause_is_found():
-    """The delay of the pause counts no longer after 20 s."""
+    """The delay of the pause does not count after 20 s."""
     ticks = ((tick, time + 60.0 * (tick > 500)) for tick, time in faster(0.012, 2.0, 30.0))
     time = found_at(TickRate(0.012), ticks)
     assert time is not None
@@ -168,7 +168,7 @@ def test_ticks_of_a_link_that_is_not_ready_do_not_count(tmp_path):
 
 
 def exactly(folder: Path, period: str = "12 ms") -> Watched:
-    """A watch of a cell in lock-step."""
+    """Return a monitor of a cell in lock-step."""
     tree = demo(ARM)
     tree["robots"][ARM]["period"] = period
     watched = Watched(tree, folder)
@@ -178,7 +178,7 @@ def exactly(folder: Path, period: str = "12 ms") -> Watched:
 
 @pytest.mark.parametrize(("period", "ns"), [("12 ms", 12_000_000), ("12.3456789 ms", 12_345_679)])
 def test_exact_times_in_lock_step_raise_no_alarm(tmp_path, period, ns):
-    """Times are whole nanoseconds, also after long."""
+    """Times are whole nanoseconds, even after a long time."""
     watched = exactly(tmp_path, period)
     for start in (0, 10**7):
         watched.lie = lambda s, start=start: s.model_copy(

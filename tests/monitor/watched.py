@@ -1,6 +1,6 @@
-"""A gate that may be wrong, driven toward goals, and the monitor that watches its states.
+"""Gate with planted faults, driven toward goals, and the monitor that checks its states.
 
-The gate gets a configuration of its own, so a fault can be planted into its model; the monitor reads the true
+The gate has its own configuration, so that a fault can be planted into its model; the monitor reads the true
 one. Links are the emulated ones of the daemon.
 """
 
@@ -39,7 +39,7 @@ Change = Callable[[Tree], None]
 
 
 def demo(*robots: str, surroundings: Sequence[str] = ("floor", "frame_beam_front", "pipe_feed")) -> Tree:
-    """The demo cell with some robots and surroundings only, files by absolute paths."""
+    """Return the demo cell with some robots and surroundings only, with absolute paths of files."""
     tree = yaml.safe_load((CONFIGS / "demo.yaml").read_text())
     tree["robots"] = {name: own for name, own in tree["robots"].items() if name in robots}
     tree["surroundings"] = {n: own for n, own in tree["surroundings"].items() if n in surroundings}
@@ -57,16 +57,16 @@ def saved(tree: Tree, file: Path) -> Path:
 
 
 class Watched:
-    """A gate with its links, and a monitor.
+    """Gate with its links, and a monitor.
 
     Args:
         tree: The true configuration.
-        folder: Where files go.
-        wrong: Changes the configuration that the gate gets.
-        wrong_cell: Changes the cell that the gate gets.
+        folder: Folder for files.
+        wrong: Changes the configuration of the gate.
+        wrong_cell: Changes the cell of the gate.
         start: Positions by robot; as configured for others.
         tamper: Changes plans on their way to the links.
-        recorder: Records all of it.
+        recorder: Records the run.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Watched:
             self.runner.feed(e.LeaseChange(name, fence))
 
     def instant(self) -> list[Finding]:
-        """All robots tick once; the monitor sees their states."""
+        """Let all robots tick once, and check their states."""
         self.tick += 1
         self.time = self.tick * self.beat
         ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
@@ -140,7 +140,7 @@ class Watched:
         return verdict
 
     def toward(self, goals: Mapping[str, Sequence[float]], ticks: int, speed: float = FULL) -> list[Finding]:
-        """Drive robots at a share of their speed to goals until something is found."""
+        """Drive robots to goals at a share of their speed until there is a finding."""
         for _ in range(ticks):
             self.instant()
             if self.findings:
@@ -153,7 +153,7 @@ class Watched:
         return self.findings
 
     def stop_and_reset(self, *robots: str) -> bool:
-        """Stop robots and lift the stop at once; leases are taken anew. True if the reset was accepted."""
+        """Stop robots, reset the stop at once and renew leases; return True if the reset was accepted."""
         names = robots or tuple(self.links)
         (stopped,) = (o for o in self.runner.feed(e.Stop(names, "test", "t")) if isinstance(o, e.Stopped))
         self.instant()
@@ -167,7 +167,7 @@ class Watched:
 
 
 class Tampered:
-    """A link that is handed other plans than the gate made."""
+    """Link that receives other plans than the gate made."""
 
     def __init__(self, link: EmulatedLink, tamper: Callable[[e.Plan], e.Plan]) -> None:
         self._link, self._tamper = link, tamper
