@@ -121,7 +121,7 @@ def test_a_finding_right_after_a_reset_stops_again_after_a_second(watched):
 
 def test_a_finding_causes_no_stop_while_the_last_one_is_in_force(watched):
     script = [*map(state, range(5)), *jump(5), *(state(t, stops=(1,)) for t in range(8, 120))]
-    assert len(watched(script)[0].asked) == 1
+    assert len(watched(script)[0].reasons) == 1
 
 
 def test_no_kept_state_is_skipped_if_more_came_than_are_kept(watched, monkeypatch):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any, Literal, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,11 +254,15 @@ class _Builder:
         return mounts[link]
 
     def _of_urdf(self, body: UrdfBody, mounts: dict[str, _Mount], urdf: Located) -> list[CellBody]:
-        at, solids = mounts[body.link], [body.shape] if isinstance(body.shape, Solid) else []
-        if isinstance(body.shape, MeshUse):
-            file = locate(urdf.beside(body.shape.uri), self._packages)
-            solids = mesh_solids(file, body.shape.scale, self._method(body))
-        meshed = isinstance(body.shape, MeshUse)
+        at = mounts[body.link]
+        match body.shape:
+            case Solid():
+                solids, meshed = [body.shape], False
+            case MeshUse(uri=uri, scale=scale):
+                file = locate(urdf.beside(uri), self._packages)
+                solids, meshed = mesh_solids(file, scale, self._method(body)), True
+            case _:
+                assert_never(body.shape)
         place = at.placement @ body.origin
         name = f"{self._name}/{body.name.partition('/')[0]}"
         return [

@@ -6,15 +6,15 @@ import io
 import math
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, assert_never
 
 from armgate.cell.escaping import printable
 from armgate.events import Outcome, Stopped, Verdict
 from armgate.protocol import messages as m
-from armgate.recording import CellState, Gap, LogLine, Recording, RobotState, Step
+from armgate.recording import CellState, Gap, Item, LogLine, Recording, RobotState, Step
 from armgate.recording.reader import check_entry
 from armgate.recording.verify import Chain, verify
 
@@ -54,7 +54,7 @@ class RunData:
     lost: int = 0
     end: float = 0.0
 
-    def add(self, time: float, item: object) -> None:
+    def add(self, time: float, item: Item) -> None:
         """Add one item of the recording."""
         match item:
             case Step(outputs=outputs):
@@ -62,17 +62,15 @@ class RunData:
                 self._add_verdicts(time, outputs)
             case RobotState(entry=entry):
                 self._add_entry(entry)
-            case CellState():
-                self.end = max(self.end, item.time)
-                for name, signal in item.signals.items():
-                    if len(signal.value) == 1:
-                        times, values = self.signals.setdefault(name, ([], []))
-                        times.append(item.time)
-                        values.append(signal.value[0])
-            case LogLine(level=level) if level != "info":
-                self.log.append((time, item))
+            case CellState(time=at, signals=signals):
+                self.end = max(self.end, at)
+                self._add_signals(at, signals)
+            case LogLine(level=level):
+                self.log += [(time, item)] if level != "info" else []
             case Gap(records=records):
                 self.lost += records
+            case _:
+                assert_never(item)
 
     def _add_verdicts(self, time: float, outputs: Sequence[object]) -> None:
         for output in outputs:
@@ -81,6 +79,13 @@ class RunData:
                 self.verdicts.setdefault(output.robot, Counter())[f"{output.outcome.value}{cause}"] += 1
                 if output.outcome is not Outcome.ADMITTED:
                     self.bound.append((time, output.robot, output.outcome.value))
+
+    def _add_signals(self, time: float, signals: Mapping[str, m.SignalValue]) -> None:
+        for name, signal in signals.items():
+            if len(signal.value) == 1:
+                times, values = self.signals.setdefault(name, ([], []))
+                times.append(time)
+                values.append(signal.value[0])
 
     def _add_entry(self, entry: m.Entry) -> None:
         if entry.q is None:

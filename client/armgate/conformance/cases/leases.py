@@ -2,7 +2,7 @@
 
 import asyncio
 from functools import partial
-from typing import Any
+from typing import Any, Literal, assert_never
 
 from armgate.conformance.case import Skip, case, check
 from armgate.conformance.codec import Fields
@@ -11,6 +11,7 @@ from armgate.conformance.context import CaseContext
 from armgate.conformance.lease_holder import cause_of, check_refused
 
 _ROUNDS = 12
+_RELEASE, _NOT_HELD = "Release the robot", "not_held, without effect"
 
 _ACCELERATION_TIME = 3.0
 """Time in which the kit tries to accelerate a robot, s."""
@@ -155,29 +156,27 @@ async def released_robot_comes_to_rest_and_is_free(ctx: CaseContext) -> None:
     await other.call("acquire", "lease", robot=ctx.robot)
 
 
-async def release_without_the_lease_is_refused(ctx: CaseContext, how: str) -> None:
+@case("LEA-12/other", f"{_RELEASE} by a session that does not hold it", _NOT_HELD, also=("ERR-2",))
+async def release_by_another_session_is_refused(ctx: CaseContext) -> None:
     holder = await ctx.holder()
-    if how == "other":
-        other = await ctx.client(name="other")
-        await other.expect_refusal("release", "not_held", robot=ctx.robot, fence=holder.fence)
-    elif how == "fence":
-        for fence in (holder.fence + 1, holder.fence - 1, 2**63 - 1):
-            await holder.connection.expect_refusal("release", "not_held", robot=ctx.robot, fence=fence)
-    else:
-        await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
-        await holder.connection.expect_refusal("release", "not_held", robot=ctx.robot, fence=holder.fence)
-        return
+    other = await ctx.client(name="other")
+    await other.expect_refusal("release", "not_held", robot=ctx.robot, fence=holder.fence)
     await holder.move()
 
 
-for _slug, _what in {
-    "other": "by a session that does not hold it",
-    "fence": "with another fence",
-    "twice": "twice",
-}.items():
-    case(f"LEA-12/{_slug}", f"Release the robot {_what}", "not_held, without effect", also=("ERR-2",))(
-        partial(release_without_the_lease_is_refused, how=_slug)
-    )
+@case("LEA-12/fence", f"{_RELEASE} with another fence", _NOT_HELD, also=("ERR-2",))
+async def release_with_another_fence_is_refused(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    for fence in (holder.fence + 1, holder.fence - 1, 2**63 - 1):
+        await holder.connection.expect_refusal("release", "not_held", robot=ctx.robot, fence=fence)
+    await holder.move()
+
+
+@case("LEA-12/twice", f"{_RELEASE} twice", _NOT_HELD, also=("ERR-2",))
+async def second_release_is_refused(ctx: CaseContext) -> None:
+    holder = await ctx.holder()
+    await holder.connection.call("release", "lease", robot=ctx.robot, fence=holder.fence)
+    await holder.connection.expect_refusal("release", "not_held", robot=ctx.robot, fence=holder.fence)
 
 
 @case(
@@ -230,7 +229,9 @@ async def commands_renew_the_lease(ctx: CaseContext) -> None:
         )
 
 
-_ENDS: dict[str, str] = {
+Ending = Literal["close", "reset", "bye", "half-close"]
+
+_ENDS: dict[Ending, str] = {
     "close": "closes",
     "reset": "is reset",
     "bye": "sends bye",
@@ -238,7 +239,7 @@ _ENDS: dict[str, str] = {
 }
 
 
-async def ended_connection_frees_its_robot_at_once(ctx: CaseContext, how: str) -> None:
+async def ended_connection_frees_its_robot_at_once(ctx: CaseContext, how: Ending) -> None:
     holder = await ctx.holder()
     for _ in range(5):
         await holder.move()
@@ -250,10 +251,11 @@ async def ended_connection_frees_its_robot_at_once(ctx: CaseContext, how: str) -
             holder.connection.reset()
         case "bye":
             holder.connection.send({"type": "bye"})
-        case _ if holder.connection.can_half_close():
-            holder.connection.half_close()
+        case "half-close":
+            can = holder.connection.can_half_close()
+            (holder.connection.half_close if can else holder.connection.close)()
         case _:
-            holder.connection.close()
+            assert_never(how)
     await ctx.wait_free()
     gone = (ctx.observer.tick(ctx.robot) - tick) * ctx.server.robot["period"]
     late = 0.8 * ctx.server.ttl + ctx.target.faults.delay
