@@ -93,11 +93,11 @@ async def test_the_command_prints_results_and_exits_with_0(tmp_path):
 
 
 async def test_a_nonconforming_server_gives_status_1(monkeypatch):
-    from armgate.daemon.lifecycle.daemon import Daemon
+    from armgate.daemon.sessions.welcome import Greeter
 
-    right = Daemon._welcome
+    right = Greeter.welcome
     monkeypatch.setattr(
-        Daemon, "_welcome", lambda self, *a: right(self, *a).model_copy(update={"client_versions": (7,)})
+        Greeter, "welcome", lambda self, *a: right(self, *a).model_copy(update={"client_versions": (7,)})
     )
     async with serving("conformance.yaml") as port:
         status, out, _ = await run("conformance", f"127.0.0.1:{port}", "--only", "VER-2/one")
