@@ -105,9 +105,10 @@ def _plain(kind: Any) -> tuple[Any, bool]:
 
 def _names(name: str, info: ArgumentInfo | OptionInfo, both: bool) -> list[str]:
     """Return the spellings of an option; of a flag that is on by default, both."""
-    given = [
-        each for declared in info.param_decls or () for each in declared.split("/") if each.startswith("-")
-    ]
+    # In Annotated, typer takes the first spelling for the default.
+    first = [info.default] if isinstance(info.default, str) else []
+    declared = [part for text in (*first, *(info.param_decls or ())) for part in text.split("/")]
+    given = [part for part in declared if part.startswith("-")]
     if given:
         return given
     dashed = name.strip("_").replace("_", "-")
