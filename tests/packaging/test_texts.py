@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (
     "protocol", "sim", "server", "client", "configs", "docs",
-    "tests", "tools", "benchmarks", ".ci", ".github",
+    "tests", "tools", "examples", "benchmarks", ".ci", ".github",
 )  # fmt: skip
 UNWRITTEN = {"__pycache__", "out"}
 MARKDOWN = sorted([*ROOT.glob("*.md"), *(path for f in FOLDERS for path in (ROOT / f).rglob("*.md"))])

@@ -21,7 +21,7 @@ from tools.words.python import python_findings
 
 ROOT = Path(__file__).parents[2]
 PORTIONS = ("protocol", "sim", "server", "client")
-FOLDERS = (*PORTIONS, "configs", "docs", "tools", "benchmarks", "tests", ".github")
+FOLDERS = (*PORTIONS, "configs", "docs", "examples", "tools", "benchmarks", "tests", ".github")
 EXEMPT = {"docs/glossary.md", "tools/words/idioms.py", "tests/packaging/test_words.py"}
 """Files that list the idioms."""
 _SKIPPED = {"__pycache__", "out", ".venv"}
