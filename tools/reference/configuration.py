@@ -26,7 +26,7 @@ HEAD = """\
 Every key that a cell's YAML files may hold, by section. [Configuration](configuration.md) explains how files
 are written, read and overlaid.
 
-- A number is in SI units: m, rad, s. "Number or unit text" also accepts a text such as `50 mm`.
+- A number is in SI units: m, rad, s. "Number or text with unit" also accepts a text such as `50 mm`.
 - An unknown key is an error.
 - `NAME` stands for a name that the file chooses.
 """
@@ -116,7 +116,8 @@ def _type(annotation: Any, notes: list[Any], sections: dict[Model, str]) -> str:
     if origin is dict:
         return f"mapping of NAME to {_type(inside[1], [], sections)}{_size(notes)}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return " or ".join(f"[section](#{_anchor(sections[model])})" for model in _of_kinds(annotation))
+        titles = [sections[model] for model in _of_kinds(annotation)]
+        return " or ".join(f"[{title}](#{_anchor(title)})" for title in titles)
     return _leaf(annotation, notes)
 
 
@@ -133,10 +134,10 @@ def _leaf(annotation: Any, notes: list[Any]) -> str:
     if get_origin(annotation) is Literal:
         return " or ".join(f"`{each}`" for each in get_args(annotation))
     if annotation is Quantity:
-        return "number or unit text"
+        return "number or text with unit"
     names = {str: "text", bool: "`true` or `false`", int: "integer", float: "number"}
     with_unit = annotation is float and any(isinstance(note, BeforeValidator) for note in notes)
-    return ("number or unit text" if with_unit else names[annotation]) + _range(notes)
+    return ("number or text with unit" if with_unit else names[annotation]) + _range(notes)
 
 
 def _range(notes: list[Any]) -> str:
