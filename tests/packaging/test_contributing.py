@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -60,7 +61,7 @@ def armgate(site: Path, address: str, command: str) -> subprocess.CompletedProce
     environment = os.environ | {"PYTHONPATH": str(site)}
     return subprocess.run(
         [sys.executable, "-m", "armgate.apps", *words],
-        capture_output=True, text=True, check=False, timeout=TIMEOUT, env=environment,
+        capture_output=True, text=True, check=False, timeout=TIMEOUT, env=environment, cwd=ROOT,
     )  # fmt: skip
 
 
@@ -78,6 +79,13 @@ def test_the_example_of_a_control_law_moves_a_robot(tmp_path: Path, address: str
         cell.subscribe(every=1)
         state = next(iter(cell.states()))
     assert max(map(abs, state.entries[0].setpoint)) < 1e-8
+
+
+def test_the_example_of_a_link_is_checked(tmp_path: Path) -> None:
+    copy = shutil.copytree(ROOT / "examples" / "linebot", tmp_path / "linebot")
+    done = armgate(installed(copy.name, tmp_path), "", "check")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "linebot" in done.stdout
 
 
 def test_the_files_in_the_lists_exist() -> None:
