@@ -19,7 +19,7 @@ MAX_BODIES = 4096
 """Largest number of bodies: the protocol describes no more."""
 
 
-class _Findings:
+class _ElementErrors:
     """Errors of one description, raised together."""
 
     def __init__(self, texts: Iterable[str]) -> None:
@@ -55,15 +55,15 @@ def read_robot(root: ET.Element, meshes: bool = False) -> Urdf:
         ModelError: It is malformed or contains something that is not supported; a line for each error, with
             the line of the file and the name of the element.
     """
-    findings = _Findings(unknown_words(root))
-    with findings.collecting(root):
+    errors = _ElementErrors(unknown_words(root))
+    with errors.collecting(root):
         _check_version(root)
     links, joints, bodies = (
-        _links(root, findings),
-        _joints(root, findings),
-        _bodies(root, meshes, findings),
+        _links(root, errors),
+        _joints(root, errors),
+        _bodies(root, meshes, errors),
     )
-    findings.check()
+    errors.check()
     return Urdf(root.get("name", ""), _root_link(links, joints), links, joints, bodies)
 
 
@@ -91,31 +91,31 @@ def _check_version(root: ET.Element) -> None:
         )
 
 
-def _links(root: ET.Element, findings: _Findings) -> tuple[str, ...]:
+def _links(root: ET.Element, errors: _ElementErrors) -> tuple[str, ...]:
     names: list[str] = []
     for element in root.findall("link"):
-        with findings.collecting(element):
+        with errors.collecting(element):
             names.append(unique(name_of(element, "link"), "link", names))
     return tuple(names)
 
 
-def _joints(root: ET.Element, findings: _Findings) -> tuple[UrdfJoint, ...]:
+def _joints(root: ET.Element, errors: _ElementErrors) -> tuple[UrdfJoint, ...]:
     links = [element.get("name", "") for element in root.findall("link")]
     names: list[str] = []
     joints = []
     for element in root.findall("joint"):
-        with findings.collecting(element):
+        with errors.collecting(element):
             names.append(unique(name_of(element, "joint"), "joint", names))
             joints.append(read_joint(element, links))
     return tuple(joints)
 
 
-def _bodies(root: ET.Element, meshes: bool, findings: _Findings) -> tuple[UrdfBody, ...]:
+def _bodies(root: ET.Element, meshes: bool, errors: _ElementErrors) -> tuple[UrdfBody, ...]:
     names: dict[str, bool] = {}
     bodies = []
     for link in root.findall("link"):
         for name, element in collisions(link):
-            with findings.collecting(element):
+            with errors.collecting(element):
                 check_body_name(link.get("name", ""), name, names)
                 if not (meshes and element.find("geometry/mesh") is not None):
                     bodies.append(read_body(link.get("name", ""), name, element))
