@@ -3,10 +3,12 @@
 import math
 import re
 from dataclasses import replace
+from typing import get_args
 
 import pytest
 
 from armgate import events
+from armgate.daemon.core.interfaces import ClientRequest
 from armgate.daemon.core.leasing import NO_LEASE
 from armgate.daemon.core.rights import RIGHTS
 from armgate.gate.clearance.engines import CoalEngine
@@ -437,7 +439,8 @@ def test_an_engine_that_misjudges_is_told_in_the_state(config, monkeypatch):
 
 
 def test_every_message_has_its_roles_and_every_role_its_refusals():
-    assert set(RIGHTS) == set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye}
+    requests = set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye}
+    assert set(RIGHTS) == set(get_args(ClientRequest)) == requests
     assert all("operator" in roles for roles in RIGHTS.values())
 
 
