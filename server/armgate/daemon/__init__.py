@@ -1,7 +1,17 @@
-"""The daemon: sockets, sessions, leases and ticks around one gate.
+"""The daemon: serves one cell to clients, with one gate.
 
-``server`` (listens, lives and ends), ``session`` (one client), ``outbox`` (what waits for a slow one),
-``core`` (every message and every tick), ``runner`` (the one place that asks the gate), ``wall``, ``lockstep``
-and ``barrier`` (what makes time pass), ``leasing``, ``signals``, ``board`` (the newest states), ``library``
-(the description), ``translate`` (gate to wire), ``log``, ``commands`` (``armgate serve``, ``armgate check``).
+Packages, each with one concern:
+
+- ``core``: one cell without sockets and clocks: commands to the gate, leases (what happens when one expires),
+  stops, signals, states, and the translation of gate outputs into messages.
+- ``pace``: passing of time: wall clock, lock-step, or robots that are their own clock.
+- ``sessions``: connections of clients: accepted, read in fair turns, written within bounds.
+- ``auth``: tokens, roles, TLS and the Unix socket.
+- ``recording``: the flight recorder.
+- ``metrics``: health figures for Prometheus, and ``armgate status``.
+- ``lifecycle``: start, signals, failures and end; ``armgate serve`` and ``armgate check``.
+
+The path of a command from the socket to the link: ``sessions.reading``, ``sessions.session``, ``core.core``,
+``core.leasing``, ``core.gate_runner``, the gate, the link. Its verdict returns by ``core.core``,
+``core.to_protocol`` and ``sessions.writing``.
 """

@@ -94,7 +94,7 @@ def test_silence_is_counted_from_the_last_sign_of_life_while_waited_for():
     leased.barrier.pass_("a", 0)
     assert leased.barrier.silent(9.9) == []
     assert leased.barrier.silent(10.0) == ["b"]
-    leased.barrier.heard("b", 5.0)
+    leased.barrier.note_message("b", 5.0)
     assert leased.barrier.silent(14.9) == []
     assert leased.barrier.silent(15.0) == ["b"]
     absent = Barrier(("c",), 1.0, lambda name: set())

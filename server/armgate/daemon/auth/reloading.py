@@ -40,7 +40,7 @@ class Reloader:
         self._task: asyncio.Task[None] | None = None
 
     def request(self) -> None:
-        """Read all sources; once more if this is called again before that is done."""
+        """Read all sources, and again if this is called while they are being read."""
         self._requested = True
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())

@@ -18,7 +18,7 @@ _LOCK = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class UnixSocketError(Exception):
-    """The socket cannot be used, or a user is unknown; the text says why, and what to do."""
+    """The socket cannot be used, or a user is unknown; the text gives the reason and the remedy."""
 
     exit_code = 2
 

@@ -147,7 +147,7 @@ class Core:
             del self.peers[peer.client.id]
 
     def handle(self, peer: Peer, request: ClientRequest) -> None:
-        """Answer a request, or send the error that says why not."""
+        """Answer a request, or send an error with the reason."""
         try:
             self.leasing.renew(peer, self._lease_time())
             check_rights(peer.client, request)

@@ -1,4 +1,4 @@
-"""What the core needs of its surroundings: a gate, links, clients, a log.
+"""Interfaces between the core and its surroundings: gate, links, clients, log.
 
 The core opens no socket, reads no clock and starts no thread. Its surroundings hand it these objects, so that
 a daemon, a test or a simulation can run the same core.
@@ -159,7 +159,7 @@ class EventLog(Protocol):
 
 
 class RequestHandler(Protocol):
-    """What sessions hand their requests to: the core itself, or lock-step in front of it."""
+    """Receiver of the requests of sessions: the core itself, or lock-step in front of it."""
 
     def join(self, peer: Peer) -> None:
         """Take in a session after its hello.

@@ -20,8 +20,8 @@ class Reserved:
 
     Attributes:
         operator: True if only operators may.
-        clients: Names of tokens, ``uid N`` for users on the Unix socket, or names of clients that have
-            neither; None: all.
+        clients: Names of tokens, ``uid N`` for users on the Unix socket, or names of clients without a
+            token or user; None: all.
     """
 
     operator: bool

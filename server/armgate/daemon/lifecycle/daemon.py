@@ -37,7 +37,7 @@ from armgate.protocol import DIALECTS, Dialect, ErrorCode, RemoteProtocolError
 
 
 class Daemon:
-    """Serves one cell until it is told to end.
+    """Serves one cell until a signal ends it.
 
     Args:
         cell: The cell.
@@ -128,7 +128,7 @@ class Daemon:
         )
 
     async def run(self, announce: Callable[[str, int], None]) -> int:
-        """Serve until told to end.
+        """Serve until a signal ends the daemon, or a failure.
 
         Args:
             announce: Called once with host and port when clients may connect; without TCP with

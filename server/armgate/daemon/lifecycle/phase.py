@@ -1,7 +1,8 @@
 """Phases of a daemon's life, as a table.
 
-A daemon runs until it is told to end or something of its own fails. Either way the robots first come to rest:
-told to end, it stops them; after a failure it asks the gate no more, and they play their plans to rest.
+A daemon runs until a signal ends it or a defect is met. In both cases the robots first come to rest. When a
+signal ends the daemon, it stops them. After a defect it no longer asks the gate, and the robots play their
+plans to rest.
 """
 
 from enum import Enum
@@ -12,7 +13,7 @@ class Phase(Enum):
 
     RUNNING = "running"
     RESTING = "resting"
-    """Told to end: all robots are stopped and come to rest."""
+    """A signal ended the daemon: all robots are stopped and come to rest."""
     FAILED = "failed"
     """A defect was met: the gate is no longer asked, and the robots play their plans to rest."""
     OVER = "over"
@@ -22,7 +23,7 @@ class PhaseEvent(Enum):
     """Event that may change the phase."""
 
     END = "end"
-    """A signal told the daemon to end."""
+    """A signal ended the daemon."""
     FAIL = "fail"
     """A defect was met."""
     REST = "rest"
@@ -32,7 +33,7 @@ class PhaseEvent(Enum):
 TRANSITIONS: dict[tuple[Phase, PhaseEvent], Phase] = {
     (Phase.RUNNING, PhaseEvent.END): Phase.RESTING,
     (Phase.RUNNING, PhaseEvent.FAIL): Phase.FAILED,
-    (Phase.RESTING, PhaseEvent.END): Phase.OVER,  # told twice: at once
+    (Phase.RESTING, PhaseEvent.END): Phase.OVER,  # a second signal: end at once
     (Phase.RESTING, PhaseEvent.FAIL): Phase.FAILED,
     (Phase.RESTING, PhaseEvent.REST): Phase.OVER,
     (Phase.FAILED, PhaseEvent.END): Phase.OVER,

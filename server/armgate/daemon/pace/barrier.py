@@ -2,7 +2,7 @@
 
 A participant is *absent* until its hello; a step waits for it without limit. From then on it is *present*,
 and a step waits for it as long as it sends something. It is *gone* after its bye or when its connection is
-closed, and *dropped* when it sent nothing for too long: no step waits for it until it says hello again.
+closed, and *dropped* when it sent nothing for too long: no step waits for it until its next hello.
 """
 
 from collections.abc import Callable, Iterable
@@ -78,7 +78,7 @@ class Barrier:
         self._participants[name] = _Participant(Presence.PRESENT, now)
 
     def leave(self, name: str) -> None:
-        """Wait no longer for a participant that said bye, or whose connection is lost."""
+        """Wait no longer for a participant after its bye, or after the loss of its connection."""
         if self._participants[name].presence is Presence.PRESENT:
             self._participants[name].presence = Presence.GONE
 
@@ -86,7 +86,7 @@ class Barrier:
         """Wait no longer for a participant that sent nothing for too long."""
         self._participants[name].presence = Presence.DROPPED
 
-    def heard(self, name: str, now: float) -> None:
+    def note_message(self, name: str, now: float) -> None:
         """Note that a participant sent something."""
         self._participants[name].heard = now
 

@@ -138,7 +138,7 @@ class LockstepPace:
             self._handle_other(peer, request)
             return
         name = peer.client.name
-        self._barrier.heard(name, self._wall())
+        self._barrier.note_message(name, self._wall())
         if self._barrier.done(name) and not isinstance(request, m.Ping):
             self._keep(peer, request)
         else:

@@ -1,7 +1,7 @@
-"""Pace: what makes time pass in a cell.
+"""Pace: the passing of time in a cell.
 
-There are three: the wall clock, lock-step, and robots that are their own clock. A pace tells the rest of the
-daemon when robots tick, by the handler that `Pace.start` receives.
+There are three: the wall clock, lock-step, and robots that are their own clock. A pace reports ticks to the
+handler that `Pace.start` receives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ class TickHandler(Protocol):
 
 
 class Pace(Protocol):
-    """What makes time pass in a cell."""
+    """Passing of time in a cell."""
 
     @property
     def lockstep(self) -> bool:

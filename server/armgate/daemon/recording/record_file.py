@@ -115,7 +115,7 @@ class RecordFile:
         return seal
 
     def abandon(self) -> None:
-        """Cut off an item that was written in part, and write no more."""
+        """Truncate the file after the last complete flush, and write no more."""
         if self._descriptor >= 0:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self._good)

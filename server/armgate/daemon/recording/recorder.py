@@ -124,7 +124,7 @@ class Recorder:
 
     @property
     def trouble(self) -> str | None:
-        """Warning for the states about records that are missing; None if none is."""
+        """Warning for the states about missing records; None if the recording is complete."""
         if self._failure is not None:
             return f"recording ended: {self._failure}"
         if self._lost:

@@ -1,4 +1,4 @@
-"""What the parts of a connection need of each other."""
+"""Interfaces between the parts of a connection."""
 
 import asyncio
 from abc import ABC, abstractmethod
@@ -27,7 +27,7 @@ class SessionHost(Protocol):
         """Process a hello: answer with welcome or a fatal error."""
 
     def left(self, session: "Session", reason: str) -> None:
-        """Process the end of a session: its client said bye, or its connection is lost; called once."""
+        """Process the end of a session by a bye or the loss of its connection; called once."""
 
     def closed(self, session: "Session") -> None:
         """Process the end of a connection; nothing is called for it afterwards."""

@@ -204,7 +204,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         self._ending.set_deadline(seconds, lambda: self.close(error.message()))
 
     def stay(self) -> None:
-        """Keep the connection: its client has said hello in time."""
+        """Keep the connection: the hello came in time."""
         self._ending.clear_deadline()
 
     def serve(self, work: Work) -> None:
