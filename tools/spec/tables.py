@@ -1,9 +1,13 @@
 """Generator of the tables and diagrams of SPEC.md, from the models, transition tables and error codes."""
 
+import ast
+import inspect
 import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
@@ -27,6 +31,7 @@ _FORMS: list[tuple[Any, str]] = [
     (m.Point, "point"),
     (m.Quaternion, "quaternion"),
 ]
+_HEAD = ("field", "form", "default", "meaning")
 _TYPES = {bool: "bool", int: "integer", float: "number", str: "text", bytes: "binary data"}
 
 
@@ -43,8 +48,8 @@ def server_messages() -> str:
 def parts() -> str:
     """Return the table of the maps inside messages."""
     found = [x for x in vars(m).values() if isinstance(x, type) and issubclass(x, m.Part) and x is not m.Part]
-    rows = [(f"**{part.__name__}**", "", "", _summary(part)) for part in found]
-    return _table(("map", "field", "form", "default, or description"), _with_fields(rows, found))
+    rows = [(f"**{part.__name__}**", "", "", "", _summary(part)) for part in found]
+    return _table(("map", *_HEAD), _with_fields(rows, found))
 
 
 def answers() -> str:
@@ -118,19 +123,41 @@ def filled(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
 
 
 def _messages(models: Sequence[type[m.Message]]) -> str:
-    rows = [(f"**`{_type(model)}`**", "", "", _summary(model)) for model in models]
-    return _table(("type", "field", "form", "default, or description"), _with_fields(rows, models))
+    rows = [(f"**`{_type(model)}`**", "", "", "", _summary(model)) for model in models]
+    return _table(("type", *_HEAD), _with_fields(rows, models))
 
 
 def _with_fields(
-    heads: list[tuple[str, str, str, str]], models: Sequence[type[BaseModel]]
-) -> Iterable[tuple[str, str, str, str]]:
+    heads: Sequence[tuple[str, ...]], models: Sequence[type[BaseModel]]
+) -> Iterable[tuple[str, ...]]:
     for head, model in zip(heads, models, strict=True):
         yield head
         hints = typing.get_type_hints(model, include_extras=True)
         for name, field in model.model_fields.items():
             if name != "type":
-                yield "", f"`{name}`", form(hints[name]), _default(field)
+                yield "", f"`{name}`", form(hints[name]), _default(field), _meaning(model, name)
+
+
+def _meaning(model: type[BaseModel], field: str) -> str:
+    """Return the docstring of a field, from the model or the base that declares it."""
+    for base in model.__mro__:
+        if (text := _field_docstrings().get((base.__name__, field))) is not None:
+            return text.removesuffix(".").replace("None", "nil")
+    raise ValueError(f"{model.__name__}.{field} has no docstring; expected one in messages.py")
+
+
+@cache
+def _field_docstrings() -> dict[tuple[str, str], str]:
+    found = {}
+    for definition in ast.parse(inspect.getsource(m)).body:
+        if isinstance(definition, ast.ClassDef):
+            for field, text in pairwise(definition.body):
+                match field, text:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                        value=ast.Constant(value=str(doc))
+                    ):
+                        found[definition.name, name] = doc
+    return found
 
 
 def _type(model: type[m.Message]) -> str:

@@ -69,6 +69,7 @@ class Request(Message):
     """Message that is answered; the answer's ``re`` repeats its ``id``."""
 
     id: Id | None = None
+    """Number of the request, repeated as `re` in its answer."""
 
 
 class Hello(Request):
@@ -76,11 +77,17 @@ class Hello(Request):
 
     type: Literal["hello"] = "hello"
     versions: Versions
+    """Versions that the client supports."""
     name: Name
+    """Name of the client, visible to other clients."""
     role: Role = "controller"
+    """Requested role."""
     token: Token | None = None
+    """Token, if the server requires one."""
     capabilities: Capabilities = ()
+    """Additions that the client supports."""
     software: Text = ""
+    """Name and version of the client's software."""
 
 
 class Describe(Request):
@@ -94,8 +101,11 @@ class Asset(Request):
 
     type: Literal["asset"] = "asset"
     hash: Hash
+    """SHA-256 of the asset."""
     offset: Count = 0
+    """First byte of the piece."""
     length: Annotated[int, Field(ge=1, le=MAX_CHUNK)] = MAX_CHUNK
+    """Largest length of the piece, bytes."""
 
 
 class Acquire(Request):
@@ -103,8 +113,11 @@ class Acquire(Request):
 
     type: Literal["acquire"] = "acquire"
     robot: Name
+    """Name of the robot."""
     takeover: bool = False
+    """Take the robot over from its holder (operators only)."""
     speed: Share = 1.0
+    """Speed bound, a share of the cell's."""
 
 
 class Release(Request):
@@ -112,7 +125,9 @@ class Release(Request):
 
     type: Literal["release"] = "release"
     robot: Name
+    """Name of the robot."""
     fence: Count
+    """Fence of the lease."""
 
 
 class Command(Message):
@@ -120,12 +135,19 @@ class Command(Message):
 
     type: Literal["command"] = "command"
     robot: Name
+    """Name of the robot."""
     fence: Count
+    """Fence of the lease."""
     seq: Count
+    """Number of the command, repeated in its verdict."""
     tick: Count
+    """Tick of the state that the command is based on."""
     dq: Increment
+    """Increment to the setpoint, rad or m by joint."""
     deadline: Finite | None = None
+    """Reserved."""
     horizon: Count | None = None
+    """Reserved."""
 
 
 class Pass(Message):
@@ -133,6 +155,7 @@ class Pass(Message):
 
     type: Literal["pass"] = "pass"
     step: Count
+    """Number of the step."""
 
 
 class Subscribe(Request):
@@ -140,8 +163,11 @@ class Subscribe(Request):
 
     type: Literal["subscribe"] = "subscribe"
     every: Annotated[int, Field(ge=0, le=10_000)] = 1
+    """Number of ticks from one state to the next; 0 ends the subscription."""
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)] | None = None
+    """Names of the robots; None: all."""
     fields: Annotated[tuple[Name, ...], Field(max_length=32)] | None = None
+    """Fields of each entry; None: all."""
 
 
 class Signal(Request):
@@ -149,7 +175,9 @@ class Signal(Request):
 
     type: Literal["signal"] = "signal"
     name: Name
+    """Name of the signal."""
     value: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=MAX_SIGNAL)]
+    """The numbers."""
 
 
 class Stop(Request):
@@ -157,7 +185,9 @@ class Stop(Request):
 
     type: Literal["stop"] = "stop"
     robot: Name | None = None
+    """Name of the robot; None: all robots."""
     reason: Text = ""
+    """Reason, shown to all clients."""
 
 
 class Reset(Request):
@@ -165,6 +195,7 @@ class Reset(Request):
 
     type: Literal["reset"] = "reset"
     stop: Count
+    """Id of the stop."""
 
 
 class Ping(Request):
@@ -172,6 +203,7 @@ class Ping(Request):
 
     type: Literal["ping"] = "ping"
     time: Finite
+    """Time of the sender's clock."""
 
 
 class Sessions(Request):
@@ -185,7 +217,9 @@ class Kick(Request):
 
     type: Literal["kick"] = "kick"
     session: Name
+    """Id of the session."""
     reason: Text = ""
+    """Reason, sent to its client."""
 
 
 class Bye(Message):
@@ -193,6 +227,7 @@ class Bye(Message):
 
     type: Literal["bye"] = "bye"
     reason: Text = ""
+    """Reason for the end of the session."""
 
 
 # --- from the server --------------------------------------------------------------------------------------
@@ -202,17 +237,24 @@ class Answer(Message):
     """Message that may answer a request: ``re`` is the request's ``id``, None if it answers no request."""
 
     re: Id | None = None
+    """`id` of the request; None if the message answers no request."""
 
 
 class Limits(Part):
     """Bounds that this server enforces."""
 
     inbound: Count
+    """Longest payload from a client, bytes."""
     outbound: Count
+    """Longest payload from the server, bytes."""
     max_age_ticks: Count
+    """Largest age of the tick that a command is based on, ticks."""
     lease_ttl: Finite
+    """Time to live of a lease, s."""
     signals: Count
+    """Largest number of signals of one session."""
     signal_rate: Finite
+    """Largest number of signals of one session per second."""
 
 
 class Welcome(Answer):
@@ -220,29 +262,48 @@ class Welcome(Answer):
 
     type: Literal["welcome"] = "welcome"
     version: Annotated[int, Field(ge=1, le=2**16)]
+    """Chosen version of the protocol."""
     versions: Versions
+    """Versions that the server supports."""
     client_versions: Versions
+    """Versions in the client's hello, as the server read them."""
     capabilities: Capabilities = ()
+    """Additions that the server supports."""
     start: Name
+    """Id of this start of the server."""
     session: Name
+    """Id of the session."""
     name: Name
+    """Name of the client."""
     role: Role
+    """Role of the session."""
     lockstep: bool = False
+    """True if the server runs in lock-step."""
     limits: Limits
+    """Bounds that the server enforces."""
     software: Text = ""
+    """Name and version of the server's software."""
 
 
 class Joint(Part):
     """Joint; its unit follows from its type (rad, m), limits are per s and per s²."""
 
     name: Name
+    """Name of the joint."""
     kind: Literal["revolute", "prismatic"]
+    """Type of the joint."""
     unit: Literal["rad", "m"]
+    """Unit of its positions."""
     lower: Finite
+    """Lower position limit, rad or m."""
     upper: Finite
+    """Upper position limit, rad or m."""
     velocity: Finite
+    """Speed limit, rad/s or m/s."""
     acceleration: Finite
+    """Acceleration limit, rad/s² or m/s²."""
     deceleration: Finite | None
+    """Deceleration limit, rad/s² or m/s²; None: the joint stops at once."""
 
 
 class Shape(Part):
@@ -252,15 +313,20 @@ class Shape(Part):
     """
 
     kind: Literal["sphere", "capsule", "cylinder", "box"]
+    """Kind of the primitive."""
     size: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=3)]
+    """Sizes by kind, m."""
 
 
 class AssetRef(Part):
     """Reference to large data, available in chunks by its SHA-256."""
 
     hash: Hash
+    """SHA-256 of the data, in hexadecimal digits."""
     size: Count
+    """Size of the data, bytes."""
     media: Text
+    """Media type of the data."""
 
 
 class Exact(Part):
@@ -271,9 +337,13 @@ class Exact(Part):
     """
 
     kind: Name
+    """Kind of the shape."""
     size: Annotated[tuple[Finite, ...], Field(max_length=3)] = ()
+    """Sizes by kind, m."""
     mesh: AssetRef | None = None
+    """Vertices of a convex hull."""
     radius: Finite = 0.0
+    """Thickness around the hull, m."""
 
 
 class Body(Part):
@@ -283,27 +353,44 @@ class Body(Part):
     """
 
     name: Name
+    """Name of the body."""
     robot: Name | None
+    """Robot that it belongs to; None: fixed in the world."""
     link: Name | None
+    """Link of the robot in whose frame its pose is stated."""
     shape: Shape
+    """Primitive that contains the body."""
     xyz: Point
+    """Position, m."""
     xyzw: Quaternion
+    """Orientation, a quaternion."""
     exact: Exact | None = None
+    """Exact shape, if it is not a primitive."""
 
 
 class RobotDescription(Part):
     """Model of one robot for a controller."""
 
     name: Name
+    """Name of the robot."""
     urdf: AssetRef
+    """URDF of the robot, an asset."""
     joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_JOINTS)]
+    """Joints, in the order of all joint values."""
     base_xyz: Point
+    """Position of the URDF's root in the world, m."""
     base_xyzw: Quaternion
+    """Orientation of the URDF's root in the world, a quaternion."""
     period: Finite
+    """Period of the robot's clock, s."""
     start: Joints
+    """Position at the start of the server, rad or m by joint."""
     frames: Annotated[tuple[Name, ...], Field(max_length=MAX_FRAMES)]
+    """Links of the URDF."""
     tool: Name
+    """Frame of the tool."""
     camera: Name | None
+    """Frame of the camera, which points along its z axis; None: no camera."""
 
 
 class Description(Answer):
@@ -311,13 +398,21 @@ class Description(Answer):
 
     type: Literal["description"] = "description"
     name: Text
+    """Name of the cell."""
     hash: Hash
+    """Hash of the description."""
     stop_distance: Finite
+    """Distance kept between robots, and between robots and surroundings, m."""
     self_distance: Finite
+    """Distance kept between bodies of one robot, m."""
     response: Literal["stop", "slow"]
+    """Response to a command that would violate a distance: refuse it (`stop`) or reduce it (`slow`)."""
     lockstep: bool
+    """True if the server runs in lock-step."""
     robots: Annotated[tuple[RobotDescription, ...], Field(max_length=MAX_ROBOTS)]
+    """Robots of the cell."""
     bodies: Annotated[tuple[Body, ...], Field(max_length=MAX_BODIES)]
+    """Bodies of robots and surroundings."""
 
 
 class Chunk(Answer):
@@ -325,9 +420,13 @@ class Chunk(Answer):
 
     type: Literal["chunk"] = "chunk"
     hash: Hash
+    """SHA-256 of the asset."""
     offset: Count
+    """First byte of the piece."""
     total: Count
+    """Size of the asset, bytes."""
     data: Annotated[bytes, Field(max_length=MAX_CHUNK)]
+    """Bytes of the piece."""
 
 
 class Lease(Answer):
@@ -335,23 +434,36 @@ class Lease(Answer):
 
     type: Literal["lease"] = "lease"
     robot: Name
+    """Name of the robot."""
     fence: Count
+    """Number of the lease; commands must contain it."""
     state: Literal["held", "released", "lost"]
+    """State of the lease."""
     ttl: Finite
+    """Time to live without a message of the holder, s."""
     speed: Share = 1.0
+    """Speed bound, a share of the cell's."""
     reason: Text = ""
+    """Reason of a loss."""
 
 
 class Reason(Part):
     """One cause that limited or refused a command, with its numbers."""
 
     cause: Name
+    """Check that applied, such as `clearance`."""
     text: Text
+    """Explanation in one sentence."""
     joint: Name | None = None
+    """Joint whose bound applied."""
     pair: tuple[Name, Name] | None = None
+    """Names of the two bodies whose clearance applied."""
     value: Finite | None = None
+    """Value requested or found (rad, m, ticks; by cause)."""
     bound: Finite | None = None
+    """Bound that the value was compared with."""
     points: tuple[Point, Point] | None = None
+    """Witness points on both bodies, m."""
 
 
 class Verdict(Message):
@@ -359,60 +471,95 @@ class Verdict(Message):
 
     type: Literal["verdict"] = "verdict"
     robot: Name
+    """Name of the robot."""
     seq: Count
+    """Number of the command."""
     tick: Count
+    """Tick that the command was based on."""
     target: Count | None
+    """Tick at which the increment is to be played; None if an admission check refused the command."""
     outcome: Literal["admitted", "limited", "refused"]
+    """Outcome of the command."""
     beta: Annotated[float, Field(ge=0.0, le=1.0)]
+    """Blend between the braking increment (0) and the requested increment (1)."""
     dq: Joints
+    """Increment at the next tick, rad or m by joint."""
     setpoint: Joints
+    """Setpoint after that increment, rad or m by joint."""
     reasons: Annotated[tuple[Reason, ...], Field(max_length=MAX_REASONS)] = ()
+    """Causes that applied; empty if admitted."""
 
 
 class Nearest(Part):
     """Distance of two bodies: a certified lower bound at the measured positions."""
 
     pair: tuple[Name, Name]
+    """Names of the two bodies."""
     distance: Finite
+    """Certified lower bound of the distance, m."""
     limit: Finite
+    """Distance that is kept, m."""
     points: tuple[Point, Point] | None = None
+    """Witness points on both bodies, m; None if only the bound is known."""
 
 
 class LastVerdict(Part):
     """Newest verdict of a robot, for clients that did not send the command."""
 
     seq: Count
+    """Number of the command."""
     outcome: Literal["admitted", "limited", "refused"]
+    """Outcome of the command."""
     cause: Name | None = None
+    """Cause of the first reason."""
     text: Text = ""
+    """Text of the first reason."""
 
 
 class Entry(Part):
     """State of one robot; fields that were not subscribed are absent."""
 
     robot: Name
+    """Name of the robot."""
     tick: Count
+    """Newest tick of the robot."""
     time: Finite
+    """Daemon time of that tick, s."""
     q: Joints | None = None
+    """Measured position, rad or m by joint."""
     setpoint: Joints | None = None
+    """Commanded position, rad or m by joint."""
     applied_seq: Count | None = None
+    """Number of the command whose increment was played last."""
     stop_end: Joints | None = None
+    """Position at which the robot comes to rest without a further command."""
     nearest: Annotated[tuple[Nearest, ...], Field(max_length=MAX_NEAREST)] | None = None
+    """Nearest pairs of bodies."""
     least_clearance: Finite | None = None
+    """Smallest distance to another robot or the surroundings since the start of the server, m."""
     holder: Name | None = None
+    """Name of the session that holds the robot; None if no session holds it."""
     stops: Annotated[tuple[Count, ...], Field(max_length=MAX_STOPS)] | None = None
+    """Ids of the stops in force for the robot."""
     link: Literal["waiting", "ready", "lost", "faulted"] | None = None
+    """State of the robot's link."""
     verdict: LastVerdict | None = None
+    """Newest verdict on a command for the robot."""
     counts: Annotated[dict[Name, Count], Field(max_length=MAX_COUNTS)] | None = None
+    """Number of verdicts by outcome and last cause, such as `refused:stale`."""
     late_commands: Count | None = None
+    """Number of commands that were admitted or limited but arrived too late."""
 
 
 class SignalValue(Part):
     """Newest value of a signal and its owner."""
 
     owner: Name
+    """Name of the client that set the signal."""
     value: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=MAX_SIGNAL)]
+    """Newest value."""
     time: Finite
+    """Daemon time at which it was set, s."""
 
 
 class State(Answer):
@@ -420,12 +567,19 @@ class State(Answer):
 
     type: Literal["state"] = "state"
     robot: Name
+    """Robot at whose tick the state was made."""
     tick: Count
+    """Number of that tick."""
     time: Finite
+    """Daemon time of that tick, s."""
     step: Count | None = None
+    """Number of the step in lock-step; None by the wall clock."""
     entries: Annotated[tuple[Entry, ...], Field(max_length=MAX_ROBOTS)]
+    """Entries of all robots."""
     signals: Annotated[dict[Name, SignalValue], Field(max_length=MAX_SIGNALS)] = Field(default_factory=dict)
+    """Signals by name."""
     warnings: Annotated[tuple[Text, ...], Field(max_length=MAX_WARNINGS)] = ()
+    """Warnings of the daemon."""
 
 
 class Subscribed(Answer):
@@ -433,8 +587,11 @@ class Subscribed(Answer):
 
     type: Literal["subscribed"] = "subscribed"
     every: Count
+    """Number of ticks from one state to the next."""
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
+    """Robots of the subscription."""
     fields: Annotated[tuple[Name, ...], Field(max_length=32)]
+    """Fields of each entry."""
 
 
 class Signaled(Answer):
@@ -442,6 +599,7 @@ class Signaled(Answer):
 
     type: Literal["signaled"] = "signaled"
     name: Name
+    """Name of the signal."""
 
 
 class Stopped(Answer):
@@ -449,10 +607,15 @@ class Stopped(Answer):
 
     type: Literal["stopped"] = "stopped"
     stop: Count
+    """Id of the stop."""
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
+    """Stopped robots."""
     reason: Text
+    """Reason of the stop."""
     by: Name
+    """Name of the client that requested it."""
     replaces: Count | None = None
+    """Id of the stop that it replaced."""
 
 
 class Resumed(Answer):
@@ -460,8 +623,11 @@ class Resumed(Answer):
 
     type: Literal["resumed"] = "resumed"
     stop: Count
+    """Id of the stop in the request."""
     by: Name
+    """Name of the client that reset it."""
     lifted: Count | None = None
+    """Id of the stop that had replaced it and was lifted."""
 
 
 class Pong(Answer):
@@ -469,19 +635,28 @@ class Pong(Answer):
 
     type: Literal["pong"] = "pong"
     time: Finite
+    """Time in the ping."""
     received: Finite
+    """Server time at which the ping arrived, s."""
     sent: Finite
+    """Server time at which the pong was sent, s."""
 
 
 class SessionInfo(Part):
     """Session: its client, its token (nil: none), its peer address, and the robots that it holds."""
 
     session: Name
+    """Id of the session."""
     name: Name
+    """Name of the client."""
     role: Role
+    """Role of the session."""
     token: Name | None
+    """Name of its token; None: no token."""
     address: Text
+    """Address of the client."""
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
+    """Robots that it holds."""
 
 
 class SessionList(Answer):
@@ -489,6 +664,7 @@ class SessionList(Answer):
 
     type: Literal["session_list"] = "session_list"
     sessions: Annotated[tuple[SessionInfo, ...], Field(max_length=MAX_SESSIONS)]
+    """The sessions."""
 
 
 class Kicked(Answer):
@@ -496,6 +672,7 @@ class Kicked(Answer):
 
     type: Literal["kicked"] = "kicked"
     session: Name
+    """Id of the session."""
 
 
 class Error(Answer):
@@ -503,10 +680,15 @@ class Error(Answer):
 
     type: Literal["error"] = "error"
     code: Name
+    """Error code."""
     text: Text
+    """Explanation for people."""
     fatal: bool
+    """True if the connection ends."""
     about: Name | None = None
+    """Type of the message concerned."""
     seq: Count | None = None
+    """`seq` of the command concerned."""
 
 
 # The two unions are the registry: the catalogues, the codec, the state machine, the tables of SPEC.md, the
