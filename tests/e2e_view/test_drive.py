@@ -1,7 +1,9 @@
 """Driving from the page with a real pointer: the robot moves while a handle is held, and rests otherwise."""
 
+import contextlib
 import math
 import signal
+import threading
 from time import monotonic
 
 import numpy as np
@@ -29,6 +31,18 @@ class Operator:
                 return entry
             assert monotonic() < end, f"the condition never held; the last entry: {entry}"
         raise AssertionError("states end only by an exception")
+
+    @contextlib.contextmanager
+    def reading(self):
+        """Read states in a thread, which keeps a lease alive however long the browser takes."""
+        done = threading.Event()
+        reader = threading.Thread(target=lambda: next(state for state in self.states if done.is_set()))
+        reader.start()
+        try:
+            yield
+        finally:
+            done.set()
+            reader.join()
 
     def moving(self):
         """Wait until the setpoint changes visibly; return where it was."""
@@ -144,16 +158,16 @@ def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, o
 
 
 def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, operator):
-    with operator.cell.acquire("GR"):
+    with operator.cell.acquire("GR"), operator.reading():
         page.press("Drive GR")
-        # Reading states keeps the lease alive.
-        page.until(lambda: operator.entry() and "GR is held by observer" in page.text, "the holder")
+        page.until(lambda: "GR is held by observer" in page.text, "the holder")
         assert "Release GR" not in page.text
     acquire(page)
     drag_gizmo(page, operator)
     with operator.cell.acquire("GR", takeover=True):
-        page.until(lambda: "Release GR" not in page.text, "no handles")
-        page.until(lambda: "lost" in page.text, "the loss of the lease")
+        with operator.reading():
+            page.until(lambda: "Release GR" not in page.text, "no handles")
+            page.until(lambda: "the lease of GR ended" in page.text, "the loss of the lease")
         operator.resting()
     page.release_pointer()
 
@@ -172,10 +186,10 @@ def test_only_one_of_two_pages_drives_a_robot(page, operator):
 
 
 def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(browser):
-    with process("serve", CONFIG, "--port", "0", says="armgate: listening on ") as (found, daemon):
+    with process("serve", CONFIG, "--port", "0", prints="armgate: listening on ") as (found, daemon):
         port = found.rpartition(":")[2]
         view = ("view", found, *PLAIN, "--role", "controller")
-        with process(*view, says="armgate: view at ") as (url, viewer):
+        with process(*view, prints="armgate: view at ") as (url, viewer):
             with connect(found, name="observer", role="observer") as cell:
                 page = Page(browser, url)
                 assert "Reset" not in page.text  # a controller drives, an operator resets
@@ -185,7 +199,7 @@ def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(b
                 daemon.wait(30)
             page.until(lambda: "Release GR" not in page.text, "no handles")
             page.release_pointer()
-            with process("serve", CONFIG, "--port", port, says="armgate: listening on "):
+            with process("serve", CONFIG, "--port", port, prints="armgate: listening on "):
                 page.until(lambda: "closed the connection" not in page.text, "the new daemon")
                 acquire(page)
                 viewer.terminate()

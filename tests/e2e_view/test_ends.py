@@ -27,7 +27,7 @@ def secured(tmp_path):
     overlay.write_text(f"armgate: 1\nserver: {{tokens: {file}}}\n")
     (tmp_path / "right").write_text(made.stdout.strip().splitlines()[-1])
     (tmp_path / "right").chmod(0o600)
-    with process("serve", CONFIG, overlay, "--port", "0", says="armgate: listening on ") as (address, _):
+    with process("serve", CONFIG, overlay, "--port", "0", prints="armgate: listening on ") as (address, _):
         yield address
 
 
@@ -46,7 +46,7 @@ def test_a_controller_token_does_not_grant_the_operator_role(secured, tmp_path):
     assert ended.returncode == 1
     assert "use a valid token for this role" in ended.stderr
     view = ("view", secured, "--port", "0", "--role", "controller", "--token-file", tmp_path / "right")
-    with process(*view, says="armgate: view at "):
+    with process(*view, prints="armgate: view at "):
         pass
 
 

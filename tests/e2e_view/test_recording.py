@@ -28,7 +28,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture
 def page(browser, recording):
-    with process("view", recording, *PLAIN, says="armgate: view at ") as (url, viewer):
+    with process("view", recording, *PLAIN, prints="armgate: view at ") as (url, viewer):
         page = Page(browser, url, "Play")
         yield page
         page.tab.close()  # an open page costs a core
