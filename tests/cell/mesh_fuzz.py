@@ -1,8 +1,8 @@
-"""Random mesh files, valid and damaged: each is refused with one clear error, or its faces are in the bodies.
+"""Random mesh files, valid and damaged: each is refused with one clear error, or its bodies have all faces.
 
-``make fuzz-meshes RUNS=10000`` tries so many files of each format. Faces are counted and placed by other
-means than the product's readers (``support.mesh_files``). A point counts as held if a body contains it.
-Nine of ten meshes are cut anywhere: that is quicker than the product's own choice, and must do no harm.
+``make fuzz-meshes RUNS=10000`` tries this number of files of each format. Faces are counted and placed
+independently of the product's readers (``support.mesh_files``). Nine of ten meshes are cut at random planes,
+which is faster than the product's own choice and must not affect containment.
 """
 
 import os
@@ -37,7 +37,7 @@ class Tally:
     faults: list = field(default_factory=list)
 
 
-def held(bodies, points):
+def contained(bodies, points):
     """Return True for each point that lies in a body: inside all planes of its hull, moved by its radius."""
     inside = np.zeros(len(points), dtype=bool)
     for body in bodies:
@@ -84,7 +84,7 @@ def check(data, suffix, rng):
     assert len(READERS[suffix](data).sizes) == len(faces)
     assert len(mesh.faces) == sum(len(face) - 2 for face in faces)
     points = np.vstack([np.vstack([face, _inside(face, rng)]) for face in faces])
-    inside = held(bodies_of(mesh, rng), points)
+    inside = contained(bodies_of(mesh, rng), points)
     assert inside.all(), f"{np.count_nonzero(~inside)} points of faces are in no body"
     return len(faces)
 
@@ -125,7 +125,7 @@ def main():
         tally = run(suffix, runs, seed)
         ends = ", ".join(f"{count} {end}" for end, count in sorted(tally.ends.items()))
         spent = time.monotonic() - begin
-        print_line(f"{suffix}: {runs} files in {spent:.0f} s: {ends}; {tally.faces} faces held")
+        print_line(f"{suffix}: {runs} files in {spent:.0f} s: {ends}; {tally.faces} faces contained")
         print_line(f"  {len(tally.faults)} faults")
         for number, text in tally.faults[:10]:
             print_line(f"  SEED={seed} file {number}: {text}")

@@ -7,6 +7,7 @@ import yaml
 from armgate.cell.cell import build_cell
 from armgate.cell.config import CellConfig, LockstepClockConfig, dump_config, load_config
 from armgate.cell.config.fields import ConfigModel
+from armgate.cell.config.link_kinds import installed_kinds, load_kind
 from armgate.cell.errors import ConfigError
 from armgate.cell.shapes import Capsule, Sphere
 
@@ -386,14 +387,20 @@ def test_extreme_numbers_of_a_robot_are_refused(write, key, value):
 # --- descriptions, from which the reference is generated ----------------------------------------------------
 
 
-def _config_models(model=ConfigModel):
+def _config_models(model):
     for own in model.__subclasses__():
-        if own.__module__.startswith("armgate.cell."):
+        if own.__module__.startswith(("armgate.cell.", "armgate.links.")):
             yield own
         yield from _config_models(own)
 
 
-@pytest.mark.parametrize("model", sorted(set(_config_models()), key=lambda model: model.__name__))
+def _all_models():
+    for kind in installed_kinds():
+        load_kind(kind)  # imports its models
+    return sorted(set(_config_models(ConfigModel)), key=lambda model: model.__name__)
+
+
+@pytest.mark.parametrize("model", _all_models())
 def test_every_model_and_field_has_a_description(model):
     assert model.__doc__
     assert model.__doc__.endswith(".")

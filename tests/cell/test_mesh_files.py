@@ -110,7 +110,7 @@ HALVES = ascii_stl(("a", TRIANGLES), ("b", TRIANGLES + np.array([5, 0, 0])))
 def test_valid_files_are_read_with_all_faces(suffix, data, faces):
     assert spot(data, suffix)[0] == faces
     bodies = decompose(read_mesh(data, suffix, UNIT), DecompositionOptions("hull", 0.1, 1, 64))
-    assert mesh_fuzz.held(bodies, CUBE).all()
+    assert mesh_fuzz.contained(bodies, CUBE).all()
 
 
 BINARY = meshes.stl(CUBE, TWELVE)
@@ -216,7 +216,7 @@ def test_a_polygon_that_is_not_quite_flat_thickens_the_bodies_by_its_slack():
     bodies = decompose(mesh, DecompositionOptions("parts", 0.1, 4, 64))
     rng = np.random.default_rng(0)
     points = np.vstack([rng.dirichlet(np.ones(4), 200) @ bent[list(quad)] for quad in QUADS])
-    assert mesh_fuzz.held(bodies, points).all()
+    assert mesh_fuzz.contained(bodies, points).all()
     assert read_mesh(obj_of(QUADS), "obj", UNIT).slack == 0.0
 
 
@@ -225,7 +225,7 @@ def test_the_bodies_contain_a_face_without_an_area():
     mesh = read_mesh(data, "obj", UNIT)
     assert (len(mesh.faces), mesh.open_edges) == (13, 0)
     bodies = decompose(mesh, DecompositionOptions("parts", 0.1, 8, 64))
-    assert mesh_fuzz.held(bodies, np.array([[2.0, 0, 0], [2.5, 0, 0], [3, 0, 0]])).all()
+    assert mesh_fuzz.contained(bodies, np.array([[2.0, 0, 0], [2.5, 0, 0], [3, 0, 0]])).all()
 
 
 def test_hulls_of_points_that_are_coplanar_up_to_rounding():

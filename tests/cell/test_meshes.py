@@ -40,7 +40,7 @@ def on_surface(mesh, rng, count):
     return np.vstack([mesh.vertices, np.einsum("kfc,fci->kfi", weights, mesh.triangles).reshape(-1, 3)])
 
 
-def held(bodies, points, slack=0.0):
+def contained(bodies, points, slack=0.0):
     """Return True for each point that lies in a body: inside all planes of its hull, moved by its radius."""
     inside = np.zeros(len(points), dtype=bool)
     for body in bodies:
@@ -80,8 +80,8 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
     mesh = mesh_of(vertices @ Q.T, faces)
     found = decompose(mesh, replace(PARTS, max_parts=int(rng.integers(1, 9))))
     inside = (low + size * rng.random((400, len(low), 3))).reshape(-1, 3) @ Q.T
-    assert held(found, on_surface(mesh, rng, 20)).all()
-    assert held(found, inside).all()
+    assert contained(found, on_surface(mesh, rng, 20)).all()
+    assert contained(found, inside).all()
 
 
 def test_parts_contain_everything_for_any_cuts(monkeypatch):
@@ -109,8 +109,8 @@ def test_parts_contain_everything_for_any_cuts(monkeypatch):
         )
         found = decompose(mesh, PARTS)
         inside = (low + size * rng.random((200, len(low), 3))).reshape(-1, 3) @ Q.T
-        assert held(found, on_surface(mesh, rng, 10)).all()
-        assert held(found, inside).all()
+        assert contained(found, on_surface(mesh, rng, 10)).all()
+        assert contained(found, inside).all()
 
 
 @pytest.mark.parametrize(
@@ -136,12 +136,12 @@ def test_the_parts_of_a_ring_leave_its_hole_open():
     mesh, rng = mesh_of(vertices, faces), np.random.default_rng(3)
     found = decompose(mesh, replace(PARTS, threshold=0.3))
     assert len(found) <= PARTS.max_parts
-    assert held(found, on_surface(mesh, rng, 30)).all()
-    assert not held(found, np.array([[0.0, 0.0, 0.05], [0.2, 0.1, 0.05]])).any()
+    assert contained(found, on_surface(mesh, rng, 30)).all()
+    assert not contained(found, np.array([[0.0, 0.0, 0.05], [0.2, 0.1, 0.05]])).any()
     assert found == decompose(mesh, replace(PARTS, threshold=0.3))
     few = decompose(mesh, replace(PARTS, max_parts=3))
     assert len(few) <= 3
-    assert held(few, on_surface(mesh, rng, 30)).all()
+    assert contained(few, on_surface(mesh, rng, 30)).all()
 
 
 def test_a_fine_mesh_is_thinned_and_thickened_by_the_loss():
@@ -149,7 +149,7 @@ def test_a_fine_mesh_is_thinned_and_thickened_by_the_loss():
     (body,) = decompose(mesh, HULL)
     assert len(body.vertices) <= HULL.max_vertices
     assert 1e-4 < body.radius < 1e-2
-    assert held([body], on_surface(mesh, rng, 3)).all()
+    assert contained([body], on_surface(mesh, rng, 3)).all()
 
 
 # --- parts of the proof -----------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def test_a_cavity_counts_as_inside():
     both = np.vstack([outer, outer * 0.5 + 0.25])
     mesh = mesh_of(both, np.vstack([faces, faces[:, ::-1] + len(outer)]))
     found = decompose(mesh, replace(PARTS, max_parts=8))
-    assert held(found, np.random.default_rng(0).random((500, 3))).all()
+    assert contained(found, np.random.default_rng(0).random((500, 3))).all()
 
 
 @given(st.integers(0, 10**6))
@@ -241,7 +241,7 @@ def test_an_open_surface_is_not_cut_but_has_a_hull():
     mesh = mesh_of(vertices, faces[1:])
     with pytest.raises(ModelError, match=r"not closed: 3 edges .*method: hull"):
         decompose(mesh, PARTS)
-    assert held(decompose(mesh, HULL), vertices).all()
+    assert contained(decompose(mesh, HULL), vertices).all()
 
 
 @pytest.mark.parametrize(("suffix", "write"), [("stl", meshes.stl), ("obj", meshes.obj)])
