@@ -51,6 +51,12 @@ def test_every_message_field_and_code_is_in_the_tables():
     assert [line.split("`")[1] for line in BLOCKS["errors"]().splitlines()[2:]] == list(CODES)
 
 
+def test_a_field_without_a_docstring_is_an_error(monkeypatch):
+    monkeypatch.setattr("tools.spec.tables._field_docstrings", dict)
+    with pytest.raises(ValueError, match=r"Hello\.id has no docstring"):
+        BLOCKS["client"]()
+
+
 def test_every_request_has_an_answer():
     requests = [message for message in m.CLIENT_MESSAGES if issubclass(message, m.Request)]
     assert list(m.ANSWERS) == requests
