@@ -121,10 +121,10 @@ def _push(rig: Rig, by: np.ndarray) -> None:
 def _ask(rig: Rig, inward: np.ndarray, edge: float) -> None:
     """Check that motion deeper into a violation is refused, and motion out of it admitted."""
     deeper = float(np.max(rig.drives[0].q)) - edge
-    for way, refused in ((3.0 * inward, True), (-inward, False)):
+    for dq, refused in ((3.0 * inward, True), (-inward, False)):
         for _ in range(rig.every[0]):
             rig.step()
-        verdict = rig.command(0, way)
+        verdict = rig.command(0, dq)
         if deeper > 1e-3 and (verdict.outcome is Outcome.REFUSED) != refused:
             reasons = verdict.reasons[-1:]
-            rig.violation(f"{1e3 * deeper:.2f} mm too near, {way} is {verdict.outcome} {reasons}")
+            rig.violation(f"{1e3 * deeper:.2f} mm too near, {dq} is {verdict.outcome} {reasons}")

@@ -229,8 +229,8 @@ class Oracle:
             np.flatnonzero(np.min(np.where(sure, np.inf, low - need), axis=0) < NEAR) if low.size else ()
         ):
             column = np.where(sure[:, p], np.inf, low[:, p] - need[p])
-            asked = np.zeros(len(column), dtype=bool)
-            while not asked[i := int(np.argmin(column))] and column[i] <= min(smallest, NEAR):
+            examined = np.zeros(len(column), dtype=bool)
+            while not examined[i := int(np.argmin(column))] and column[i] <= min(smallest, NEAR):
                 apart = self.apart(int(p), R[i], t[i])
                 if apart.low - need[p] < smallest:
                     smallest, where = apart.low - need[p], (i, int(p))
@@ -238,7 +238,7 @@ class Oracle:
                     broken.append((i, int(p), apart.high))
                 # The plane found here also separates the bodies at most of the other positions.
                 column = np.maximum(column, self._room(int(p), R, t, apart.normal) - need[p])
-                column[i], asked[i] = apart.low - need[p], True
+                column[i], examined[i] = apart.low - need[p], True
         return Least(smallest, where, broken)
 
     # --- one pair -----------------------------------------------------------------------------------------

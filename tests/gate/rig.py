@@ -81,7 +81,7 @@ class Drive:
         self._steps.clear()
         self._steps.extend([(-1e9, self.q.copy()), (-1e8, self.q.copy())])
 
-    def way_left(self, time: float) -> float:
+    def distance_left(self, time: float) -> float:
         """Return the largest distance, in any joint, of the setpoints that still count from the position."""
         seen = time - self._delay
         held = [k for k, (t, _) in enumerate(self._steps) if t <= seen + 1e-9][-1]
@@ -377,14 +377,14 @@ class Rig:
         names = next((s.robots for s in self.stopped if s.id == stop), ())
         robots = [self.cell.robot_index(name) for name in names]
         under_way = [i for i in robots if self.players[i].moves or self._coming(i)]
-        left = {i: self.drives[i].way_left(self.now) for i in robots}
+        left = {i: self.drives[i].distance_left(self.now) for i in robots}
         out = self.feed(Reset(stop, "rig"))
         if out[0].accepted:
             for i in under_way:
                 self.violation(f"{self.players[i].robot} is reset with a plan under way at {self.now:.3f} s")
-            for i, way in left.items():
-                if way > 8.0 * self.cell.robots[i].q_tolerance + 1e-4 and not self.expect_faults:
-                    self.violation(f"{self.players[i].robot} is reset with {way:.5f} left to go")
+            for i, distance in left.items():
+                if distance > 8.0 * self.cell.robots[i].q_tolerance + 1e-4 and not self.expect_faults:
+                    self.violation(f"{self.players[i].robot} is reset with {distance:.5f} left to go")
         return out
 
     def _coming(self, i: int) -> bool:
@@ -470,30 +470,30 @@ class Rig:
 
     def check_stop(self) -> None:
         """Play a copy of every robot's plan to rest and check it: together, and each at its own time."""
-        ways = [self._way_to_rest(i) for i in range(len(self.drives))]
-        longest = max(map(len, ways))
-        together = [np.concatenate([w, np.repeat(w[-1:], longest - len(w), axis=0)]) for w in ways]
+        paths = [self._path_to_rest(i) for i in range(len(self.drives))]
+        longest = max(map(len, paths))
+        together = [np.concatenate([p, np.repeat(p[-1:], longest - len(p), axis=0)]) for p in paths]
         self.tally.stop_samples += longest
         self._ask(together, "stopping")
-        if len(ways) > 1:
+        if len(paths) > 1:
             picks = 24
-            apart = [w[[self.rng.randrange(len(w)) for _ in range(picks)]] for w in ways]
+            apart = [p[[self.rng.randrange(len(p)) for _ in range(picks)]] for p in paths]
             self.tally.stop_samples += picks
             self._ask(apart, "stopping at its own time")
 
-    def _way_to_rest(self, i: int) -> np.ndarray:
+    def _path_to_rest(self, i: int) -> np.ndarray:
         drive, player = copy.deepcopy(self.drives[i]), copy.copy(self.players[i])
-        way, grid = [drive.q], self._grid
+        path, grid = [drive.q], self._grid
         while not (drive.resting() and player.plan is None and player.next is None):
             grid += 1
             drive.advance(grid * GRID)
-            way.append(drive.q)
+            path.append(drive.q)
             if grid % self.every[i] == 0:
                 drive.command(grid * GRID, player.play(grid * GRID, drive.q).setpoint)
-            if len(way) > 2000:
+            if len(path) > 2000:
                 self.violation(f"{player.robot} does not come to rest")
                 break
-        return np.stack(way)
+        return np.stack(path)
 
     def _ask(self, qs: Sequence[np.ndarray], when: str) -> None:
         least = self.oracle.least(qs, self.need)

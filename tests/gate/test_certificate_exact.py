@@ -149,11 +149,11 @@ def posed(shape):
 def test_directions_are_turned_if_the_proof_falls_short_or_a_body_has_corners(
     shapes, claimed, lb, tried, turned, monkeypatch
 ):
-    asked = []
+    turns = []
     monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), tried))
-    monkeypatch.setattr(certificate, "turned_direction", lambda *_: asked.append(1) or (np.array(X), 5.0))
+    monkeypatch.setattr(certificate, "turned_direction", lambda *_: turns.append(1) or (np.array(X), 5.0))
     n, found = certificate._overlap(*map(posed, shapes), np.array((0.0, 1.0, 0.0)), lb, claimed)
-    assert len(asked) == turned
+    assert len(turns) == turned
     assert found == (5.0 if turned else max(tried, lb))
     assert tuple(n) == (X if found > lb else (0.0, 1.0, 0.0))
 
@@ -189,10 +189,10 @@ def test_an_engine_returns_the_direction_and_the_points_of_two_balls(engine, n):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_answer_does_not_depend_on_the_previous_query(engine):
     """A reused result object may keep the least distance found so far, here that of an overlap."""
-    asked = engine((Convex(TIPS, 0.0), Sphere(0.25)))
-    asked.suggest(0, at(0, 0, 0), 1, at(0.25, 0, 0))
+    tested = engine((Convex(TIPS, 0.0), Sphere(0.25)))
+    tested.suggest(0, at(0, 0, 0), 1, at(0.25, 0, 0))
     for n, apart in ((X, 1.0), ((0.0, 1.0, 0.0), 3.0), ((0.0, 0.0, -1.0), 2.0)):
-        found = asked.suggest(0, at(0, 0, 0), 1, at(*(apart * x for x in n)))
+        found = tested.suggest(0, at(0, 0, 0), 1, at(*(apart * x for x in n)))
         assert found.distance == pytest.approx(apart - 0.75, abs=1e-6)
         assert found.normal == pytest.approx(n, abs=1e-3)
         assert found.points[0] == pytest.approx([0.5 * x for x in n], abs=1e-3)
@@ -214,10 +214,10 @@ def test_without_a_direction_an_engine_returns_up():
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("one", "other"), [(0.1, 0.0), (0.0, 0.1), (0.1, 0.2), (1.0, 1.0)])
 def test_the_radius_of_a_hull_is_subtracted_on_its_side(engine, one, other):
-    asked = engine((Convex(TIPS, one), Convex(TIPS, other), Sphere(0.5)))
+    tested = engine((Convex(TIPS, one), Convex(TIPS, other), Sphere(0.5)))
     for b in (1, 2):
         r = other if b == 1 else 0.0
-        found = asked.suggest(0, at(1, 0, 0), b, at(5, 0, 0))
+        found = tested.suggest(0, at(1, 0, 0), b, at(5, 0, 0))
         assert found.distance == pytest.approx(3.0 - one - r, abs=1e-6)
         assert found.normal == pytest.approx(X, abs=1e-6)
         assert [p[0] for p in found.points] == pytest.approx([1.5 + one, 4.5 - r], abs=1e-6)

@@ -30,13 +30,13 @@ def two(first=(-0.5, 0.0), second=(0.5, 0.0), shape=None):
     return Clearance(scenes.build(robots), False)
 
 
-def way(clearance, robot, *nodes):
+def path(clearance, robot, *nodes):
     n = clearance.cell.robots[robot].model.n
     return clearance.space.sweep_nodes(robot, np.array(nodes, dtype=float), np.zeros(n))
 
 
 def hold(clearance, robot, *nodes):
-    clearance.hold(robot, [way(clearance, robot, *nodes)])
+    clearance.hold(robot, [path(clearance, robot, *nodes)])
 
 
 def checked(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
@@ -44,7 +44,7 @@ def checked(clearance, *nodes, robot=0, step=None, need=LIMIT, budget=PLENTY):
     needs = np.full(len(clearance.pairs_of[robot]), need)
     step = None if step is None else np.array(step)
     left = Budget(budget)
-    found = clearance.check(robot, way(clearance, robot, *nodes), step, needs, left)
+    found = clearance.check(robot, path(clearance, robot, *nodes), step, needs, left)
     return found, budget - left.left
 
 
@@ -147,7 +147,7 @@ def test_directions_of_a_chain_are_in_the_frame_of_the_nearer_body():
 def test_of_several_held_paths_the_worst_counts():
     clearance = ball({"b": sphere(1.0)})
     for order in ((0.0, 0.5), (0.5, 0.0)):
-        clearance.hold(0, [way(clearance, 0, (x, 0.0, 0.0)) for x in order])
+        clearance.hold(0, [path(clearance, 0, (x, 0.0, 0.0)) for x in order])
         clearance.prove_all(0)
         assert clearance.bound[0] == pytest.approx(0.4, abs=1e-8)
 
@@ -179,9 +179,9 @@ def test_positions_of_a_pair_are_known_if_those_of_both_robots_are():
 def test_a_point_bound_counts_against_everything_that_the_other_robot_may_pass():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
-    clearance.hold(1, [way(clearance, 1, (0.5, 0.0), (0.0, 0.0)), way(clearance, 1, (0.5, 0.5))])
+    clearance.hold(1, [path(clearance, 1, (0.5, 0.0), (0.0, 0.0)), path(clearance, 1, (0.5, 0.5))])
     assert clearance.point_bound(0, 0, (-0.75, 0.0)) == pytest.approx(0.65, abs=1e-6)
-    clearance.hold(1, [way(clearance, 1, (0.5, 0.5)), way(clearance, 1, (0.0, 0.0), (0.5, 0.0))])
+    clearance.hold(1, [path(clearance, 1, (0.5, 0.5)), path(clearance, 1, (0.0, 0.0), (0.5, 0.0))])
     assert clearance.point_bound(0, 0, (-0.75, 0.0)) == pytest.approx(0.65, abs=1e-6)
 
 
@@ -193,17 +193,17 @@ def test_slabs_count_the_held_occupancies_of_other_robots():
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
     clearance.prove_all(0)
-    found, asked = checked(clearance, (-0.5, 0.0), (0.25, 0.0))
-    assert (found.binding, asked) == (None, 0)
+    found, queries = checked(clearance, (-0.5, 0.0), (0.25, 0.0))
+    assert (found.binding, queries) == (None, 0)
     assert found.lb == pytest.approx([0.15 - MARGIN], abs=1e-12)
 
 
 def test_nothing_can_be_proven_for_a_robot_of_unknown_position():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
-    found, asked = checked(clearance, (-0.5, 0.0))
+    found, queries = checked(clearance, (-0.5, 0.0))
     assert np.isneginf(found.binding.lb)
-    assert (found.binding.pair, found.binding.need, found.binding.points, asked) == (0, LIMIT, None, 0)
+    assert (found.binding.pair, found.binding.need, found.binding.points, queries) == (0, LIMIT, None, 0)
 
 
 def test_without_a_budget_no_engine_is_queried_and_nothing_is_found():
@@ -216,18 +216,18 @@ def test_without_a_budget_no_engine_is_queried_and_nothing_is_found():
 
 def test_one_query_finds_the_direction_and_the_next_path_needs_no_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
-    found, asked = checked(clearance, (0.0, 0.0, 0.0), need=0.39)
-    assert (found.binding, asked) == (None, 1)
+    found, queries = checked(clearance, (0.0, 0.0, 0.0), need=0.39)
+    assert (found.binding, queries) == (None, 1)
     assert found.lb == pytest.approx([0.4], abs=1e-6)
     assert clearance._n == pytest.approx(np.array([[0.6, 0.8, 0.0]]), abs=1e-4)
-    found, asked = checked(clearance, (0.003, 0.004, 0.0), need=0.39)
-    assert (found.binding, asked) == (None, 0)
+    found, queries = checked(clearance, (0.003, 0.004, 0.0), need=0.39)
+    assert (found.binding, queries) == (None, 0)
 
 
 def test_a_pair_that_is_truly_too_near_costs_one_query():
     clearance = ball({"b": sphere(0.3, 0.4)})
-    found, asked = checked(clearance, (0.0, 0.0, 0.0), need=0.41)
-    assert asked == 1
+    found, queries = checked(clearance, (0.0, 0.0, 0.0), need=0.41)
+    assert queries == 1
     assert found.binding.lb == pytest.approx(0.4, abs=1e-6)
     p, q = map(np.array, found.binding.points)
     assert p == pytest.approx([0.03, 0.04, 0.0], abs=1e-4)
@@ -252,11 +252,11 @@ BEND = ((-0.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
 @pytest.mark.parametrize(("need", "way_is_free"), [(0.0499, True), (0.0501, False)])
 def test_a_path_around_a_corner_is_proven_cell_by_cell(need, way_is_free):
     clearance = ball({"b": sphere(-0.15, 0.15)})
-    found, asked = checked(clearance, *BEND, need=need)
+    found, queries = checked(clearance, *BEND, need=need)
     assert (found.binding is None) == way_is_free
     if way_is_free:
         assert found.lb == pytest.approx([need])
-    assert 2 < asked < 50
+    assert 2 < queries < 50
 
 
 @pytest.mark.parametrize("missing", [-1, 0, 1, 2, 5])
@@ -276,8 +276,8 @@ def test_a_path_is_checked_against_every_path_of_the_other_robot(side):
     for apart, free in ((0.031, True), (0.019, False)):
         clearance = two()
         hold(clearance, 0, (-0.5, 0.0))
-        ways = [way(clearance, 1, (0.5, 0.9)), way(clearance, 1, (0.0, 0.1 + apart))]
-        clearance.hold(1, ways if side else ways[::-1])
+        paths = [path(clearance, 1, (0.5, 0.9)), path(clearance, 1, (0.0, 0.1 + apart))]
+        clearance.hold(1, paths if side else paths[::-1])
         found, _ = checked(clearance, (-0.5, 0.0), (0.5, 0.0))
         assert (found.binding is None) == free
 
@@ -292,9 +292,9 @@ def test_two_paths_are_checked_against_each_other_for_every_timing(gap, free, ro
     outer = ((-0.5, edge), (-edge, edge), (-edge, 0.5))
     hold(clearance, 0, *inner)
     hold(clearance, 1, *outer)
-    found, asked = checked(clearance, *(inner, outer)[robot], robot=robot)
+    found, queries = checked(clearance, *(inner, outer)[robot], robot=robot)
     assert (found.binding is None) == free
-    assert asked < 200
+    assert queries < 200
 
 
 # --- rotation: deviation from the chords --------------------------------------------------------------------
@@ -316,11 +316,11 @@ def test_a_rotating_bar_is_proven_in_halves(gap, free):
     """It passes a ball beyond its tip, which comes nearest between the ends of the rotation."""
     reach = 0.8 + 0.02 + gap + 0.05
     clearance = bar({"b": sphere(reach * np.cos(0.4), reach * np.sin(0.4))})
-    found, asked = checked(clearance, (0.0,), (0.8,), budget=64)
+    found, queries = checked(clearance, (0.0,), (0.8,), budget=64)
     assert (found.binding is None) == free
-    assert asked <= 64
+    assert queries <= 64
     if free:
-        assert asked > 4
+        assert queries > 4
 
 
 def bars(apart, hub=None):
@@ -343,11 +343,11 @@ def bars(apart, hub=None):
 
 @pytest.mark.parametrize(("gap", "free"), [(0.0205, True), (0.0195, False)])
 @pytest.mark.parametrize("hub", [None, 0, 1])
-@pytest.mark.parametrize(("ways", "budget"), [((1.2, 0.02), 60), ((0.02, 1.2), 60), ((1.0, 1.0), 250)])
-def test_of_two_rotating_bars_the_longer_path_is_halved(gap, free, ways, budget, hub):
+@pytest.mark.parametrize(("paths", "budget"), [((1.2, 0.02), 60), ((0.02, 1.2), 60), ((1.0, 1.0), 250)])
+def test_of_two_rotating_bars_the_longer_path_is_halved(gap, free, paths, budget, hub):
     """If the other path were halved, no budget would be enough."""
     clearance = bars(gap, hub)
-    one, other = ways
+    one, other = paths
     hold(clearance, 0, (0.0,))
     hold(clearance, 1, (-other / 2,), (other / 2,))
     found, _ = checked(clearance, (-one / 2,), (one / 2,), budget=budget)

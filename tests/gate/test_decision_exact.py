@@ -148,18 +148,18 @@ def test_a_smaller_blend_is_tried_at_the_point_where_the_margin_would_be_used_up
 @pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
 def test_an_unproven_increment_is_tried_three_times(response, trials):
     scripted = lane_scripted(-1.0, response)
-    binding, asked = bound_by(scripted, 0.5)(-0.5), []
+    binding, tried = bound_by(scripted, 0.5)(-0.5), []
 
     def maker(robot, new, step, need, budget):
-        assert budget.left == 32 - len(asked)  # one budget for all trials, as documented
+        assert budget.left == 32 - len(tried)  # one budget for all trials, as documented
         assert budget.take()
-        asked.append(new.nodes[-1][0])
+        tried.append(new.nodes[-1][0])
         return ClearanceResult(need, binding)
 
     scripted.gate._clearance.check = maker
     assert scripted.command((1e-4, 0.0)).outcome is Outcome.REFUSED
-    ways = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
-    assert np.array(asked) + 1.0 == pytest.approx(ways, rel=1e-5)
+    expected = [1e-4, 1e-4 * 0.98 / 2, 1e-4 * (0.98 / 2) ** 2][:trials]
+    assert np.array(tried) + 1.0 == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("upper", "outcome"), [(1.2, 0.75), (1.15, 0.0)])

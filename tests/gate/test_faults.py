@@ -207,7 +207,7 @@ def test_motion_bounds_cover_a_start_with_a_slide_outside_its_limits(seed):
     assert rig.tally.violations == []
 
 
-def asked(gate, name, k, dq):
+def plan_for(gate, name, k, dq):
     verdict, *plans = gate.step(Command(name, 1, k, k, dq))
     assert isinstance(verdict, Verdict)
     return plans[0]
@@ -226,7 +226,7 @@ def one_cart(q=(0.0, 0.5)):
 def test_a_late_plan_is_counted_once_whether_the_tick_or_the_answer_comes_first(answer_first):
     gate = one_cart()
     for k in range(2):
-        plan = asked(gate, "slow", k, (0.0001, 0.0))
+        plan = plan_for(gate, "slow", k, (0.0001, 0.0))
         assert plan.key.last_played == -1
         unplayed = Tick("slow", k + 1, 0.004 * (k + 1), (0.0, 0.5), (0.0, 0.5), (0.0, 0.0))
         answer = PlanAnswer("slow", plan.key, False, "late")

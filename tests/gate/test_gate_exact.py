@@ -386,19 +386,19 @@ def test_the_least_clearance_is_to_other_bodies_and_measured_by_the_engine():
     assert view.least_clearance == min(n.distance for n in others if n.points is not None)
 
 
-@pytest.mark.parametrize("way", ["first", "rebased", "reset"])
-def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
+@pytest.mark.parametrize("event", ["first", "rebased", "reset"])
+def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(event):
     scripted = pair()
-    if way != "first":
+    if event != "first":
         scripted.command((STEP,))
         scripted.play()
-    if way == "rebased":
+    if event == "rebased":
         scripted.tick[0] += 1
         now = scripted.tick[0] * T
         scripted.gate.step(
             Tick("left", scripted.tick[0], now, scripted.q[0], scripted.q[0], (0.0,), rebased=True)
         )
-    if way == "reset":
+    if event == "reset":
         scripted.rest(0, count=2)
         scripted.command((STEP,))
         scripted.play()
@@ -407,7 +407,7 @@ def test_a_plan_after_a_tick_without_a_plan_replaces_no_plan(way):
         assert scripted.gate.step(Reset(stop.id, "x"))[0].accepted
     scripted.command((STEP,))
     assert scripted.held[0].key.last_played == -1
-    assert scripted.held[0].key.resets == (way == "reset")
+    assert scripted.held[0].key.resets == (event == "reset")
 
 
 @pytest.mark.parametrize(("over", "outcome"), [(1e-13, Outcome.ADMITTED), (1e-11, Outcome.LIMITED)])

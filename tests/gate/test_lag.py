@@ -59,7 +59,7 @@ def setpoints(rng, joints, period, ticks):
     return np.array(out[:ticks])
 
 
-def strays(rng, lag, difference, period, share, ticks=120):
+def deviations(rng, lag, difference, period, share, ticks=120):
     """Return the deviation of joints from their companion, at and between ticks, over the largest increment.
 
     The companion has one lag for all joints, and so stays in the hull of setpoints and its start: it is at a
@@ -90,7 +90,7 @@ def test_no_position_deviates_by_more_than_the_tube_and_some_by_most_of_it(lag, 
     deviation = hull_deviation_of(lagging_demo(difference, lag=lag, period=period).robot("FR"))
     rng = np.random.default_rng(int(1e6 * (lag + difference)))
     at_ticks, between = np.max(
-        [strays(rng, lag, difference, period, deviation.ticks) for _ in range(6)], axis=0
+        [deviations(rng, lag, difference, period, deviation.ticks) for _ in range(6)], axis=0
     )
     assert at_ticks <= deviation.ticks + 1e-9
     whole = deviation.ticks + deviation.between
@@ -212,16 +212,16 @@ def test_the_lag_tube_does_not_stop_a_robot_at_full_speed():
 R = 1e-4
 
 
-def crept(step, way, difference=0.1, ticks=60):
+def distance_crept(step, increment, difference=0.1, ticks=60):
     """Return how far a robot creeps across its path, by ``step`` per tick, before its fault; else None."""
     cell = scenes.crossing(window=0.0, tolerance=R, periods=(0.012, 0.012))
     scripted = ScriptedGate(scenes.lagging(cell, 0.03, difference) if difference else cell)
     off = 0.0
     for k in range(ticks):
         before, u, key, index = scripted.q[0], (0.0, 0.0), None, -1
-        if any(way):
+        if any(increment):
             share = min(1.0, 0.2 * (k + 1))
-            assert scripted.command(tuple(share * x for x in way)).outcome == "admitted"
+            assert scripted.command(tuple(share * x for x in increment)).outcome == "admitted"
             plan = scripted.held[0]
             u, key, index = plan.increments[0], plan.key, 0
         scripted.tick[0] += 1
@@ -235,16 +235,16 @@ def crept(step, way, difference=0.1, ticks=60):
 
 
 @pytest.mark.parametrize("step", [0.3, 0.9, 1.9, -0.5, -1.9])
-@pytest.mark.parametrize("way", [(0.0, 0.0), (2e-3, 0.0)])
+@pytest.mark.parametrize("increment", [(0.0, 0.0), (2e-3, 0.0)])
 @pytest.mark.parametrize("difference", [0.0, 0.1])
-def test_a_joint_at_rest_that_creeps_is_detected_beyond_two_tolerances(step, way, difference):
-    off = crept(step * R, way, difference)
+def test_a_joint_at_rest_that_creeps_is_detected_beyond_two_tolerances(step, increment, difference):
+    off = distance_crept(step * R, increment, difference)
     assert 2.0 * R < off < (2.0 + abs(step)) * R + 1e-9
 
 
 @pytest.mark.parametrize("step", [1.0, 1.9, -1.9])
 def test_a_robot_that_creeps_off_its_path_while_all_its_joints_move_is_detected(step):
-    off = crept(step * R, (2e-3, 2e-3))
+    off = distance_crept(step * R, (2e-3, 2e-3))
     assert off is not None
     assert off < 40.0 * R
 
@@ -257,11 +257,11 @@ def test_late_time_stamps_fault_no_robot_with_a_declared_delay(seed):
     """The delay is 15 ms, the period 12 ms, stamps are up to 0.8 periods late, and paths have corners."""
     cell = scenes.crossing(window=0.015, periods=(0.012, 0.012))
     rig = Rig(cell, seed, delay=(0.015, 0.0), traffic=Traffic(jitter=0.8), stops=0.0)
-    way = np.zeros(2)
+    increment = np.zeros(2)
 
     def corners(rig, i):
         if rig.rng.random() < 0.3:
-            way[:] = 0.012 * rig.rng.choice((0.05, 0.1, 0.5)) * np.array([rig.rng.uniform(-1, 1), 0.3])
-        return way if i == 0 else None
+            increment[:] = 0.012 * rig.rng.choice((0.05, 0.1, 0.5)) * np.array([rig.rng.uniform(-1, 1), 0.3])
+        return increment if i == 0 else None
 
     assert rig.run(corners, 600).violations == []

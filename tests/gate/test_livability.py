@@ -115,8 +115,8 @@ def test_a_retreat_admits_increments_that_truly_widen():
     cell = scenes.planar()
     oracle, rng = Oracle(cell), random.Random(5)
     robot = cell.robots[0]
-    asked = admitted = 0
-    while asked < 60:
+    commands = admitted = 0
+    while commands < 60:
         q = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
         before = violated(cell, oracle, [q[None, :]])
         if not before or min(before.values()) < -0.03:
@@ -127,10 +127,10 @@ def test_a_retreat_admits_increments_that_truly_widen():
         widened = all(oracle.apart(p, R[1], t[1]).low > d + 1e-5 for p, d in before.items())
         if not widened or set(after) - set(before):
             continue
-        rig = Rig(cell, asked, stops=0.0, start=[q], oracle=oracle)
-        asked += 1
+        rig = Rig(cell, commands, stops=0.0, start=[q], oracle=oracle)
+        commands += 1
         admitted += rig.command(0, u).outcome is not Outcome.REFUSED
-    assert admitted >= 0.95 * asked
+    assert admitted >= 0.95 * commands
 
 
 @pytest.mark.parametrize("scene", ["planar", "wire"])

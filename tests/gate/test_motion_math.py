@@ -64,8 +64,8 @@ def test_no_deceleration_bound_means_an_immediate_stop():
 @given(st.floats(0.0, 2.0), st.floats(1e-3, 0.5))
 def test_the_largest_stopping_increment_just_fits(room, decel):
     u = largest_stopping(room, decel)
-    way = sum(x for (x,) in stop_increments((u,), (decel,)))
-    assert way <= room + 1e-9
+    length = sum(x for (x,) in stop_increments((u,), (decel,)))
+    assert length <= room + 1e-9
     more = sum(x for (x,) in stop_increments((u + 1e-6,), (decel,)))
     assert more > room - 1e-9
 

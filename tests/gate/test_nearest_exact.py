@@ -61,10 +61,10 @@ def test_a_robot_that_stands_still_is_placed_once():
     nearest = NearestPairs(clearance)
     q = [(-0.55,), (0.55,)]
     nearest.find(0, q, 1)
-    asked = clearance.certifier.queries
-    assert asked == 1
+    queries = clearance.certifier.queries
+    assert queries == 1
     nearest.find(0, q, 1)
-    assert clearance.certifier.queries <= asked + 1
+    assert clearance.certifier.queries <= queries + 1
 
 
 def test_the_lowest_few_are_in_order_and_of_equal_values_the_first_count():

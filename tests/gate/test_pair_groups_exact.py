@@ -143,23 +143,23 @@ def _moves(cell, body):
 def test_placements_are_computed_once_and_only_at_the_first_access():
     cell = scenes.corner()
     space = Clearance(cell, False).space
-    asked = []
+    placed = []
     place = space._place
-    space.place_with(lambda robot, q: (asked.append(tuple(q)), place(robot, q))[1])
+    space.place_with(lambda robot, q: (placed.append(tuple(q)), place(robot, q))[1])
     a, b, c = ((0.0, 0.1, 0.0), (0.1, 0.1, 0.0), (0.2, 0.1, 0.0))
     one = space.sweep(0, Occupancy((a, b), (0.0,) * 3))
-    assert asked == []
+    assert placed == []
     assert one.R.shape == (2, len(cell.robots[0].model.bodies), 3, 3)
     _ = one.t
-    assert asked == [a, b]
+    assert placed == [a, b]
     _ = space.sweep(0, Occupancy((b, c), (0.0,) * 3)).t
-    assert asked == [a, b, c]
+    assert placed == [a, b, c]
     for k in range(9):
         _ = space.still(0, (0.3, 0.1, 0.01 * k)).t
     _ = space.still(0, (0.3, 0.1, 0.08)).t
-    assert len(asked) == 12
+    assert len(placed) == 12
     _ = space.still(0, a).t  # no longer kept
-    assert len(asked) == 13
+    assert len(placed) == 13
 
 
 def test_bounds_keep_a_margin_for_rounding():

@@ -14,13 +14,13 @@ CAUSES = st.one_of(
 )
 
 
-def asked(why="w", by="a"):
+def by_client(why="w", by="a"):
     return StopCause(by, why)
 
 
 def test_a_repeated_stop_replaces_the_one_before_and_every_id_names_it():
     stops = Stops()
-    assert [stops.raise_((0,), asked()) for _ in range(3)] == [(1, None), (2, 1), (3, 2)]
+    assert [stops.raise_((0,), by_client()) for _ in range(3)] == [(1, None), (2, 1), (3, 2)]
     assert stops.of(0) == [3]
     assert {stops.find(id_).id for id_ in (1, 2, 3)} == {3}
     stops.lift(stops.find(1))
@@ -29,11 +29,12 @@ def test_a_repeated_stop_replaces_the_one_before_and_every_id_names_it():
 
 
 @pytest.mark.parametrize(
-    ("robots", "cause"), [(CELL, asked()), ((0,), asked(why="v")), ((0,), asked(by="b")), ((0,), LINK)]
+    ("robots", "cause"),
+    [(CELL, by_client()), ((0,), by_client(why="v")), ((0,), by_client(by="b")), ((0,), LINK)],
 )
 def test_a_stop_of_other_robots_or_another_cause_is_another_stop(robots, cause):
     stops = Stops()
-    stops.raise_((0,), asked())
+    stops.raise_((0,), by_client())
     assert stops.raise_(robots, cause) == (2, None)
     assert stops.of(0) == [1, 2]
     stops.lift(stops.find(1))
@@ -50,11 +51,11 @@ def test_restarts_of_a_robot_server_leave_one_stop():
 def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_or_else_the_newest():
     stops = Stops()
     for number in range(OF_CLIENTS - 2):
-        stops.raise_((0,), asked(why=f"{number}"))
-    mine, last = stops.raise_((0,), asked(by="b"))[0], stops.raise_((0,), asked(by="c"))[0]
-    again = stops.raise_((0,), asked(by="b", why="more"))
+        stops.raise_((0,), by_client(why=f"{number}"))
+    mine, last = stops.raise_((0,), by_client(by="b"))[0], stops.raise_((0,), by_client(by="c"))[0]
+    again = stops.raise_((0,), by_client(by="b", why="more"))
     assert again == (OF_CLIENTS + 1, mine)
-    assert stops.raise_((0,), asked(by="d")) == (OF_CLIENTS + 2, again[0])
+    assert stops.raise_((0,), by_client(by="d")) == (OF_CLIENTS + 2, again[0])
     assert last in stops.of(0)
     assert stops.raise_((0,), FAULT)[1] is None  # the gate's own stops do not count for the clients' bound
 
@@ -62,7 +63,7 @@ def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_or_else_the_newe
 def test_the_number_of_remembered_replaced_ids_is_bounded():
     stops = Stops()
     for _ in range(REMEMBERED + 10):
-        newest, _ = stops.raise_((0,), asked())
+        newest, _ = stops.raise_((0,), by_client())
     assert stops.find(1) is None
     assert stops.find(newest - REMEMBERED).id == newest
     assert len(stops._replaced) == REMEMBERED
