@@ -20,7 +20,7 @@ from armgate.cell.mesh.formats.tokens import lines_of, numbers, shown, whole
 _CORNERS = (b"vertex_indices", b"vertex_index")
 _AXES = (b"x", b"y", b"z")
 _NEEDED = (*_AXES, *_CORNERS)
-"""Columns that must be finite; all others are only counted."""
+"""Columns whose values must be finite; the values of other columns may be NaN or infinite."""
 
 Row = list[Sequence[float]]
 
