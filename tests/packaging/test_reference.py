@@ -59,3 +59,19 @@ def test_packages_stand_above_what_they_import() -> None:
 def test_packages_that_import_each_other_are_an_error() -> None:
     with pytest.raises(ValueError, match="a -> b -> a"):
         packages.reduced({"a": {"b"}, "b": {"a"}})
+
+
+def test_the_parts_of_the_daemon_in_the_architecture_exist() -> None:
+    daemon = ROOT / "server" / "armgate" / "daemon"
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    section = text.partition("## Inside the daemon")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
+    assert sorted(listed) == sorted(path.parent.name for path in daemon.glob("*/__init__.py"))
+    files = re.findall(r"`(\w+/\w+\.py)`", section)
+    assert len(files) > 5
+    assert [name for name in files if not (daemon / name).is_file()] == []
+
+
+def test_every_package_is_in_the_architecture() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"\| `armgate\.(\w+)` \|", text)) == set(packages.owners())
