@@ -43,7 +43,7 @@ def test_the_cell_of_the_configuration_page_can_be_built(tmp_path: Path) -> None
 def test_programs_in_the_documents_are_python(block: str) -> None:
     tree = ast.parse(block)
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("armgate"):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "armgate":
             module = __import__(node.module, fromlist=[alias.name for alias in node.names])
             assert all(hasattr(module, alias.name) for alias in node.names)
 

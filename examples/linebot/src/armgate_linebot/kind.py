@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from armgate.cell.config.fields import Period
 from armgate.cell.config.link import LinkConfig
@@ -22,12 +24,12 @@ class LinebotConfig(LinkConfig):
     kind: Literal["linebot"]
     host: str = "127.0.0.1"
     """Address of the robot."""
-    port: int
+    port: Annotated[int, Field(ge=1, le=65535)]
     """Port of the robot."""
     silence: Period = 0.2
     """Time without a line after which the robot is lost [s]."""
     virtual: bool = False
-    """True if a simulated robot stands in for the real one when a command starts the whole cell."""
+    """True if the virtual robot stands in for the real one when a command starts the whole cell."""
 
 
 class LinebotKind(LinkKind[LinebotConfig]):
@@ -54,7 +56,7 @@ class LinebotKind(LinkKind[LinebotConfig]):
     def virtual(
         self, own: LinebotConfig, config: "CellConfig", robot: str, files: Sequence[Path], logs: Path
     ) -> VirtualRobot | None:
-        """Return the simulated robot: ``armgate linebot``."""
+        """Return the virtual robot: ``armgate linebot``."""
         if not own.virtual:
             return None
         return VirtualRobot(f"linebot-{robot}", ["linebot", *map(str, files), "--robot", robot])

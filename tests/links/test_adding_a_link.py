@@ -1,0 +1,220 @@
+"""A kind of link outside of this repository, installed by pip: every command works with it."""
+
+import asyncio
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from armgate.protocol import messages as m
+from support.clients import PATIENCE, Mover, Process, Raw, launch, run
+from support.ports import free_ports
+from support.robot_servers import RobotServer, lift_stops, stopped_by_the_gate
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "linebot"
+CELL = EXAMPLE / "cell.yaml"
+DQ = (0.004, 0.002)
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """The folder into which pip has installed the example."""
+    folder = tmp_path_factory.mktemp("installed")
+    offline = ("--no-index", "--no-build-isolation", "--no-deps", "--no-compile", "--quiet")
+    pip = (sys.executable, "-m", "pip", "install", *offline, "--target", str(folder), str(EXAMPLE))
+    subprocess.run(pip, check=True, timeout=300, stdin=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.fixture
+def installed(package, monkeypatch):
+    """Let processes find the package."""
+    monkeypatch.setenv("PYTHONPATH", str(package))
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """The example's cell on a free port."""
+    file = tmp_path / "port.yaml"
+    file.write_text(f"armgate: 1\nrobots: {{head: {{link: {{port: {free_ports(1)[0]}}}}}}}\n")
+    return CELL, file
+
+
+def entry_point(folder, package, value):
+    """Install a package that brings the kind ``linebot``, but not its code."""
+    info = folder / f"{package}-1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(f"[armgate.links]\nlinebot = {value}\n")
+
+
+@contextlib.asynccontextmanager
+async def virtual_robot(cell):
+    process = await launch("linebot", *map(str, cell), "--robot", "head")
+    try:
+        async with asyncio.timeout(PATIENCE):
+            assert (await process.stdout.readline()).startswith(b"linebot: at "), await process.stderr.read()
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+@contextlib.asynccontextmanager
+async def viewer(address):
+    process = await launch("view", address, "--port", "0", "--no-meshes")
+    try:
+        async with asyncio.timeout(PATIENCE):
+            line = (await process.stdout.readline()).decode()
+        yield line.removeprefix("armgate: view at ").strip()
+    finally:
+        process.terminate()
+        await process.communicate()
+
+
+async def mover_of(daemon, name):
+    """A controller whose commands move the robot."""
+    mover = await Mover.start(daemon.port, "head", name, DQ)
+    await mover.moves_on(10)
+    return mover
+
+
+async def test_check_reports_the_link(installed):
+    status, out, err = await run("check", CELL)
+    assert (status, err) == (0, "")
+    assert "head: lines of text over TCP, robot at 127.0.0.1:7450" in out
+
+
+@pytest.mark.parametrize(
+    ("packages", "said"),
+    [
+        ({}, "kind 'linebot' is not installed; expected one of emulated, rsi, or install the package"),
+        (
+            {"one": "nothing_here:KIND"},
+            r"nothing_here:KIND of the package one cannot be imported \(ModuleNotFoundError: No module named "
+            r"'nothing_here'\); repair or uninstall it",
+        ),
+        ({"one": "json:dumps"}, "json:dumps of the package one is not a LinkKind; repair or uninstall it"),
+        (
+            {"one": "json:dumps", "two": "json:loads"},
+            r"comes from 2 packages \(one, two\); uninstall all but",
+        ),
+    ],
+)
+async def test_a_kind_that_cannot_be_used_is_one_error_with_file_and_line(
+    tmp_path, monkeypatch, packages, said
+):
+    for name, value in packages.items():
+        entry_point(tmp_path, name, value)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    line = CELL.read_text().splitlines().index("      kind: linebot") + 1
+    for command in ("check", "serve", "robot-server"):
+        status, out, err = await run(command, CELL)
+        assert (status, out) == (2, "")
+        assert re.fullmatch(rf"armgate: \S+cell\.yaml:{line}: robots\.head\.link\.kind: .*{said}.*\n", err), (
+            err
+        )
+
+
+async def test_an_unknown_key_is_named_with_the_keys_of_its_kind(installed, tmp_path):
+    overlay = tmp_path / "overlay.yaml"
+    overlay.write_text("armgate: 1\nrobots: {head: {link: {prt: 1}}}\n")
+    status, _, err = await run("check", CELL, overlay)
+    assert status == 2
+    assert "robots.head.link.prt: unknown key 'prt'; did you mean 'port'? expected one of kind, lag" in err
+
+
+async def test_a_configuration_imports_no_other_kind(installed):
+    code = (
+        "import sys; from pathlib import Path; from armgate.cell.config import load_config\n"
+        f"load_config([Path({str(CELL)!r})])\n"
+        "assert 'armgate_linebot.kind' in sys.modules and 'armgate_linebot.link' not in sys.modules\n"
+        "assert not [name for name in sys.modules if name.startswith(('armgate.links.rsi', 'pinocchio'))]\n"
+    )
+    done = await asyncio.to_thread(
+        subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_reset(installed, cell, tmp_path):
+    async with (
+        virtual_robot(cell) as robot,
+        RobotServer.running(*cell, socket=tmp_path / "s") as server,
+        Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
+    ):
+        mover = await mover_of(daemon, "one")
+        robot.send_signal(10)  # SIGUSR1: its stop button
+        eye = await Raw.hello(daemon.port, "eye")
+        eye.send(m.Subscribe())
+        state = await eye.get(m.State, lambda s: s.entries[0].link == "faulted")
+        assert any("the stop button was pressed" in text for text in (await reasons(daemon)).values()), state
+        await mover.stop()
+        await lift_stops(daemon.port)
+        await (await mover_of(daemon, "two")).stop()
+        server.signal()
+        assert await server.end() == 0
+
+
+async def reasons(daemon):
+    """Reasons of the stops in force, by robot."""
+    late = await Raw.hello(daemon.port, "late")
+    return await stopped_by_the_gate(late, ["head"])
+
+
+async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):
+    async with (
+        RobotServer.running(*cell, socket=tmp_path / "s"),
+        Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
+    ):
+        async with virtual_robot(cell):
+            mover = await mover_of(daemon, "one")
+        assert (await reasons(daemon))["head"].startswith("the link to head is lost")
+        await mover.stop()
+        async with virtual_robot(cell):
+            await lift_stops(daemon.port)
+            await (await mover_of(daemon, "two")).stop()
+
+
+async def test_the_viewer_shows_it(installed, cell, tmp_path):
+    async with (
+        virtual_robot(cell),
+        RobotServer.running(*cell, socket=tmp_path / "s"),
+        Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
+        viewer(f"127.0.0.1:{daemon.port}") as url,
+    ):
+        with await asyncio.to_thread(urllib.request.urlopen, url, timeout=PATIENCE) as page:
+            assert page.status == 200
+        guest = await Raw.hello(daemon.port, "guest", "operator")
+        guest.send(m.Subscribe())
+        state = await guest.get(m.State, lambda s: s.entries[0].link == "ready")
+        assert state.entries[0].q
+
+
+def test_a_command_that_starts_the_whole_cell_starts_the_virtual_robot(installed, tmp_path):
+    code = (
+        "from pathlib import Path; from armgate.cell.config import load_config\n"
+        "from armgate.apps.stack.robot_processes import robots_of\n"
+        f"files = [Path({str(CELL)!r})]\n"
+        f"print(robots_of(load_config(files), files, Path({str(tmp_path)!r})).virtual)\n"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=True
+    )
+    assert found.stdout == f"{{'linebot-head': ['linebot', '{CELL}', '--robot', 'head']}}\n"
+
+
+def test_the_tutorial_shows_the_files_of_the_example_word_for_word():
+    text = (ROOT / "docs" / "adding-a-link.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```(?:toml|python|yaml)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    folder = EXAMPLE / "src" / "armgate_linebot"
+    files = [EXAMPLE / "pyproject.toml", folder / "kind.py", folder / "link.py", folder / "device.py", CELL]
+    assert shown == [file.read_text(encoding="utf-8") for file in files]
+    assert os.fspath(EXAMPLE.relative_to(ROOT)) in text
