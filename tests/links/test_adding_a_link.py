@@ -2,11 +2,13 @@
 
 import asyncio
 import contextlib
+import http.client
 import os
 import re
+import signal
 import subprocess
 import sys
-import urllib.request
+import urllib.parse
 from pathlib import Path
 
 import pytest
@@ -79,6 +81,20 @@ async def viewer(address):
         await process.communicate()
 
 
+def page_status(url):
+    """Status of the viewer's page, opened by its link with the secret."""
+    address = urllib.parse.urlsplit(url)
+
+    def response(path, **headers):
+        connection = http.client.HTTPConnection(address.netloc, timeout=PATIENCE)
+        with contextlib.closing(connection):
+            connection.request("GET", path, headers=headers)
+            return connection.getresponse()
+
+    first = response(f"{address.path}?{address.query}")
+    return response("/", Cookie=first.headers["Set-Cookie"].partition(";")[0]).status
+
+
 async def mover_of(daemon, name):
     """A controller whose commands move the robot."""
     mover = await Mover.start(daemon.port, "head", name, DQ)
@@ -93,7 +109,7 @@ async def test_check_reports_the_link(installed):
 
 
 @pytest.mark.parametrize(
-    ("packages", "said"),
+    ("packages", "error"),
     [
         ({}, "kind 'linebot' is not installed; expected one of emulated, rsi, or install the package"),
         (
@@ -109,7 +125,7 @@ async def test_check_reports_the_link(installed):
     ],
 )
 async def test_a_kind_that_cannot_be_used_is_one_error_with_file_and_line(
-    tmp_path, monkeypatch, packages, said
+    tmp_path, monkeypatch, packages, error
 ):
     for name, value in packages.items():
         entry_point(tmp_path, name, value)
@@ -118,9 +134,9 @@ async def test_a_kind_that_cannot_be_used_is_one_error_with_file_and_line(
     for command in ("check", "serve", "robot-server"):
         status, out, err = await run(command, CELL)
         assert (status, out) == (2, "")
-        assert re.fullmatch(rf"armgate: \S+cell\.yaml:{line}: robots\.head\.link\.kind: .*{said}.*\n", err), (
-            err
-        )
+        assert re.fullmatch(
+            rf"armgate: \S+cell\.yaml:{line}: robots\.head\.link\.kind: .*{error}.*\n", err
+        ), err
 
 
 async def test_an_unknown_key_is_named_with_the_keys_of_its_kind(installed, tmp_path):
@@ -150,12 +166,11 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
         RobotServer.running(*cell, socket=tmp_path / "s") as server,
         Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
     ):
+        observer = await Raw.hello(daemon.port, "observer", "observer")
         mover = await mover_of(daemon, "one")
-        robot.send_signal(10)  # SIGUSR1: its stop button
-        eye = await Raw.hello(daemon.port, "eye")
-        eye.send(m.Subscribe())
-        state = await eye.get(m.State, lambda s: s.entries[0].link == "faulted")
-        assert any("the stop button was pressed" in text for text in (await reasons(daemon)).values()), state
+        robot.send_signal(signal.SIGUSR1)  # its stop button
+        reasons = await stopped_by_the_gate(observer, ["head"])
+        assert reasons["head"].endswith("the stop button was pressed")
         await mover.stop()
         await lift_stops(daemon.port)
         await (await mover_of(daemon, "two")).stop()
@@ -163,20 +178,16 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
         assert await server.end() == 0
 
 
-async def reasons(daemon):
-    """Reasons of the stops in force, by robot."""
-    late = await Raw.hello(daemon.port, "late")
-    return await stopped_by_the_gate(late, ["head"])
-
-
 async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):
     async with (
         RobotServer.running(*cell, socket=tmp_path / "s"),
         Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
     ):
+        observer = await Raw.hello(daemon.port, "observer", "observer")
         async with virtual_robot(cell):
             mover = await mover_of(daemon, "one")
-        assert (await reasons(daemon))["head"].startswith("the link to head is lost")
+        reasons = await stopped_by_the_gate(observer, ["head"])
+        assert reasons["head"].startswith("the link to head is lost")
         await mover.stop()
         async with virtual_robot(cell):
             await lift_stops(daemon.port)
@@ -190,8 +201,7 @@ async def test_the_viewer_shows_it(installed, cell, tmp_path):
         Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
         viewer(f"127.0.0.1:{daemon.port}") as url,
     ):
-        with await asyncio.to_thread(urllib.request.urlopen, url, timeout=PATIENCE) as page:
-            assert page.status == 200
+        assert await asyncio.to_thread(page_status, url) == 200
         guest = await Raw.hello(daemon.port, "guest", "operator")
         guest.send(m.Subscribe())
         state = await guest.get(m.State, lambda s: s.entries[0].link == "ready")

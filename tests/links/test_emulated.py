@@ -1,4 +1,4 @@
-"""The emulated link's ticks: what is measured comes before what is played."""
+"""Ticks of the emulated link: the position is measured before the increment is played."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def test_tick_zero_is_the_start_at_rest():
     assert link.advance(1.5) == expected
 
 
-def test_the_measured_position_runs_one_tick_and_a_lag_behind():
+def test_the_measured_position_follows_with_one_tick_and_a_lag():
     link = EmulatedLink("A", "d1", (0.0,), 0.012, 0.03)
     link.advance(0.0)
     link.offer(Plan("A", PlanKey("d1", 0, 1, -1), 1, ((0.2,),)))
@@ -39,7 +39,7 @@ def test_after_a_rebase_the_robot_goes_to_the_new_setpoint_without_a_plan():
     assert link.remaining == 0
 
 
-def test_an_increment_of_another_length_is_a_fault_of_the_caller():
+def test_an_increment_of_another_length_raises_an_error():
     link = EmulatedLink("A", "d1", (0.0,), 0.012, 0.03)
     link.advance(0.0)
     link.offer(Plan("A", PlanKey("d1", 0, 1, -1), 1, ((0.2, 0.1),)))

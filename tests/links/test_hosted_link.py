@@ -1,4 +1,4 @@
-"""One link, one daemon after the other: what each of them sees, and what moves the robot."""
+"""One hosted link and successive daemons: ticks, states and plans of each daemon."""
 
 import asyncio
 
@@ -14,15 +14,15 @@ T = 0.012
 
 
 class Bench:
-    """A berth over an emulated robot of two joints whose clock is turned by hand."""
+    """A hosted link of an emulated robot with two joints, whose clock the test advances."""
 
     def __init__(self, lag=0.0, settling=0.0):
         self.now = 0.0
         link = EmulatedLink("A", "link", (0.0, 1.0), T, lag)
         self.link = WallClockedLink(link, T, lambda: self.now, self.make_clock)
-        self.berth = HostedLink(self.link, "link", 1e-6, settling)
-        self.said = []
-        asyncio.run(self.berth.open())
+        self.hosted = HostedLink(self.link, "link", 1e-6, settling)
+        self.sent = []
+        asyncio.run(self.hosted.open())
 
     def make_clock(self, period, tick):
         self.turn = tick
@@ -32,28 +32,28 @@ class Bench:
         pass
 
     def tick(self, count=1):
-        """Let the robot tick; what was said."""
+        """Let the robot tick; return the messages to the daemon."""
         for _ in range(count):
             self.now += T
             self.turn()
-        return self.heard()
+        return self.messages()
 
-    def heard(self):
-        said = list(self.said)
-        self.said.clear()
-        return said
+    def messages(self):
+        sent = list(self.sent)
+        self.sent.clear()
+        return sent
 
     def daemon(self, start, tick=0, resets=0):
-        self.berth.detach()
-        self.berth.attach(start, ResumePoint("A", tick, resets), self.said.append)
-        return self.heard()
+        self.hosted.detach()
+        self.hosted.attach(start, ResumePoint("A", tick, resets), self.sent.append)
+        return self.messages()
 
     def offer(self, start, resets, target, last=-1, increments=((0.1, 0.0), (0.05, 0.0), (0.0, 0.0))):
-        self.berth.offer(Plan("A", PlanKey(start, resets, target, last), 1, increments))
-        return self.heard()[-1]
+        self.hosted.offer(Plan("A", PlanKey(start, resets, target, last), 1, increments))
+        return self.messages()[-1]
 
 
-def test_the_first_daemon_finds_it_ready_and_counts_from_its_own_ticks():
+def test_the_first_daemon_finds_the_robot_ready_and_numbers_ticks_from_zero():
     bench = Bench()
     bench.tick(100)
     assert bench.daemon("d1") == [LinkChange("A", LinkState.READY)]
@@ -66,7 +66,7 @@ def test_the_first_daemon_finds_it_ready_and_counts_from_its_own_ticks():
     assert (second.event.setpoint, second.event.index, second.remaining) == ((0.1, 1.0), 0, 2)
 
 
-def test_a_second_daemon_is_told_of_no_tick_until_the_robot_rests_and_moves_nothing_unarmed():
+def test_a_second_daemon_gets_no_tick_before_the_robot_rests_and_cannot_move_it_before_a_rebase():
     bench = Bench(lag=0.03, settling=5 * T)
     bench.daemon("d1")
     bench.tick(8)
@@ -91,13 +91,13 @@ def test_a_second_daemon_is_told_of_no_tick_until_the_robot_rests_and_moves_noth
     assert second.event.increment == (0.0, 0.0)
 
 
-def test_a_rebase_arms_it_and_plans_from_before_are_none_of_its():
+def test_a_rebase_arms_the_link_and_earlier_plans_are_refused():
     bench = Bench()
     bench.daemon("d1")
     bench.daemon("d2")
     bench.tick(3)
-    bench.berth.rebase(Rebase("A", (0.0, 1.0), 1))
-    assert bench.heard() == [LinkChange("A", LinkState.READY)]
+    bench.hosted.rebase(Rebase("A", (0.0, 1.0), 1))
+    assert bench.messages() == [LinkChange("A", LinkState.READY)]
     (played,) = bench.tick()
     assert (played.resets, played.event.setpoint) == (1, (0.0, 1.0))
     target = played.event.tick + 1
@@ -106,7 +106,7 @@ def test_a_rebase_arms_it_and_plans_from_before_are_none_of_its():
     assert bench.offer("d2", 1, target).accepted
 
 
-def test_the_same_daemon_comes_back_to_its_own_count_and_is_told_that_things_have_moved():
+def test_a_daemon_that_reconnects_goes_on_with_its_numbers_after_a_rebased_tick():
     bench = Bench()
     bench.daemon("d1")
     bench.tick(5)
@@ -115,7 +115,7 @@ def test_the_same_daemon_comes_back_to_its_own_count_and_is_told_that_things_hav
     first, second = (x.event for x in bench.tick(2))
     assert (first.tick, first.rebased) == (40, True)
     assert (second.tick, second.rebased) == (41, False)
-    bench.berth.rebase(Rebase("A", first.q, 3))
+    bench.hosted.rebase(Rebase("A", first.q, 3))
     assert bench.offer("d1", 3, 42).accepted
 
 
@@ -125,32 +125,32 @@ def test_without_a_daemon_the_plan_runs_out():
     bench.tick()
     bench.offer("d1", 0, 1)
     bench.tick()
-    bench.berth.detach()
+    bench.hosted.detach()
     assert bench.tick(5) == []
-    assert bench.berth.resting
+    assert bench.hosted.resting
     bench.daemon("d2")
     assert next(x for x in bench.tick() if isinstance(x, TickReport)).event.setpoint == pytest.approx(
         (0.15, 1.0)
     )
 
 
-def test_one_that_ends_takes_no_plan():
+def test_a_disarmed_link_accepts_no_plan():
     bench = Bench()
     bench.daemon("d1")
     bench.tick()
-    bench.berth.disarm()
-    (change,) = bench.heard()
+    bench.hosted.disarm()
+    (change,) = bench.messages()
     assert (change.state, change.reason) == (LinkState.LOST, "the robot server is ending")
     assert bench.offer("d1", 0, 1).reason == "inactive"
 
 
-@pytest.mark.parametrize(("off", "told"), [(1e-3, True), (1.001e-3, False)])
-def test_a_robot_that_stands_under_noise_is_told_of_to_the_next_daemon(off, told):
+@pytest.mark.parametrize(("off", "reported"), [(1e-3, True), (1.001e-3, False)])
+def test_ticks_of_a_resting_robot_under_noise_are_reported_to_the_next_daemon(off, reported):
     """Two measurements of it differ by up to twice the tolerance."""
     bench = Bench(settling=5 * T)
-    bench.berth = HostedLink(bench.link, "link", 1e-3, 5 * T)
+    bench.hosted = HostedLink(bench.link, "link", 1e-3, 5 * T)
     bench.daemon("d1")
     for k in range(20):
         q = (off * (-1.0) ** k, 1.0)
-        bench.berth._receive(Tick("A", k, T * k, q, (0.0, 1.0), (0.0, 0.0)))
-    assert any(isinstance(said, TickReport) for said in bench.heard()) == told
+        bench.hosted._receive(Tick("A", k, T * k, q, (0.0, 1.0), (0.0, 0.0)))
+    assert any(isinstance(sent, TickReport) for sent in bench.messages()) == reported

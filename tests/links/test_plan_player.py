@@ -22,7 +22,7 @@ def player():
     return player
 
 
-def test_a_plan_plays_out_and_then_nothing(player):
+def test_a_plan_is_played_to_its_end(player):
     p = plan(1)
     assert player.offer(p).accepted
     assert player.remaining == 2
@@ -44,13 +44,13 @@ def test_a_plan_plays_out_and_then_nothing(player):
         (plan(1, start="d0"), "mismatch"),
     ],
 )
-def test_a_plan_made_for_something_else_is_not_taken(player, offered, reason):
+def test_a_plan_made_for_another_increment_is_refused(player, offered, reason):
     answer = player.offer(offered)
     assert (answer.accepted, answer.reason, answer.key, answer.robot) == (False, reason, offered.key, "A")
     assert player.play() == Played()
 
 
-def test_the_first_plan_for_a_tick_has_it(player):
+def test_the_first_plan_for_a_tick_is_the_only_one(player):
     first, second = plan(1, seq=1), plan(1, seq=2)
     assert player.offer(first).accepted
     assert player.offer(second).reason == "mismatch"
@@ -70,7 +70,7 @@ def test_the_same_plan_again_gets_the_same_answer_and_is_not_played_again(player
     assert player.play() == Played()
 
 
-def test_a_plan_that_never_comes_lets_the_old_one_run_out(player):
+def test_without_a_next_plan_the_old_one_runs_out(player):
     first = plan(1, [(0.3,), (0.2,), (0.1,)])
     player.offer(first)
     player.play()
@@ -81,7 +81,7 @@ def test_a_plan_that_never_comes_lets_the_old_one_run_out(player):
     assert player.play() == Played()
 
 
-def test_a_rebase_drops_everything_and_the_plans_made_before(player):
+def test_a_rebase_drops_the_held_plan_and_refuses_earlier_ones(player):
     player.offer(plan(1))
     player.rebase(1)
     assert player.remaining == 0
@@ -90,7 +90,7 @@ def test_a_rebase_drops_everything_and_the_plans_made_before(player):
     assert player.offer(plan(2, resets=1)).accepted
 
 
-def test_the_memory_for_answers_is_bounded(player):
+def test_the_number_of_kept_answers_is_bounded(player):
     for seq in range(1000):
         player.offer(plan(5, seq=seq))
     assert len(player._answers) == 64

@@ -1,4 +1,4 @@
-"""What goes over the robot server's socket: exact, whole, and nothing else."""
+"""Messages of the robot server's socket: exact, complete, and no others."""
 
 import math
 import struct
@@ -35,7 +35,7 @@ MESSAGES = [
 ]
 
 
-def test_every_message_comes_back_as_it_was_however_it_is_cut():
+def test_every_message_is_decoded_unchanged_from_pieces_of_any_size():
     data = b"".join(map(encode, MESSAGES))
     for size in (1, 3, 1000, len(data)):
         decoder, found = Decoder(), []
@@ -72,17 +72,17 @@ def packed(*values):
         struct.pack(">I", LARGEST + 1),
     ],
 )
-def test_anything_else_is_an_error(data):
+def test_any_other_bytes_are_an_error(data):
     with pytest.raises(CodecError):
         Decoder().push(data)
 
 
-def test_another_format_is_named_whatever_else_it_says():
+def test_another_format_is_named_whatever_its_fields_are():
     with pytest.raises(CodecError, match=f"format 99.*expected {FORMAT}"):
         Decoder().push(packed("hello", 99, {"all": "new"}))
 
 
-def test_who_says_nothing_has_stalled_but_not_while_we_did_not_look_ourselves():
+def test_a_silent_peer_times_out_but_not_right_after_a_pause_of_this_process():
     other = PeerTimeout(0.0)
     for tenth in range(10):
         assert not other.expired(0.1 * tenth)

@@ -1,4 +1,4 @@
-"""What the service manager is told."""
+"""Notifications of the service manager."""
 
 import asyncio
 import os
@@ -17,29 +17,29 @@ def manager(tmp_path):
         yield sock, str(tmp_path / "notify")
 
 
-async def heard(sock):
+async def received(sock):
     return (await asyncio.wait_for(asyncio.get_running_loop().sock_recv(sock, 4096), 20)).decode()
 
 
-async def test_it_says_ready_alive_and_stopping(manager):
+async def test_ready_alive_and_stopping_are_reported(manager):
     sock, path = manager
     notifier = Notifier({"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "20000", "WATCHDOG_PID": str(os.getpid())})
     notifier.ready("listening")
-    assert await heard(sock) == "READY=1\nSTATUS=listening"
-    assert [await heard(sock) for _ in range(3)] == ["WATCHDOG=1"] * 3
+    assert await received(sock) == "READY=1\nSTATUS=listening"
+    assert [await received(sock) for _ in range(3)] == ["WATCHDOG=1"] * 3
     notifier.close()
     notifier.stopping()
-    said = [await heard(sock)]
+    said = [await received(sock)]
     while said[-1] == "WATCHDOG=1":
-        said.append(await heard(sock))
+        said.append(await received(sock))
     assert said[-1].startswith("STOPPING=1\n")
 
 
 @pytest.mark.parametrize("more", [{}, {"WATCHDOG_USEC": "x"}, {"WATCHDOG_USEC": "9", "WATCHDOG_PID": "1"}])
-async def test_without_a_watchdog_of_its_own_it_only_says_ready(manager, more):
+async def test_without_a_watchdog_for_this_process_only_ready_is_reported(manager, more):
     sock, path = manager
     Notifier({"NOTIFY_SOCKET": path, **more}).ready("x")
-    assert await heard(sock) == "READY=1\nSTATUS=x"
+    assert await received(sock) == "READY=1\nSTATUS=x"
     with pytest.raises(BlockingIOError):
         sock.recv(1)
 

@@ -1,4 +1,4 @@
-"""The robot server's socket by default: in a folder of this user alone, and no link is followed."""
+"""The robot server's default socket: in a folder of this user only, and no symbolic link is followed."""
 
 import os
 import stat
@@ -10,7 +10,7 @@ from armgate.links.robot_server.unix_socket import SocketError, default_path, li
 
 @pytest.fixture
 def runtime(tmp_path, monkeypatch):
-    """A folder into which everybody may write."""
+    """A folder into which all users may write."""
     folder = tmp_path / "tmp"
     folder.mkdir()
     folder.chmod(0o1777)
@@ -23,7 +23,7 @@ def closed(listening):
         one.close()
 
 
-def test_the_folder_is_made_for_this_user_alone(runtime):
+def test_the_folder_is_made_for_this_user_only(runtime):
     path = default_path("cell")
     closed(listen(path))
     assert path.parent.parent == runtime
@@ -76,7 +76,7 @@ def test_a_lock_that_is_a_link_is_not_followed(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_lock_that_is_a_pipe_is_refused_and_not_waited_for(tmp_path):
+def test_a_lock_that_is_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "robots.sock.lock")
     with pytest.raises(SocketError):
         listen(tmp_path / "robots.sock")

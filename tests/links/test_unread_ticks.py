@@ -40,21 +40,21 @@ class Log(list):
 
 
 class Daemon:
-    """What a daemon says, and only what a test has it read."""
+    """A daemon that sends, and reads only if a test lets it."""
 
     def __init__(self, rig):
         self.socket = rig.opened(socket.AF_UNIX, socket.SOCK_STREAM)
         self.socket.connect(str(rig.path))
-        self.decoder, self.heard = Decoder(), []
+        self.decoder, self.messages = Decoder(), []
 
     @classmethod
     async def welcomed(cls, rig, start):
         daemon = cls(rig)
-        await daemon.say(Hello(FORMAT, rig.cell.hash, start, (ResumePoint("R", 0, 0),)))
+        await daemon.send(Hello(FORMAT, rig.cell.hash, start, (ResumePoint("R", 0, 0),)))
         await daemon.get(Welcome)
         return daemon
 
-    async def say(self, message):
+    async def send(self, message):
         await asyncio.get_running_loop().sock_sendall(self.socket, encode(message))
 
     async def get(self, kind):
@@ -62,10 +62,10 @@ class Daemon:
         loop = asyncio.get_running_loop()
         async with asyncio.timeout(PATIENCE):
             while True:
-                while self.heard:
-                    if isinstance(message := self.heard.pop(0), kind):
+                while self.messages:
+                    if isinstance(message := self.messages.pop(0), kind):
                         return message
-                self.heard += self.decoder.push(await loop.sock_recv(self.socket, 65536))
+                self.messages += self.decoder.push(await loop.sock_recv(self.socket, 65536))
 
 
 class Rig:
@@ -121,7 +121,7 @@ async def rig(tmp_path):
         own.close()
 
 
-async def test_it_is_let_go_of_and_its_plan_is_played_to_the_end_while_the_krc_is_answered(rig):
+async def test_its_connection_is_closed_and_its_plan_is_played_to_the_end_while_the_krc_is_answered(rig):
     daemon = await Daemon.welcomed(rig, "d1")
     for _ in range(600):
         await rig.cycle()
@@ -130,14 +130,14 @@ async def test_it_is_let_go_of_and_its_plan_is_played_to_the_end_while_the_krc_i
     while (last := await daemon.get(TickReport)).event.time < rig.time:
         pass
     increments = ((STEP, 0.0, 0.0, 0.0, 0.0, 0.0),) * 5000
-    await daemon.say(Plan("R", PlanKey("d1", 0, last.event.tick + 1, -1), 1, increments))
+    await daemon.send(Plan("R", PlanKey("d1", 0, last.event.tick + 1, -1), 1, increments))
     assert (await daemon.get(PlanAnswer)).accepted
     cycles = 0
     while not rig.log.of("daemon.gone"):
         await rig.cycle()
         cycles += 1
         if cycles % 50 == 0:
-            await daemon.say(Heartbeat())  # it lives, but does not read
+            await daemon.send(Heartbeat())  # it lives, but does not read
     assert "bytes are unread" in rig.log.of("daemon.gone")[0]["reason"]
     assert 0 < rig.link.remaining < 5000
     while rig.link.remaining:

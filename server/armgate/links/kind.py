@@ -23,6 +23,20 @@ if TYPE_CHECKING:  # a configuration is read without the libraries of a cell
     from armgate.cell.cell import Cell, Robot
     from armgate.cell.config import CellConfig
 
+__all__ = [
+    "LinkContext",
+    "LinkKind",
+    "LinkKindError",
+    "LinkReport",
+    "SteppedLinkKind",
+    "VirtualRobot",
+    "check_links",
+    "kind_of",
+    "make_link",
+    "make_stepped_link",
+    "needs_robot_server",
+]
+
 C = TypeVar("C", bound=LinkConfig)
 
 

@@ -1,4 +1,4 @@
-"""Structured log: one JSON object a line. Writing never delays a tick."""
+"""Structured log: one JSON object per line. Writing never delays a tick."""
 
 import json
 import queue
@@ -11,17 +11,17 @@ _WAITING = 4096
 
 
 class Log:
-    """Writes events from a thread of its own; when nobody reads them, newer ones are dropped and counted.
+    """Log that a thread of its own writes; if the reader is too slow, newer events are dropped and counted.
 
-    Only what is passed stands in the log: callers pass names, numbers and texts, never a whole message, so
-    that no token can slip in.
+    The log holds only what callers pass: names, numbers and texts, never a whole message, so that it cannot
+    contain a token.
 
     Args:
-        stream: Where the lines go.
+        stream: Stream of the lines.
         now: Time of day, s since 1970.
 
     Attributes:
-        also: Told of every line, too.
+        also: Called with every event, too.
     """
 
     def __init__(self, stream: TextIO, now: Callable[[], float] = time.time) -> None:
@@ -34,24 +34,24 @@ class Log:
         self._thread.start()
 
     def info(self, event: str, **fields: Any) -> None:
-        """Something happened as it should."""
+        """Log a normal event."""
         self._put("info", event, fields)
 
     def warning(self, event: str, **fields: Any) -> None:
-        """Something that somebody should look at."""
+        """Log an event that needs attention."""
         self._put("warning", event, fields)
 
     def error(self, event: str, **fields: Any) -> None:
-        """Something failed."""
+        """Log a failure."""
         self._put("error", event, fields)
 
     @property
     def depth(self) -> int:
-        """How many lines wait to be written."""
+        """Number of lines that wait to be written."""
         return self._lines.qsize()
 
     def close(self, timeout: float = 1.0) -> None:
-        """Write what waits, for at most ``timeout`` s."""
+        """Write the waiting lines, for at most ``timeout`` s."""
         try:
             self._lines.put(None, timeout=timeout)
         except queue.Full:
@@ -75,5 +75,5 @@ class Log:
             try:
                 self._stream.write(line + "\n")
                 self._stream.flush()
-            except (OSError, ValueError):  # nobody reads the log any more: not a reason to stop
+            except (OSError, ValueError):  # the reader is gone: no reason to stop
                 return

@@ -1,7 +1,7 @@
-"""Plays plans: the part of a link that decides which increment the robot takes at a tick.
+"""Player of plans: the part of a link that decides which increment the robot takes at a tick.
 
-A plan replaces the held one by compare-and-swap and comes into force at exactly one tick. Whatever is lost or
-comes too late, the held plan runs out, and every plan ends at rest.
+A plan replaces the held one by compare-and-swap and takes effect at exactly one tick. If a plan is lost or
+too late, the held plan runs out, and every plan ends at rest.
 """
 
 from collections import OrderedDict
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from armgate.events import Joints, Plan, PlanAnswer, PlanKey
 
 _REMEMBERED = 64
-"""Answers kept for plans that are sent again; a repetition is never older than some ticks."""
+"""Number of answers kept for plans that are sent again; a repetition is never older than some ticks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What was played at a tick: the increment (None at rest), its plan, its index there."""
+    """Increment that was played at a tick (None at rest), its plan, and its index in the plan."""
 
     increment: Joints | None = None
     key: PlanKey | None = None
@@ -23,11 +23,11 @@ class Played:
 
 
 class PlanPlayer:
-    """Holds the plan of one robot and counts its ticks.
+    """Player of the plans of one robot, which also counts its ticks.
 
     Args:
-        robot: The robot's name.
-        start: The daemon's start id; a plan of another start is none of ours.
+        robot: Name of the robot.
+        start: Start id that plans carry; a plan of another start is refused.
     """
 
     def __init__(self, robot: str, start: str) -> None:
@@ -47,18 +47,18 @@ class PlanPlayer:
 
     @property
     def remaining(self) -> int:
-        """How many increments are still to be played if nothing else comes."""
+        """Number of increments left to play if no other plan comes."""
         if self._next is not None:
             return len(self._next.increments)
         return 0 if self._held is None else len(self._held.increments) - 1 - self._last.index
 
     def offer(self, plan: Plan) -> PlanAnswer:
-        """Take ``plan`` over for the next tick if it was made for what is played now.
+        """Take ``plan`` over for the next tick if it was made for the increment that is played now.
 
         Returns:
-            Accepted, or why not: ``mismatch`` (another daemon start, reset count or last increment played, or
-            the tick is already taken by another plan), ``late`` (its tick has passed), ``early`` (its tick is
-            not the next one). The same plan again gets the same answer and changes nothing.
+            Accepted, or the reason. ``mismatch``: another daemon start, reset count or last increment played,
+            or the tick is already taken by another plan. ``late``: its tick has passed. ``early``: its tick
+            is not the next one. A repeated plan gets the same answer and changes nothing.
         """
         known = self._answers.get(plan)
         if known is not None:
@@ -69,7 +69,7 @@ class PlanPlayer:
         return self._remember(plan, PlanAnswer(self._robot, plan.key, not reason, reason))
 
     def play(self) -> Played:
-        """Go to the next tick and play what is due there; nothing once the plan has run out."""
+        """Go to the next tick and play its increment, if the plan has not run out."""
         self._tick += 1
         if self._next is not None:
             self._held, self._next, index = self._next, None, 0
@@ -82,13 +82,13 @@ class PlanPlayer:
         return self._last
 
     def rebase(self, resets: int) -> None:
-        """Drop the plan and what waits; plans made before are refused from now on."""
+        """Drop the plan and the next one; plans made before are refused from now on."""
         self._resets = resets
         self._held = self._next = None
         self._last = Played()
 
     def drop(self) -> None:
-        """Drop the plan and what waits: the robot was held, and rests."""
+        """Drop the plan and the next one: the robot was held, and rests."""
         self.rebase(self._resets)
 
     def _objection(self, key: PlanKey) -> str:

@@ -1,6 +1,7 @@
-"""Tells systemd how the daemon is (sd_notify(3)): ready, stopping, and alive where it watches.
+"""Notification of systemd (sd_notify(3)): ready, stopping, and alive if its watchdog is on.
 
-A datagram of ``KEY=VALUE`` lines to the socket that ``NOTIFY_SOCKET`` names; without it nobody is told.
+Each notification is a datagram of ``KEY=VALUE`` lines to the socket in ``NOTIFY_SOCKET``. Without this
+variable nothing is sent.
 """
 
 import asyncio
@@ -13,32 +14,32 @@ _MICRO = 1e-6
 
 
 class Notifier:
-    """Speaks to the service manager that started this process, if one did.
+    """Notifier of the service manager that started this process, if one did.
 
     Args:
-        environment: Where it says how.
+        environment: Environment variables.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
         meant = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         within = environment.get("WATCHDOG_USEC", "")
-        # Half of what is allowed, as the manual advises.
+        # Half of the watchdog's time, as the manual advises.
         self._every = 0.5 * int(within) * _MICRO if meant and within.isdigit() else 0.0
         self._timer: asyncio.TimerHandle | None = None
 
     def ready(self, status: str) -> None:
-        """Clients may connect; from now on the event loop says that it turns."""
+        """Report that the process is ready; from now on report that its event loop runs."""
         self._send(f"READY=1\nSTATUS={status}")
         if self._address and self._every > 0.0:
             self._alive()
 
     def stopping(self) -> None:
-        """The robots come to rest, then the process ends."""
+        """Report that the robots come to rest, and that the process ends then."""
         self._send("STOPPING=1\nSTATUS=robots come to rest")
 
     def close(self) -> None:
-        """Say no more."""
+        """Stop reporting."""
         if self._timer is not None:
             self._timer.cancel()
 
@@ -50,7 +51,7 @@ class Notifier:
         if not self._address:
             return
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
-        # Never in the way: who does not listen is not told.
+        # A notification that cannot be sent must not stop the process.
         with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
             sock.setblocking(False)
             sock.sendto(text.encode(), address)

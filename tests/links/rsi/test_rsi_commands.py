@@ -1,4 +1,4 @@
-"""`armgate rsi`: the files that it writes fit the cell, and what it hears is held against it."""
+"""`armgate rsi`: its files fit the cell, and it compares telegrams with the cell."""
 
 import asyncio
 import contextlib
@@ -28,7 +28,7 @@ def ran(*arguments):
 
 @pytest.mark.parametrize("generation", ["rsi2", "rsi3"])
 @pytest.mark.parametrize(("gantry", "mode"), [(False, "absolute"), (True, "relative")])
-def test_what_config_writes_is_what_link_and_krc_take(tmp_path, generation, gantry, mode):
+def test_link_and_krc_accept_the_files_that_config_writes(tmp_path, generation, gantry, mode):
     file = cell_text(tmp_path, gantry=gantry, mode=mode)
     (tmp_path / "krc.xml").unlink()
     options = (
@@ -65,7 +65,7 @@ def test_config_called_wrongly(tmp_path):
 
 
 def test_check_at_an_address_of_another_machine(tmp_path):
-    """The reply address in the cell has to be one of this machine: 192.0.2.0/24 is nobody's."""
+    """The reply address in the cell has to be one of this machine; 192.0.2.0/24 is reserved for documents."""
     error = ran("check", cell_text(tmp_path, listen="192.0.2.1:49152"), "--robot", "R").exception
     assert error.filename == "UDP 192.0.2.1:49152"
     assert "expected an address of this machine" in error.strerror
@@ -75,7 +75,7 @@ async def test_a_robot_server_at_an_address_of_another_machine(tmp_path):
     file = cell_text(tmp_path, listen="192.0.2.1:49152")
     status, out, err = await run("robot-server", file, "--socket", tmp_path / "s")
     assert (status, out) == (2, "")
-    assert err.startswith("armgate: cannot listen to the robots: UDP 192.0.2.1:49152: ")
+    assert err.startswith("armgate: cannot open the links to the robots: UDP 192.0.2.1:49152: ")
 
 
 @contextlib.asynccontextmanager
@@ -92,8 +92,8 @@ async def process(*arguments):
         await child.communicate()
 
 
-async def heard(folder, *krc, start="15,-80,85,20,35,40", **link):
-    """What ``armgate rsi check`` says of a KRC: its exit status and its lines."""
+async def checked(folder, *krc, start="15,-80,85,20,35,40", **link):
+    """Exit status and lines of ``armgate rsi check`` about a KRC."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{own.getsockname()[1]}"
@@ -121,7 +121,7 @@ async def heard(folder, *krc, start="15,-80,85,20,35,40", **link):
 
 
 async def test_check_of_a_krc_that_fits(tmp_path):
-    status, out = await heard(tmp_path, "--precision", "6")
+    status, out = await checked(tmp_path, "--precision", "6")
     assert status == 0, out
     for text in (
         "cycle: 1",
@@ -134,9 +134,9 @@ async def test_check_of_a_krc_that_fits(tmp_path):
         assert text in out
 
 
-async def test_check_names_what_does_not_fit(tmp_path):
+async def test_check_names_every_mismatch(tmp_path):
     own = "{A1: {joint: A1, received: -1.0, sent: -1.0}}"
-    status, out = await heard(tmp_path, "--precision", "1", axes=own)
+    status, out = await checked(tmp_path, "--precision", "1", axes=own)
     assert status == 1
     assert "WRONG: set Precision" in out
     assert "A1 turn(s) the other way" in out

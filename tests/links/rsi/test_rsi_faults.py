@@ -128,7 +128,7 @@ class TestManyDatagrams:
 
 
 class TestTheNumbers:
-    def test_an_ipoc_that_wraps_is_nothing_special(self, tmp_path):
+    def test_an_ipoc_may_wrap(self, tmp_path):
         for bits, profile in ((32, "krc2-rsi2"), (64, "krc4-rsi3")):
             rig = Rig(tmp_path, profile, ipoc=2**bits - 50 * (4 if bits == 64 else 1)).begin()
             rig.drive(60, *SLOW)
@@ -148,7 +148,9 @@ class TestTheNumbers:
         nothing_moves(moving)
         rearm(moving)
 
-    def test_a_jump_while_moving_leaves_open_what_is_held_so_the_krc_has_to_start_anew(self, moving):
+    def test_after_a_jump_while_moving_the_held_position_is_unknown_so_the_krc_has_to_start_anew(
+        self, moving
+    ):
         moving.krc.jump_ipoc(5_000_000_001)
         moving.cycles(200)
         assert moving.state == "faulted"
@@ -171,7 +173,7 @@ class TestTheKrc:
         moving.cycles(200)
         assert moving.state == "lost"
         assert "no telegram" in moving.stops[0].reason
-        assert not moving.reset()  # nobody knows that it rests
+        assert not moving.reset()  # it is not known to rest
         moving.operate("reset")
         assert moving.krc.jog("A1", -20.0) is None
         moving.operate("start")
@@ -248,7 +250,7 @@ class TestTheKrc:
         assert rig.state == "lost"
         start_anew(rig)
 
-    def test_is_measured_to_jump(self, moving):
+    def test_a_measured_position_that_jumps_faults_the_link(self, moving):
         def edit(data):
             return re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>99.0", data)
 

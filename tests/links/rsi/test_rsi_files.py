@@ -1,4 +1,4 @@
-"""One judgement of a KRC's file by link, ``armgate check`` and virtual KRC, whose readers share no code."""
+"""One verdict on a KRC's file by link, ``armgate check`` and virtual KRC, whose readers share no code."""
 
 import os
 import re
@@ -25,14 +25,14 @@ EXAMPLES = int(os.environ.get("RSI_FILES", "300"))
 """Files that are generated for both readers; RSI_FILES=100000 for a long run."""
 
 
-def link_says(data):
+def link_verdict(data):
     try:
         return read_ethernet(data), ""
     except EthernetError as error:
         return None, str(error)
 
 
-def krc_says(data):
+def krc_verdict(data):
     try:
         return krc_reads(data), ""
     except KrcError as error:
@@ -40,8 +40,8 @@ def krc_says(data):
 
 
 def judged(data):
-    """What both say, after it was the same."""
-    (ours, refused), (theirs, other) = link_says(data), krc_says(data)
+    """The verdict of both readers, which has to be the same."""
+    (ours, refused), (theirs, other) = link_verdict(data), krc_verdict(data)
     assert (ours is None) == (theirs is None), (refused, other)
     if ours is not None:
         assert (ours.host, ours.port, ours.sentype, ours.only_send) == (
@@ -144,7 +144,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize("name", NAMED)
-async def test_what_is_wrong_with_a_file_is_named_by_link_check_and_krc(tmp_path, name):
+async def test_link_check_and_krc_name_the_error_in_a_file(tmp_path, name):
     data, said = NAMED[name]
     for text in judged(data):
         assert said.lower() in text.lower()
@@ -193,7 +193,7 @@ async def test_the_commands_refuse_it_with_status_2(tmp_path, name):
         file().replace(b"<SENTYPE>", b"<PROTCOLLENGTH>Off</PROTCOLLENGTH><SENTYPE>"),
     ],
 )
-def test_what_is_right_is_read_the_same(data):
+def test_link_and_krc_read_the_same_from_a_valid_file(data):
     assert judged(data) == ("", "")
 
 
@@ -212,7 +212,7 @@ ELEMENTS = st.builds(
     st.sampled_from([None, "0", "1", "TRUE", "false", "2", " 1"]),
 )
 WORDS = ["PORT", "CONFIG", "SEND", "RECEIVE", "ELEMENTS", "ELEMENT", "HOLDON", "INDX", "TAG", "SENTYPE"]
-"""Words that the file loses one of, in every other spelling."""
+"""Words of the file; each test replaces one by another spelling."""
 
 SPELLINGS = [str.upper, str.lower, str.capitalize, lambda word: word + "S"]
 PIECES = [
@@ -259,7 +259,7 @@ def test_both_readers_judge_a_damaged_file_alike(piece, at, length):
 
 
 @pytest.mark.parametrize("name", ["axis-correction.xml", "gantry-correction.xml"])
-def test_the_files_that_come_along_are_right(name):
+def test_the_files_in_the_repository_are_valid(name):
     assert judged((FILES / name).read_bytes()) == ("", "")
 
 
@@ -277,7 +277,7 @@ class TestValuesThatAreNeverSent:
         assert sum("Ov.PRO" in note for note in rig.notes) == 1
         assert any("Ov.PRO: 0 until it comes" in text for text in rig.log.texts("zero"))
 
-    def test_what_zero_cannot_harm_is_no_warning(self, tmp_path):
+    def test_a_value_for_which_zero_is_harmless_causes_no_warning(self, tmp_path):
         more = element("DEF_EStr", "INTERNAL", "STRING", 0) + element("RKorr.X", 20, hold=1)
         cell = build_cell(load_config([cell_text(tmp_path, file=krc_file(SEND, SIX, more=more))]))
         assert warnings_of(setup_of(cell, cell.robots[0])) == []

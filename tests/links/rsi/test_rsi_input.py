@@ -1,4 +1,4 @@
-"""What is sent to the RSI link, by a KRC or by somebody else, and does not fit: each ends as stated."""
+"""Unsuitable data at the RSI link, from a KRC or another sender, and the documented reaction."""
 
 import re
 
@@ -18,7 +18,7 @@ def moving(tmp_path):
 
 
 class TestConfigurations:
-    """Each that does not match ends faulted, nothing has moved, and a note says what to do."""
+    """Each mismatch ends faulted, nothing has moved, and a note names the remedy."""
 
     def ends(self, rig, cycles=110):
         rig.operate("start")
@@ -40,7 +40,7 @@ class TestConfigurations:
         assert "A1 is not measured to follow" in self.ends(rig)
         assert rig.krc_state == "running"  # it is answered by zeros
 
-    def test_axiscorr_that_cuts_in_silence(self, tmp_path):
+    def test_an_axiscorr_that_cuts_silently(self, tmp_path):
         rig = Rig(tmp_path, limits=Limits(1.0)).begin()
         rig.drive(60, *SLOW)
         rig.cycles(360)
@@ -94,7 +94,7 @@ class TestConfigurations:
         rig.cycles(50)
         assert sum("Precision" in note for note in rig.notes) == 1
 
-    def test_a_robot_that_is_not_where_its_program_says(self, tmp_path):
+    def test_a_robot_that_is_not_at_the_position_of_its_program(self, tmp_path):
         rig = Rig(tmp_path)
         rig.operate("start")
         rig.cycles(50, edit=lambda data: re.sub(rb'(<AIPos A1=")[^"]*', rb"\g<1>7.0", data))
@@ -104,7 +104,7 @@ class TestConfigurations:
 
 
 class TestBadInput:
-    """It is refused, counted, named once, and the robot goes on as if nothing had come."""
+    """It is rejected, counted and named once, and the robot goes on unaffected."""
 
     @pytest.mark.parametrize(
         ("data", "kind"),

@@ -1,4 +1,4 @@
-"""How far a KRC moves its robot, whatever its mode, HOLDON, ASPos and AXISCORR, and whatever the cell says.
+"""Largest motion of a KRC's robot in any combination of mode, HOLDON, ASPos, AXISCORR and the cell's mode.
 
 The probe of the link moves each axis by at most `Shape.farthest` before anything else moves. The bounds below
 are that figure, or what a controller has commanded.
@@ -23,7 +23,7 @@ MODES = ("absolute", "relative")
 
 
 class Travel:
-    """Follows how far each axis is from where it began, in cycles of a rig."""
+    """Largest distance of each axis from its start, over cycles of a rig."""
 
     def __init__(self, rig):
         self.rig, self.start = rig, rig.krc_setpoint
@@ -62,7 +62,7 @@ def rig_of(folder, *, cell, krc, hold=1, aspos="stands", limits=WIDE, **how):
         )
     ],
 )
-def test_no_combination_moves_an_axis_farther_than_stated(tmp_path, cell, krc, hold, aspos, limits):
+def test_no_combination_moves_an_axis_farther_than_documented(tmp_path, cell, krc, hold, aspos, limits):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold, aspos=aspos, limits=limits)
     rig.operate("start")
     farthest, travel = probe_size(rig.setup).farthest, Travel(rig)
@@ -91,7 +91,7 @@ def test_no_combination_moves_an_axis_farther_than_stated(tmp_path, cell, krc, h
 
 
 def refused(rig, travel, farthest, krc):
-    """The link has named the mode; the robot is where it began, and stays, also after a reset."""
+    """The link has named the mode; the robot is at its start, and stays there, also after a reset."""
     assert rig.state == "faulted"
     assert f"RSI_ON(#{krc.upper()})" in rig.changes[-1].reason
     travel.cycles(50)
@@ -150,7 +150,7 @@ def test_replies_lost_at_the_peak_of_the_probe_add_one_amplitude_each(tmp_path, 
 
 @pytest.mark.parametrize("krc", MODES)
 @pytest.mark.parametrize("cell", MODES)
-def test_frozen_feedback_is_found_and_the_robot_is_back_where_it_began(tmp_path, cell, krc):
+def test_frozen_feedback_is_detected_and_the_robot_returns_to_its_start(tmp_path, cell, krc):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=int(cell == "absolute"))
     rig.operate("start")
     rig.cycle()
@@ -185,7 +185,7 @@ def test_axes_in_another_order_are_named(tmp_path, one, other, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("factor", "axis"), [(1.1, "A1"), (0.9, "A3"), (1.1, "E1"), (0.9, "E3")])
-def test_a_scale_that_is_wrong_by_a_tenth_is_named_with_the_right_one(tmp_path, mode, factor, axis):
+def test_a_scale_that_is_wrong_by_a_tenth_is_named_with_the_correct_one(tmp_path, mode, factor, axis):
     joint = {"E1": "X", "E3": "Z"}.get(axis, axis)
     own = f"{{{axis}: {{joint: {joint}, sent: {factor}}}}}"
     rig = Rig(tmp_path, gantry=True, mode=mode, axes=own)
@@ -213,7 +213,7 @@ def test_an_axis_that_turns_the_other_way_is_named(tmp_path, axis):
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
 @pytest.mark.parametrize("precision", [3, 4, 6])
 @pytest.mark.parametrize("mode", MODES)
-def test_a_right_krc_is_proven_right_in_every_resolution(tmp_path, profile, precision, mode):
+def test_a_correct_krc_passes_the_probe_in_every_resolution(tmp_path, profile, precision, mode):
     link = {"lag": "120 ms"} if profile == "krc2-rsi2" else {}
     rig = Rig(
         tmp_path, profile, mode=mode, precision=precision, cell_precision=precision,
@@ -246,7 +246,7 @@ def test_a_new_run_in_another_mode_is_proven_anew(tmp_path):
 @pytest.mark.parametrize("share", [0.04, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("before", [0, 40, 200])
 def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, before):
-    """The second line: the mode changes in the middle of a run that has proven the other one."""
+    """Second line of defence: the mode changes during a run that has proven the other mode."""
     rig = rig_of(tmp_path, cell="absolute", krc="absolute", hold=hold).begin()
     dq = tuple(share * u for u in SLOW)
     rig.drive(before, *dq)

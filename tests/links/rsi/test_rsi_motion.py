@@ -1,4 +1,4 @@
-"""What goes to the KRC respects speed and acceleration in every cycle, in both modes, in all profiles."""
+"""Corrections keep speed and acceleration limits in every cycle, in both modes, in all profiles."""
 
 import random
 import re
@@ -15,7 +15,7 @@ EXACT = 2e-6
 
 
 class Bounds:
-    """Holds what the KRC's drives get against the cell's bounds, in deg and mm; held cycles aside."""
+    """Comparison of the KRC's drive setpoints with the cell's bounds, deg and mm; without held cycles."""
 
     def __init__(self, rig):
         self.rig, self.last, self.step = rig, rig.krc_setpoint, [0.0] * len(rig.setup.axes)
@@ -76,7 +76,7 @@ def test_full_speed_in_changing_directions_never_faults_a_drive(tmp_path, profil
     st.sampled_from(["absolute", "relative"]),
     st.randoms(use_true_random=False),
 )
-def test_whatever_is_lost_late_or_doubled_the_link_knows_where_the_robot_is_held(
+def test_whatever_is_lost_late_or_doubled_the_link_has_the_setpoint_at_which_the_krc_holds_the_robot(
     tmp_path_factory, fates, mode, chance
 ):
     rig = Rig(tmp_path_factory.mktemp("rsi"), mode=mode, late_in_a_row=100).begin()
@@ -101,7 +101,7 @@ def test_whatever_is_lost_late_or_doubled_the_link_knows_where_the_robot_is_held
 
 
 def test_a_simulator_with_instantaneous_joints_and_numbers_from_zero(tmp_path):
-    """As public robot-side simulators are: RIst all zero, another root, joints that follow at once."""
+    """A KRC like public robot-side simulators: RIst all zero, another root, joints that follow at once."""
     rig = Rig(tmp_path, ipoc=0)
     place = [[0.0] * 6]
 

@@ -31,14 +31,14 @@ def rob(values, delay="0", ipoc="7", root='Type="KUKA"', more=""):
 
 class TestTelegrams:
     @given(st.lists(st.tuples(*[numbers] * 6), min_size=2, max_size=4), st.integers(0, 10**19))
-    def test_what_fits_the_learnt_form_reads_as_it_does_in_xml(self, rows, ipoc):
+    def test_a_telegram_that_fits_the_learnt_form_is_read_as_xml_is(self, rows, ipoc):
         known = TelegramReader(AXES)
         for number, row in enumerate(rows):
             data = rob(row, number, ipoc + number)
             assert known.read(data) == TelegramReader(AXES).read(data)
 
     @pytest.mark.parametrize("delay", ["-0", "+0", "-5", "9" * 11, "0" * 30, "0.5", "1e3"])
-    def test_a_delay_is_judged_in_the_learnt_form_as_in_xml(self, delay):
+    def test_a_delay_is_checked_in_the_learnt_form_as_in_xml(self, delay):
         known, whole = TelegramReader(AXES), rob(["1.5"] * 6)
         known.read(whole)
         data = re.sub(rb'<Delay D="[^"]*"', b'<Delay D="' + delay.encode() + b'"', whole)
@@ -98,7 +98,7 @@ class TestTelegrams:
             (rob(["1"] * 6, ipoc="1" * 21), "ipoc"),
         ],
     )
-    def test_what_is_no_telegram(self, data, kind):
+    def test_other_data_is_no_telegram(self, data, kind):
         with pytest.raises(TelegramError) as caught:
             TelegramReader(AXES).read(data)
         assert caught.value.kind == kind
@@ -127,7 +127,7 @@ class TestNumbers:
     def test_a_step_learnt_over_a_gap_is_corrected(self):
         assert [one.missed for one in self.placed(0, 8, 12, 20)] == [0, 0, 1]
 
-    def test_what_cannot_follow_is_a_jump(self):
+    def test_numbers_that_cannot_follow_are_a_jump(self):
         run = TelegramCounter(0, 5)
         assert run.place(4, 5).order is Order.NEXT
         run.learning = False
@@ -135,7 +135,7 @@ class TestNumbers:
             assert run.place(ipoc, delay).order is Order.JUMP
 
 
-def test_only_an_operator_leads_out_of_lost_and_faulted():
+def test_only_an_operators_reset_leaves_lost_and_faulted():
     for (state, event), after in TABLE.items():
         if state in (State.LOST, State.FAULTED) and after is not state:
             assert (event.value, after.value) == ("rearmed", "synchronising")
@@ -164,7 +164,7 @@ class TestTheFile:
             ("<ROOT>" + " " * 70000, "expected at most"),
         ],
     )
-    def test_a_wrong_one_is_refused(self, text, said):
+    def test_an_invalid_file_is_rejected(self, text, said):
         with pytest.raises(EthernetError, match=re.escape(said)):
             read_ethernet(text.encode())
 
@@ -189,12 +189,12 @@ class TestTheCell:
             ({"file": krc_file(SEND, SIX, sentype="x" * 1000)}, "1024"),
             ({"file": "no xml"}, "not well-formed"),
             ({"axiscorr": "{A: 5.0}"}, "AXISCORR cuts silently at ±5 around 0.0"),
-            ({"axes": "{A1: {joint: nobody}}"}, "there is no joint 'nobody'"),
+            ({"axes": "{A1: {joint: none}}"}, "there is no joint 'none'"),
             ({"axes": "{A1: {joint: A2}, A2: {joint: A2}}"}, "the same joint"),
             ({"precision": 2}, "expected q_tolerance"),
         ],
     )
-    def test_what_does_not_fit_is_refused_with_its_place(self, tmp_path, options, said):
+    def test_a_mismatch_is_rejected_with_its_place(self, tmp_path, options, said):
         assert said in self.refused(tmp_path, **options)
 
     def test_a_gantry_in_the_units_of_a_krc2(self, tmp_path):
@@ -216,7 +216,7 @@ def test_the_documents_draw_the_table_of_states():
 
 
 @pytest.mark.parametrize(("name", "robots"), [("rsi-example", ["FR"]), ("rsi-virtual", ["FR", "GR"])])
-def test_the_links_that_come_along_fit_the_demo_cell(name, robots):
+def test_the_link_overlays_in_the_repository_fit_the_demo_cell(name, robots):
     configs = FILES.parent
     cell = build_cell(load_config([configs / "demo.yaml", configs / "links" / f"{name}.yaml"]))
     assert [setup_of(cell, cell.robot(robot)).robot for robot in robots] == robots

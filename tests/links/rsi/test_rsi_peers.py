@@ -103,7 +103,7 @@ class TestAGap:
         rig.cycles(5)
         rearm(rig)
 
-    def test_a_reset_before_the_new_run_says_the_reason_too(self, tmp_path):
+    def test_a_reset_before_the_new_run_reports_the_reason_too(self, tmp_path):
         rig = Rig(tmp_path, cycle=0.012).begin()
         rig.drive(40, *SLOW)
         rig.time += 0.3
@@ -205,7 +205,7 @@ class TestDecimals:
             rb'(?<==")-?\d+\.\d+', lambda m: repr(round(float(m[0]), 6)).encode(), data
         )  # fmt: skip
 
-    def test_values_that_are_exact_in_one_decimal_are_no_remark(self, tmp_path):
+    def test_values_that_are_exact_in_one_decimal_cause_no_note(self, tmp_path):
         rig = Rig(tmp_path)
         rig.operate("start")
         rig.synchronise(edit=self.printed)
@@ -230,7 +230,7 @@ class TestTelegrams:
             (f"{POSITIONS}<Delay D='0.5'/><IPOC>1</IPOC>", "element", "Delay D is '0.5'"),
         ],
     )
-    def test_what_does_not_fit_is_named(self, inner, kind, said):
+    def test_a_mismatch_is_named(self, inner, kind, said):
         with pytest.raises(TelegramError, match=re.escape(said)) as caught:
             TelegramReader(AXES).read(f"<Rob>{inner}</Rob>".encode())
         assert caught.value.kind == kind

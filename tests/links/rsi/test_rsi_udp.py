@@ -29,7 +29,7 @@ STEP = (4e-4, -2e-4, 2e-4, 0.0, 0.0, 0.0)
 
 
 class Holder:
-    """Whoever holds the link: offers a plan at each tick while ``moving``."""
+    """A daemon that holds the link and offers a plan at each tick while ``moving``."""
 
     def __init__(self, link):
         self.link, self.events, self.news = link, [], asyncio.Event()
@@ -145,7 +145,7 @@ async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, 
         assert abs(axis[-1] - axis[0]) < 1e-6
 
 
-async def test_an_address_in_use_is_told_when_it_opens(tmp_path):
+async def test_an_address_in_use_is_reported_when_the_link_is_opened(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         listen = f'"127.0.0.1:{own.getsockname()[1]}"'

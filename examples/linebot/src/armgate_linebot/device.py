@@ -105,5 +105,5 @@ def linebot(
     own = found.config.link
     if not isinstance(own, LinebotConfig):
         raise typer.BadParameter(f"{robot} has a link of kind {own.kind}; expected linebot")
-    device = Device(tuple(found.start), found.period, own.lag, tuple(found.velocity))
+    device = Device(tuple(found.start.tolist()), found.period, own.lag, tuple(found.velocity.tolist()))
     asyncio.run(serve(device, own.host, own.port))

@@ -36,6 +36,7 @@ class LinebotLink:
         self._state = LinkState.WAITING
         self._arming = True  # at the start without an operator, later only after a reset
         self._rebased = False
+        self._noted = ""
         self._setpoint: Joints = ()
         self._emit: Emit
         self._task: asyncio.Task[None] | None = None
@@ -139,8 +140,11 @@ class LinebotLink:
         return "RESET" if self._arming else "HOLD", events
 
     def _disarm(self, state: LinkState, reason: str) -> None:
-        """Play nothing any more until an operator's reset, and report it once."""
+        """Play nothing any more until an operator's reset; report it, or note why the robot is not ready."""
         if self._state is LinkState.READY:
             self._player.drop()
             self._state = state
             self._emit(LinkChange(self.robot, state, reason))
+        elif reason != self._noted:
+            self._noted = reason
+            self._context.note(reason)

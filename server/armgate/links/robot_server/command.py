@@ -13,22 +13,24 @@ if TYPE_CHECKING:
 
 
 class StartError(Exception):
-    """The robot server cannot start; nothing was moved."""
+    """Failed start of the robot server; nothing was moved."""
 
     exit_code = 2
 
 
 def robot_server(
     configs: Annotated[
-        list[Path], typer.Argument(metavar="CONFIG...", help="Files; later ones overlay earlier ones.")
+        list[Path], typer.Argument(metavar="CONFIG...", help="Cell files; later ones overlay earlier ones.")
     ],
     socket: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="Where the daemon finds it; else as the configuration says."),
+        typer.Option(metavar="PATH", help="Socket for the daemon; default: as configured."),
     ] = None,
     priority: Annotated[
         int | None,
-        typer.Option(min=1, max=99, help="Goes before ordinary programs, as a real-time process (SCHED_RR)."),
+        typer.Option(
+            min=1, max=99, help="Priority as a real-time process (SCHED_RR); default: an ordinary process."
+        ),
     ] = None,
 ) -> None:
     """Hold the robots of a cell for its daemon until SIGTERM or Ctrl-C."""
@@ -38,12 +40,12 @@ def robot_server(
     config = load_config(configs)
     cell = build_cell(config)
     if priority is not None:
-        _hurry(priority)
+        _make_real_time(priority)
     raise typer.Exit(_serve(cell, socket or robot_server_path(cell)))
 
 
 def robot_server_path(cell: "Cell") -> Path:
-    """Where a cell's robot server listens: as configured, or in the folder of the user's sockets."""
+    """Return the socket of a cell's robot server: as configured, or in the folder of the user's sockets."""
     from armgate.links.robot_server.unix_socket import default_path
 
     given = cell.config.server.robot_server
@@ -70,27 +72,27 @@ def _serve(cell: "Cell", path: Path) -> int:
                 cell, monotonic, lambda robot, text: log.warning("link", robot=robot, text=text)
             )
             server = RobotServer(cell.hash, links, log)
-            # What stands now stays: no search for garbage through all of it shall delay a reply.
+            # Objects made so far stay: garbage collection must not search them and delay a reply.
             gc.collect()
             gc.freeze()
             return asyncio.run(server.run(listening, lambda: _announce(path, Notifier())))
         except OSError as error:
             text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-            raise StartError(f"cannot listen to the robots: {text}") from error
+            raise StartError(f"cannot open the links to the robots: {text}") from error
         finally:
             path.unlink(missing_ok=True)
             log.close()
 
 
-def _hurry(priority: int) -> None:
+def _make_real_time(priority: int) -> None:
     import os
 
     try:
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError as error:
         raise StartError(
-            f"--priority {priority} is not allowed for this user: have the limit `rtprio` raised "
-            "(systemd: LimitRTPRIO), or leave the option away"
+            f"--priority {priority} is not allowed for this user: raise the limit `rtprio` "
+            "(systemd: LimitRTPRIO), or omit the option"
         ) from error
 
 

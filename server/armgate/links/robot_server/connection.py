@@ -62,7 +62,7 @@ class Connection(asyncio.Protocol, ABC):
     @property
     @abstractmethod
     def established(self) -> bool:
-        """True once both sides have said who they are; only then heartbeats are sent."""
+        """True once both sides have identified themselves; only then heartbeats are sent."""
 
     @abstractmethod
     def _receive(self, message: Message) -> None:

@@ -128,8 +128,8 @@ class TelegramReader:
         text = groups.get("Delay", {}).get("D", "")
         delay = _DELAY.fullmatch(text)
         if delay is None:
-            said = "is missing" if not text else f"is {text[:40]!r}"
-            raise TelegramError("element", f"Delay D {said}: SEND must have DEF_Delay")
+            found = "is missing" if not text else f"is {text[:40]!r}"
+            raise TelegramError("element", f"Delay D {found}: SEND must have DEF_Delay")
         self._learn(data, root)
         return Telegram(data, ipoc, False, int(delay[1]), q, programmed)
 

@@ -42,7 +42,7 @@ class VirtualRobot:
 
 
 class ConfiguredKind(Protocol):
-    """What is needed of a kind without making links; `armgate.links.kind.LinkKind` has all of it."""
+    """Part of a kind that is used without making links; `armgate.links.kind.LinkKind` implements it."""
 
     config: type[Any]
     """Model of the ``link`` section."""

@@ -44,7 +44,7 @@ class Survey:
         """Take a datagram that this host sent, and that arrived at this time, s."""
         self.sources.add(host)
         if host != self._setup.krc:
-            return self._add_problem(f"datagrams come from {host}; the cell says krc: {self._setup.krc}")
+            return self._add_problem(f"datagrams come from {host}; the cell has krc: {self._setup.krc}")
         try:
             telegram = self._reader.read(data)
             if telegram.short:
@@ -63,7 +63,7 @@ class Survey:
         if self._first is None or self._last is None:
             return ["no telegram came"]
         lines = [*self._timing(), f"elements: {', '.join(_elements(self._first.data))}"]
-        lines.append(f"decimals: {self._last.decimals()} (the cell says {self._setup.precision})")
+        lines.append(f"decimals: {self._last.decimals()} (the cell has precision {self._setup.precision})")
         if self._last.decimals() < min(self._setup.precision, 3):
             self._add_problem("set Precision in the KRC's Ethernet object")
         lines += self._axes()

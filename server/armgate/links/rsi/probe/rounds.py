@@ -175,7 +175,7 @@ class Probe:
             now: Time, s.
 
         Returns:
-            "" if the KRC does what the cell says, the objection if it does not, None while that is open.
+            "" if the KRC agrees with the cell, the objection if it does not, None while that is open.
         """
         self._since = now if self._since is None else self._since
         if self.stage is Stage.WAVE:
@@ -269,7 +269,7 @@ class Probe:
             if abs(now - home) > _MOVED * far:
                 return (
                     f"{axis.name} is measured {axis.shown * (now - home):.3f} {axis.unit} off after its "
-                    f"correction was taken back: does the KRC's program call RSI_ON with another mode than "
+                    f"correction was withdrawn: does the KRC's program call RSI_ON with another mode than "
                     f"{'relative' if self._setup.relative else 'absolute'}, or has RECEIVE another HOLDON?"
                 )
         return None

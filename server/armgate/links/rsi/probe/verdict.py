@@ -98,14 +98,14 @@ class Evaluation:
             if adds and not relative:
                 return (
                     f"{axis.name} adds corrections up: the KRC's program calls RSI_ON(#RELATIVE), the cell "
-                    f"says mode: absolute. Make them the same, and start the program anew"
+                    f"has mode: absolute. Make them the same, and start the program anew"
                 )
             if not adds and found.stirs < _STIRS:
                 return self._unmoved(number)
             if not adds and relative:
                 return (
                     f"{axis.name} takes a correction for the whole offset: the KRC's program calls "
-                    f"RSI_ON(#ABSOLUTE), the cell says mode: relative. Make them the same, and start the "
+                    f"RSI_ON(#ABSOLUTE), the cell has mode: relative. Make them the same, and start the "
                     f"program anew"
                 )
         return None
