@@ -1,4 +1,4 @@
-"""Who may come in: tokens, their file, failures, and what is told of them."""
+"""Access of clients: tokens, their file, failed logins, and their log."""
 
 import hashlib
 import io
@@ -25,7 +25,7 @@ USERS = {1000: "operator", 1001: "observer"}
 
 
 class House:
-    """A door, tokens that fit, and the log."""
+    """An access decision, the tokens that it accepts, and its log."""
 
     def __init__(self, in_all=100.0, per_origin=3.0):
         self.made = {
@@ -39,7 +39,7 @@ class House:
         self.access = Access(known, FailureLog(in_all, per_origin, 0.0), self.log, USERS)
 
     def enter(self, name, role="controller", origin=HERE, now=0.0, uid=None):
-        """Come in with the token of this name, or with a text that is none."""
+        """Log in with the token of this name, or with a text that is not a token."""
         secret = self.made[name].secret if name in self.made else name
         token = {} if secret is None else {"token": secret}
         hello = m.Hello(versions=(1,), name="x", role=role, **token)
@@ -76,20 +76,20 @@ def test_a_token_allows_its_role_and_less(name, allowed):
             house.refusal(name, role)
 
 
-def test_the_robots_are_the_tokens():
+def test_a_client_may_command_the_robots_of_its_token():
     house = House()
     assert house.enter("lab").robots == {"FR"}
     assert house.enter("boss", "operator").robots is None
 
 
-def test_tokens_read_anew_are_those_that_count():
+def test_reloaded_tokens_replace_the_earlier_ones():
     house = House(per_origin=100.0)
     house.access.replace(t.Tokens([house.made["lab"].token]))
     assert house.enter("lab").token == house.made["lab"].token
     house.refusal("eye", "observer")
 
 
-def test_the_answer_does_not_tell_what_was_wrong():
+def test_the_answer_does_not_reveal_which_check_failed():
     house = House(per_origin=100.0)
     right = house.made["eye"].secret
     texts = {
@@ -103,7 +103,7 @@ def test_the_answer_does_not_tell_what_was_wrong():
     assert "armgate token" in texts.pop()
 
 
-def test_the_log_tells_who_failed_and_no_secret():
+def test_the_log_names_the_failed_token_and_no_secret():
     house = House(per_origin=100.0)
     for name, role in (("lab", "operator"), ("guess-1234", "observer"), (None, "observer")):
         house.refusal(name, role)
@@ -135,19 +135,19 @@ def test_a_user_has_the_role_that_the_configuration_gives():
     assert "user 1002 is not listed" in house.refusal(None, "observer", uid=1002)
 
 
-def test_a_user_may_bring_a_token_instead():
+def test_a_user_may_present_a_token_instead():
     house = House(per_origin=100.0)
     assert house.enter("lab", "controller", uid=1002).token.name == "lab"
     house.refusal("wrong", "observer", uid=1000)
 
 
-def test_names_of_users_are_those_of_this_machine():
+def test_user_names_are_resolved_on_this_machine():
     assert uids({"root": "operator", "4711": "observer"}) == {0: "operator", 4711: "observer"}
-    with pytest.raises(UnixSocketError, match="no user 'nobody-of-that-name'"):
-        uids({"nobody-of-that-name": "observer"})
+    with pytest.raises(UnixSocketError, match="no user 'missing-user'"):
+        uids({"missing-user": "observer"})
 
 
-def test_the_socket_takes_the_place_of_one_that_was_left_and_of_nothing_else(tmp_path):
+def test_the_socket_replaces_a_socket_left_behind_and_no_other_file(tmp_path):
     path = tmp_path / "cell.sock"
     left = socket.socket(socket.AF_UNIX)
     left.bind(str(path))
@@ -176,7 +176,7 @@ def test_the_socket_has_its_mode_from_the_beginning(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("mode", "refused"), [(0o755, False), (0o775, True), (0o757, True), (0o1777, False)])
-def test_the_socket_is_in_a_folder_that_no_other_user_can_write(tmp_path, mode, refused):
+def test_the_folder_of_the_socket_must_not_be_writable_by_other_users(tmp_path, mode, refused):
     folder = tmp_path / "run"
     folder.mkdir()
     folder.chmod(mode)
@@ -196,7 +196,7 @@ def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
         UnixSocket(tmp_path / "cell.sock")
 
 
-def test_a_folder_that_there_is_not_is_named(tmp_path):
+def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(UnixSocketError, match=r"none: No such file or directory; expected a folder"):
         UnixSocket(tmp_path / "none" / "cell.sock")
 
@@ -224,7 +224,7 @@ def test_a_right_token_is_accepted_whatever_wrong_ones_came_from_its_address():
     assert house.enter("eye", "observer", origin="192.0.2.2").role == "observer"
 
 
-def test_wrong_tokens_of_one_address_and_in_all_are_logged_up_to_a_number():
+def test_failed_logins_are_logged_up_to_a_bound_per_address_and_in_all():
     house = House(in_all=5.0, per_origin=3.0)
     for address in ("a", "b", "c"):
         for _ in range(10):
@@ -235,7 +235,7 @@ def test_wrong_tokens_of_one_address_and_in_all_are_logged_up_to_a_number():
     assert lines[-1]["unlogged"] == 18
 
 
-def test_only_so_many_addresses_are_remembered():
+def test_a_bounded_number_of_addresses_is_remembered():
     attempts = FailureLog(1e9, 1.0, 0.0)
     for number in range(5000):
         attempts.failed(f"a{number}", 0.0)
@@ -262,14 +262,14 @@ def test_a_bucket_refills_up_to_its_burst():
         ("?", "?"),
     ],
 )
-def test_whose_a_connection_is(host, counted):
+def test_origins_of_addresses(host, counted):
     assert origin(host) == counted
 
 
 # --- the file ---------------------------------------------------------------------------------------------
 
 
-def test_what_is_written_is_read_and_the_secret_is_not_in_it(tmp_path):
+def test_a_written_token_is_read_back_and_its_secret_is_not_stored(tmp_path):
     file = tmp_path / "tokens"
     made = [t.make("a", "controller", ["FR", "GR"]), t.make("b", "observer", None)]
     for one in made:
@@ -282,7 +282,7 @@ def test_what_is_written_is_read_and_the_secret_is_not_in_it(tmp_path):
     assert t.read(file).find(None) is None
 
 
-def test_a_line_deleted_is_a_token_taken_back(tmp_path):
+def test_deleting_a_line_revokes_its_token(tmp_path):
     file = tmp_path / "tokens"
     made = [t.make(name, "observer", None) for name in "ab"]
     for one in made:
@@ -310,7 +310,7 @@ def test_secrets_are_long_and_never_the_same():
         ('{"name": "a", "role": "observer", "sha256": "%s", "pasted": 1}' % ("0" * 64), "Extra inputs"),
     ],
 )
-def test_a_line_that_is_no_token_is_named(tmp_path, line, told):
+def test_an_invalid_line_is_named(tmp_path, line, told):
     file = tmp_path / "tokens"
     file.write_text("\n" + line + "\n")
     file.chmod(0o600)
@@ -320,7 +320,7 @@ def test_a_line_that_is_no_token_is_named(tmp_path, line, told):
     assert "pasted" not in str(caught.value)
 
 
-def test_a_file_that_others_may_write_is_refused(tmp_path):
+def test_a_file_that_other_users_may_write_is_refused(tmp_path):
     file = tmp_path / "tokens"
     t.append(file, t.make("a", "observer", None).token)
     file.chmod(0o620)
@@ -357,7 +357,7 @@ def later(seconds):
     return datetime.fromtimestamp(seconds, UTC)
 
 
-def test_a_token_is_of_no_use_after_its_time():
+def test_an_expired_token_is_refused():
     made = t.make("lab", "controller", None, later(1000.0))
     house = House()
     wall = iter((999.0, 1000.0))
@@ -382,13 +382,13 @@ def test_a_certificate_is_bound_to_a_role():
     assert access.admit(secret, Slot(HERE), 0.0, b"der").token.name == "lab"
 
 
-def test_a_line_has_one_proof():
+def test_a_line_has_either_a_secret_or_a_certificate():
     for more in ({}, {"sha256": "0" * 64, "certificate": "0" * 64}):
         with pytest.raises(ValueError, match="either sha256 or certificate"):
             t.Token(name="a", role="observer", **more)
 
 
-def test_a_rotated_token_has_a_new_secret_and_the_old_one_for_a_while(tmp_path):
+def test_a_rotated_token_has_a_new_secret_and_the_old_one_until_the_overlap_ends(tmp_path):
     file = tmp_path / "tokens"
     first, other = t.make("a", "controller", ["FR"]), t.make("b", "observer", None)
     for one in (first, other):
@@ -414,7 +414,7 @@ def soon(hours):
     return datetime.now(UTC).replace(microsecond=0) + timedelta(hours=hours)
 
 
-def test_a_rotated_secret_is_valid_no_longer_than_before(tmp_path):
+def test_rotation_does_not_extend_the_old_secret(tmp_path):
     file = tmp_path / "tokens"
     first = t.make("a", "controller", None, expires=soon(1))
     t.append(file, first.token)
@@ -450,7 +450,7 @@ FIRST = t.make("a", "observer", ["FR"], soon(1)).token
         {"sha256": None, "certificate": "1" * 64},
     ],
 )
-def test_two_lines_of_a_name_allow_the_same_by_secrets(tmp_path, more):
+def test_two_lines_of_one_name_must_have_the_same_rights_and_secrets(tmp_path, more):
     file = tmp_path / "tokens"
     file.touch(0o600)
     second = FIRST.model_copy(update={"sha256": "0" * 64, "expires": None})
@@ -462,7 +462,7 @@ def test_two_lines_of_a_name_allow_the_same_by_secrets(tmp_path, more):
 
 
 @pytest.mark.parametrize("proof", [{"sha256": "0" * 64}, {"sha256": None, "certificate": "0" * 64}])
-def test_two_names_have_two_proofs(tmp_path, proof):
+def test_two_names_must_not_share_a_secret_or_certificate(tmp_path, proof):
     file = tmp_path / "tokens"
     file.touch(0o600)
     file.write_text(lines_of(*(FIRST.model_copy(update={"name": name} | proof) for name in "ab")))
@@ -472,14 +472,14 @@ def test_two_names_have_two_proofs(tmp_path, proof):
 
 
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "pipe"])
-def test_only_a_regular_file_is_one_of_tokens(tmp_path, name):
+def test_a_token_file_must_be_a_regular_file(tmp_path, name):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(t.TokenError, match="not a regular file"):
         t.append(tmp_path / name, t.make("a", "observer", None).token)
     assert not (tmp_path / name).is_file()
 
 
-def test_a_link_to_a_file_of_tokens_stays_a_link(tmp_path):
+def test_a_symbolic_link_to_a_token_file_stays_a_link(tmp_path):
     file, link = tmp_path / "tokens", tmp_path / "link"
     link.symlink_to(file)
     t.append(link, t.make("a", "observer", None).token)

@@ -1,4 +1,4 @@
-"""Files that are read again at SIGHUP."""
+"""Tokens and certificates that are reloaded at SIGHUP."""
 
 import io
 import json
@@ -15,7 +15,7 @@ from support.clients import until
 @pytest.mark.parametrize(
     "error", [TokenError("tokens:1: no"), TlsError("cell.key: no"), FileNotFoundError(2, "No such file")]
 )
-async def test_after_a_file_that_cannot_be_read_it_is_read_again(error):
+async def test_after_a_file_that_cannot_be_read_a_later_request_reads_it(error):
     stream, found, used = io.StringIO(), [error, "new"], []
 
     def read():
@@ -37,7 +37,7 @@ async def test_after_a_file_that_cannot_be_read_it_is_read_again(error):
     ]  # fmt: skip
 
 
-async def test_after_a_defect_it_can_be_asked_again():
+async def test_after_a_defect_a_later_request_reads_again():
     log, used = Log(io.StringIO()), []
     source = ReloadSource("tokens", lambda: "new", lambda new: used.append(new) or used.index("other"))
     rereading = Reloader([source], log)

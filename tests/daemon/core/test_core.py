@@ -1,4 +1,4 @@
-"""What messages and ticks do, with a real gate and without sockets."""
+"""Effects of requests and ticks, with a real gate and without sockets."""
 
 import math
 import re
@@ -36,7 +36,7 @@ def error(peer, code):
 # --- commands ---------------------------------------------------------------------------------------------
 
 
-def test_an_increment_goes_all_the_way(bench):
+def test_an_increment_reaches_the_robot(bench):
     peer, fence = bench.holder("wave", "A")
     (verdict,) = bench.command(peer, "A", fence, 7, (0.001, 0.0, -0.001))
     assert (verdict.seq, verdict.outcome, verdict.tick, verdict.target) == (7, "admitted", 0, 1)
@@ -69,7 +69,7 @@ def test_the_verdict_comes_before_the_state_that_applies_it(bench):
         ((0.0, -math.inf, 0.0), "not_finite"),
     ],
 )
-def test_what_can_be_read_gets_a_verdict_and_leaves_the_slot_free(bench, dq, cause):
+def test_every_readable_command_gets_a_verdict_and_a_refused_one_leaves_the_slot_free(bench, dq, cause):
     peer, fence = bench.holder("wave", "A")
     (verdict,) = bench.command(peer, "A", fence, 1, dq)
     assert (verdict.outcome, verdict.reasons[0].cause) == ("refused", cause)
@@ -77,7 +77,7 @@ def test_what_can_be_read_gets_a_verdict_and_leaves_the_slot_free(bench, dq, cau
     assert verdict.outcome == "admitted"
 
 
-def test_a_command_for_no_robot_is_an_error_with_its_seq(bench):
+def test_a_command_for_an_unknown_robot_is_an_error_with_its_seq(bench):
     peer, fence = bench.holder("wave", "A")
     bench.core.handle(peer, m.Command(robot="C", fence=fence, seq=9, tick=0, dq=(0.0,)))
     found = error(peer, "unknown_robot")
@@ -86,7 +86,7 @@ def test_a_command_for_no_robot_is_an_error_with_its_seq(bench):
 
 
 @pytest.mark.parametrize("role", ["observer", "controller", "operator"])
-def test_a_guessed_fence_gives_nobody_a_robot(bench, role):
+def test_a_guessed_fence_gives_no_client_a_robot(bench, role):
     _, fence = bench.holder("wave", "A")
     thief = bench.client("thief", role)
     (verdict,) = bench.command(thief, "A", fence, 1)
@@ -124,7 +124,7 @@ def test_without_commands_the_robot_plays_its_plan_to_rest(bench):
 # --- leases -----------------------------------------------------------------------------------------------
 
 
-def test_a_held_robot_is_denied_with_its_holders_name(bench):
+def test_a_leased_robot_is_denied_with_its_holders_name(bench):
     bench.holder("wave", "A")
     other = bench.client("other")
     bench.core.handle(other, m.Acquire(id=4, robot="A"))
@@ -133,7 +133,7 @@ def test_a_held_robot_is_denied_with_its_holders_name(bench):
     assert "wave" in found.text
 
 
-def test_an_operator_takes_over_and_the_former_holder_is_told(bench):
+def test_an_operator_takes_over_and_the_former_holder_is_notified(bench):
     peer, fence = bench.holder("wave", "A")
     operator = bench.client("boss", "operator")
     bench.core.handle(operator, m.Acquire(robot="A", takeover=True, speed=0.5))
@@ -147,14 +147,14 @@ def test_an_operator_takes_over_and_the_former_holder_is_told(bench):
     assert verdict.outcome == "refused"
 
 
-def test_takeover_is_no_controllers_right(bench):
+def test_a_controller_may_not_take_over(bench):
     bench.holder("wave", "A")
     other = bench.client("other")
     bench.core.handle(other, m.Acquire(robot="A", takeover=True))
     error(other, "forbidden")
 
 
-def test_any_message_keeps_a_lease_and_silence_ends_it(bench):
+def test_any_message_renews_a_lease_and_it_expires_without_messages(bench):
     peer, fence = bench.holder("wave", "A")
     bench.time.now += 0.9
     bench.core.handle(peer, m.Ping(time=0.0))
@@ -178,7 +178,7 @@ def test_a_command_after_the_time_to_live_is_refused_even_before_the_next_tick(b
     assert verdict.outcome == "refused"
 
 
-def test_released_is_free(bench):
+def test_a_released_robot_is_free(bench):
     peer, fence = bench.holder("wave", "A")
     bench.core.handle(peer, m.Release(id=2, robot="A", fence=fence))
     lease = peer.last(m.Lease)
@@ -188,7 +188,7 @@ def test_released_is_free(bench):
     error(peer, "not_held")
 
 
-def test_who_leaves_leaves_robots_and_signals(bench):
+def test_a_session_that_ends_frees_its_robots_and_signals(bench):
     peer, _ = bench.holder("wave", "A")
     bench.core.handle(peer, m.Signal(name="x", value=(1.0,)))
     bench.core.leave(peer)
@@ -201,7 +201,7 @@ def test_who_leaves_leaves_robots_and_signals(bench):
 # --- stop and reset ---------------------------------------------------------------------------------------
 
 
-def test_a_stop_by_anybody_stops_all_and_tells_all(bench):
+def test_a_stop_by_an_observer_stops_all_robots_and_notifies_all_clients(bench):
     peer, fence = bench.holder("wave", "A")
     watcher = bench.client("eye", "observer")
     bench.core.handle(watcher, m.Stop(id=3, reason="smoke"))
@@ -226,7 +226,7 @@ def test_one_robot_is_stopped_alone(bench):
     assert error(peer, "unknown_robot").re == 8
 
 
-def test_a_reset_is_the_operators_names_a_stop_and_waits_for_rest(bench):
+def test_a_reset_needs_an_operator_a_known_stop_and_robots_at_rest(bench):
     peer, fence = bench.holder("wave", "A")
     for seq in range(8):
         bench.command(peer, "A", fence, seq, (0.002 * (seq + 1), 0.0, 0.0))
@@ -273,7 +273,7 @@ def test_a_robot_under_two_stops_is_free_after_the_second_reset(bench):
     assert boss.last(m.Lease).state == "held"
 
 
-def test_a_client_that_knows_of_replaced_stops_lifts_only_the_stop_that_it_names(bench):
+def test_a_client_that_supports_replaced_stops_resets_only_the_stop_that_it_names(bench):
     boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
     boss.change(capabilities=frozenset({"stop.replaces"}))
     for _ in range(2):
@@ -306,7 +306,7 @@ def test_many_stops_of_one_client_are_one_stop(bench):
     assert boss.last(m.Lease).state == "held"
 
 
-def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_tell(bench):
+def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_hold(bench):
     eye = bench.client("eye", "observer")
     for number in range(300):
         peer = bench.client(f"c{number}")
@@ -324,7 +324,7 @@ def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_tell(ben
     assert boss.last(m.Lease).state == "held"
 
 
-def test_while_ending_nothing_is_reset(bench):
+def test_no_stop_is_reset_while_the_daemon_ends(bench):
     boss = bench.client("boss", "operator")
     bench.core.end("the daemon is ending")
     stopped = boss.last(m.Stopped)
@@ -336,7 +336,7 @@ def test_while_ending_nothing_is_reset(bench):
 # --- states -----------------------------------------------------------------------------------------------
 
 
-def test_a_subscriber_gets_the_newest_state_of_each_robot_at_once(bench):
+def test_a_subscriber_gets_the_latest_state_of_each_robot_at_once(bench):
     eye = bench.client("eye", "observer")
     bench.core.handle(eye, m.Subscribe(id=1))
     subscribed, a, b = eye.take()
@@ -348,7 +348,7 @@ def test_a_subscriber_gets_the_newest_state_of_each_robot_at_once(bench):
     assert [(s.robot, s.tick) for s in eye.take()] == [("A", 1), ("B", 1)]
 
 
-def test_all_robots_of_an_instant_tick_before_its_states_go_out(bench):
+def test_all_robots_of_an_instant_tick_before_its_states_are_sent(bench):
     eye = bench.client("eye", "observer")
     bench.core.handle(eye, m.Subscribe())
     eye.take()
@@ -377,13 +377,13 @@ def test_every_n_th_tick_of_some_robots_with_some_fields(bench):
 @pytest.mark.parametrize(
     ("wish", "code"), [({"robots": ("C",)}, "unknown_robot"), ({"fields": ("qq",)}, "unknown_field")]
 )
-def test_a_subscription_to_what_there_is_not_is_an_error(bench, wish, code):
+def test_a_subscription_to_an_unknown_robot_or_field_is_an_error(bench, wish, code):
     eye = bench.client("eye", "observer")
     bench.core.handle(eye, m.Subscribe(id=5, **wish))
     assert error(eye, code).re == 5
 
 
-def test_one_state_is_encoded_once_for_all_who_want_the_same(bench, monkeypatch):
+def test_a_state_is_encoded_once_for_all_clients_with_the_same_fields(bench, monkeypatch):
 
     from armgate.daemon.core import states
 
@@ -398,7 +398,7 @@ def test_one_state_is_encoded_once_for_all_who_want_the_same(bench, monkeypatch)
     assert len(encoded) == 4  # two robots, two sets of fields
 
 
-def test_the_state_tells_holder_stops_verdict_and_signals(bench):
+def test_the_state_holds_holder_stops_verdict_and_signals(bench):
     peer, fence = bench.holder("wave", "A")
     bench.core.handle(peer, m.Signal(id=6, name="lead.progress", value=(0.25,)))
     assert peer.last(m.Signaled).re == 6
@@ -418,8 +418,8 @@ def test_the_state_tells_holder_stops_verdict_and_signals(bench):
     assert a.nearest
 
 
-def test_an_engine_that_misjudges_is_told_in_the_state(config, monkeypatch):
-    """All of its answers fall short of their proofs: a warning, and robots that are safe all the same."""
+def test_a_wrong_distance_engine_is_reported_in_the_state(config, monkeypatch):
+    """All of its answers fall short of their proofs: the state has a warning, and the robots stay safe."""
     honest = CoalEngine.suggest
 
     def boastful(self, *asked):
@@ -438,7 +438,7 @@ def test_an_engine_that_misjudges_is_told_in_the_state(config, monkeypatch):
 # --- the rest ---------------------------------------------------------------------------------------------
 
 
-def test_every_message_has_its_roles_and_every_role_its_refusals():
+def test_every_request_has_roles_and_operators_may_send_all():
     requests = set(m.CLIENT_MESSAGES) - {m.Hello, m.Bye}
     assert set(RIGHTS) == set(get_args(ClientRequest)) == requests
     assert all("operator" in roles for roles in RIGHTS.values())
@@ -452,7 +452,7 @@ def test_every_message_has_its_roles_and_every_role_its_refusals():
         ("controller", m.Reset(id=1, stop=1)),
     ],
 )
-def test_who_may_not_is_told_so(bench, role, message):
+def test_a_request_without_the_right_is_forbidden(bench, role, message):
     peer = bench.client("p", role)
     bench.core.handle(peer, message)
     found = error(peer, "forbidden")
@@ -509,11 +509,11 @@ def test_bodies_are_described_in_their_links_frame(bench):
     assert [body.name for body in description.bodies if body.robot is None] == ["post"]
 
 
-# --- who is shown states when -----------------------------------------------------------------------------
+# --- order of sending states ------------------------------------------------------------------------------
 
 
 class Turns:
-    """The turns of the peers, one by one."""
+    """Turns of the clients, given one by one."""
 
     def __init__(self):
         self.waiting = []
@@ -529,7 +529,7 @@ class Turns:
 
 @pytest.fixture
 def crowd(config):
-    """A bench by turns, a holder, and twenty who look on."""
+    """A bench with turns, a holder, and twenty observers."""
     turns = Turns()
     bench = Bench(config, defer=turns).start()
     eyes = [bench.client(f"eye{number}", "observer") for number in range(20)]
@@ -541,7 +541,7 @@ def crowd(config):
 
 
 def shown(peers):
-    """How many peers were shown one instant, each robot's state once and in order."""
+    """Return how many clients were sent one instant, each robot's state once and in order."""
     count = 0
     for peer in peers:
         states = peer.take(m.State)
@@ -550,7 +550,7 @@ def shown(peers):
     return count
 
 
-def test_holders_are_shown_states_at_once_and_onlookers_in_their_turn(crowd):
+def test_holders_are_sent_states_at_once_and_observers_in_their_turn(crowd):
     bench, turns, holder, eyes = crowd
     bench.tick()
     assert (shown([holder]), shown(eyes)) == (1, 0)
@@ -562,7 +562,7 @@ def test_holders_are_shown_states_at_once_and_onlookers_in_their_turn(crowd):
     assert turns.waiting == []
 
 
-def test_onlookers_whose_turn_does_not_come_are_shown_the_newest_state_only(crowd):
+def test_observers_whose_turn_does_not_come_are_sent_only_the_latest_state(crowd):
     bench, turns, holder, eyes = crowd
     bench.core.handle(eyes[0], m.Subscribe(robots=("B",), every=2))
     eyes[0].take()
@@ -575,7 +575,7 @@ def test_onlookers_whose_turn_does_not_come_are_shown_the_newest_state_only(crow
     assert [state.tick for state in holder.take(m.State) if state.robot == "A"] == [1, 2, 3]
 
 
-def test_an_onlooker_that_becomes_a_holder_is_shown_what_waited_first(crowd):
+def test_an_observer_that_becomes_a_holder_is_sent_its_waiting_states_first(crowd):
     bench, turns, _, eyes = crowd
     bench.core.handle(eyes[0], m.Subscribe(robots=("B",), every=2))
     bench.tick(2)
@@ -588,7 +588,7 @@ def test_an_onlooker_that_becomes_a_holder_is_shown_what_waited_first(crowd):
     assert eyes[0].take(m.State) == []
 
 
-def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(crowd):
+def test_a_new_subscription_sends_no_state_twice_and_an_ended_session_gets_none(crowd):
     bench, turns, _, eyes = crowd
     bench.tick()
     bench.core.handle(eyes[-1], m.Subscribe())
@@ -602,7 +602,7 @@ def test_who_subscribes_in_between_is_shown_no_state_twice_and_who_left_none(cro
 # --- tokens -----------------------------------------------------------------------------------------------
 
 
-def test_a_robot_that_the_token_does_not_name_is_not_given(bench):
+def test_a_robot_that_the_token_does_not_name_cannot_be_acquired(bench):
     peer = bench.client("lab")
     peer.change(robots=frozenset({"A"}))
     bench.core.handle(peer, m.Acquire(robot="B", id=3))
@@ -629,7 +629,7 @@ def test_a_robot_that_has_just_played_its_last_increment_is_not_yet_at_rest(benc
 
 
 @pytest.mark.parametrize(("off", "rests"), [(0.99e-6, True), (1.01e-6, False)])
-def test_noise_within_the_tolerance_is_no_motion(bench, off, rests):
+def test_noise_within_the_tolerance_does_not_count_as_motion(bench, off, rests):
     bench.tick(3)
     tick = bench.last("A")
     for k in range(4):

@@ -1,4 +1,4 @@
-"""A short search with valid messages, and that it finds defects. The long one is `make fuzz-valid`."""
+"""A short search with valid messages, and a proof that it finds defects (`make fuzz-valid` is the long one)."""
 
 from random import Random
 
@@ -38,7 +38,7 @@ async def test_valid_messages_over_sockets_never_break_a_daemon(robots, joints, 
     await Live(tmp_path, Random(robots), robots, joints).run(clients=5, messages=120)
 
 
-async def test_a_daemon_that_fails_is_noticed(tmp_path):
+async def test_a_daemon_that_does_not_start_is_reported(tmp_path):
     live = Live(tmp_path, Random(1), 1, 1)
     live._file.write_text("armgate: 1\nname: nothing\nrobots: {}\n")
     with pytest.raises(ViolationError, match="did not start"):
@@ -56,7 +56,7 @@ def test_every_type_of_message_is_sent_with_every_field(tmp_path):
     assert all(fields == set(fields_of(model)) for model, fields in seen.items())
 
 
-def test_the_command_tells_what_it_sent_and_refuses_other_words(capsys):
+def test_the_command_reports_its_messages_and_refuses_wrong_arguments(capsys):
     assert main(["200", "3"]) == 0
     assert "200 valid messages" in capsys.readouterr().out
     assert main(["many"]) == 2
@@ -94,7 +94,7 @@ def an_answer_too_many(patch):
     patch.setattr(States, "subscribe", subscribe)
 
 
-def replaced_not_told(patch):
+def replaced_stops_unannounced(patch):
     right = Stopping.announce_stop
 
     def announce_stop(self, given, asker, request):
@@ -110,7 +110,7 @@ def replaced_not_told(patch):
         (reasons_without_bound, {"joints": 40, "robots": 1, "only": (m.Acquire, m.Command)}),
         (done_no_longer, {"lockstep": True, "robots": 4, "messages": 3000}),
         (an_answer_too_many, {}),
-        (replaced_not_told, {}),
+        (replaced_stops_unannounced, {}),
     ],
 )
 async def test_planted_defects_are_found(plant, how, tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ def code(peer):
     return peer.last(m.Error).code
 
 
-def test_an_operator_sees_all_sessions_in_order(bench):
+def test_an_operator_lists_all_sessions_in_order(bench):
     holder, _ = bench.holder("wave", "B")
     boss, eye = bench.client("boss", "operator"), bench.client("eye", "observer")
     boss.change(token="alice")
@@ -40,7 +40,7 @@ def test_an_operator_ends_a_session(bench):
     assert holder.ended
 
 
-def test_a_session_that_there_is_not(bench):
+def test_an_unknown_session_cannot_be_ended(bench):
     boss = bench.client("boss", "operator")
     bench.core.handle(boss, m.Kick(session="s99", id=4))
     assert code(boss) == "unknown_session"
@@ -48,14 +48,14 @@ def test_a_session_that_there_is_not(bench):
 
 @pytest.mark.parametrize("role", ["observer", "controller"])
 @pytest.mark.parametrize("request_", [m.Sessions(), m.Kick(session="s1")], ids=["sessions", "kick"])
-def test_only_operators_may(bench, role, request_):
+def test_only_operators_may_list_or_end_sessions(bench, role, request_):
     bench.client("first")
     peer = bench.client("x", role)
     bench.core.handle(peer, request_)
     assert code(peer) == "forbidden"
 
 
-def test_what_a_session_holds_is_looked_up_once(bench, monkeypatch):
+def test_the_robots_of_a_session_are_looked_up_once(bench, monkeypatch):
     boss, asked = bench.client("boss", "operator"), []
     held_by = bench.core.leasing.held_by
     monkeypatch.setattr(

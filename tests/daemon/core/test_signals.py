@@ -45,7 +45,7 @@ def test_values_handed_out_do_not_change():
     assert list(before) == ["x"]
 
 
-def test_too_many_names_are_refused_and_the_known_ones_still_taken():
+def test_too_many_names_are_refused_and_known_ones_still_accepted():
     signals = Signals(1000.0, limit=3)
     for number in range(3):
         signals.set(Client("s1", "a", "controller"), f"x{number}", (0.0,), 0.0)
@@ -105,7 +105,7 @@ def test_the_longest_prefix_counts(ruled):
     ruled.set(sharer("other"), "lead.open.x", (1.0,), 0.0)
 
 
-def test_a_client_has_a_bound_of_its_own_and_a_token_one_for_all_its_sessions(ruled):
+def test_a_client_has_its_own_bound_and_a_token_one_for_all_its_sessions(ruled):
     for number in range(16):
         ruled.set(sharer("a"), f"a{number}", (0.0,), 0.0)
         ruled.set(sharer("b", session=f"b{number % 2}", known_as="lab"), f"b{number}", (0.0,), 0.0)
@@ -117,7 +117,7 @@ def test_a_client_has_a_bound_of_its_own_and_a_token_one_for_all_its_sessions(ru
     few.set(sharer("z", session="s3", known_as="lab"), "z", (0.0,), 0.0)
 
 
-def test_clients_that_take_all_names_leave_places_for_reserved_ones(ruled):
+def test_clients_cannot_use_up_the_places_of_reserved_names(ruled):
     for number in range(64 - KEPT):
         ruled.set(sharer(f"c{number // 10}"), f"x{number}", (0.0,), 0.0)
     assert code_of(ruled, sharer("more"), "y", (0.0,), 0.0) == "too_many_signals"
@@ -125,7 +125,7 @@ def test_clients_that_take_all_names_leave_places_for_reserved_ones(ruled):
     ruled.set(sharer("boss", "operator"), "operator.distance", (0.0,), 0.0)
 
 
-def test_users_of_the_unix_socket_are_known_by_their_number_and_not_by_the_name_they_say(ruled):
+def test_users_of_the_unix_socket_are_identified_by_number_and_not_by_their_claimed_name(ruled):
     assert code_of(ruled, sharer("leader", known_as="uid 1000"), "lead.progress", (1.0,), 0.0) == "forbidden"
     assert code_of(ruled, sharer("uid:1000", known_as="uid 1001"), "local.x", (1.0,), 0.0) == "forbidden"
     ruled.set(sharer("x", known_as="uid 1000"), "local.x", (1.0,), 0.0)

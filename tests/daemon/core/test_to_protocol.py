@@ -1,4 +1,4 @@
-"""What is told keeps the protocol's bounds, however much there is to tell."""
+"""Messages keep the protocol's bounds, whatever gate and daemon report."""
 
 import pytest
 
@@ -12,12 +12,12 @@ def reason(cause, number, text="why"):
 
 
 @pytest.mark.parametrize("count", [0, 1, m.MAX_REASONS])
-def test_reasons_that_fit_are_all_told(count):
+def test_reasons_that_fit_are_all_sent(count):
     given = [reason(Cause.INCREMENT, number) for number in range(count)]
     assert [one.text for one in to_protocol.reasons(given)] == [one.text for one in given]
 
 
-def test_of_too_many_reasons_each_cause_is_told_and_the_others_are_counted():
+def test_of_too_many_reasons_each_cause_is_sent_and_the_others_are_counted():
     given = [reason(Cause.INCREMENT, n) for n in range(64)]
     given += [reason(Cause.ACCELERATION, n) for n in range(64)] + [
         reason(Cause.JOINT_LIMIT, n) for n in range(64)
@@ -31,7 +31,7 @@ def test_of_too_many_reasons_each_cause_is_told_and_the_others_are_counted():
     assert told[-1].text == f"why 0 (and {len(given) - m.MAX_REASONS} more reasons)"
 
 
-def test_the_count_of_what_was_left_out_fits_behind_the_longest_text():
+def test_the_count_of_omitted_reasons_fits_after_the_longest_text():
     given = [reason(Cause.INCREMENT, n, "x" * m.MAX_TEXT) for n in range(100)]
     last = to_protocol.reasons(given)[-1].text
     assert len(last) == m.MAX_TEXT

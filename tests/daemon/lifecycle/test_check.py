@@ -43,7 +43,7 @@ def printed(cell):
 
 
 @pytest.mark.parametrize("body", [BOX, ""])
-def test_a_cell_without_pairs_is_checked_and_judged(tmp_path, body):
+def test_a_cell_without_pairs_is_checked_and_its_gate_works(tmp_path, body):
     cell = cell_of(tmp_path, None, body)
     status, text = printed(cell)
     assert status == 0
@@ -57,7 +57,7 @@ TWO = {"near": box([0.1, 0.1, 0.1], [0.2, 0, 0]), "diag": box([0.1, 0.4, 0.1], [
 
 @pytest.mark.parametrize("self_distance", [0.001, 0.2])
 @pytest.mark.parametrize("stop_distance", [0.001, 0.05, 0.3])
-def test_distances_are_true_whatever_is_to_be_kept(tmp_path, stop_distance, self_distance):
+def test_distances_are_true_for_any_distance_to_keep(tmp_path, stop_distance, self_distance):
     cell = cell_of(tmp_path, TWO, stop_distance=stop_distance, self_distance=self_distance)
     status, text = printed(cell)
     assert "100.0 mm" in text
@@ -108,7 +108,7 @@ def test_serve_warns_of_what_check_refuses(tmp_path):
     assert (none["event"], none["text"][:30]) == ("remark", "no pair of bodies must stay ap")
 
 
-def test_lags_are_reported_as_the_gate_reckons_with_them(tmp_path):
+def test_lags_are_reported_as_the_gate_assumes_them(tmp_path):
     cell = cell_of(tmp_path, None)
     assert "R: lags 30 ms, axes differ by at most 0 ms; delay at most 0 ms" in printed(cell)[1]
     robot = {"urdf": "a.urdf", "start": [0.0], "lag_difference": "2 ms", "lag_window": "24 ms"}

@@ -1,4 +1,4 @@
-"""The daemon's life, in the test's own event loop: what fails, how it ends."""
+"""Start, failures and end of a daemon, in the event loop of the test."""
 
 import asyncio
 import io
@@ -23,7 +23,7 @@ from support.clients import PATIENCE, Mover, Raw
 
 
 class Broken:
-    """A gate that fails at one kind of event, once it is told to."""
+    """A gate that fails at one kind of event, once the test wants it."""
 
     def __init__(self, cell, start):
         self.gate = Gate(cell, start)
@@ -107,7 +107,7 @@ def test_a_daemon_that_is_over_stays_over_and_every_other_phase_can_end():
     assert (life.phase, life.advance(PhaseEvent.END)) == (Phase.OVER, False)
 
 
-async def test_told_to_end_it_stops_rests_says_bye_and_ends(tmp_path):
+async def test_a_signal_stops_the_robots_and_ends_the_daemon_with_bye_once_they_rest(tmp_path):
     async with Running(config_of(tmp_path, lag=0.03)) as running:
         mover = await Mover.start(running.port, "A")
         await mover.moves_on(10)
@@ -126,7 +126,7 @@ async def test_told_to_end_it_stops_rests_says_bye_and_ends(tmp_path):
         assert running.link.remaining == 0
 
 
-async def test_told_twice_it_ends_at_once(tmp_path):
+async def test_a_second_signal_ends_the_daemon_at_once(tmp_path):
     async with Running(config_of(tmp_path)) as running:
         running.daemon.end()
         running.daemon.end()
@@ -135,7 +135,7 @@ async def test_told_twice_it_ends_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("event", [events.Command, events.Tick, events.LeaseChange, events.PlanAnswer])
-async def test_if_the_gate_fails_the_robots_rest_and_it_is_asked_no_more(tmp_path, event):
+async def test_if_the_gate_fails_the_robots_rest_and_it_is_no_longer_asked(tmp_path, event):
     async with Running(config_of(tmp_path), Broken) as running:
         mover = await Mover.start(running.port, "A")
         eye = await Raw.hello(running.port, "eye", "observer")
@@ -180,7 +180,7 @@ async def test_a_failing_gate_in_lockstep_lets_the_robots_rest_too(tmp_path):
         assert running.link.remaining == 0
 
 
-async def test_in_lockstep_it_ends_without_waiting_for_anybody(tmp_path):
+async def test_in_lockstep_the_daemon_ends_without_waiting_for_participants(tmp_path):
     config = config_of(tmp_path, clock="{kind: lockstep, participants: [mover, other]}")
     async with Running(config) as running:
         other = await Raw.hello(running.port, "other")
@@ -189,7 +189,7 @@ async def test_in_lockstep_it_ends_without_waiting_for_anybody(tmp_path):
         assert isinstance((await other.rest())[-1], m.Bye)
 
 
-async def test_a_participant_dropped_fails_the_run(tmp_path):
+async def test_a_dropped_participant_fails_the_run(tmp_path):
     config = config_of(tmp_path, clock="{kind: lockstep, participants: [a, b], grace: 0.2}")
     async with Running(config) as running:
         a = await Raw.hello(running.port, "a")
@@ -207,7 +207,7 @@ async def test_a_participant_dropped_fails_the_run(tmp_path):
         assert running.logged("lockstep.dropped")
 
 
-async def test_no_more_connections_than_allowed_and_room_again_afterwards(tmp_path):
+async def test_connections_are_bounded_and_a_closed_one_frees_its_place(tmp_path):
     async with Running(config_of(tmp_path, server={"max_connections": 2})) as running:
         await Raw.hello(running.port, "a")
         second = await Raw.hello(running.port, "b")
@@ -235,7 +235,7 @@ async def test_half_open_connections_are_closed_in_time(tmp_path):
             assert (error.code, error.fatal) == ("handshake_timeout", True)
 
 
-async def test_no_token_stands_in_the_log(tmp_path):
+async def test_the_log_contains_no_token(tmp_path):
     async with Running(config_of(tmp_path)) as running:
         wire = await Raw.open(running.port)
         wire.send(m.Hello(versions=(1,), name="a", token="hush-hush"))
@@ -248,7 +248,7 @@ async def test_no_token_stands_in_the_log(tmp_path):
     assert running.logged("welcome")
 
 
-async def test_a_full_port_is_an_error_of_the_system(tmp_path):
+async def test_a_port_in_use_is_an_error_of_the_system(tmp_path):
     async with Running(config_of(tmp_path)) as running:
         taken = Running(config_of(tmp_path, server={"port": running.port}))
         with pytest.raises(OSError, match="in use"):
@@ -256,7 +256,7 @@ async def test_a_full_port_is_an_error_of_the_system(tmp_path):
         taken.writer.close()
 
 
-async def test_a_reader_that_never_reads_delays_nobody(tmp_path):
+async def test_a_client_that_never_reads_delays_no_other_client(tmp_path):
     async with Running(config_of(tmp_path)) as running:
         deaf = await Raw.hello(running.port, "deaf", "observer")
         deaf.send(m.Subscribe())
@@ -266,7 +266,7 @@ async def test_a_reader_that_never_reads_delays_nobody(tmp_path):
         await mover.stop()
 
 
-async def test_told_to_end_it_stops_the_robots_though_it_cannot_stop_listening(tmp_path, monkeypatch):
+async def test_a_signal_stops_the_robots_even_if_listening_cannot_be_stopped(tmp_path, monkeypatch):
     async with Running(config_of(tmp_path)) as running:
         eye = await Raw.hello(running.port, "eye", "observer")
         sessions, told = running.daemon._sessions, []
@@ -302,7 +302,7 @@ async def test_connections_that_are_never_welcomed_leave_a_bounded_log(tmp_path)
     assert not running.logged("refused")
 
 
-async def test_other_refusals_are_logged_up_to_a_number(tmp_path, monkeypatch):
+async def test_other_refusals_are_logged_up_to_a_bound(tmp_path, monkeypatch):
     async with Running(config_of(tmp_path, server=FEW)) as running:
         monkeypatch.setattr(ConnectionLimits, "admit", lambda *_: "there is no room")
         for _ in range(10):

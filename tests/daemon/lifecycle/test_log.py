@@ -1,4 +1,4 @@
-"""The log: a JSON object a line, and nobody waits for it."""
+"""The log: one JSON object per line, written without delaying its callers."""
 
 import io
 import json
@@ -21,7 +21,7 @@ def test_a_line_is_a_json_object_with_time_level_event_and_fields():
 
 
 class Stuck(io.StringIO):
-    """A pipe that nobody reads."""
+    """A pipe that is never read."""
 
     def __init__(self):
         super().__init__()
@@ -32,7 +32,7 @@ class Stuck(io.StringIO):
         return super().write(text)
 
 
-def test_when_nobody_reads_nobody_waits_and_the_gap_is_told():
+def test_an_unread_log_delays_no_caller_and_the_gap_is_reported():
     stream = Stuck()
     log = Log(stream, now=lambda: 0.0)
     for number in range(10_000):

@@ -1,4 +1,4 @@
-"""The port for figures: what is answered, and that idle connections do no harm."""
+"""The metrics port: its answers, and its bounds on idle connections."""
 
 import resource
 import socket
@@ -23,14 +23,14 @@ def port(monkeypatch):
 
 
 def asked(port, request):
-    """The whole answer to a request."""
+    """Return the whole answer to a request."""
     with socket.create_connection(("127.0.0.1", port), PATIENCE) as sock:
         sock.sendall(request)
         return b"".join(iter(lambda: sock.recv(65536), b""))
 
 
 def got(port):
-    """The answer to a request, or nothing if newer connections closed this one."""
+    """Return the answer to a request; empty if newer connections have closed this one."""
     try:
         return get(port)
     except ConnectionError:
@@ -66,7 +66,7 @@ def test_other_requests(port, request_, status):
     assert asked(port, request_).split()[1] == status
 
 
-def test_a_thousand_idle_connections_keep_nobody_out_and_cost_no_threads_or_descriptors(port):
+def test_a_thousand_idle_connections_block_no_request_and_cost_no_threads_or_descriptors(port):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
     idle = []
@@ -87,7 +87,7 @@ def test_a_thousand_idle_connections_keep_nobody_out_and_cost_no_threads_or_desc
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_a_connection_that_asks_nothing_is_closed_in_time(port, monkeypatch):
+def test_a_connection_without_a_request_is_closed_in_time(port, monkeypatch):
     monkeypatch.setattr(module, "_TIMEOUT", 0.1)
     with socket.create_connection(("127.0.0.1", port), PATIENCE) as sock:
         assert sock.recv(1) == b""

@@ -1,4 +1,4 @@
-"""Who is waited for in lock-step."""
+"""Participants that a step of lock-step waits for."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from armgate.protocol import RemoteProtocolError
 
 
 class Leased:
-    """A barrier of two with leases to be set."""
+    """A barrier of two participants, with leases that the test sets."""
 
     def __init__(self, **held):
         self.held = held
@@ -17,7 +17,7 @@ class Leased:
         self.barrier.join("b", 0.0)
 
 
-def test_a_step_needs_everybodys_commands():
+def test_a_step_needs_the_commands_of_all_participants():
     leased = Leased(a={"A"}, b={"B"})
     leased.barrier.command("a", "A")
     assert leased.barrier.done("a")
@@ -28,7 +28,7 @@ def test_a_step_needs_everybodys_commands():
     assert not leased.barrier.complete
 
 
-def test_who_holds_two_robots_commands_both_or_passes():
+def test_a_holder_of_two_robots_commands_both_or_passes():
     leased = Leased(a={"A", "B"})
     leased.barrier.command("a", "A")
     assert not leased.barrier.done("a")
@@ -36,7 +36,7 @@ def test_who_holds_two_robots_commands_both_or_passes():
     assert leased.barrier.done("a")
 
 
-def test_who_holds_no_robot_must_pass():
+def test_a_participant_without_a_robot_must_pass():
     leased = Leased(a={"A"})
     leased.barrier.command("a", "A")
     assert not leased.barrier.done("b")
@@ -44,7 +44,7 @@ def test_who_holds_no_robot_must_pass():
     assert leased.barrier.complete
 
 
-def test_who_holds_only_robots_that_did_not_tick_has_nothing_to_say():
+def test_a_holder_of_robots_that_did_not_tick_is_done_at_once():
     leased = Leased(a={"A"}, b={"B"})
     leased.barrier.begin(1, ["A"], 0.0)
     assert leased.barrier.done("b")
@@ -52,7 +52,7 @@ def test_who_holds_only_robots_that_did_not_tick_has_nothing_to_say():
     assert leased.barrier.complete
 
 
-def test_the_absent_are_waited_for_the_gone_and_dropped_are_not():
+def test_a_step_waits_for_absent_participants_and_not_for_gone_or_dropped_ones():
     barrier = Barrier(("a", "b"), 10.0, lambda name: set())
     barrier.begin(0, ["A"], 0.0)
     assert not barrier.complete
@@ -71,7 +71,7 @@ def test_the_absent_are_waited_for_the_gone_and_dropped_are_not():
     assert barrier.complete
 
 
-def test_with_nobody_left_nothing_goes_on():
+def test_without_participants_no_step_is_complete():
     barrier = Barrier(("a",), 10.0, lambda name: set())
     barrier.begin(0, ["A"], 0.0)
     barrier.join("a", 0.0)
@@ -89,7 +89,7 @@ def test_a_pass_for_another_step_is_refused(step):
     assert caught.value.code.value == "wrong_step"
 
 
-def test_silence_is_counted_from_the_last_sign_of_life_while_waited_for():
+def test_the_grace_counts_from_the_last_message_while_a_step_waits():
     leased = Leased()
     leased.barrier.pass_("a", 0)
     assert leased.barrier.silent(9.9) == []

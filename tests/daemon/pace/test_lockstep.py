@@ -1,4 +1,4 @@
-"""Lock-step without sockets: who speaks first makes no difference."""
+"""Lock-step without sockets: the order in which clients send makes no difference."""
 
 import asyncio
 import io
@@ -17,7 +17,7 @@ from support.peers import Bench, Peer
 
 
 class Stage:
-    """A lock-step run with list clients, and a wall clock to be set."""
+    """A lock-step run with clients in memory, and a wall clock that the test sets."""
 
     def __init__(self, config, participants=("a", "b")):
         self.wall = 0.0
@@ -66,7 +66,7 @@ async def stage(config):
     stage.run.close()
 
 
-async def test_no_time_passes_before_all_have_spoken(stage):
+async def test_no_time_passes_before_all_participants_are_done(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")
     assert (stage.step, a.take()) == (0, [])
@@ -76,7 +76,7 @@ async def test_no_time_passes_before_all_have_spoken(stage):
     assert b.last(m.Verdict).outcome == "admitted"
 
 
-async def test_who_is_done_is_woken_by_the_next_state_alone(stage):
+async def test_a_participant_that_is_done_is_woken_only_by_the_next_state(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.run.handle(a, m.Signal(name="x", value=(1.0,)))
     assert a.batches == 0
@@ -111,7 +111,7 @@ async def test_a_participant_that_is_absent_is_waited_for(stage):
     assert stage.step == 1
 
 
-async def test_what_is_said_after_being_done_counts_in_the_next_step(stage):
+async def test_messages_of_a_participant_that_is_done_count_in_the_next_step(stage):
     a, b = stage.client("a"), stage.client("b")
     stage.run.handle(b, m.Subscribe(robots=("A",)))
     b.take()
@@ -152,7 +152,7 @@ async def test_endless_messages_ahead_end_the_connection(stage):
     assert a.take(m.Error)[0].code == "too_many"
 
 
-async def test_who_leaves_is_not_waited_for_and_who_was_done_leaves_after_the_step(stage):
+async def test_no_step_waits_for_a_client_that_left_and_one_that_was_done_leaves_after_the_step(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")
     stage.run.leave(a)
@@ -165,13 +165,13 @@ async def test_who_leaves_is_not_waited_for_and_who_was_done_leaves_after_the_st
     assert stage.step == 2
 
 
-async def test_who_leaves_before_speaking_ends_the_wait(stage):
+async def test_a_participant_that_leaves_ends_the_wait(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")
     stage.run.leave(b)
     assert stage.step == 1
     stage.run.leave(a)
-    assert stage.step == 1  # nobody left: the step waits for whoever comes
+    assert stage.step == 1  # no participant is left: the step waits for the next one
     again = stage.holder("a")
     stage.run.handle(again, m.Pass(step=1))
     assert stage.step == 2
@@ -200,7 +200,7 @@ async def test_a_silent_participant_is_dropped_and_the_run_has_failed(stage):
     assert stage.step == 3
 
 
-async def test_a_name_takes_part_once_and_the_second_does_no_harm(stage):
+async def test_a_second_client_of_a_participants_name_is_refused_and_does_no_harm(stage):
     a = stage.holder("a", "A")
     with pytest.raises(RemoteProtocolError, match="connected already") as caught:
         stage.client("a")
@@ -209,7 +209,7 @@ async def test_a_name_takes_part_once_and_the_second_does_no_harm(stage):
     assert stage.core.peers[a.client.id] is a
 
 
-async def test_others_look_on_and_stop_but_do_not_take_part(stage):
+async def test_other_clients_observe_and_stop_but_take_no_part(stage):
     eye = stage.client("eye", "operator")
     for message in (m.Acquire(id=1, robot="A"), m.Signal(id=1, name="x", value=(1.0,)), m.Pass(step=0)):
         stage.run.handle(eye, message)
@@ -229,7 +229,7 @@ async def test_others_look_on_and_stop_but_do_not_take_part(stage):
     assert stage.step == 1
 
 
-async def test_mixed_periods_ask_only_those_whose_robot_ticked(tmp_path):
+async def test_with_mixed_periods_a_step_waits_only_for_holders_of_robots_that_ticked(tmp_path):
     stage = Stage(arms_config(tmp_path, periods=(0.012, 0.004)))
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")
@@ -243,7 +243,7 @@ async def test_mixed_periods_ask_only_those_whose_robot_ticked(tmp_path):
     stage.run.close()
 
 
-async def test_resting_waits_for_nobody(stage):
+async def test_resting_waits_for_no_participant(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     for _ in range(10):
         stage.command(a, "A", (0.01, 0.0, 0.0))
@@ -264,7 +264,7 @@ async def test_resting_waits_for_nobody(stage):
 
 
 class Script:
-    """A participant's conversation: its messages, each with the step at which it is said."""
+    """Return the messages of a participant, each with the step in which it is sent."""
 
     def __init__(self, name, robot, steps, extra):
         self.name, self.robot, self.steps, self.extra = name, robot, steps, extra
@@ -283,7 +283,7 @@ class Script:
 
 
 def transcript(config, seed):
-    """What each client was sent, byte by byte, when a random one of them is always the faster one."""
+    """Return the bytes sent to each client if a random one of them is always the faster one."""
     choose = random.Random(seed)
     stage = Stage(config)
     scripts = {"a": Script("a", "A", 12, {2, 5}), "b": Script("b", "B", 12, {3, 5})}
@@ -301,7 +301,7 @@ def transcript(config, seed):
     return {name: b"".join(encode(message) for message in peer.heard) for name, peer in peers.items()}
 
 
-async def test_whoever_is_faster_everybody_is_sent_the_same_bytes(config):
+async def test_the_order_of_messages_does_not_change_the_bytes_that_clients_receive(config):
     runs = [transcript(config, seed) for seed in range(6)]
     assert len(runs[0]["a"]) > 10_000
     assert all(run == runs[0] for run in runs)

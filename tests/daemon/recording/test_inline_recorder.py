@@ -1,4 +1,4 @@
-"""The recorder of a lock-step run: all is written between two turns of the event loop."""
+"""The recorder of a lock-step run: everything is written between two turns of the event loop."""
 
 import asyncio
 import errno
@@ -21,7 +21,7 @@ def ticks_of(folder, **how):
     return [step.event.tick for _, step in Recording.open(folder, **how).steps()]
 
 
-async def test_what_is_fed_is_written_in_order_at_the_next_turn_and_closed(tmp_path):
+async def test_records_are_written_in_order_at_the_next_turn_and_the_file_is_closed(tmp_path):
     recorder = InlineRecorder(tmp_path / "run")
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(100))
@@ -37,7 +37,7 @@ async def test_what_is_fed_is_written_in_order_at_the_next_turn_and_closed(tmp_p
     assert recorder.trouble is None
 
 
-async def test_nothing_is_lost_however_much_comes_in_one_turn(tmp_path):
+async def test_no_record_of_one_turn_is_lost(tmp_path):
     recorder = InlineRecorder(tmp_path, limit=10)
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(200))
@@ -47,7 +47,7 @@ async def test_nothing_is_lost_however_much_comes_in_one_turn(tmp_path):
     assert ticks_of(tmp_path) == list(range(200))
 
 
-async def test_it_is_on_the_disk_though_nothing_follows(tmp_path):
+async def test_the_last_record_is_flushed_even_if_no_other_follows(tmp_path):
     recorder = InlineRecorder(tmp_path, flush=0.0)
     recorder.begin(records.header(), lambda: 0.5)
     size = (tmp_path / "recording-0001.mcap").stat().st_size
@@ -57,7 +57,7 @@ async def test_it_is_on_the_disk_though_nothing_follows(tmp_path):
     recorder.close()
 
 
-async def test_files_turn_by_size_and_each_is_whole(tmp_path):
+async def test_files_rotate_by_size_and_each_is_complete(tmp_path):
     recorder = InlineRecorder(tmp_path, rotate=20_000, flush=0.0)
     recorder.begin(records.header(), lambda: 0.5)
     for k in range(400):
@@ -85,7 +85,7 @@ class Full(RecordFile):
         return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, write)
 
 
-async def test_a_full_disk_ends_the_recording_and_what_comes_then_is_counted(tmp_path):
+async def test_a_full_disk_ends_the_recording_and_later_records_are_counted(tmp_path):
     recorder = InlineRecorder(tmp_path, create=Full.create, flush=0.0)
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(3000))

@@ -1,4 +1,4 @@
-"""The recorder: never in the way, honest about what it lost, readable whatever happens to it."""
+"""The recorder: delays no tick, marks lost records, and leaves readable files after every failure."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ def feed(recorder, ticks):
         recorder.tap(step.event, step.outputs)
 
 
-def test_what_is_fed_is_recorded_in_order_and_closed(tmp_path):
+def test_records_are_written_in_order_and_the_file_is_closed(tmp_path):
     recorder = Recorder(tmp_path / "run")
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(500))
@@ -35,7 +35,7 @@ def test_what_is_fed_is_recorded_in_order_and_closed(tmp_path):
     assert recorder.lost == 0
 
 
-def test_files_turn_by_size_and_each_is_whole(tmp_path):
+def test_files_rotate_by_size_and_each_is_complete(tmp_path):
     recorder = Recorder(tmp_path, rotate=20_000, flush=0.0)
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(400))
@@ -51,7 +51,7 @@ def test_files_turn_by_size_and_each_is_whole(tmp_path):
 
 
 class Clock:
-    """The thread's time: it passes while the thread waits; what is due meanwhile is fed."""
+    """Clock of the thread: time passes while the thread waits, and records that are due then are fed."""
 
     def __init__(self, due):
         self.time, self.due, self.fed = 0.0, due, {}
@@ -67,8 +67,8 @@ class Clock:
 
 
 @pytest.mark.parametrize("period", [0.004, 0.012, 0.15, 1.0])
-def test_what_is_fed_is_on_its_way_to_the_disk_within_a_fifth_of_a_second(tmp_path, period):
-    """Killed at any moment, no more than that is lost."""
+def test_a_record_is_flushed_within_a_fifth_of_a_second(tmp_path, period):
+    """If the daemon is killed at any moment, no longer time of the run is lost."""
     clock = Clock([period * k for k in range(round(3.0 / period))])
     flushed = {}
 
@@ -94,7 +94,7 @@ def test_what_is_fed_is_on_its_way_to_the_disk_within_a_fifth_of_a_second(tmp_pa
 
 
 class Blocked(RecordFile):
-    """A disk that takes nothing until it is let go."""
+    """A disk that takes nothing until it is released."""
 
     gate = threading.Event()
     reached = threading.Event()
@@ -105,7 +105,7 @@ class Blocked(RecordFile):
         super().put(item, at)
 
 
-def test_a_slow_disk_delays_nobody_and_what_is_lost_is_marked(tmp_path):
+def test_a_slow_disk_delays_no_caller_and_lost_records_are_marked(tmp_path):
     Blocked.gate.clear()
     Blocked.reached.clear()
     recorder = Recorder(tmp_path, limit=100, create=Blocked.create)
@@ -126,7 +126,7 @@ def test_a_slow_disk_delays_nobody_and_what_is_lost_is_marked(tmp_path):
 
 
 def full_after(limit):
-    """A disk that has room for so many bytes, written by pieces."""
+    """A disk with space for some bytes, written in pieces."""
     left = [limit]
 
     def write(descriptor, data):
@@ -145,7 +145,7 @@ def full_after(limit):
 
 
 @pytest.mark.parametrize("room", [12_000, 14_000, 20_000, 33_333])
-def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room):
+def test_a_full_disk_ends_the_recording_with_its_last_complete_chunk(tmp_path, room):
     recorder = Recorder(tmp_path, create=full_after(room), flush=0.0)
     recorder.begin(records.header(), lambda: 0.5)
     feed(recorder, range(3000))
@@ -158,14 +158,14 @@ def test_a_full_disk_ends_the_recording_with_its_last_whole_chunk(tmp_path, room
     assert ticks == list(range(len(ticks)))
 
 
-def test_no_room_for_the_beginning_is_an_error_at_once(tmp_path):
+def test_a_disk_without_space_for_the_header_is_an_error_at_once(tmp_path):
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
         Recorder(tmp_path, create=full_after(50)).begin(records.header(), lambda: 0.5)
 
 
 @pytest.mark.parametrize("at", ["index", "last chunk", "fsync"])
 @pytest.mark.parametrize("kind", [Recorder, InlineRecorder])
-async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
+async def test_a_disk_that_is_full_only_at_the_end_is_reported_and_the_file_closed(
     tmp_path, at, kind, monkeypatch
 ):
     full, descriptors = [], []
@@ -209,7 +209,7 @@ async def test_a_disk_that_is_full_only_at_the_end_is_told_and_the_file_closed(
     assert one.action == "recovered"
 
 
-def test_a_disk_that_does_not_answer_at_the_end_is_told(tmp_path):
+def test_a_disk_that_does_not_answer_at_the_end_is_reported(tmp_path):
     Blocked.gate.clear()
     recorder = Recorder(tmp_path, create=Blocked.create)
     recorder.begin(records.header(), lambda: 0.5)

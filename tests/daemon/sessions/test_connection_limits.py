@@ -1,4 +1,4 @@
-"""Bounds on connections: whose place is kept, and which connection is closed to make room."""
+"""Bounds on connections: reserved places, and connections that are closed to make room."""
 
 import pytest
 
@@ -8,14 +8,14 @@ HERE, THERE = "192.0.2.1", "192.0.2.2"
 
 
 class Hall:
-    """A room whose connections are known by the order in which they came."""
+    """Limits whose connections are numbered in the order in which they came."""
 
     def __init__(self, in_all=128, per_origin=64):
         self.room = ConnectionLimits(in_all, per_origin)
         self.guests = []
 
     def come(self, count=1, origin=HERE):
-        """Let connections come; return the numbers of those that made room for them."""
+        """Add connections; return the numbers of those that were closed to make room."""
         evicted = []
         for _ in range(count):
             guest, out = self.room.enter(origin)
@@ -24,7 +24,7 @@ class Hall:
         return evicted
 
     def login(self, role, origin=HERE, token=""):
-        """Let a client come and say hello; return why there is no room for it."""
+        """Add a client and its hello; return the reason why there is no place for it."""
         self.come(1, origin)
         guest = self.guests[-1]
         return guest.refusal or self.room.admit(guest, role, token)
@@ -37,14 +37,14 @@ class Hall:
         return count
 
 
-def test_ninety_silent_connections_keep_nobody_out():
+def test_ninety_silent_connections_keep_no_client_out():
     hall = Hall()
     hall.come(90)
     assert hall.login("operator") == ""
     assert hall.login("observer") == ""
 
 
-def test_the_oldest_silent_connection_makes_room_and_no_session_does():
+def test_the_oldest_silent_connection_is_closed_to_make_room_and_no_session():
     hall = Hall(per_origin=4)
     assert hall.login("controller") == ""
     assert hall.come(3) == []
@@ -55,7 +55,7 @@ def test_the_oldest_silent_connection_makes_room_and_no_session_does():
     assert "from your address" in hall.guests[-1].refusal
 
 
-def test_the_address_with_most_silent_connections_makes_room_for_others():
+def test_the_address_with_most_silent_connections_makes_room():
     hall = Hall(in_all=6)
     hall.come(2, THERE)
     hall.come(4, HERE)

@@ -1,4 +1,4 @@
-"""Which connections are taken in, how many, how fast."""
+"""Connections that are accepted: which, how many, how fast."""
 
 import asyncio
 import io
@@ -22,7 +22,7 @@ from support.clients import PATIENCE, until
 
 
 class Seat(asyncio.Protocol, ConnectionProtocol):
-    """Tells when it is made and lost, and says goodbye if it is evicted."""
+    """A connection that counts when it is made, lost and evicted."""
 
     def __init__(self, house, guest):
         self.house, self.guest = house, guest
@@ -44,7 +44,7 @@ class Seat(asyncio.Protocol, ConnectionProtocol):
 
 
 class House:
-    """A listener, who sits there, and clients."""
+    """A listener, its connections, and clients."""
 
     def __init__(self, **more):
         self.places, self.clients, self.lost, self.evicted = [], [], 0, 0
@@ -66,7 +66,7 @@ class House:
         self.writer.close()
 
     async def connect(self, count):
-        """So many clients; waits until the kernel has them, not until they are taken in."""
+        """Connect some clients; wait until the kernel has them, not until they are accepted."""
         loop = asyncio.get_running_loop()
         for _ in range(count):
             sock = socket.socket()
@@ -87,7 +87,7 @@ class House:
         return [place.guest.refusal for place in self.places if place.guest.refusal]
 
 
-async def test_nagle_waits_for_nothing():
+async def test_nagles_algorithm_is_off():
     async with House() as house:
         await house.connect(1)
         await house.seated(1)
@@ -95,7 +95,7 @@ async def test_nagle_waits_for_nothing():
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
-async def test_no_more_stay_than_allowed_in_all_and_there_is_room_again():
+async def test_connections_in_all_are_bounded_and_a_closed_one_frees_its_place():
     async with House(in_all=3) as house:
         await house.connect(3)
         await house.seated(3)
@@ -110,7 +110,7 @@ async def test_no_more_stay_than_allowed_in_all_and_there_is_room_again():
         assert len(house.refusals) == 1
 
 
-async def test_no_more_stay_than_allowed_from_one_address():
+async def test_connections_from_one_address_are_bounded():
     async with House(per_origin=2) as house:
         await house.connect(2)
         await house.seated(2)
@@ -144,7 +144,7 @@ async def test_a_connection_in_its_tls_handshake_makes_room_too(tmp_path):
     await until(lambda: house.room.empty)
 
 
-async def test_not_even_those_who_are_told_to_leave_may_be_any_number(monkeypatch):
+async def test_refused_connections_that_still_get_a_reason_are_bounded(monkeypatch):
     monkeypatch.setattr(module, "_LEAVING", 2)
     async with House(in_all=2) as house:
         await house.connect(2)
@@ -158,7 +158,7 @@ async def test_not_even_those_who_are_told_to_leave_may_be_any_number(monkeypatc
         assert len(house.places) == 4
 
 
-async def test_who_comes_too_fast_waits_and_is_taken_in_later():
+async def test_connections_that_arrive_too_fast_wait_and_are_accepted_later():
     async with House(rate=50.0) as house:
         await house.connect(40)
         await house.seated(32)
@@ -168,7 +168,7 @@ async def test_who_comes_too_fast_waits_and_is_taken_in_later():
         await house.seated(40)
 
 
-async def test_a_few_are_taken_in_at_each_turn():
+async def test_a_few_connections_are_accepted_in_each_turn():
     async with House() as house:
         accept, turns = house.listener._accept, []
         monkey = lambda sock: (accept(sock), turns.append(len(house.listener._handshakes)))  # noqa: E731
@@ -190,7 +190,7 @@ async def test_a_port_in_use_is_an_error_and_nothing_stays_open():
         other.writer.close()
 
 
-async def test_localhost_is_every_loopback_at_one_port():
+async def test_localhost_listens_on_every_loopback_address_with_one_port():
     house = House()
     port = await house.listener.open("localhost", 0)
     assert {sock.getsockname()[1] for sock in house.listener._sockets} == {port}
@@ -198,7 +198,7 @@ async def test_localhost_is_every_loopback_at_one_port():
     house.writer.close()
 
 
-async def test_half_open_tls_ends_in_time_and_leaves_its_place(tmp_path):
+async def test_a_half_open_tls_handshake_ends_in_time_and_frees_its_place(tmp_path):
     context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
     async with House(tls=context, in_all=1, handshake=0.1) as house:
         await house.connect(1)
@@ -213,7 +213,7 @@ async def test_half_open_tls_ends_in_time_and_leaves_its_place(tmp_path):
     assert house.log.getvalue().count("tls.failed") == 2
 
 
-async def test_failed_tls_is_logged_up_to_a_number(tmp_path):
+async def test_failed_tls_is_logged_up_to_a_bound(tmp_path):
     context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
     async with House(tls=context, refused=FailureLog(2.0, 2.0, monotonic())) as house:
         await house.connect(6)
@@ -246,7 +246,7 @@ def test_a_certificate_that_cannot_be_used_is_named(tmp_path):
             server_context(*files)
 
 
-def test_a_key_that_everybody_may_read_is_refused(tmp_path):
+def test_a_key_that_other_users_may_read_is_refused(tmp_path):
     certificate, key = Authority(tmp_path).issue("cell", "127.0.0.1")
     for mode in (0o644, 0o640):
         key.chmod(mode)
@@ -278,10 +278,10 @@ def test_the_purpose_of_a_certificate(tmp_path, purposes, expected):
         bytes.fromhex("30083006a30430023000"),  # an extension without an id
     ],
 )
-def test_a_certificate_with_a_part_missing_is_for_nobody(data):
+def test_a_truncated_certificate_is_not_for_clients(data):
     assert not is_for_clients(data)
 
 
 @given(st.binary(max_size=60))
-def test_what_is_no_certificate_is_for_nobody(data):
+def test_bytes_that_are_no_certificate_are_not_for_clients(data):
     assert not is_for_clients(data)

@@ -1,4 +1,4 @@
-"""Clients as they are known after their hello, and the ends of sessions whose token is no longer valid."""
+"""Identity of clients after their hello, and the end of sessions whose token is no longer valid."""
 
 import io
 from datetime import UTC, datetime, timedelta
@@ -16,7 +16,7 @@ from armgate.protocol import messages as m
 
 
 class Session:
-    """A session that notes why it was ended."""
+    """A session that keeps the reasons for which it was ended."""
 
     def __init__(self, uid=None):
         self.slot = Slot("192.0.2.1" if uid is None else f"uid {uid}", uid)

@@ -1,4 +1,4 @@
-"""Leases end by the time up to which everything was read, also after a stall of the daemon."""
+"""Leases expire by the time up to which everything was read, even after a stall of the daemon."""
 
 import asyncio
 import itertools
@@ -25,7 +25,7 @@ async def test_the_time_follows_when_the_sockets_were_polled_and_nothing_waits()
     await until(lambda: heard() == 5.0)
 
 
-async def test_the_time_follows_though_there_is_always_work_that_came_later():
+async def test_the_time_follows_even_if_newer_work_always_waits():
     """Holders that send without a pause keep their lane from ever being empty."""
     turns = FairScheduler(itertools.count().__next__)  # each piece of work takes a whole turn
 
@@ -39,7 +39,7 @@ async def test_the_time_follows_though_there_is_always_work_that_came_later():
     assert turns.holders_wait(turns.holders_queued())
 
 
-async def test_what_a_socket_held_is_read_before_the_time_follows():
+async def test_data_in_a_socket_are_read_before_the_time_follows():
     """A stall of the process: the event loop finds data and a timer at once."""
     server_read = []
     here, there = os.pipe()

@@ -1,4 +1,4 @@
-"""Turns of the event loop and allowances: bounded by time, fair between identities, holders first."""
+"""Turns of the event loop and rate limits: bounded in time, fair between identities, holders first."""
 
 import asyncio
 from time import perf_counter, sleep
@@ -11,7 +11,7 @@ from armgate.daemon.token_bucket import TokenBucket
 
 
 class Clock:
-    """A clock that only work moves."""
+    """A clock that advances only with work."""
 
     def __init__(self):
         self.now = 0.0
@@ -21,7 +21,7 @@ class Clock:
 
 
 class Works:
-    """Pieces of work that take time and write down whose they were."""
+    """Pieces of work that take time and note their identity."""
 
     def __init__(self):
         self.clock, self.done = Clock(), []
@@ -138,7 +138,7 @@ async def test_sessions_without_a_robot_get_their_share_of_a_core_and_holders_th
     assert works.done.count("h") >= 0.9 * 0.1 / 3e-4
 
 
-async def test_what_waits_for_time_of_its_share_is_done_later_without_new_work():
+async def test_work_that_waits_for_its_share_is_done_later_without_new_work():
     turns, done = FairScheduler(share=0.5), asyncio.Event()
     begin = perf_counter()
     for _ in range(100):
@@ -166,7 +166,7 @@ def test_reservations_of_a_shared_bucket_queue_up():
     ("bound", "same"),
     [("identity", ("lab", "here", "lab", "there")), ("address", ("a", "here", "b", "here"))],
 )
-def test_what_one_client_reads_another_of_its_identity_or_address_waits_for(bound, same):
+def test_clients_of_one_identity_or_address_share_a_rate_limit(bound, same):
     clock = Clock()
     allowances = RateLimits(rates(**{bound: 40.0}), clock)
     one, other = RateLimit(allowances, same[1]), RateLimit(allowances, same[3])
@@ -179,7 +179,7 @@ def test_what_one_client_reads_another_of_its_identity_or_address_waits_for(boun
     assert stranger.reserve(privileged=False) == 0.0
 
 
-def test_all_clients_together_have_a_bound_that_holders_do_not_feel():
+def test_all_clients_together_have_a_rate_limit_that_does_not_apply_to_holders():
     allowances = RateLimits(rates(in_all=40.0), Clock())
     for number in range(10):
         RateLimit(allowances, f"a{number}").reserve(privileged=False)
@@ -188,7 +188,7 @@ def test_all_clients_together_have_a_bound_that_holders_do_not_feel():
     assert late.reserve(privileged=True) == 0.0
 
 
-def test_only_so_many_identities_are_remembered_and_none_that_is_in_use():
+def test_a_bounded_number_of_identities_is_remembered_and_none_in_use_is_forgotten():
     clock = Clock()
     allowances = RateLimits(rates(identity=40.0), clock)
     busy = RateLimit(allowances, "busy")

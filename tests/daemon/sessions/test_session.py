@@ -1,4 +1,4 @@
-"""One connection, with a transport that is a list."""
+"""One connection, with a transport in memory."""
 
 import asyncio
 import itertools
@@ -21,7 +21,7 @@ from support.clients import until
 
 
 class Transport(asyncio.Transport):
-    """Keeps what is written."""
+    """A transport that keeps written bytes."""
 
     def __init__(self):
         super().__init__()
@@ -67,7 +67,7 @@ class Transport(asyncio.Transport):
 
 
 class Host:
-    """Welcomes every client, and keeps what it receives."""
+    """A host that welcomes every client, and keeps what it receives."""
 
     def __init__(self):
         self.received = []
@@ -116,7 +116,7 @@ class Host:
 
 
 class Wire:
-    """A session with its desk, its transport, and the client's end."""
+    """A session with its host, its transport, and the client's end."""
 
     def __init__(self, send_buffer=1000, limit=None, clock=lambda: 0.0):
         self.host = Host()
@@ -142,7 +142,7 @@ class Wire:
 
 @pytest.fixture
 async def line():
-    """A line on whose clock no time passes: all that waits is done in one turn."""
+    """A session on whose clock no time passes: all waiting work is done in one turn."""
     line = Wire()
     yield line
     line.session.stay()
@@ -151,7 +151,7 @@ async def line():
 
 @pytest.fixture
 async def slow():
-    """A line on whose clock each piece of work takes a whole turn."""
+    """A session on whose clock each piece of work takes a whole turn."""
     line = Wire(clock=itertools.count().__next__)
     yield line
     line.session.stay()
@@ -163,14 +163,14 @@ def state(robot="A", tick=0):
     return Encoded(made, encode(made))
 
 
-async def test_messages_reach_the_desk_in_order(line):
+async def test_messages_reach_the_handler_in_order(line):
     line.hello()
     line.send(m.Ping(time=1.0), m.Ping(time=2.0))
     assert [x.time for x in line.host.received[1:]] == [1.0, 2.0]
     assert line.session.address == "127.0.0.1:4711"
 
 
-async def test_byte_by_byte_is_the_same(line):
+async def test_messages_may_arrive_byte_by_byte(line):
     line.hello()
     for byte in line.client.send(m.Ping(time=1.0)):
         line.session.data_received(bytes([byte]))
@@ -199,7 +199,7 @@ async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_
     assert line.host.received[-1] == "closed"
 
 
-async def test_an_unknown_version_is_told_before_the_end(line):
+async def test_an_unknown_version_is_answered_before_the_end(line):
     line.client.versions = (9,)
     line.send(m.Hello(versions=(9,), name="wave"))
     error = line.received()[0]
@@ -254,7 +254,7 @@ async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monk
     assert not line.transport.reading  # TLS would fail, and the daemon with it
 
 
-async def test_a_client_that_closes_is_gone_once(line):
+async def test_the_end_of_a_session_is_reported_once(line):
     line.hello()
     line.session.eof_received()
     line.session.send_states(state())
@@ -262,14 +262,14 @@ async def test_a_client_that_closes_is_gone_once(line):
     assert [x for x in line.host.received if str(x).startswith("left")] == ["left: closed by the client"]
 
 
-async def test_a_frame_cut_off_is_told_to_the_log(line):
+async def test_a_truncated_frame_is_reported(line):
     line.hello()
     line.session.data_received(b"\x00\x00\x00\x09abc")
     line.session.eof_received()
     assert "truncated" in line.host.received[-1]
 
 
-async def test_a_slow_client_gets_the_newest_state_only(line):
+async def test_a_slow_client_gets_only_the_latest_state(line):
     line.hello()
     line.session.pause_writing()
     for tick in range(5):
@@ -288,12 +288,12 @@ async def test_unread_verdicts_end_the_connection_and_the_robot_rests(line):
     assert line.transport.aborted
     assert not [
         x for x in line.host.received if str(x).startswith("left")
-    ]  # others may be being told just now
+    ]  # the core may be sending to other sessions
     line.session.connection_lost(None)
     assert [x for x in line.host.received if str(x).startswith("left: overflow")]
 
 
-async def test_what_waits_is_written_before_the_end_is(line):
+async def test_waiting_messages_are_written_before_the_end_of_the_stream(line):
     line.hello()
     line.session.pause_writing()
     line.session.close(m.Bye(reason="over"))
@@ -314,7 +314,7 @@ async def test_no_state_follows_the_last_message(line):
     assert line.transport.eof
 
 
-async def test_answers_to_what_came_as_one_go_as_one(line):
+async def test_answers_to_messages_of_one_packet_are_written_together(line):
     line.hello()
     before = line.transport.writes
     line.send(*(m.Signal(name=name, value=(1.0,)) for name in "abc"))
@@ -322,7 +322,7 @@ async def test_answers_to_what_came_as_one_go_as_one(line):
     assert line.transport.writes == before + 1
 
 
-async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
+async def test_a_batch_is_written_when_the_last_open_one_closes(line):
     line.hello()
     first, second = line.session.batch(), line.session.batch()
     line.session.send(m.Signaled(name="a"))
@@ -334,7 +334,7 @@ async def test_what_is_held_goes_as_one_when_as_many_have_let_go(line):
     assert [x.type for x in line.received()] == ["signaled", "state"]
 
 
-async def test_what_may_not_wait_goes_at_once_with_what_waits_before_it(line):
+async def test_an_urgent_answer_is_written_at_once_after_what_a_batch_holds(line):
     line.hello()
     line.session.batch()
     line.session.send(m.Signaled(name="a"))
@@ -342,7 +342,7 @@ async def test_what_may_not_wait_goes_at_once_with_what_waits_before_it(line):
     assert [x.type for x in line.received()] == ["signaled", "stopped"]
 
 
-async def test_what_is_held_is_written_before_the_end_is(line):
+async def test_a_batch_is_written_before_the_end_of_the_stream(line):
     line.hello()
     line.session.batch()
     line.session.close(m.Bye(reason="over"))
@@ -350,14 +350,14 @@ async def test_what_is_held_is_written_before_the_end_is(line):
     assert line.transport.eof
 
 
-async def test_a_client_that_does_not_read_the_end_is_cut_off(line, monkeypatch):
+async def test_a_client_that_does_not_read_the_last_message_is_aborted(line, monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.session._LINGER", 0.0)
     line.hello()
     line.session.close(m.Bye())
     await until(lambda: line.transport.aborted)
 
 
-async def test_a_client_that_closes_its_end_and_reads_nothing_is_cut_off(line, monkeypatch):
+async def test_a_client_that_closes_its_end_and_reads_nothing_is_aborted(line, monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.session._LINGER", 0.01)
     line.session.pause_writing()
     line.session.eof_received()
@@ -366,7 +366,7 @@ async def test_a_client_that_closes_its_end_and_reads_nothing_is_cut_off(line, m
     await until(lambda: line.transport.aborted)
 
 
-async def test_a_defect_of_ours_is_told_and_not_raised(line):
+async def test_a_defect_is_reported_to_the_host_and_not_raised(line):
     line.hello()
     line.host.fail_on = "ping"
     line.send(m.Ping(time=1.0))
@@ -380,7 +380,7 @@ def pings(line, count):
     return b"".join(line.client.send(m.Ping(time=float(number))) for number in range(count))
 
 
-def heard(line):
+def pings_received(line):
     return [message.time for message in line.host.received if isinstance(message, m.Ping)]
 
 
@@ -388,27 +388,27 @@ async def test_a_flood_is_read_a_few_messages_at_each_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
     slow.session.data_received(pings(slow, 30))
-    assert heard(slow) == [*range(8)]
+    assert pings_received(slow) == [*range(8)]
     await asyncio.sleep(0)
-    assert len(heard(slow)) == 16
-    await until(lambda: len(heard(slow)) == 30)
-    assert heard(slow) == [*range(30)]
+    assert len(pings_received(slow)) == 16
+    await until(lambda: len(pings_received(slow)) == 30)
+    assert pings_received(slow) == [*range(30)]
 
 
-async def test_while_a_turn_is_waited_for_no_more_is_read_than_a_bound(slow):
+async def test_while_a_session_waits_for_its_turn_reading_is_bounded(slow):
     slow.hello()
     slow.transport.reading = True
     data = pings(slow, 2000)
     slow.session.data_received(data[:100])  # this turn's time went to the hello
-    assert heard(slow) == []
+    assert pings_received(slow) == []
     slow.session.data_received(data[100:200])
     assert slow.transport.reading
     slow.session.data_received(data[200:])
     assert not slow.transport.reading
     await until(lambda: slow.transport.reading)
-    assert 0 < len(heard(slow)) < 2000
-    await until(lambda: len(heard(slow)) == 2000)
-    assert heard(slow) == [*range(2000)]
+    assert 0 < len(pings_received(slow)) < 2000
+    await until(lambda: len(pings_received(slow)) == 2000)
+    assert pings_received(slow) == [*range(2000)]
 
 
 @pytest.fixture
@@ -433,35 +433,35 @@ async def test_a_stop_overtakes_the_pings_before_it(bounded):
     for at in range(0, len(data), 16384):
         line.session.data_received(data[at : at + 16384])
     await until(lambda: stops(line) == ["now"], turns=100)
-    assert len(heard(line)) < 100
+    assert len(pings_received(line)) < 100
     assert line.transport.reading
 
 
-async def test_a_stop_that_overtook_a_reset_is_the_last_word(bounded):
+async def test_a_reset_that_a_stop_overtook_is_refused(bounded):
     line = bounded
     line.hello()
     line.session.data_received(
         pings(line, 9) + line.client.send(m.Reset(stop=5)) + line.client.send(m.Stop())
     )
-    await until(lambda: len(heard(line)) == 9)
+    await until(lambda: len(pings_received(line)) == 9)
     await until(lambda: any(isinstance(message, m.Error) for message in line.received()))
     assert [type(message) for message in line.host.received if isinstance(message, m.Stop | m.Reset)] == [
         m.Stop
     ]
 
 
-async def test_a_stop_does_not_wait_for_an_allowance_that_others_have_used_up():
+async def test_a_stop_does_not_wait_for_a_rate_limit_that_other_clients_have_used_up():
     allowances = RateLimits(Rates(client=1e6, identity=100.0, address=1e6, in_all=1e6), monotonic)
     line = Wire(limit=RateLimit(allowances, "127.0.0.1")).hello()
     RateLimit(allowances, "127.0.0.1").spend(1000.0, privileged=False)
     line.send(m.Ping(time=0.0), m.Stop(reason="now"))
     await until(lambda: stops(line) == ["now"], turns=100)
-    assert heard(line) == []
+    assert pings_received(line) == []
     line.session.connection_lost(None)
     line.transport.socket.close()
 
 
-async def test_not_more_stops_overtake_than_a_bound(bounded):
+async def test_the_number_of_overtaking_stops_is_bounded(bounded):
     line = bounded
     line.hello()
     line.session.data_received(pings(line, 100) + line.client.send(m.Stop(reason="again")) * 100)
@@ -470,7 +470,7 @@ async def test_not_more_stops_overtake_than_a_bound(bounded):
     assert len(stops(line)) == 20
 
 
-async def test_beyond_a_bound_nothing_is_read_ahead(bounded):
+async def test_reading_ahead_is_bounded(bounded):
     line = bounded
     line.hello()
     data = pings(line, 20_000)
@@ -480,7 +480,7 @@ async def test_beyond_a_bound_nothing_is_read_ahead(bounded):
     assert not line.transport.reading
 
 
-async def test_a_request_for_much_takes_a_whole_turn(slow):
+async def test_a_request_with_a_large_answer_takes_a_whole_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
     slow.session.data_received(slow.client.send(m.Describe()) * 3)
@@ -495,45 +495,45 @@ async def test_a_large_message_takes_a_whole_turn(slow):
     await asyncio.sleep(0)
     payload = msgpack.packb({"type": "ping", "time": 0.0, "pad": [[1] * 250] * 15})
     slow.session.data_received(frame(payload) * 3)
-    assert len(heard(slow)) == 1
+    assert len(pings_received(slow)) == 1
     await asyncio.sleep(0)
-    assert len(heard(slow)) == 2
+    assert len(pings_received(slow)) == 2
 
 
-async def test_what_comes_meanwhile_keeps_its_place(line):
+async def test_messages_that_arrive_while_reading_keep_their_order(line):
     line.hello()
     first, second = pings(line, 10), line.client.send(m.Ping(time=10.0))
     line.session.data_received(first)
     line.session.data_received(second)
-    assert len(heard(line)) == 8
-    await until(lambda: len(heard(line)) == 11)
-    assert heard(line) == [*range(11)]
+    assert len(pings_received(line)) == 8
+    await until(lambda: len(pings_received(line)) == 11)
+    assert pings_received(line) == [*range(11)]
 
 
-async def test_a_client_that_closes_after_a_flood_is_heard_to_the_end(line):
+async def test_all_messages_of_a_client_that_closes_after_a_flood_are_read(line):
     line.hello()
     line.session.data_received(pings(line, 30))
     assert line.session.eof_received() is True
     await until(lambda: line.transport.closed)
-    assert heard(line) == [*range(30)]
+    assert pings_received(line) == [*range(30)]
     assert line.host.received[-1] == "left: closed by the client"
     line.session.connection_lost(None)
     assert line.host.received[-1] == "closed"
 
 
-async def test_after_the_end_of_a_stream_of_tls_the_rest_is_heard_in_turns_too(line, monkeypatch):
+async def test_after_the_end_of_a_tls_stream_the_rest_is_read_in_turns_too(line, monkeypatch):
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     line.hello()
     line.session.data_received(pings(line, 30))
     assert line.session.eof_received() is False
     line.session.connection_lost(None)
-    assert len(heard(line)) == 8
+    assert len(pings_received(line)) == 8
     await until(lambda: line.host.received[-1] == "closed")
-    assert heard(line) == [*range(30)]
+    assert pings_received(line) == [*range(30)]
     assert line.host.received[-2:] == ["left: closed by the client", "closed"]
 
 
-async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(line, monkeypatch):
+async def test_a_client_aborted_while_the_rest_of_its_stream_is_read_has_left(line, monkeypatch):
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     line.hello()
     line.session.data_received(pings(line, 30))
@@ -544,7 +544,7 @@ async def test_a_client_cut_off_while_the_rest_of_its_stream_is_heard_is_gone(li
     assert line.host.received[-2].startswith("left: ")
 
 
-async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_heard(monkeypatch):
+async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_read(monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.peer_socket._WATCH", 0.0)
     line = Wire().hello()
     watched = []
@@ -558,12 +558,12 @@ async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_
     assert not watched
 
 
-async def test_a_bye_in_a_flood_is_the_last_that_is_heard(line):
+async def test_no_message_after_a_bye_is_read(line):
     line.hello()
     data = pings(line, 10) + line.client.send(m.Bye())
     line.session.data_received(data)
     await until(lambda: line.transport.eof)
-    assert heard(line) == [*range(10)]
+    assert pings_received(line) == [*range(10)]
     assert line.transport.reading
 
 
@@ -574,23 +574,23 @@ async def test_more_messages_than_the_rate_allows_wait():
     line.session.data_received(pings(line, 30))
     for _ in range(3):
         await asyncio.sleep(0)
-    assert len(heard(line)) in (8, 16)  # the burst of 10, and what was begun
-    await until(lambda: len(heard(line)) == 30, turns=10**7)
-    assert heard(line) == [*range(30)]
+    assert len(pings_received(line)) in (8, 16)  # the burst of 10, and what was begun
+    await until(lambda: len(pings_received(line)) == 30, turns=10**7)
+    assert pings_received(line) == [*range(30)]
     line.session.connection_lost(None)
     line.transport.socket.close()
 
 
-async def test_a_connection_that_is_lost_reads_no_more(line):
+async def test_a_lost_connection_is_not_read(line):
     line.hello()
     line.session.data_received(pings(line, 30))
     line.session.connection_lost(None)
     for _ in range(5):
         await asyncio.sleep(0)
-    assert heard(line) == [*range(8)]
+    assert pings_received(line) == [*range(8)]
 
 
-async def test_the_end_of_a_stream_that_has_no_half_is_its_close(line, monkeypatch):
+async def test_a_transport_without_half_close_is_closed_at_the_end(line, monkeypatch):
     closed = []
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     monkeypatch.setattr(line.transport, "close", lambda: closed.append(True), raising=False)
@@ -611,7 +611,7 @@ async def test_a_client_of_the_unix_socket_may_choose_any_peer_name(peername):
     transport.socket.close()
 
 
-async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
+async def test_a_connection_that_is_lost_before_it_is_made_ends():
     host, transport = Host(), Transport()
     transport.socket.close()
     session = Session(host, 1, Slot("127.0.0.1"), 1000, FairScheduler(lambda: 0.0))
@@ -621,7 +621,7 @@ async def test_a_connection_that_is_lost_before_it_is_made_ends_alone():
     assert host.received == ["left: connection lost", "closed"]
 
 
-async def test_a_hello_does_not_wait_for_what_others_of_its_address_send():
+async def test_a_hello_does_not_wait_for_messages_of_other_clients_at_its_address():
     allowances = RateLimits(Rates(client=2000.0, identity=1.0, address=1.0, in_all=1.0), lambda: 0.0)
     RateLimit(allowances, "127.0.0.1").spend(1e6, privileged=False)
     line = Wire(limit=RateLimit(allowances, "127.0.0.1"))

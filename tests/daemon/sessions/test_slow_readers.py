@@ -1,4 +1,4 @@
-"""Clients that pause, on real sockets: they find the newest state, few old ones, and are not cut off."""
+"""Clients that pause, on real sockets: they get the latest state and few old ones, and stay connected."""
 
 import asyncio
 import os
@@ -17,14 +17,14 @@ from support.clients import until
 
 PERIOD = 0.004
 PAUSE = float(os.environ.get("ARMGATE_PAUSE", "1.5"))
-"""How long clients pause, s; the long form takes 30."""
+"""Time for which clients pause, s; the long form takes 30."""
 
 FEW = 64
 """States of 1.5 KB that a client may find: what fits into the receive window of its own system."""
 
 
 class Host:
-    """Welcomes every client."""
+    """A host that welcomes every client."""
 
     serving = True
 
@@ -58,7 +58,7 @@ class Host:
 
 
 class Server:
-    """A session on a real socket that is shown a state every few milliseconds."""
+    """A session on a real socket that is sent a state every few milliseconds."""
 
     def __init__(self, size):
         self.host = Host()
@@ -79,7 +79,7 @@ class Server:
         return self.session
 
     async def show(self, seconds):
-        """Show states for so long."""
+        """Send states for some seconds."""
         for _ in range(round(seconds / PERIOD)):
             self.tick += 1
             state = m.State(robot="A", tick=self.tick, time=0.0, entries=self.entries, warnings=self.warnings)
@@ -88,7 +88,7 @@ class Server:
 
 
 class Reader:
-    """A client on a plain socket that reads when it is told to."""
+    """A client on a plain socket that reads only on request."""
 
     def __init__(self, port, buffer=None):
         self.socket = socket.socket()
@@ -101,7 +101,7 @@ class Reader:
         self.socket.send(self.connection.send(m.Hello(versions=(1,), name="c")))
 
     async def read(self, until_tick):
-        """Read until a tick is seen; all ticks."""
+        """Read until a tick arrives; return all ticks."""
         loop = asyncio.get_running_loop()
         async with asyncio.timeout(10):
             while not self.ticks or self.ticks[-1] < until_tick:
@@ -126,7 +126,7 @@ async def paused(request):
 
 
 @pytest.mark.parametrize("paused", [(1500, None), (1500, 4096), (9000, None)], indirect=True)
-async def test_a_client_that_paused_gets_the_newest_state_and_few_old_ones(paused):
+async def test_a_client_that_paused_gets_the_latest_state_and_few_old_ones(paused):
     server, reader = paused
     await server.show(0.1)
     await reader.read(server.tick)
@@ -142,8 +142,8 @@ async def test_a_client_that_paused_gets_the_newest_state_and_few_old_ones(pause
 
 
 @pytest.mark.parametrize("paused", [(1500, None), (140_000, None), (140_000, 4096)], indirect=True)
-async def test_a_client_that_reads_nothing_is_not_cut_off_for_unread_states(paused, monkeypatch):
-    """States of 140 kB do not fit into its window: the window is closed, and its system answers probes."""
+async def test_a_client_that_reads_nothing_is_not_aborted_for_unread_states(paused, monkeypatch):
+    """States of 140 kB do not fit into the window of the client: it is closed, and probes are answered."""
     monkeypatch.setattr(peer_socket_module, "_GIVE_UP", min(0.5, PAUSE / 3))
     monkeypatch.setattr(peer_socket_module, "_WATCH", 0.1)
     server, reader = paused
@@ -161,7 +161,7 @@ async def test_a_client_that_reads_gets_every_state(paused):
 
 
 @pytest.mark.parametrize("paused", [(1500, None)], indirect=True)
-async def test_answers_that_are_not_read_still_have_a_bound(paused):
+async def test_unread_answers_are_bounded(paused):
     server, _ = paused
     for _ in range(100):
         server.session.send(m.Error(code="x", text="y" * 500, fatal=False))
@@ -171,7 +171,7 @@ async def test_answers_that_are_not_read_still_have_a_bound(paused):
     assert server.host.reasons[0].startswith("overflow")
 
 
-async def test_a_system_that_answers_nothing_is_told_from_one_that_only_does_not_read(monkeypatch):
+async def test_an_unreachable_client_is_distinguished_from_one_that_does_not_read(monkeypatch):
     class Socket:
         head = [0] * 32
 
@@ -193,4 +193,4 @@ async def test_a_system_that_answers_nothing_is_told_from_one_that_only_does_not
     assert not line.is_unreachable()
     Socket.head[peer_socket_module._LAST_DATA] = 30_000
     assert [line.is_unreachable() for _ in range(2)] == [False, True]
-    assert line.is_read()  # an older kernel does not tell of the window
+    assert line.is_read()  # an older kernel does not report the window

@@ -24,7 +24,7 @@ FEW = 2048 // 22
 
 
 class Seat(asyncio.Protocol, ConnectionProtocol):
-    """A connection whose turns the test gives; it notes what came in at each."""
+    """A connection whose turns the test gives; it notes the bytes that arrive in each."""
 
     def __init__(self):
         self.turns, self.got, self.transport, self.paused = [], [], None, False
@@ -51,7 +51,7 @@ class Seat(asyncio.Protocol, ConnectionProtocol):
 
 
 class Client:
-    """TLS in memory over a socket, so that the test decides what is sent when."""
+    """TLS in memory over a socket, so that the test decides when bytes are sent."""
 
     def __init__(self, sock, context):
         self.sock, self.incoming, self.outgoing = sock, ssl.MemoryBIO(), ssl.MemoryBIO()
@@ -73,7 +73,7 @@ class Client:
 
 @contextlib.asynccontextmanager
 async def connection(folder):
-    """A connection of a client to a listener with TLS."""
+    """Connect a client to a listener with TLS."""
     authority, seat, room = Authority(folder), Seat(), ConnectionLimits(10, 10)
     log = Log(io.StringIO())
     listener = Listener(
@@ -125,7 +125,7 @@ async def send_records(client):
     await client.send()
 
 
-async def test_a_turn_decrypts_few_of_the_records_that_came(tmp_path):
+async def test_a_turn_decrypts_only_a_few_records(tmp_path):
     async with connection(tmp_path) as (seat, client):
         await connected(seat, client)
         seat.got.clear()
@@ -171,7 +171,7 @@ async def test_a_piece_that_waits_for_its_turn_is_dropped_with_its_connection(tm
         assert seat.got == [0]
 
 
-async def test_what_a_client_does_not_read_waits_in_the_session(tmp_path):
+async def test_data_that_a_client_does_not_read_wait_in_the_session(tmp_path):
     async with connection(tmp_path) as (seat, client):
         await connected(seat, client)
         seat.transport.set_write_buffer_limits(high=1, low=0)

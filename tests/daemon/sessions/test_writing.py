@@ -1,4 +1,4 @@
-"""Answers are never dropped, states never pile up."""
+"""Answers are never dropped, and unread states never pile up."""
 
 import pytest
 from hypothesis import given
@@ -35,7 +35,7 @@ def test_a_client_that_reads_gets_everything_at_once():
     assert pipe.outbox.empty
 
 
-def test_a_slow_client_gets_every_verdict_and_each_robots_newest_state():
+def test_a_slow_client_gets_every_verdict_and_the_latest_state_of_each_robot():
     pipe = Pipe(room=1)
     pipe.outbox.put(b"v0")
     for number in range(1, 5):
@@ -71,7 +71,7 @@ def test_states_of_a_subscription_that_ended_are_dropped():
     assert pipe.taken == [b"subscribed", b"b2"]
 
 
-def test_too_many_unread_answers_are_an_overflow_and_states_are_none():
+def test_too_many_unread_answers_are_an_overflow_and_states_are_not():
     pipe = Pipe(room=0, limit=10)
     pipe.outbox.pause()
     for _ in range(1000):
@@ -83,7 +83,7 @@ def test_too_many_unread_answers_are_an_overflow_and_states_are_none():
 
 
 @given(st.lists(st.one_of(st.just("verdict"), st.just("state"), st.integers(1, 4)), max_size=60))
-def test_verdicts_come_in_order_whenever_the_client_reads(actions):
+def test_verdicts_are_written_in_order_whenever_the_client_reads(actions):
     pipe = Pipe(room=1, limit=10**6)
     sent, states = [], 0
     for action in actions:
