@@ -1,4 +1,4 @@
-"""Bad clients in numbers, and crowds that come and go: what a good controller and the daemon's memory show.
+"""Many bad clients, and crowds that connect and disconnect: their effect on a controller and on memory.
 
 The short forms run with all tests. ``make soak`` sets ARMGATE_SOAK=1 for the long ones.
 """
@@ -27,7 +27,7 @@ MEGABYTES = 5.0
 
 @dataclass
 class Seen:
-    """What a controller met: commands, those refused, those judged for a later tick, and the latest tick."""
+    """Figures of a controller: commands, refused ones, ones judged for a later tick, and the latest tick."""
 
     commands: int = 0
     refused: int = 0
@@ -44,7 +44,7 @@ class Seen:
 
 
 class Controller:
-    """Answers every state at once, all the time."""
+    """A controller that answers every state at once."""
 
     def __init__(self, raw, fence):
         self.raw, self.fence, self.seq, self.tick = raw, fence, 0, 0
@@ -60,7 +60,7 @@ class Controller:
         return cls(raw, fence)
 
     async def over(self, ticks):
-        """What was seen in so many ticks from now."""
+        """Return the figures of some ticks from now."""
         self.seen, until = Seen(), self.tick + ticks
         async with asyncio.timeout(PATIENCE + ticks):
             while self.tick < until:
@@ -96,7 +96,7 @@ class Controller:
 def more_than_by_chance(many, few):
     """Return True if of ``many + few`` events in equal times so many would fall on one side in 1 of 100 runs.
 
-    The machine itself delays a command now and then: one event more says nothing, seven to none do.
+    The machine itself delays a command now and then: one event more proves nothing, seven to none do.
     """
     total = many + few
     return sum(comb(total, k) for k in range(many, total + 1)) < 0.01 * 2**total
@@ -115,8 +115,8 @@ async def abused(port, kind="mixed"):
         await process.communicate()
 
 
-async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
-    """Blocks with and without them take turns, so that the machine's own noise is in both."""
+async def test_bad_clients_hardly_affect_a_controller(tmp_path):
+    """Blocks with and without bad clients alternate, so that the machine's own noise is in both."""
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml(server="{handshake_timeout: 1.0}"))
     without, among = Seen(), Seen()
@@ -131,7 +131,7 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
         status, log = await daemon.end()
     assert status == 0
     told = {line["reason"].partition(":")[0] for line in log if line["event"] == "gone"}
-    tell(f"without: {without}", f"among bad clients: {among}", f"ended: {sorted(told)}")
+    print_figures(f"without: {without}", f"among bad clients: {among}", f"ended: {sorted(told)}")
     assert {"frame_too_large"} <= told
     assert good.causes <= {"stale", "occupied"}  # nothing but lateness
     assert among.commands >= BLOCK * (TICKS // BLOCK) / 2
@@ -143,17 +143,17 @@ async def test_a_good_controller_hardly_knows_of_bad_clients(tmp_path):
 CROWDS = ("pings", "subscribes", "describes", "large", "crooked", "fields")
 CROWD_BLOCK = 300 if LONG else 40
 CROWD_BURST = 40
-"""Ticks in which a crowd uses up the bursts of its allowances."""
+"""Ticks in which a crowd uses up the bursts of its rate limits."""
 
 SHARE = 0.8
 """Share of a core that the daemon may use because of one observer, after its bursts.
 
-The allowances count messages: 0.45 to 0.57 on a quiet machine. A daemon without limits uses all of a core.
+The rate limits count messages: 0.45 to 0.57 on a quiet machine. A daemon without limits uses all of a core.
 """
 
 
 async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
-    """Its 60 connections share one allowance, and their work waits for ticks and for holders of robots."""
+    """Its 60 connections share one rate limit, and their work waits for ticks and for holders of robots."""
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
     without, among, shares = Seen(), {kind: Seen() for kind in CROWDS}, {}
@@ -172,7 +172,7 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
         status, _ = await daemon.end()
     assert status == 0
     figures = (f"among {kind}: {seen}, {shares[kind]:.2f} of a core" for kind, seen in among.items())
-    tell(f"without: {without}", *figures)
+    print_figures(f"without: {without}", *figures)
     assert max(shares.values()) <= SHARE, shares
     assert good.causes <= {"stale", "occupied"}  # nothing but lateness
     if LONG:  # figures of time: on a machine that others use too they say nothing
@@ -184,13 +184,13 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
 
 
 def cpu(pid):
-    """Processor time that a process has used, s."""
+    """Return the processor time that a process has used, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def tell(*lines):
-    """Figures, for who runs this with -s, and in the report of a failure."""
+def print_figures(*lines):
+    """Print figures, which pytest shows with -s and in the report of a failure."""
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
 
 
@@ -198,13 +198,13 @@ def tell(*lines):
 
 
 def memory(pid):
-    """Resident memory of a process, MB."""
+    """Return the resident memory of a process, MB."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 async def guest(port, number):
-    """Comes, looks around, and goes: with a bye, without, or in the middle of a message."""
+    """Connect, observe, and disconnect: with a bye, without, or in the middle of a message."""
     raw = await Raw.hello(port, f"guest{number}", "observer")
     raw.send(m.Describe(), m.Subscribe(), m.Stop.model_construct(type="stop", robot=7, id=1))
     await raw.get(m.Error)
@@ -241,6 +241,6 @@ async def test_the_daemons_memory_is_flat_while_clients_come_and_go(tmp_path):
             raw.send(m.Command(robot="A", fence=fence, seq=step, tick=state.tick, dq=dq))
         await raw.get(m.State)
     shown = [round(mark, 1) for mark in marks]
-    tell(f"memory over {STEPS} steps, MB: {shown}")
+    print_figures(f"memory over {STEPS} steps, MB: {shown}")
     assert max(marks) - min(marks) <= 2 * MEGABYTES
     assert abs(marks[-1] - marks[0]) <= MEGABYTES

@@ -1,4 +1,4 @@
-"""What bad clients are told by the daemon's process, while another client keeps moving its robot."""
+"""Answers of a daemon to bad clients, while another client keeps moving its robot."""
 
 import math
 import struct
@@ -24,7 +24,7 @@ def packed(**fields):
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def served(tmp_path_factory):
-    """A daemon with a controller that moves robot B all the while."""
+    """A daemon with a controller that keeps moving robot B."""
     file = tmp_path_factory.mktemp("served") / "arms.yaml"
     file.write_text(arms_yaml(max_age_ticks=1000))
     async with Process.serving(file) as daemon:
@@ -69,7 +69,7 @@ async def test_a_command_that_cannot_be_read_is_an_error_with_its_seq(served, ca
         ({"type": "leap"}, "unknown_type", None),
     ],
 )
-async def test_what_is_not_known_is_an_error(served, fields, code, seq):
+async def test_an_unknown_message_type_is_an_error(served, fields, code, seq):
     daemon, mover = served
     bad = await Raw.hello(daemon.port, "bad")
     bad.send_bytes(command(**fields))
@@ -89,7 +89,7 @@ async def test_what_is_not_known_is_an_error(served, fields, code, seq):
         ([-math.inf, 0.0, 0.0], "not_finite"),
     ],
 )
-async def test_a_command_that_can_be_read_gets_its_verdict(served, dq, cause):
+async def test_a_readable_command_gets_its_verdict(served, dq, cause):
     daemon, mover = served
     bad = await Raw.hello(daemon.port, "bad")
     fence = await bad.acquire("A")
@@ -118,7 +118,7 @@ FATAL = {
 
 
 @pytest.mark.parametrize("case", FATAL)
-async def test_what_breaks_the_conversation_ends_it_with_a_named_error(served, case):
+async def test_a_violation_of_the_protocol_ends_the_connection_with_an_error_code(served, case):
     daemon, mover = served
     data, code = FATAL[case]
     bad = await Raw.hello(daemon.port, "bad")
@@ -137,7 +137,7 @@ BEFORE_HELLO = {
 
 
 @pytest.mark.parametrize("case", BEFORE_HELLO)
-async def test_before_hello_everything_wrong_ends_the_connection(served, case):
+async def test_before_hello_every_violation_ends_the_connection(served, case):
     daemon, mover = served
     data, code = BEFORE_HELLO[case]
     bad = await Raw.open(daemon.port)
@@ -147,7 +147,7 @@ async def test_before_hello_everything_wrong_ends_the_connection(served, case):
     await mover.moves_on()
 
 
-async def test_a_flood_of_half_messages_and_resets_disturbs_nobody(served):
+async def test_a_flood_of_half_messages_and_resets_disturbs_no_other_client(served):
     daemon, mover = served
     for _ in range(30):
         bad = await Raw.hello(daemon.port, "bad")

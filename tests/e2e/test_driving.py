@@ -44,7 +44,7 @@ class Eye:
         return eye
 
     async def entry(self, where=lambda entry: True):
-        """Robot A in the next state of it in which this holds."""
+        """Return robot A in the next of its states that meets the condition."""
         found = []
 
         def fits(state):
@@ -55,12 +55,12 @@ class Eye:
         return found[0]
 
     async def moving(self):
-        """Until the setpoint is changing."""
+        """Wait until the setpoint changes."""
         before = (await self.entry()).setpoint
         await self.entry(lambda entry: entry.setpoint != before)
 
     async def resting(self):
-        """Until the setpoint stays; where that is."""
+        """Wait until the setpoint stays the same; return it."""
         before = await self.entry()
         while True:
             now = await self.entry()
@@ -82,27 +82,27 @@ async def eye(daemon):
 
 
 class Leader:
-    """``armgate lead`` with something to press."""
+    """``armgate lead`` with a virtual gamepad."""
 
     def __init__(self, process):
-        self.process, self.said = process, ""
+        self.process, self.printed = process, ""
 
     def do(self, *lines):
         self.process.stdin.write("".join(line + "\n" for line in lines).encode())
 
-    async def tells(self, text):
-        """Until it has said this."""
+    async def prints(self, text):
+        """Wait until it has printed this."""
         async with asyncio.timeout(PATIENCE):
-            while text not in self.said:
+            while text not in self.printed:
                 line = (await self.process.stdout.readline()).decode()
-                assert line, f"it ended: {self.said}"
-                self.said += line
+                assert line, f"it ended: {self.printed}"
+                self.printed += line
 
     async def ends(self):
-        """Exit status, and all that it said."""
+        """Return its exit status, and everything that it printed."""
         async with asyncio.timeout(PATIENCE):
             out, err = await self.process.communicate()
-        return self.process.returncode, self.said + out.decode() + err.decode()
+        return self.process.returncode, self.printed + out.decode() + err.decode()
 
 
 @contextlib.asynccontextmanager
@@ -129,9 +129,9 @@ def by_pad(daemon, *arguments):
 # --- the gamepad ------------------------------------------------------------------------------------------
 
 
-async def test_it_moves_while_the_deadman_is_held_and_rests_when_it_is_let_go(daemon, eye):
+async def test_the_robot_moves_while_the_deadman_switch_is_held_and_rests_when_it_is_released(daemon, eye):
     async with by_pad(daemon) as leader:
-        await leader.tells("hold the left shoulder")
+        await leader.prints("hold the left shoulder")
         start = await eye.resting()
         leader.do("axis LEFTY -1")  # without the deadman: nothing
         held = await eye.entry(lambda entry: entry.holder == "leader")
@@ -143,7 +143,7 @@ async def test_it_moves_while_the_deadman_is_held_and_rests_when_it_is_let_go(da
         assert there[0] > start[0]
         assert there[1:] == start[1:]
         leader.do("axis LEFTY 0.1", "button LEFTSHOULDER 1", "button DPAD_RIGHT 1")
-        await leader.tells("moving joint J2")
+        await leader.prints("moving joint J2")
         assert await eye.resting() == there  # inside the dead zone
         leader.do("axis LEFTY 1")
         await eye.moving()
@@ -156,21 +156,21 @@ async def test_it_moves_while_the_deadman_is_held_and_rests_when_it_is_let_go(da
 
 async def test_the_tool_moves_along_the_world(daemon, eye):
     async with by_pad(daemon, "--mode", "tool") as leader:
-        await leader.tells("moving the tool")
+        await leader.prints("moving the tool")
         start = await eye.resting()
         leader.do("axis LEFTX -1", "button LEFTSHOULDER 1")
         await eye.moving()
         leader.do("button RIGHTSTICK 1")
-        await leader.tells("moving joint J1")
+        await leader.prints("moving joint J1")
         leader.do("button LEFTSHOULDER 0")
         assert await eye.resting() != start
         leader.do("button START 1")
         assert (await leader.ends())[0] == 0
 
 
-async def test_a_gamepad_pulled_out_while_driving_leaves_the_robot_at_rest_and_says_so(daemon, eye):
+async def test_a_gamepad_unplugged_while_driving_leaves_the_robot_at_rest_and_is_reported(daemon, eye):
     async with by_pad(daemon) as leader:
-        await leader.tells("hold the left shoulder")
+        await leader.prints("hold the left shoulder")
         leader.do("axis LEFTY -0.5", "button LEFTSHOULDER 1")
         await eye.moving()
         leader.do("pull")
@@ -181,14 +181,14 @@ async def test_a_gamepad_pulled_out_while_driving_leaves_the_robot_at_rest_and_s
     assert "Traceback" not in said
 
 
-async def test_a_deadman_that_was_held_from_the_start_moves_nothing(daemon, eye):
+async def test_a_deadman_switch_held_from_the_start_moves_no_robot(daemon, eye):
     async with by_pad(daemon) as leader:
         leader.do("axis LEFTY -1", "button LEFTSHOULDER 1")
-        await leader.tells("let go of the left shoulder first")
+        await leader.prints("let go of the left shoulder first")
         first = await eye.entry(lambda entry: entry.holder == "leader")
         assert await eye.resting() == first.setpoint
         leader.do("button LEFTSHOULDER 0")
-        await leader.tells("hold the left shoulder")
+        await leader.prints("hold the left shoulder")
         leader.do("button LEFTSHOULDER 1")
         await eye.moving()
         leader.do("button START 1")
@@ -196,7 +196,7 @@ async def test_a_deadman_that_was_held_from_the_start_moves_nothing(daemon, eye)
         await eye.free()
 
 
-async def test_without_a_gamepad_it_says_so(daemon):
+async def test_a_missing_gamepad_is_reported(daemon):
     async with leading(daemon, "--input", "gamepad", program=(*PAD, "none")) as leader:
         status, said = await leader.ends()
     assert status == 1
@@ -206,9 +206,9 @@ async def test_without_a_gamepad_it_says_so(daemon):
 # --- what else may go wrong -------------------------------------------------------------------------------
 
 
-async def test_a_stop_while_driving_ends_it_and_it_says_so(daemon, eye):
+async def test_a_stop_while_driving_ends_the_leader_with_the_reason(daemon, eye):
     async with by_pad(daemon) as leader:
-        await leader.tells("hold the left shoulder")
+        await leader.prints("hold the left shoulder")
         leader.do("axis LEFTY -1", "button LEFTSHOULDER 1")
         await eye.moving()
         eye.raw.send(m.Stop(robot="A", reason="enough"))
@@ -222,7 +222,7 @@ async def test_a_stop_while_driving_ends_it_and_it_says_so(daemon, eye):
     await eye.raw.get(m.Resumed)
 
 
-async def test_who_has_no_lease_drives_nothing_and_is_told(daemon, eye):
+async def test_a_leader_without_a_lease_moves_no_robot_and_reports_the_reason(daemon, eye):
     other = await Raw.hello(daemon.port, "other")
     await other.acquire("A")
     before = await eye.resting()
@@ -235,9 +235,9 @@ async def test_who_has_no_lease_drives_nothing_and_is_told(daemon, eye):
     await other.rest()
 
 
-async def test_who_loses_the_lease_is_told(daemon, eye):
+async def test_a_leader_that_loses_its_lease_reports_the_reason(daemon, eye):
     async with by_pad(daemon) as leader:
-        await leader.tells("hold the left shoulder")
+        await leader.prints("hold the left shoulder")
         leader.do("axis LEFTY -1", "button LEFTSHOULDER 1")
         await eye.moving()
         fence = await eye.raw.acquire("A", takeover=True)
@@ -249,7 +249,7 @@ async def test_who_loses_the_lease_is_told(daemon, eye):
     await eye.free()
 
 
-async def test_a_wrong_token_moves_nothing_and_is_told(tmp_path):
+async def test_a_wrong_token_moves_no_robot_and_is_reported(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     status, _, err = await run("token", "--role", "controller", "--file", file)
     assert status == 0, err
@@ -273,7 +273,7 @@ async def test_a_wrong_token_moves_nothing_and_is_told(tmp_path):
         (("--input", "keyboard", "--robot", "Z"), "no robot 'Z'; it has A, B"),
     ],
 )
-async def test_called_wrongly_it_says_so(daemon, arguments, told):
+async def test_wrong_options_are_reported(daemon, arguments, told):
     status, _, err = await run("lead", f"127.0.0.1:{daemon.port}", "--robot", "A", *arguments)
     assert status == 2
     assert told in err
@@ -284,12 +284,12 @@ async def test_called_wrongly_it_says_so(daemon, arguments, told):
 
 @contextlib.asynccontextmanager
 async def terminal(daemon):
-    """A leader in a terminal, and the terminal's other end."""
+    """A leader in a terminal, and the other end of the terminal."""
     ours, theirs = pty.openpty()
     try:
         async with leading(daemon, "--input", "keyboard", program=ARMGATE, stdin=theirs) as leader:
             os.close(theirs)
-            await leader.tells("keyboard: moving joint J1")
+            await leader.prints("keyboard: moving joint J1")
             yield leader, ours
     finally:
         with contextlib.suppress(OSError):
@@ -297,20 +297,20 @@ async def terminal(daemon):
 
 
 async def pressed(eye, ours, key, joint):
-    """Presses a key again and again, as a terminal does while it is held, until the joint has moved."""
+    """Press a key repeatedly, as a terminal does while it is held, until the joint has moved."""
     start = (await eye.entry()).setpoint
     while (now := await eye.entry()).setpoint[joint] == start[joint]:
         os.write(ours, key)
     return now.setpoint[joint] - start[joint]
 
 
-async def test_a_key_moves_while_it_repeats(daemon, eye):
+async def test_a_key_moves_the_robot_while_it_repeats(daemon, eye):
     async with terminal(daemon) as (leader, ours):
         await eye.entry(lambda entry: entry.holder == "leader")
         assert await pressed(eye, ours, b"\x1b[A", 0) > 0.0
         await eye.resting()
         os.write(ours, b"2")
-        await leader.tells("moving joint J2")
+        await leader.prints("moving joint J2")
         assert await pressed(eye, ours, b"-", 1) < 0.0
         await eye.resting()
         os.write(ours, b"q")
@@ -318,7 +318,7 @@ async def test_a_key_moves_while_it_repeats(daemon, eye):
     assert (status, "ended by the keyboard, at rest" in said) == (0, True), said
 
 
-async def test_a_terminal_that_is_gone_leaves_the_robot_at_rest(daemon, eye):
+async def test_a_closed_terminal_leaves_the_robot_at_rest(daemon, eye):
     async with terminal(daemon) as (leader, ours):
         await eye.entry(lambda entry: entry.holder == "leader")
         await pressed(eye, ours, b"+", 0)

@@ -1,4 +1,4 @@
-"""Figures of a running daemon; and a recording that is required, on a disk that is full."""
+"""Metrics of a running daemon, and a required recording on a full disk."""
 
 import asyncio
 import errno
@@ -14,7 +14,7 @@ from support.cells import arms_yaml
 from support.clients import PATIENCE, Mover, Process, Raw, run
 
 
-async def test_figures_are_served_and_printed(tmp_path):
+async def test_metrics_are_served_and_printed(tmp_path):
     file = tmp_path / "arms.yaml"
     file.write_text(arms_yaml(max_age_ticks=1000, metrics="{port: 0}"))
     async with Process.serving(file) as daemon:
@@ -44,7 +44,7 @@ async def test_figures_are_served_and_printed(tmp_path):
         assert "metrics.port" in err
 
 
-async def test_status_takes_an_address_and_says_what_it_meets(tmp_path):
+async def test_status_takes_an_address_and_reports_its_errors(tmp_path):
     file = tmp_path / "arms.yaml"
     file.write_text(arms_yaml(metrics="{port: 0}"))
     async with Process.serving(file) as daemon:
@@ -74,7 +74,7 @@ main(sys.argv[2:])
 
 
 async def limited(file, out, room):
-    """A daemon whose files may not grow beyond ``room`` bytes."""
+    """Start a daemon whose files cannot grow beyond ``room`` bytes."""
     return await asyncio.create_subprocess_exec(
         sys.executable, "-c", LIMITED, str(room), "serve", str(file), "--port", "0", "--record", str(out),
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
@@ -82,7 +82,7 @@ async def limited(file, out, room):
 
 
 async def watched(tmp_path, recording):
-    """The states until one warns of the recording, and some more; exit status of replay after recovery."""
+    """Return the states until one warns of the recording, some more, and the exit status of a replay."""
     file, out = tmp_path / "arms.yaml", tmp_path / "run"
     file.write_text(arms_yaml(recording=recording))
     process = await limited(file, out, 60_000)
@@ -107,13 +107,13 @@ async def watched(tmp_path, recording):
     return warned, after
 
 
-async def test_a_full_disk_is_survived_and_told(tmp_path):
+async def test_a_full_disk_ends_the_recording_and_is_reported(tmp_path):
     warned, after = await watched(tmp_path, "{required: false}")
     assert any("recording-0001.mcap" in warning for warning in warned.warnings)
     assert not any(entry.stops for entry in after.entries)
 
 
-async def test_where_recording_is_required_the_robots_rest_without_it(tmp_path):
+async def test_robots_rest_if_a_required_recording_fails(tmp_path):
     _, after = await watched(tmp_path, "{required: true}")
     assert all(entry.stops for entry in after.entries)
 

@@ -68,20 +68,20 @@ def test_an_objective_moves_the_joints_and_not_the_tool(daemon: str, tmp_path: P
     assert np.abs(q[-1] - q[0]).max() > 0.1
     w = [manipulability(TASK.jacobian(position)) for position in q]
     assert w[-1] > w[0] + 0.005
-    # And from the same place with the same wish: nothing is left to do.
+    # From there, the same target needs no motion.
     again = reach(daemon, "--objective", "singularities", "--method", "variable", "--out", tmp_path / "b.csv")
     assert again.returncode == 0, again.stderr
     assert np.abs(np.ptp(read_path(tmp_path / "b.csv").q, axis=0)).max() < 0.02
 
 
-def test_what_the_gate_forbids_ends_it_with_the_reason(daemon: str) -> None:
+def test_a_refused_command_ends_reach_with_the_reason(daemon: str) -> None:
     done = reach(daemon, "--target", 0.6, 0.9, 0.5)
     assert (done.returncode, done.stdout) == (1, "")
     assert "stuck" in done.stderr
     assert "post_left" in done.stderr
 
 
-def test_wrong_use_moves_nothing(daemon: str) -> None:
+def test_wrong_options_move_no_robot(daemon: str) -> None:
     for wrong in (["--rows", "x,w"], ["--frame", "nose"], ["--robot", "XR"], ["--method", "magic"]):
         done = reach(daemon, *wrong)
         assert (done.returncode, done.stdout) == (2, ""), done.stderr

@@ -1,4 +1,4 @@
-"""Robots in a robot server, daemons that come and go: who is killed or stalls, and where everything ends."""
+"""Robots in a robot server: processes that are killed or stall, and the state in which the robots end."""
 
 import asyncio
 import json
@@ -34,7 +34,7 @@ def serving(cell, socket):
 
 
 async def goes_on(daemon):
-    """After its operator has reset what was stopped, a controller moves a robot as ever."""
+    """Reset the stops as an operator, then move a robot as a controller."""
     await lift_stops(daemon.port)
     mover = await Mover.start(daemon.port, "A", "again")
     await mover.moves_on()
@@ -42,7 +42,7 @@ async def goes_on(daemon):
 
 
 def resting(state):
-    """Whether both robots are known to rest."""
+    """Return True if both robots are known to rest."""
     return len(state.entries) == 2 and all(
         entry.q == pytest.approx(entry.setpoint, abs=1e-4) and entry.setpoint == entry.stop_end
         for entry in state.entries
@@ -50,7 +50,7 @@ def resting(state):
 
 
 async def nothing_moves(daemon):
-    """The robots are stopped and known at rest, and nobody gets one."""
+    """Check that the robots are stopped and at rest, and that none can be acquired."""
     eye = await Raw.hello(daemon.port, "eye")
     eye.send(m.Subscribe())
     state = await eye.get(m.State, resting)
@@ -61,7 +61,7 @@ async def nothing_moves(daemon):
     assert later.entries[0].setpoint == state.entries[0].setpoint
 
 
-async def test_it_ends_with_its_robots_at_rest_and_so_does_the_daemon_before(cell, socket):
+async def test_daemon_and_robot_server_end_with_the_robots_at_rest(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
         assert os.stat(socket).st_mode & 0o777 == 0o600
         mover = await Mover.start(daemon.port, "A")
@@ -77,9 +77,7 @@ async def test_it_ends_with_its_robots_at_rest_and_so_does_the_daemon_before(cel
         assert not socket.exists()
 
 
-async def test_a_daemon_that_is_killed_leaves_robots_that_rest_and_its_successor_moves_nothing_unasked(
-    cell, socket
-):
+async def test_robots_of_a_killed_daemon_rest_and_its_successor_moves_none_unasked(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots:
         async with serving(cell, socket) as daemon:
             mover = await Mover.start(daemon.port, "A")
@@ -93,10 +91,8 @@ async def test_a_daemon_that_is_killed_leaves_robots_that_rest_and_its_successor
             await goes_on(daemon)
 
 
-async def test_what_happened_with_robots_elsewhere_is_recorded_and_judged_the_same_again(
-    cell, socket, tmp_path
-):
-    """Also that of the daemon that took them over from one that was killed, and of the reset."""
+async def test_a_recording_with_a_robot_server_replays_with_the_same_verdicts(cell, socket, tmp_path):
+    """The recording of the daemon that takes over from a killed one, and of the reset, replays too."""
     async with RobotServer.running(cell, socket=socket) as robots:
         async with Process.serving(cell, "--robot-server", socket, "--record", tmp_path / "one") as daemon:
             mover = await Mover.start(daemon.port, "A")
@@ -115,7 +111,7 @@ async def test_what_happened_with_robots_elsewhere_is_recorded_and_judged_the_sa
         assert "bit for bit" in said
 
 
-async def test_figures_tell_how_late_ticks_were_heard_of(cell, socket):
+async def test_metrics_hold_the_lateness_of_ticks(cell, socket):
     cell.write_text(cell.read_text() + "metrics: {port: 0}\n")
     async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
         async with asyncio.timeout(PATIENCE):
@@ -130,7 +126,7 @@ async def test_figures_tell_how_late_ticks_were_heard_of(cell, socket):
     assert "unread_bytes: 0" in out
 
 
-async def test_a_daemon_that_stalls_is_let_go_of_and_finds_its_robots_stopped(cell, socket):
+async def test_a_stalled_daemon_is_disconnected_and_finds_its_robots_stopped(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
         mover = await Mover.start(daemon.port, "A")
         eye = await Raw.hello(daemon.port, "eye")
@@ -158,7 +154,7 @@ async def test_a_robot_server_that_is_killed_stops_the_cell_until_it_is_back_and
         await mover.stop()
         async with RobotServer.running(cell, socket=socket) as back:
             await back.logs("daemon")
-            # Emulated robots of a new process stand at their start: the gate sees them jump, and says so.
+            # Emulated robots of a new process stand at their start: the gate sees them jump, and reports it.
             await nothing_moves(daemon)
             await goes_on(daemon)
 
@@ -194,7 +190,7 @@ async def test_there_is_one_daemon_at_a_time_and_one_robot_server(cell, socket):
         await mover.stop()
 
 
-async def test_without_a_robot_server_or_with_another_cells_the_daemon_says_what_to_do(
+async def test_a_missing_robot_server_and_one_of_another_cell_are_errors_with_a_remedy(
     cell, socket, tmp_path
 ):
     status, _, err = await run("serve", cell, "--robot-server", socket, "--port", 0)
@@ -212,7 +208,7 @@ async def test_without_a_robot_server_or_with_another_cells_the_daemon_says_what
 
 
 def real_time_is_allowed():
-    """Whether a child of ours may be one of the real-time processes."""
+    """Return True if a child process may have real-time priority."""
     with subprocess.Popen(["sleep", "60"]) as child:
         try:
             os.sched_setscheduler(child.pid, os.SCHED_RR, os.sched_param(7))
@@ -223,7 +219,7 @@ def real_time_is_allowed():
     return True
 
 
-async def test_it_goes_before_ordinary_programs_or_says_why_it_may_not(cell, socket):
+async def test_the_robot_server_gets_real_time_priority_or_reports_why_not(cell, socket):
     if real_time_is_allowed():
         async with RobotServer.running(cell, "--priority", 7, socket=socket) as robots:
             pid = robots.process.pid
@@ -235,7 +231,9 @@ async def test_it_goes_before_ordinary_programs_or_says_why_it_may_not(cell, soc
         assert "have the limit `rtprio` raised" in err
 
 
-async def test_it_tells_a_service_manager_that_it_is_ready_and_alive(cell, socket, tmp_path):
+async def test_the_service_manager_is_notified_that_the_robot_server_is_ready_and_alive(
+    cell, socket, tmp_path
+):
     with Socket(AF_UNIX, SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "manager"))
         manager.setblocking(False)

@@ -1,8 +1,8 @@
-"""The fault matrix through the whole stack: each fault while the robot moves, and where everything ends.
+"""The fault matrix through the whole stack: each fault while the robot moves, and the state in which it ends.
 
-Virtual KRC, robot server and daemon are processes, which the tests share; what was killed is started anew. In
-which cycle a fault leads to what is tested at the link, with injected time. After each fault every setpoint
-that the KRC's drives got so far is held against the robot's bounds.
+Virtual KRC, robot server and daemon are processes that the tests share; a killed one is started again. The
+tests of the link check the cycle in which each fault takes effect, with injected time. Here, after each
+fault, every setpoint that the drives of the KRC received so far is compared with the robot's bounds.
 """
 
 import signal
@@ -35,7 +35,7 @@ async def test_a_controller_that_is_killed_lets_its_robot_rest_and_needs_no_rese
     stack.within_bounds()
 
 
-async def test_a_daemon_that_is_killed_leaves_a_robot_that_rests_and_is_answered(stack):
+async def test_the_robot_of_a_killed_daemon_rests_and_its_krc_is_still_answered(stack):
     mover = await stack.begin()
     stack.daemon.signal(signal.SIGKILL)
     await mover.ended()
@@ -53,7 +53,7 @@ async def test_a_daemon_that_is_killed_leaves_a_robot_that_rests_and_is_answered
     await stack.goes_on()
 
 
-async def test_a_daemon_that_stalls_is_let_go_of_and_its_robot_rests(stack):
+async def test_a_stalled_daemon_is_disconnected_and_its_robot_rests(stack):
     await stack.begin()
     stack.daemon.signal(signal.SIGSTOP)
     assert "stalled" in (await stack.robots.logs("daemon.gone"))["reason"]
@@ -65,7 +65,7 @@ async def test_a_daemon_that_stalls_is_let_go_of_and_its_robot_rests(stack):
     await stack.goes_on()
 
 
-async def test_a_robot_server_that_is_killed_leaves_a_krc_that_breaks_off_by_itself(stack):
+async def test_a_krc_whose_robot_server_is_killed_stops_by_itself(stack):
     await stack.begin()
     stack.robots.signal(signal.SIGKILL)
     assert "KSS29002" in (await stack.krc.breaks_off())["message"]
@@ -77,7 +77,7 @@ async def test_a_robot_server_that_is_killed_leaves_a_krc_that_breaks_off_by_its
     await stack.goes_on()
 
 
-async def test_a_robot_server_that_stalls_leaves_a_krc_that_breaks_off_by_itself(stack):
+async def test_a_krc_whose_robot_server_stalls_stops_by_itself(stack):
     await stack.begin()
     stack.robots.signal(signal.SIGSTOP)
     await stack.krc.breaks_off()
@@ -88,8 +88,8 @@ async def test_a_robot_server_that_stalls_leaves_a_krc_that_breaks_off_by_itself
     await stack.goes_on()
 
 
-async def test_a_robot_server_that_halts_for_some_cycles_makes_up_for_none(stack):
-    """Telegrams wait for it while its robot has a plan: none of them leads to a step."""
+async def test_a_robot_server_that_halts_for_some_cycles_plays_no_missed_increment(stack):
+    """Telegrams wait while the robot has a plan: none of them leads to a step."""
     mover = await stack.begin()
     delay = (await stack.krc.tell("status"))["delay"]
     stack.robots.signal(signal.SIGSTOP)
@@ -124,7 +124,7 @@ async def test_there_is_one_daemon_at_a_time(stack):
     stack.within_bounds()
 
 
-async def test_junk_and_telegrams_from_elsewhere_change_nothing(stack):
+async def test_invalid_and_foreign_telegrams_change_nothing(stack):
     mover = await stack.begin()
     bomb = b'<!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><Rob><IPOC>&c;</IPOC></Rob>'
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -136,7 +136,7 @@ async def test_junk_and_telegrams_from_elsewhere_change_nothing(stack):
 
 
 @pytest.mark.parametrize(("way", "state"), [("to-pc", "lost"), ("to-krc", "faulted")])
-async def test_the_cable_out_and_in_again(stack, way, state):
+async def test_a_cable_that_is_unplugged_and_plugged_in_again(stack, way, state):
     await stack.begin()
     await stack.krc.tell(f"cable out {way}")
     assert f"is {state}: " in await stack.stopped()
@@ -146,7 +146,7 @@ async def test_the_cable_out_and_in_again(stack, way, state):
 
 
 @pytest.mark.parametrize("how", ["restart", "estop", "pause"])
-async def test_the_krc_begins_anew(stack, how):
+async def test_a_krc_that_restarts(stack, how):
     await stack.begin()
     await stack.krc.tell(how)
     assert "is lost: " in await stack.stopped()

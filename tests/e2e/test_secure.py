@@ -1,4 +1,4 @@
-"""A daemon with TLS and tokens: both shells of the SDK, the command line, and those who may not come in."""
+"""A daemon with TLS and tokens: both forms of the SDK, the command line, and clients that are refused."""
 
 import asyncio
 import contextlib
@@ -42,7 +42,7 @@ class Site:
 
 
 async def token(file, *arguments):
-    """The secret that `armgate token` prints, and what it says."""
+    """Return the secret that `armgate token` prints, and its report."""
     status, out, err = await run("token", "--file", file, *arguments)
     assert status == 0, err
     return out.strip(), err
@@ -82,14 +82,14 @@ async def secured(tmp_path_factory):
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def mutual(tmp_path_factory):
-    """The same, where clients need certificates."""
+    """The same daemon, which requires certificates of clients."""
     async with site(tmp_path_factory.mktemp("mutual"), client_ca="ca.pem") as made:
         yield made
 
 
 @pytest.fixture(params=["aio", "blocking"])
 def connect(request):
-    """``connect`` of one of the shells, and an end to what it opened."""
+    """``connect`` of one form of the SDK, which closes its connections at the end."""
 
     async def call(address, *args, **more):
         if request.param == "aio":
@@ -133,7 +133,7 @@ def drive(cell, robot):
     return verdict
 
 
-async def test_a_context_of_ones_own(secured, connect):
+async def test_a_client_may_bring_its_own_tls_context(secured, connect):
     context = tls_context(secured.authority.file)
     cell = await connect(secured.address, "eye", "observer", secured.tokens["eye"], tls=context)
     await done(cell.close())
@@ -153,12 +153,12 @@ async def test_a_certificate_for_another_host_is_not_trusted(secured, connect):
         )
 
 
-async def test_without_tls_the_text_asks_for_it(secured, connect):
+async def test_an_error_without_tls_suggests_tls(secured, connect):
     with pytest.raises(ConnectionLost, match="does it require TLS"):
         await connect(secured.address, "eye", token=secured.tokens["eye"])
 
 
-async def test_tls_where_there_is_none_is_told(tmp_path, connect):
+async def test_tls_with_a_server_without_tls_is_reported(tmp_path, connect):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
     authority = Authority(tmp_path)
@@ -167,7 +167,7 @@ async def test_tls_where_there_is_none_is_told(tmp_path, connect):
             await connect(f"127.0.0.1:{daemon.port}", "eye", tls=authority.file)
 
 
-async def test_files_that_are_no_certificates_are_bad_arguments(secured, connect):
+async def test_invalid_certificate_files_are_bad_arguments(secured, connect):
     with pytest.raises(BadArgument, match=r"none\.pem: No such file"):
         await connect(secured.address, "eye", tls=secured.folder / "none.pem")
     with pytest.raises(BadArgument, match=r"tokens: .*PEM"):
@@ -176,7 +176,7 @@ async def test_files_that_are_no_certificates_are_bad_arguments(secured, connect
         tls_context(secured.authority.file, key="a.key")
 
 
-async def test_where_clients_need_certificates_others_are_not_heard(mutual, connect):
+async def test_clients_without_a_required_certificate_are_refused(mutual, connect):
     own = mutual.authority.issue("client")
     good = tls_context(mutual.authority.file, *own)
     cell = await connect(mutual.address, "eye", "observer", mutual.tokens["eye"], tls=good)
@@ -187,7 +187,7 @@ async def test_where_clients_need_certificates_others_are_not_heard(mutual, conn
             await connect(mutual.address, "eye", "observer", mutual.tokens["eye"], tls=context)
 
 
-async def test_a_token_never_crosses_a_network_readable():
+async def test_a_token_is_never_sent_over_a_network_without_tls():
     check_token("secret", None, ("127.0.0.1", 1))
     check_token("secret", None, ("::1", 1, 0, 0))
     check_token(None, None, ("192.0.2.1", 1))
@@ -196,7 +196,7 @@ async def test_a_token_never_crosses_a_network_readable():
         check_token("secret", None, ("192.0.2.1", 1))
 
 
-async def test_half_open_tls_disturbs_nobody(secured, connect):
+async def test_half_open_tls_disturbs_no_other_client(secured, connect):
     silent = [await asyncio.open_connection("127.0.0.1", secured.daemon.port) for _ in range(20)]
     cell = await connect(
         secured.address, "eye", "observer", secured.tokens["eye"], tls=secured.authority.file
@@ -212,7 +212,7 @@ async def test_half_open_tls_disturbs_nobody(secured, connect):
     [("127.0.0.1", None), (None, ()), ("127.0.0.1", ("SERVER_AUTH",)), (None, ("EMAIL_PROTECTION",))],
     ids=["the server's", "no purpose", "for servers", "for mail"],
 )
-async def test_a_certificate_that_is_not_for_clients_lets_nobody_in(mutual, connect, host, purposes):
+async def test_a_certificate_that_is_not_for_clients_is_refused(mutual, connect, host, purposes):
     own = mutual.authority.issue("other", host, purposes)
     context = tls_context(mutual.authority.file, *own)
     with pytest.raises(ConnectionLost, match=r"not for clients|certificate"):
@@ -226,7 +226,7 @@ async def test_a_certificate_for_servers_and_clients_is_for_clients(mutual, conn
     await done(cell.close())
 
 
-async def test_certificates_are_read_again_at_sighup(tmp_path):
+async def test_certificates_are_reloaded_at_sighup(tmp_path):
     authority = Authority(tmp_path)
     _, key = authority.issue("cell", "127.0.0.1")
     config = tmp_path / "arms.yaml"
@@ -257,7 +257,7 @@ async def test_certificates_are_read_again_at_sighup(tmp_path):
     ("given", "role"),
     [(None, "observer"), ("guessed", "observer"), ("lab", "operator"), ("eye", "controller")],
 )
-async def test_without_a_token_that_allows_it_nobody_comes_in(secured, connect, given, role):
+async def test_a_client_without_a_sufficient_token_is_refused(secured, connect, given, role):
     secret = secured.tokens.get(given, given)
     with pytest.raises(Rejected, match="armgate token") as caught:
         await connect(secured.address, "x", role, secret, tls=secured.authority.file)
@@ -291,7 +291,7 @@ async def test_an_operator_takes_over_and_resets(secured):
         await boss.reset(stopped.stop)
 
 
-async def test_on_loopback_too_tokens_are_asked_for(tmp_path):
+async def test_configured_tokens_are_required_on_loopback_too(tmp_path):
     secret, _ = await token(tmp_path / "tokens", "--role", "observer")
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml(server="{tokens: tokens, login_failures_per_address: 2}"))
@@ -309,13 +309,13 @@ async def test_on_loopback_too_tokens_are_asked_for(tmp_path):
 
 
 async def login(port, role, secret):
-    """A connection, and what answers its hello."""
+    """Return a connection, and the answer to its hello."""
     raw = await Raw.open(port)
     raw.send(m.Hello(versions=(1,), name="x", role=role, token=secret))
     return raw, await raw.get((m.Welcome, m.Error))
 
 
-async def test_no_client_at_the_same_address_locks_the_owners_of_tokens_out(tmp_path):
+async def test_no_client_can_lock_out_owners_of_tokens_at_its_address(tmp_path):
     """Silent connections, idle sessions up to their bound, and wrong tokens, all from one address."""
     config, secrets = tmp_path / "arms.yaml", {}
     for role in ("observer", "controller", "operator"):
@@ -357,11 +357,11 @@ async def test_a_token_can_be_written_to_a_file_that_only_its_user_can_read(tmp_
     assert "b" not in (json.loads(line)["name"] for line in (tmp_path / "tokens").read_text().splitlines())
 
 
-# --- tokens taken back ------------------------------------------------------------------------------------
+# --- revoked tokens ---------------------------------------------------------------------------------------
 
 
 async def reread(daemon, event):
-    """Have the tokens read anew; the log's line that tells what came of it."""
+    """Have the tokens reloaded; return the line of the log with the result."""
     daemon.signal(signal.SIGHUP)
     async with asyncio.timeout(PATIENCE):
         while (line := json.loads(await daemon.process.stderr.readline()))["event"] != event:
@@ -369,7 +369,7 @@ async def reread(daemon, event):
     return line
 
 
-async def test_a_token_taken_back_ends_its_sessions_and_no_others(tmp_path):
+async def test_a_revoked_token_ends_its_sessions_and_no_others(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     lab, _ = await token(file, "--role", "controller", "--name", "lab")
     eye, _ = await token(file, "--role", "observer", "--name", "eye")
@@ -404,7 +404,7 @@ async def test_a_token_taken_back_ends_its_sessions_and_no_others(tmp_path):
         assert (await daemon.end())[0] == 0
 
 
-async def test_without_tokens_a_hangup_ends_the_daemon_in_order(tmp_path):
+async def test_without_tokens_sighup_ends_the_daemon_in_order(tmp_path):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
     async with Process.serving(config) as daemon:
@@ -417,7 +417,7 @@ async def test_without_tokens_a_hangup_ends_the_daemon_in_order(tmp_path):
 # --- the command line -------------------------------------------------------------------------------------
 
 
-async def test_a_token_is_shown_once_and_kept_as_a_hash(tmp_path):
+async def test_a_token_is_printed_once_and_stored_as_a_hash(tmp_path):
     file = tmp_path / "tokens"
     secret, said = await token(file, "--role", "controller", "--robots", "A, B", "--name", "lab")
     assert secret.startswith("armgate_")
@@ -447,7 +447,7 @@ async def test_a_token_is_shown_once_and_kept_as_a_hash(tmp_path):
         ("{tokens: ca.pem}", "ca.pem:1"),
     ],
 )
-async def test_what_is_missing_to_listen_is_named(tmp_path, server, told):
+async def test_the_missing_setting_for_listening_is_named(tmp_path, server, told):
     authority = Authority(tmp_path)
     authority.issue("cell", "127.0.0.1")
     await token(tmp_path / "tokens", "--role", "observer")
@@ -486,7 +486,7 @@ async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
     assert inside in err, err
 
 
-async def test_programs_say_what_is_wrong_with_a_login(secured):
+async def test_programs_report_the_error_of_a_login(secured):
     empty = secured.folder / "empty"
     empty.write_text("")
     empty.chmod(0o600)
@@ -566,7 +566,7 @@ async def test_a_certificate_gives_a_role_without_a_secret(tmp_path, connect):
 
 
 @pytest.mark.parametrize(("role", "more"), [("controller", "operator"), ("observer", "controller")])
-async def test_on_a_unix_socket_the_kernel_tells_who_a_client_is(tmp_path, connect, role, more):
+async def test_on_a_unix_socket_the_kernel_identifies_the_user_of_a_client(tmp_path, connect, role, more):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml(server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: {role}}}}}}}"))
     address = f"unix:{tmp_path / 'cell.sock'}"

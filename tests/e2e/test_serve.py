@@ -1,4 +1,4 @@
-"""``armgate serve`` as a process: how it starts, ends, and repeats itself in lock-step."""
+"""``armgate serve`` as a process: its start, its end, and its repeatability in lock-step."""
 
 import asyncio
 import signal
@@ -66,7 +66,7 @@ async def test_listening_beyond_this_machine_is_refused_with_the_reason(tmp_path
     assert "server.tls and server.tokens" in err
 
 
-async def test_participants_that_are_none_are_wrong_use(tmp_path):
+async def test_invalid_names_of_participants_are_wrong_use(tmp_path):
     status, _, err = await run("serve", config(tmp_path), "--lockstep", "a,,b")
     assert status == 2
     assert "--lockstep" in err
@@ -76,7 +76,7 @@ async def test_participants_that_are_none_are_wrong_use(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-async def test_told_to_end_while_moving_the_robots_rest_first(tmp_path, number):
+async def test_a_signal_while_robots_move_lets_them_rest_first(tmp_path, number):
     async with Process.serving(config(tmp_path, lag=0.03, max_age_ticks=1000)) as daemon:
         mover = await Mover.start(daemon.port, "A")
         eye = await Raw.hello(daemon.port, "eye", "observer")
@@ -119,7 +119,7 @@ async def test_a_client_that_is_killed_loses_its_robot_and_the_robot_rests(tmp_p
         await other.stop()
 
 
-async def test_a_silent_holder_loses_its_robot_though_it_stays_connected(tmp_path):
+async def test_a_silent_holder_loses_its_robot_although_it_stays_connected(tmp_path):
     async with Process.serving(config(tmp_path, server="{lease_ttl: 0.3}")) as daemon:
         silent = await Raw.hello(daemon.port, "silent")
         fence = await silent.acquire("A")
@@ -134,7 +134,7 @@ async def test_a_silent_holder_loses_its_robot_though_it_stays_connected(tmp_pat
 
 
 async def lockstep_run(file, order):
-    """What a controller, another one and an observer receive in a lock-step run, byte by byte."""
+    """Return the bytes that two controllers and an observer receive in a lock-step run."""
     async with Process.serving(file, "--lockstep", "one,two,eye") as daemon:
         start = {
             "one": lambda: lockstep_controller(daemon.port, "one", "A", 40),
@@ -183,14 +183,14 @@ async def test_two_lockstep_runs_send_the_same_bytes(tmp_path):
 # --- check ------------------------------------------------------------------------------------------------
 
 
-async def test_check_tells_robots_joints_pairs_and_clearance(tmp_path):
+async def test_check_reports_robots_joints_pairs_and_clearance(tmp_path):
     status, out, _ = await run("check", config(tmp_path))
     assert status == 0
     for part in ("A", "B", "J1", "166.2°", "surroundings", "20 mm", "within all limits"):
         assert part in out
 
 
-async def test_check_fails_where_the_start_is_too_close(tmp_path):
+async def test_check_fails_if_the_start_is_too_close(tmp_path):
     file = tmp_path / "arms.yaml"
     file.write_text(arms_yaml().replace("xyz: [0.6, 0.9, 0.5]", "xyz: [0.5, 0.0, 0.5]"))
     status, out, _ = await run("check", file)
@@ -207,7 +207,7 @@ async def test_help_names_the_options():
 
 
 @pytest.mark.parametrize("command", ["serve", "check"])
-async def test_without_the_cell_extra_it_says_what_to_install(tmp_path, command):
+async def test_a_missing_cell_extra_is_reported_with_its_installation(tmp_path, command):
     hidden = (
         "import sys; sys.modules['pinocchio'] = None; from armgate.apps.cli import main; main(sys.argv[1:])"
     )

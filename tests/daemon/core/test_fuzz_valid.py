@@ -1,4 +1,4 @@
-"""A short search with valid messages, and a proof that it finds defects (`make fuzz-valid` is the long one)."""
+"""A short search with valid messages, which must find planted defects (`make fuzz-valid` is the long one)."""
 
 from random import Random
 
