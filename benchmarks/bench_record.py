@@ -1,7 +1,7 @@
-"""What recording costs: of the daemon's loop per robot tick, and of the disk per hour, in the demo.
+"""Cost of recording in the demo: time of the daemon's loop per robot tick, and disk space per hour.
 
-A real demo by the clock: daemon, leader, follower. The daemon's recorder is timed in its own loop; the unit
-is an append to a list, measured at the same places.
+The demo runs by the wall clock: daemon, leader, follower. The daemon's recorder is timed in its own loop; the
+unit is an append to a list, measured at the same places.
 """
 
 import json
@@ -25,12 +25,12 @@ LOOP_GOAL = 50.0
 
 
 def start(*command):
-    """A child whose first line is read."""
+    """Run a child process, and read its first line."""
     return subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
 
 
 def measure(period, seconds, folder):
-    """Recorder's times by kind [s], records lost, MB per hour, ms between two chunks."""
+    """Return the recorder's times by kind [s], lost records, MB per hour, ms between two chunks."""
     overlay = folder / "period.yaml"
     robots = "".join(f"  {name}: {{period: {period}}}\n" for name in ("FR", "GR"))
     overlay.write_text(f"robots:\n{robots}", encoding="utf-8")
@@ -58,7 +58,7 @@ def measure(period, seconds, folder):
 
 
 def rows(period, seconds):
-    """The figures of one period."""
+    """Return the figures of one period."""
     with tempfile.TemporaryDirectory() as folder:
         spent, lost, per_hour, gap = measure(period, seconds, Path(folder))
     ms = f"{1000 * period:g} ms"

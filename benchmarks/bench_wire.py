@@ -1,9 +1,10 @@
-"""What the wire costs: command → verdict beside a bare asyncio msgpack echo, and 50 observers beside none.
+"""Cost of the wire: command to verdict compared with a bare asyncio msgpack echo, and 50 observers with none.
 
-Usage: bench_wire.py [TICKS]. Daemon, echo and observers are processes of their own, this is the controller
-and calls the echo. Both calls are made at every tick, in turns of who is first. What the gate took to decide
-is measured in the daemon and taken off command by command. Observers look on in blocks, and in the blocks
-between nobody does.
+Usage: bench_wire.py [TICKS]. Daemon, echo and observers are separate processes; this one is the controller,
+    and
+calls the echo. Both calls are made at every tick, each first in turn. The time that the gate took to decide
+is measured in the daemon and subtracted command by command. Blocks of ticks with and without observers
+alternate.
 """
 
 import asyncio
@@ -47,7 +48,7 @@ def framed(message) -> bytes:
 
 
 class Framed(asyncio.Protocol):
-    """Hands every message to ``take``."""
+    """A protocol that passes every message to ``take``."""
 
     def __init__(self, take) -> None:
         self.take, self.buffer = take, bytearray()
@@ -64,7 +65,7 @@ class Framed(asyncio.Protocol):
             del self.buffer[:end]
             self.take(self, msgpack.unpackb(payload))
 
-    def say(self, message) -> None:
+    def send(self, message) -> None:
         self.transport.write(framed(message))
 
 
@@ -72,12 +73,12 @@ class Framed(asyncio.Protocol):
 
 
 async def echo() -> None:
-    """Answers every message after the first with the first: unpacked here, packed anew."""
+    """Answer every message after the first with the first: unpacked and packed again."""
     answers = {}
 
     def take(wire: Framed, message) -> None:
         if wire in answers:
-            wire.say(answers[wire])
+            wire.send(answers[wire])
         else:
             answers[wire] = message
 
@@ -87,7 +88,7 @@ async def echo() -> None:
 
 
 async def observe(port: str) -> None:
-    """Fifty observers; they look on while the last line on stdin was "on"."""
+    """Run fifty observers, which subscribe while the last line on stdin was "on"."""
     loop = asyncio.get_running_loop()
     wires = []
     for number in range(OBSERVERS):
@@ -108,7 +109,7 @@ async def observe(port: str) -> None:
 
 
 class Reader(asyncio.Protocol):
-    """Counts bytes."""
+    """A protocol that counts bytes."""
 
     def connection_made(self, transport) -> None:
         self.transport, self.count = transport, 0
@@ -118,7 +119,7 @@ class Reader(asyncio.Protocol):
 
 
 async def serve(config: str, out: str) -> None:
-    """The daemon, with a clock at its gate and one at its ticks."""
+    """Run the daemon, with a clock at its gate and one at its ticks."""
     decisions, ticks = {}, []
 
     class Timed(Gate):
@@ -147,7 +148,7 @@ async def serve(config: str, out: str) -> None:
 
 
 class Calls:
-    """One connection on which one answer is awaited at a time."""
+    """One connection with one outstanding request at a time."""
 
     def __init__(self, loop) -> None:
         self.loop, self.answer, self.states = loop, None, asyncio.Queue()
@@ -163,10 +164,10 @@ class Calls:
             self.answer.set_result(message)
 
     async def ask(self, message):
-        """The answer, and how long it took, ns."""
+        """Return the answer, and the time that it took, ns."""
         self.answer = self.loop.create_future()
         begin = perf_counter_ns()
-        self.wire.say(message)
+        self.wire.send(message)
         answer = await asyncio.wait_for(self.answer, 10)
         return answer, perf_counter_ns() - begin
 
@@ -194,7 +195,7 @@ async def controller(port: int, echo_port: int, observers) -> dict:
         }  # fmt: skip
         if seq == WARM:
             sizes = (len(framed(command)), len(framed(verdict)))
-            bare.wire.say(verdict)
+            bare.wire.send(verdict)
         if seq > WARM and seq % 2:
             echoed[seq] = (await bare.ask(command))[1]
         verdict, spent = await daemon.ask(command)
@@ -209,7 +210,7 @@ async def controller(port: int, echo_port: int, observers) -> dict:
 
 @contextlib.asynccontextmanager
 async def role(*arguments: str):
-    """This file in another role; its first line of output says that it is ready."""
+    """Run this file in another role; its first line of output reports that it is ready."""
     process = await asyncio.create_subprocess_exec(
         sys.executable, __file__, *arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
     )

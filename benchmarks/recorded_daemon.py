@@ -1,4 +1,4 @@
-"""``armgate serve …`` that measures what recording costs its event loop; writes it to the file FIGURES."""
+"""``armgate serve …`` that measures the cost of recording in its event loop, for the file FIGURES."""
 
 import json
 import os
@@ -22,15 +22,15 @@ class Timed(recorder.Recorder):
         if kind:
             spent[kind].append(end - start)
         row = []
-        start = perf_counter()  # the unit: what nobody can do without
+        start = perf_counter()  # the unit: the least that recording can cost
         row.append((event, outputs))
         spent["append"].append(perf_counter() - start)
 
-    def show(self, ticks, entries, signals, warnings, step):
+    def show(self, snapshot):
         start = perf_counter()
-        super().show(ticks, entries, signals, warnings, step)
-        if ticks:
-            spent["state"].append((perf_counter() - start) / len(ticks))
+        super().show(snapshot)
+        if snapshot.ticks:
+            spent["state"].append((perf_counter() - start) / len(snapshot.ticks))
 
     def close(self, timeout=10.0):
         super().close(timeout)

@@ -130,9 +130,9 @@ async def test_bad_clients_hardly_affect_a_controller(tmp_path):
         daemon.signal()
         status, log = await daemon.end()
     assert status == 0
-    told = {line["reason"].partition(":")[0] for line in log if line["event"] == "gone"}
-    print_figures(f"without: {without}", f"among bad clients: {among}", f"ended: {sorted(told)}")
-    assert {"frame_too_large"} <= told
+    reasons = {line["reason"].partition(":")[0] for line in log if line["event"] == "gone"}
+    print_figures(f"without: {without}", f"among bad clients: {among}", f"ended: {sorted(reasons)}")
+    assert {"frame_too_large"} <= reasons
     assert good.causes <= {"stale", "occupied"}  # nothing but lateness
     assert among.commands >= BLOCK * (TICKS // BLOCK) / 2
     if LONG:  # figures of time: on a machine that others use too they say nothing

@@ -184,7 +184,7 @@ async def test_a_gamepad_unplugged_while_driving_leaves_the_robot_at_rest_and_is
 async def test_a_deadman_switch_held_from_the_start_moves_no_robot(daemon, eye):
     async with by_pad(daemon) as leader:
         leader.do("axis LEFTY -1", "button LEFTSHOULDER 1")
-        await leader.prints("let go of the left shoulder first")
+        await leader.prints("release the left shoulder first")
         first = await eye.entry(lambda entry: entry.holder == "leader")
         assert await eye.resting() == first.setpoint
         leader.do("button LEFTSHOULDER 0")
