@@ -94,7 +94,7 @@ def _check_carriage(scene: Scene) -> None:
         fits = bool(np.allclose(own.model.frame(q, own.tool).t - scene.tool, moved, atol=1e-9))
     if not fits:
         raise UsageError(
-            f"robot {own.name!r} cannot lead: expected first three prismatic joints along x, y and z"
+            f"robot {own.name!r} cannot lead: expected prismatic joints along x, y and z as its first three"
         )
 
 
