@@ -68,7 +68,7 @@ words: $(VENV)/.made  ## find idioms, bare clauses and long sentences: make word
 docs: $(VENV)/.documented reference  ## build the documentation's site into build/site, without network
 	@NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/python -m mkdocs build --quiet --strict
 	@$(BIN)/python -m tools.site.check build/site
-	@echo "armgate: open build/site/index.html (its search needs a server: make docs-serve)"
+	@echo "armgate: open build/site/index.html"
 
 docs-serve: $(VENV)/.documented  ## show the site on this machine, and renew it while pages change
 	@NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/python -m mkdocs serve

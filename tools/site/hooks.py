@@ -1,5 +1,6 @@
-"""Hooks of MkDocs: pages from outside of ``docs/``, links to files of the repository, diagrams as SVG."""
+"""Hooks of MkDocs: pages from outside of ``docs/``, links into the repository, diagrams, search in files."""
 
+from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File
@@ -28,6 +29,16 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     if source.startswith("files/"):
         return markdown
     return diagrams.drawn(links.rewritten(markdown, source))
+
+
+def on_post_build(config: Any) -> None:
+    """Write the search index as a script, too: pages that are opened as files cannot read anything else."""
+    folder = Path(config["site_dir"]) / "search"
+    index = (folder / "search_index.json").read_text(encoding="utf-8")
+    (folder / "search_index.js").write_text(f"var __index = {index}", encoding="utf-8")
+
+
+on_post_build.mkdocs_priority = -100  # type: ignore[attr-defined]  # after the search plugin
 
 
 def _source(page: str) -> str:
