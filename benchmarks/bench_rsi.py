@@ -1,12 +1,12 @@
-"""What an RSI reply costs: datagram in → reply out of the robot server, beside a bare asyncio UDP echo.
+"""Latency of RSI replies: telegram in to reply out of the robot server, beside a bare asyncio UDP echo.
 
-Usage: bench_rsi.py [CYCLES]. Everything is a process of its own and runs as a user starts it: the robot
+Usage: bench_rsi.py [CYCLES]. Each part is a process of its own and runs as a user starts it: the robot
 server with both robots of the demo cell, the daemon with its gate, two controllers that command at every
-tick, an observer, a virtual KRC for GR. This process is FR's KRC, with the virtual one's controller: in every
-cycle of 4 ms it sends its telegram to the robot server, and half a cycle later the same bytes to the echo, so
-that both bear the same load. A reply that has not come within the cycle counts as one of 4 ms. Where that is
-allowed all run before ordinary programs: robot server and echo at one priority, daemon and clients below
-them, the KRCs, which stand for other machines, above.
+tick, an observer, a virtual KRC for GR. This process is the KRC of FR, with the controller of the virtual
+KRC. In every cycle of 4 ms it sends its telegram to the robot server, and half a cycle later the same bytes
+to the echo, so that both have the same load. A reply that does not arrive within the cycle counts as 4 ms. If real-time
+priorities are allowed, all parts run before ordinary programs: robot server and echo at one priority, daemon
+and clients below them, and the KRCs, which stand for other machines, above.
 """
 
 import asyncio
@@ -39,19 +39,19 @@ CYCLES = int(sys.argv[1]) if len(sys.argv) > 1 and sys.argv[1].isdigit() else 25
 CYCLE = 0.004
 WARM = 500
 LATE = 0.003
-"""A reply later than this would be in danger on a real KRC, s."""
+"""Latency of a reply that a real KRC could count as late, s."""
 CONFIGS = Path(__file__).parents[1] / "configs"
 KRC_PRIORITY, PRIORITY, CLIENT_PRIORITY = 30, 20, 10
-"""Among real-time processes: the KRCs, robot server and echo, daemon and clients."""
+"""Real-time priorities of the KRCs, of robot server and echo, and of daemon and clients."""
 START = 60.0
-"""How long the stack may take until its robots move, s."""
+"""Timeout for the start of the stack, until its robots move, s."""
 
 
 # --- the other processes ----------------------------------------------------------------------------------
 
 
 def hurry(priority: int, pid: int = 0) -> bool:
-    """Lets a process, by default this one, go before ordinary programs; whether that is allowed."""
+    """Run a process, by default this one, before ordinary programs. Return True if that is allowed."""
     try:
         os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(priority))
     except PermissionError:
@@ -76,12 +76,12 @@ async def echo() -> None:
     await asyncio.Event().wait()
 
 
-def told_to_end(*_) -> None:
+def raise_interrupt(*_) -> None:
     raise KeyboardInterrupt
 
 
 def move(address: str, robot: str) -> None:
-    """A controller: to and fro with one joint, a command at every tick; how it was judged."""
+    """Move one joint back and forth with a command at every tick, and print the number of each outcome."""
     outcomes = {"admitted": 0, "limited": 0, "refused": 0}
     with connect(address, name=f"mover-{robot}") as cell:
         for state in cell.states():
@@ -100,7 +100,7 @@ def move(address: str, robot: str) -> None:
 
 
 def observe(address: str) -> None:
-    """An observer of everything; how many states it saw."""
+    """Observe all states, and print their number."""
     count = 0
     with connect(address, name="eye", role="observer") as cell, contextlib.suppress(KeyboardInterrupt):
         cell.subscribe(every=1)
@@ -118,15 +118,15 @@ robots:
   FR:
     period: 4 ms
     lag_window: 20 ms
-    link: {{kind: rsi, ethernet: {rsi}/axis-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{FR}, {bear}}}
+    link: {{kind: rsi, ethernet: {rsi}/axis-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{FR}, {late}}}
   GR:
     period: 4 ms
     lag_window: 20 ms
     link:
-      {{kind: rsi, ethernet: {rsi}/gantry-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{GR}, {bear}}}
+      {{kind: rsi, ethernet: {rsi}/gantry-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{GR}, {late}}}
 """
-BEAR = "timeout: 1000000, late_in_a_row: 1000, silence: 4 s"
-"""One noisy moment of this machine shall not end the run; what it costs shows in the figures."""
+TOLERANCE = "timeout: 1000000, late_in_a_row: 1000, silence: 4 s"
+"""Tolerance of a busy moment of this machine: it must not end the run, and shows in the figures."""
 
 
 def krc(cell) -> Controller:
@@ -162,7 +162,7 @@ def ask(own: socket.socket, data: bytes, port: int, until: float) -> tuple[bytes
 
 
 class Krc:
-    """FR's KRC, and the one who asks the echo: a cycle at a time."""
+    """KRC of FR, and client of the echo, cycle by cycle."""
 
     def __init__(self, controller: Controller, link_port: int, echo_port: int) -> None:
         self.controller, self.ports = controller, (link_port, echo_port)
@@ -171,7 +171,7 @@ class Krc:
         self.moment = time.perf_counter()
 
     def cycle(self) -> tuple[float, float]:
-        """How long link and echo took, s."""
+        """Return the latencies of link and echo in one cycle, s."""
         telegram = self.controller.cycle(self.arrivals)
         assert telegram is not None, self.controller.status()
         self.moment = max(self.moment + CYCLE, time.perf_counter())
@@ -193,7 +193,7 @@ class Crew(contextlib.ExitStack):
         self.pids: dict[str, int] = {}
 
     def start(self, priority: int, *words: object, ready: str | None = "") -> tuple[subprocess.Popen, str]:
-        """Starts one; returns it and its first line, which begins with ``ready`` (None: not awaited)."""
+        """Start a process; return it and its first line, which begins with ``ready`` (None: not awaited)."""
         child = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.PIPE, text=True)
         hurry(priority, child.pid)
         # A role of this file is called by its name and its robot, a command of armgate by its own.
@@ -252,7 +252,7 @@ def stack(crew: Crew, folder: Path, ports: list[int]):
 def measure(folder: Path) -> tuple[np.ndarray, dict, list[dict]]:
     ports = free_ports(2)
     named = dict(zip(("FR", "GR"), ports, strict=True))
-    (folder / "links.yaml").write_text(LINKS.format(rsi=CONFIGS / "rsi", bear=BEAR, **named))
+    (folder / "links.yaml").write_text(LINKS.format(rsi=CONFIGS / "rsi", late=TOLERANCE, **named))
     controller = krc(build_cell(load_config([CONFIGS / "demo.yaml", folder / "links.yaml"])))
     with Crew() as crew:
         _, echo_port = crew.start(PRIORITY, __file__, "echo")
@@ -319,7 +319,7 @@ def main() -> None:
 if __name__ == "__main__":
     role, *words = sys.argv[1:] or [""]
     if role in ("move", "observe"):
-        signal.signal(signal.SIGTERM, told_to_end)
+        signal.signal(signal.SIGTERM, raise_interrupt)
         {"move": move, "observe": observe}[role](*words)
     elif role == "echo":
         asyncio.run(echo())
