@@ -4,9 +4,9 @@ Usage: bench_rsi.py [CYCLES]. Each part is a process of its own and runs as a us
 server with both robots of the demo cell, the daemon with its gate, two controllers that command at every
 tick, an observer, a virtual KRC for GR. This process is the KRC of FR, with the controller of the virtual
 KRC. In every cycle of 4 ms it sends its telegram to the robot server, and half a cycle later the same bytes
-to the echo, so that both have the same load. A reply that does not arrive within the cycle counts as 4 ms. If real-time
-priorities are allowed, all parts run before ordinary programs: robot server and echo at one priority, daemon
-and clients below them, and the KRCs, which stand for other machines, above.
+to the echo, so that both have the same load. A reply that does not arrive within the cycle counts as 4 ms.
+If real-time priorities are allowed, all parts run before ordinary programs: robot server and echo at one
+priority, daemon and clients below them, and the KRCs, which stand for other machines, above.
 """
 
 import asyncio
