@@ -69,6 +69,11 @@ class VerdictTracker:
             case "state":
                 yield from self._state(message)
 
+    # A connection's commands for one robot are answered in the order in which they were sent, each by exactly
+    # one verdict, or by an error if it was unreadable. So a queue of open sequence numbers per robot
+    # suffices: the verdict of its head is in order, that of a later entry is early, and any other one is a
+    # second answer or belongs to no command. A state must not apply a command that is still in the queue.
+
     def _verdict(self, message: Fields) -> Iterator[str]:
         robot, seq = message["robot"], message["seq"]
         waiting = self._waiting[robot]

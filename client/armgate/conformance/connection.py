@@ -315,6 +315,10 @@ class Connection(asyncio.Protocol):
                 self._add_violation(text)
             self.inbox.append(message)
 
+    # A server's side of a conversation has three phases: nothing but a refusal before welcome, anything but a
+    # second welcome after it, and nothing after bye or a fatal error. An answer (``re``) belongs to exactly
+    # one open request; states are not answers, so they are exempt.
+
     def _sequence_errors(self, message: Fields) -> Iterable[str]:
         """Yield the errors of a message that is well-formed but must not come here."""
         kind = message["type"]

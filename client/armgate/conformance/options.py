@@ -86,7 +86,7 @@ def server_address(text: str | None, start: str | None) -> tuple[str, int] | Non
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Return the names of a list with commas."""
+    """Return the names of a comma-separated list."""
     return tuple(filter(None, (name.strip() for name in text.split(","))))
 
 

@@ -114,6 +114,11 @@ def _steps(robot: str, samples: Sequence[Sample], bounds: JointBounds) -> Iterat
                 )
 
 
+# The increments u (at a tick) and u′ (at the next) of a joint obey, with the acceleration a and deceleration
+# d per tick² (CMD-37): |u′| − |u| ≤ a and |u| − |u′| ≤ d if the sign stays, and |u|/d + |u′|/a ≤ 1 if it
+# changes. Without a newly applied command a robot brakes, so |u′| ≤ |u| and the sign stays.
+
+
 def _uncommanded(robot: str, samples: Sequence[Sample]) -> Iterator[str]:
     """Yield joints that speed up without a newly applied command: a robot must brake then."""
     for b, c, j, before, now in _increments(samples):

@@ -239,7 +239,7 @@ def _overlapping(a: PlacedSolid, b: PlacedSolid, thick: float, normal: Vector) -
 
 
 def deepest(a: PlacedSolid, b: PlacedSolid, normal: Vector) -> tuple[float, Vector]:
-    """Return the largest room of the cores that turning many planes step by step finds, and its normal."""
+    """Return the largest room between the cores and its normal, found by turning many planes step by step."""
     tries = [normal, *a.where[:3, :3].T, *b.where[:3, :3].T, b.middle - a.middle]
     tries += [np.cross(p, q) for p in a.where[:3, :3].T for q in b.where[:3, :3].T]
     n = np.array(tries, dtype=np.float64)

@@ -188,6 +188,11 @@ class Monitor:
         robots = (self.cell.bodies[both.a].robot, self.cell.bodies[both.b].robot)
         return frozenset(robot for robot in robots if robot is not None)
 
+    # A pair is in one of two states. Without a floor its limit applies. If the limit is violated when the
+    # pair is seen first, or after a reset at another position, that is no finding: the pair gets a floor, its
+    # certified distance, below which it must not fall. A finding also sets a floor, so that a retreat is not
+    # reported again. The floor ends when the limit is kept again.
+
     def _check_pair(self, near: ClosePair, state: TickState, moved: bool) -> Finding | None:
         """Compare a close pair with its limit, or with its floor if it was violated before."""
         if near.lacking <= 0.0:

@@ -63,7 +63,7 @@ def check_recording(run: Path, configs: Sequence[Path], silence: float) -> tuple
 
 
 def _repeats(before: TickState | None, state: TickState) -> bool:
-    """Return True if a state repeats the tick before, as recorded when a link changes."""
+    """Return True if a state repeats the previous one, as the daemon records it when a link changes."""
     if before is None or (before.tick, before.time) != (state.tick, state.time):
         return False
     positions = ((one.q, one.setpoint, one.stop_end) for one in (before, state))

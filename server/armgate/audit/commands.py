@@ -25,7 +25,7 @@ def replay(
         ),
     ] = None,
 ) -> None:
-    """Replay a recording through the gate: all outputs must be identical; or show the effect of other values.
+    """Replay a recording through the gate and compare all outputs; with --set, list the verdicts that change.
 
     Exit status: 0 if all outputs agree and the hash chain is intact, 1 if not, 2 for wrong use.
     """
@@ -52,7 +52,12 @@ def explain(
     tick: Annotated[
         int | None, typer.Option(min=0, help="Explain the commands for this tick of a robot.")
     ] = None,
-    refused: Annotated[bool, typer.Option("--refused", help="Explain all refused commands.")] = False,
+    refused: Annotated[
+        bool,
+        typer.Option(
+            "--refused", help="Explain refused commands; of consecutive ones with the same reason, the first."
+        ),
+    ] = False,
     robot: Annotated[str | None, typer.Option(help="Explain only the commands of this robot.")] = None,
     out: Annotated[
         Path | None,
@@ -124,7 +129,7 @@ def audit(
 ) -> None:
     """Audit a recording: verify its hash chain and its signature.
 
-    Exit status: 0 if both are intact, 1 if not, 2 for wrong use.
+    Exit status: 0 if both are valid, 1 if not, 2 for wrong use. A signature is required only with --key.
     """
     from armgate.audit.errors import AuditError
     from armgate.audit.signature import check_signature, public_key

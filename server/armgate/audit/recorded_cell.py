@@ -18,7 +18,7 @@ _WITHOUT_EFFECT = ("armgate", "name", "clock", "server", "recording", "metrics")
 
 
 def recorded_cell(header: Header) -> Cell:
-    """Return the cell as it was recorded.
+    """Return the recorded cell.
 
     Raises:
         AuditError: Its files do not form a cell, or this armgate builds another cell from them.
