@@ -315,7 +315,7 @@ class Connection(asyncio.Protocol):
                 self._add_violation(text)
             self.inbox.append(message)
 
-    # A server's side of a conversation has three phases: nothing but a refusal before welcome, anything but a
+    # A server's side of a conversation has three phases: only error or bye before welcome, anything but a
     # second welcome after it, and nothing after bye or a fatal error. An answer (``re``) belongs to exactly
     # one open request; states are not answers, so they are exempt.
 
