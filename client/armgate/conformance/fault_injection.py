@@ -142,7 +142,7 @@ class Proxy:
                 group.create_task(self._forward(reader, to_server, _ByteLimit(self.faults, writer)))
                 group.create_task(self._forward(from_server, writer, None))
         except* (OSError, asyncio.CancelledError):
-            pass  # one side is gone: the other one is closed below
+            pass  # one side is closed: the other one is closed below
         finally:
             for each in writers:
                 each.transport.abort()

@@ -16,7 +16,7 @@ _ATTEMPTS_TOGETHER = 20
 
 _LATE = {"stale", "occupied"}
 _GENTLE = 0.4
-"""Share of a joint's capability that a small increment asks for."""
+"""Share of a joint's largest increment that a small increment has."""
 
 
 class LeaseHolder:

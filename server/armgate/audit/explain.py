@@ -123,9 +123,9 @@ def explanation(found: ExplainedCommand, cell: Cell) -> str:
     return "\n".join(map(printable, lines))
 
 
-def _increment_lines(robot: Robot, asked: Joints, given: Joints) -> list[str]:
+def _increment_lines(robot: Robot, commanded: Joints, played: Joints) -> list[str]:
     lines = ["  commanded → played this tick"]
-    for joint, a, b in zip(robot.model.joints, asked, given, strict=True):
+    for joint, a, b in zip(robot.model.joints, commanded, played, strict=True):
         mark = "" if a == b else "   ←"
         lines.append(f"    {joint.name}: {_quantity(joint.kind, a)} → {_quantity(joint.kind, b)}{mark}")
     return lines

@@ -194,14 +194,14 @@ def _joints(found: ExplainedCommand, intended: IntendedMotion, cell: Cell) -> An
 
 def _increments(axes: Any, found: ExplainedCommand, intended: IntendedMotion, rows: Sequence[int]) -> None:
     speed = np.array(intended.bounds.speed) * intended.share
-    asked, given = np.array(intended.asked) / speed, np.array(found.verdict.dq) / speed
+    commanded, played = np.array(intended.asked) / speed, np.array(found.verdict.dq) / speed
     axes.axvspan(-1.0, 1.0, color=_STOP, alpha=0.10, lw=0, label="up to the largest speed")
-    axes.barh(rows, given, height=0.5, color=_INK, label="played this tick")
-    axes.plot(asked, rows, ls="", marker="D", ms=5, color=_WARN, label="commanded")
+    axes.barh(rows, played, height=0.5, color=_INK, label="played this tick")
+    axes.plot(commanded, rows, ls="", marker="D", ms=5, color=_WARN, label="commanded")
     axes.plot(
         np.array(intended.last) / speed, rows, ls="", marker="|", ms=14, color="black", label="last tick"
     )
-    reach = max(1.15, 1.1 * float(np.max(np.abs(np.concatenate([asked, given])))))
+    reach = max(1.15, 1.1 * float(np.max(np.abs(np.concatenate([commanded, played])))))
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("increment, as a share of the largest")
     axes.set_title("Commanded and played increments")

@@ -104,7 +104,7 @@ async def welcome_grants_the_requested_role(ctx: CaseContext) -> None:
     for role in ("observer", "controller", "operator"):
         client = await ctx.client(role, role)
         check(
-            client.welcome["role"] == role, f"asked for {role}, the welcome grants {client.welcome['role']}"
+            client.welcome["role"] == role, f"requested {role}, the welcome grants {client.welcome['role']}"
         )
         check(client.welcome["name"] == ctx.name(role), f"the welcome's name is {client.welcome['name']}")
 
@@ -196,7 +196,7 @@ async def _next_refusal(ctx: CaseContext) -> Any:
 
 @case(
     "HEL-15/unseen",
-    "Connect; say hello with no version in common; look at states and leases",
+    "Connect; say hello with no version in common; check what another client receives",
     "No other client receives anything about that connection",
 )
 async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
@@ -308,7 +308,7 @@ async def every_listed_version_is_spoken(ctx: CaseContext) -> None:
         raise Skip("the server speaks one version only")
     for version in listed:
         client = await ctx.client("observer", f"v{version}", versions=[version])
-        check(client.welcome["version"] == version, f"asked for {version}, got {client.welcome['version']}")
+        check(client.welcome["version"] == version, f"requested {version}, got {client.welcome['version']}")
 
 
 # --- end of a connection ----------------------------------------------------------------------------------------------

@@ -257,9 +257,9 @@ async def ended_connection_frees_its_robot_at_once(ctx: CaseContext, how: Ending
         case _:
             assert_never(how)
     await ctx.wait_free()
-    gone = (ctx.observer.tick(ctx.robot) - tick) * ctx.server.robot["period"]
+    held_for = (ctx.observer.tick(ctx.robot) - tick) * ctx.server.robot["period"]
     late = 0.8 * ctx.server.ttl + ctx.target.faults.delay
-    check(gone < late, f"the robot was still held for {gone:.3f} s; the ttl is {ctx.server.ttl} s")
+    check(held_for < late, f"the robot was still held for {held_for:.3f} s; the ttl is {ctx.server.ttl} s")
 
 
 for _slug, _what in _ENDS.items():

@@ -209,7 +209,7 @@ async def command_of_a_non_participant_is_judged_at_once(ctx: CaseContext) -> No
 
 @case(
     "LCK-16/instants",
-    "Pass through ten steps, and look which robots tick in each and when",
+    "Pass ten steps; check which robots tick in each, and when",
     "Each step is the next instant at which a robot ticks; its states come in the order of the robots",
     also=("LCK-17", "LCK-1"),
 )

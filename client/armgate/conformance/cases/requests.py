@@ -17,7 +17,7 @@ def requests(ctx: CaseContext) -> dict[str, tuple[dict[str, Any], str]]:
         "signal": ({"name": ctx.name("s"), "value": [1.0]}, "signaled"),
         "acquire": ({"robot": ctx.robot}, "lease"),
         "ping": ({"time": 1.5}, "pong"),
-        "stop": ({"robot": ctx.robot, "reason": "asked"}, "stopped"),
+        "stop": ({"robot": ctx.robot, "reason": "requested"}, "stopped"),
     }
 
 
@@ -234,7 +234,7 @@ async def pass_without_lockstep_is_refused(ctx: CaseContext) -> None:
 
 @case(
     "LCK-1/clock",
-    "On a server by the wall clock, look at welcome and a state",
+    "On a server by the wall clock, check welcome and a state",
     "lockstep is not true, and states have no step",
 )
 async def states_without_lockstep_have_no_step(ctx: CaseContext) -> None:

@@ -24,7 +24,7 @@ async def hello_without_a_token_is_unauthorized(ctx: CaseContext) -> None:
 
 @case(
     "SEC-2/wrong",
-    "Say hello with a token that looks right and is wrong",
+    "Say hello with a wrong token of the right form",
     "A fatal unauthorized whose text does not repeat it",
     also=("SEC-7", "ERR-8"),
 )

@@ -145,7 +145,7 @@ async def invalid_subscription_leaves_the_one_before(ctx: CaseContext) -> None:
     for state in await states(client, 3):
         check(
             set(entry_of(state, ctx.robot)) == {"robot", "tick", "time", "holder"},
-            "the first subscription is gone",
+            "the first subscription is no longer in effect",
         )
 
 
@@ -182,7 +182,7 @@ async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
 
 @case(
     "SUB-8/slow",
-    "Subscribe, let megabytes of answers wait unread, let 20 ticks pass, then read",
+    "Subscribe, request megabytes of answers, read nothing for 1 s, then read",
     "All answers come; of the states that waited only the newest come",
     also=("CON-11", "CON-12"),
 )
@@ -270,7 +270,7 @@ async def entries_hold_exactly_the_subscribed_fields(ctx: CaseContext) -> None:
 
 @case(
     "STA-8/holder",
-    "Acquire, look, release, look",
+    "Acquire, read a state, release, read a state",
     "holder is the session's name, then nil, in states after the answers",
     also=("STA-15", "LEA-11"),
 )
@@ -339,7 +339,7 @@ async def states_list_the_stops_in_force(ctx: CaseContext) -> None:
 
 @case(
     "STA-10/verdict",
-    "Have a command admitted and one refused; look at the entry",
+    "Send a command that is admitted and one that is refused; check the entry",
     "verdict has seq, outcome and cause of the newest; counts include it",
     also=("STA-11", "STA-6"),
 )
@@ -362,7 +362,7 @@ async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> Non
 
 @case(
     "STA-13/witness",
-    "Move twenty ticks; look at the nearest pairs",
+    "Move twenty ticks; check the nearest pairs",
     "No distance exceeds that of its two points; the limit is one of the description",
 )
 async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
@@ -387,7 +387,7 @@ async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
 
 @case(
     "STA-12/late",
-    "Move twenty ticks; look at late_commands",
+    "Move twenty ticks; check late_commands",
     "It counts no command whose state showed it applied",
 )
 async def late_commands_are_not_applied(ctx: CaseContext) -> None:

@@ -40,7 +40,7 @@ for _role in ("observer", "controller", "operator"):
 
 @case(
     "STP-2/everybody",
-    "Stop the robot; look at what three other sessions receive",
+    "Stop the robot; check what three other sessions receive",
     "Each receives stopped once, the requester as an answer",
     also=("MSG-5",),
 )
@@ -49,10 +49,10 @@ async def stop_is_broadcast_once_to_all(ctx: CaseContext) -> None:
     requester = await ctx.client(name="requester")
     answer = await requester.call("stop", "stopped", robot=ctx.robot, reason="broadcast")
     for client in others:
-        heard = await next_broadcast(client, "stopped")
-        same = {key: heard[key] for key in ("stop", "robots", "reason", "by")}
-        check(same == {key: answer[key] for key in same}, f"one received {heard}, the requester {answer}")
-        check(heard.get("re") is None, f"a session without a request received re {heard.get('re')}")
+        received = await next_broadcast(client, "stopped")
+        same = {key: received[key] for key in ("stop", "robots", "reason", "by")}
+        check(same == {key: answer[key] for key in same}, f"one received {received}, the requester {answer}")
+        check(received.get("re") is None, f"a session without a request received re {received.get('re')}")
     for client in (*others, requester):
         await client.sync()
         check(not any(m["type"] == "stopped" for m in client.inbox), "stopped was sent twice")
@@ -75,10 +75,10 @@ async def stop_is_announced_before_the_lost_lease(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     other = await ctx.client(name="other")
     await other.call("stop", "stopped", robot=ctx.robot)
-    heard = [m for m in await holder.connection.drain() if m["type"] in ("stopped", "lease")]
-    kinds = [m["type"] for m in heard]
+    received = [m for m in await holder.connection.drain() if m["type"] in ("stopped", "lease")]
+    kinds = [m["type"] for m in received]
     check(kinds == ["stopped", "lease"], f"the holder received {kinds}")
-    lost = heard[1]
+    lost = received[1]
     check((lost["state"], lost["fence"]) == ("lost", holder.fence), f"the lease is {lost}")
 
 
@@ -166,7 +166,7 @@ async def reset_while_the_robot_moves_is_refused(ctx: CaseContext) -> None:
 
 @case(
     "STP-11/told",
-    "Stop and reset; look at what another session receives",
+    "Stop and reset; check what another session receives",
     "resumed with the id and the name of the operator, without re",
     also=("MSG-5",),
 )
@@ -176,10 +176,10 @@ async def reset_is_broadcast_to_all(ctx: CaseContext) -> None:
     stop = (await client.call("stop", "stopped", robot=ctx.robot))["stop"]
     await ctx.wait_at_rest()
     answer = await ctx.reset_stop(client, stop)
-    heard = await next_broadcast(other, "resumed")
-    for one in (answer, heard):
+    received = await next_broadcast(other, "resumed")
+    for one in (answer, received):
         check((one["stop"], one["by"]) == (stop, ctx.name("operator")), f"the message is {one}")
-    check(heard.get("re") is None, "the other session received re")
+    check(received.get("re") is None, "the other session received re")
 
 
 @case(
@@ -271,8 +271,8 @@ async def reset_of_a_replaced_stop_resets_its_replacement(ctx: CaseContext) -> N
     await ctx.wait_at_rest()
     answer = await ctx.reset_stop(client, stops[0])
     check((answer["stop"], answer.get("lifted")) == (stops[0], stops[2]), f"the answer is {answer}")
-    heard = await next_broadcast(other, "resumed")
-    check(heard["stop"] == stops[2], f"another session received {heard}")
+    received = await next_broadcast(other, "resumed")
+    check(received["stop"] == stops[2], f"another session received {received}")
     await client.expect_refusal("reset", "unknown_stop", stop=stops[1])
     await client.call("acquire", "lease", robot=ctx.robot)
 
