@@ -79,7 +79,7 @@ def lane():
 def test_the_intended_motion_is_known_from_the_first_tick():
     gate = lane()
     found = gate.intended(Command("A", 1, 1, 0, (1e-4, -1e-4)))
-    assert (found.asked, found.limited, found.share) == ((1e-4, -1e-4), (1e-4, -1e-4), 1.0)
+    assert (found.commanded, found.limited, found.share) == ((1e-4, -1e-4), (1e-4, -1e-4), 1.0)
     assert found.end == pytest.approx((-1.0 + 1e-4, -1e-4))
     assert (found.q, found.setpoint, found.last) == ((-1.0, 0.0), (-1.0, 0.0), (0.0, 0.0))
     assert gate.intended(Command("A", 1, 1, 0, (1.0, 0.0))).limited[0] == pytest.approx(4 * 0.012**2)

@@ -194,7 +194,7 @@ def _joints(found: ExplainedCommand, intended: IntendedMotion, cell: Cell) -> An
 
 def _increments(axes: Any, found: ExplainedCommand, intended: IntendedMotion, rows: Sequence[int]) -> None:
     speed = np.array(intended.bounds.speed) * intended.share
-    commanded, played = np.array(intended.asked) / speed, np.array(found.verdict.dq) / speed
+    commanded, played = np.array(intended.commanded) / speed, np.array(found.verdict.dq) / speed
     axes.axvspan(-1.0, 1.0, color=_STOP, alpha=0.10, lw=0, label="up to the largest speed")
     axes.barh(rows, played, height=0.5, color=_INK, label="played this tick")
     axes.plot(commanded, rows, ls="", marker="D", ms=5, color=_WARN, label="commanded")

@@ -40,7 +40,7 @@ class IntendedMotion:
     """Motion to which a command would have led, for all joints of its robot, rad or m.
 
     Attributes:
-        asked: The commanded increment.
+        commanded: The commanded increment.
         limited: The increment within the robot's own bounds.
         end: Position at the end of its stop.
         q: The measured position.
@@ -50,7 +50,7 @@ class IntendedMotion:
         share: Speed bound of the lease, as a fraction.
     """
 
-    asked: Joints
+    commanded: Joints
     limited: Joints
     end: Joints
     q: Joints
