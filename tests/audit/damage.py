@@ -272,7 +272,7 @@ def use(tool: str, folder: Path) -> None:
                 player.seek(share * player.length)
                 state = player.newest()
                 if state is not None:
-                    player.told(state)
+                    player.describe(state)
         case "audit":
             for found in verify(Recording.open(folder)).breaks:
                 str(found)

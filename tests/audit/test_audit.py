@@ -73,7 +73,7 @@ async def test_a_signature_is_verified_against_the_key(tmp_path):
     assert (status, err) == (0, "")
     assert "signed with the key" in said
     status, _, err = await run("audit", out, "--key", other)
-    assert (status, "signed by another key" in err) == (1, True)
+    assert (status, "signed with another key" in err) == (1, True)
     status, _, err = await run("audit", out, "--key", private)
     assert (status, "expected an Ed25519 public key" in err) == (2, True)
     assert private.read_bytes() not in (out / part_name(1)).read_bytes()
