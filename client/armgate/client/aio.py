@@ -106,7 +106,7 @@ class Cell(CellBase):
     async def subscribe(
         self, every: int = 1, robots: Iterable[str] | None = None, fields: Iterable[str] | None = None
     ) -> Subscribed:
-        """Subscribe to states at every n-th tick of these robots, with these fields (None: all)."""
+        """Subscribe to states at every n-th tick of some robots."""
         return await self._ask(self._subscription(every, robots, fields), Subscribed)
 
     async def states(self, timeout: float | None = None, backlog: int = 1) -> AsyncIterator[State]:
@@ -129,7 +129,7 @@ class Cell(CellBase):
         await self._write(self._session.signal(name, value, more=more))
 
     async def stop(self, robot: str | None = None, reason: str = "") -> Stopped:
-        """Stop one robot, or all, and return the stop with its id; every role may stop."""
+        """Stop one robot, or all; every role may stop."""
         return await self._ask(build(Stop, robot=robot, reason=reason), Stopped)
 
     async def reset(self, stop: int) -> Resumed:
@@ -145,13 +145,13 @@ class Cell(CellBase):
         await self._ask(build(Kick, session=session, reason=reason), Kicked)
 
     async def ping(self) -> float:
-        """Return the round-trip time of an answer, s."""
+        """Measure and return the round-trip time to the daemon, s."""
         start = monotonic()
         await self._ask(Ping(time=start), Pong)
         return monotonic() - start
 
     async def asset(self, name: str) -> bytes:
-        """Return the asset with this SHA-256 from the description; download and verify it once."""
+        """Return an asset of the description; download and verify it once."""
         if name not in self._assets:
             download = Download(name)
             data = None

@@ -83,7 +83,7 @@ class CellBase:
         subscribe: Subscribe = build(Subscribe, every=every, robots=chosen, fields=shown)
         return subscribe
 
-    # --- waiting: the shells poll, send what `_keepalive` returns, and wait for as long as `_pause` says ----
+    # --- waiting: a shell polls, sends the bytes of `_keepalive`, and waits for `_pause` seconds -----------
 
     def _poll_state(self, seen: int) -> Callable[[], tuple[int, State] | None]:
         return lambda: self._session.next_state(seen)

@@ -125,7 +125,16 @@ class Cell(CellBase):
     def subscribe(
         self, every: int = 1, robots: Iterable[str] | None = None, fields: Iterable[str] | None = None
     ) -> Subscribed:
-        """Subscribe to states at every n-th tick of these robots, with these fields (None: all)."""
+        """Subscribe to states at every n-th tick of some robots.
+
+        Args:
+            every: Number of ticks from one state to the next; 0 ends the subscription.
+            robots: Names of the robots; None: all.
+            fields: Names of the fields of each entry; None: all.
+
+        Raises:
+            Refused: ``unknown_robot`` or ``unknown_field``.
+        """
         return self._ask(self._subscription(every, robots, fields), Subscribed)
 
     def states(self, timeout: float | None = None, backlog: int = 1) -> Iterator[State]:
@@ -166,7 +175,18 @@ class Cell(CellBase):
         self._write(self._session.signal(name, value, more=more))
 
     def stop(self, robot: str | None = None, reason: str = "") -> Stopped:
-        """Stop one robot, or all, and return the stop with its id; every role may stop."""
+        """Stop one robot, or all; every role may stop.
+
+        Args:
+            robot: Name of the robot; None: all robots.
+            reason: Reason, shown to all clients.
+
+        Returns:
+            The stop with its id, for ``reset``.
+
+        Raises:
+            Refused: ``unknown_robot``.
+        """
         return self._ask(build(Stop, robot=robot, reason=reason), Stopped)
 
     def reset(self, stop: int) -> Resumed:
@@ -194,13 +214,21 @@ class Cell(CellBase):
         self._ask(build(Kick, session=session, reason=reason), Kicked)
 
     def ping(self) -> float:
-        """Return the round-trip time of an answer, s."""
+        """Measure and return the round-trip time to the daemon, s."""
         start = monotonic()
         self._ask(Ping(time=start), Pong)
         return monotonic() - start
 
     def asset(self, name: str) -> bytes:
-        """Return the asset with this SHA-256 from the description; download and verify it once."""
+        """Return an asset of the description; download and verify it once.
+
+        Args:
+            name: SHA-256 of the asset, in hexadecimal digits.
+
+        Raises:
+            Refused: ``unknown_asset``.
+            ConnectionLost: The server sent other data.
+        """
         if name not in self._assets:
             download = Download(name)
             while (data := download.take(self._ask(build(Asset, **download.request()), Chunk))) is None:

@@ -44,7 +44,7 @@ class PlanKey:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Increments for the coming ticks of one robot; the last one ends at rest."""
+    """Increments for the coming ticks of one robot, which end at rest."""
 
     robot: str
     key: PlanKey

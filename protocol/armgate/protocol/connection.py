@@ -37,7 +37,7 @@ from armgate.protocol.messages import Command, Error, Hello, Message, Request, R
 
 
 class Side(Enum):
-    """End of a connection."""
+    """Side of a connection."""
 
     CLIENT = "client"
     SERVER = "server"

@@ -61,7 +61,13 @@ class ErrorCode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CodeInfo:
-    """Row of the table of codes: True if it ends the connection, its meaning, and advice to the peer."""
+    """Row of the table of error codes.
+
+    Attributes:
+        fatal: True if the error ends the connection.
+        meaning: Meaning of the code.
+        advice: Advice to the peer.
+    """
 
     fatal: bool
     meaning: str

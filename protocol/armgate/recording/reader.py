@@ -209,8 +209,9 @@ def _check_sequence(path: Path, parts: Sequence[Part]) -> None:
     for number, part in enumerate(parts, first.part):
         other = part.header
         if (other.start, other.hash) != (first.start, first.hash):
-            text = f"of another run than {parts[0].file.name}: cell {other.cell!r}, start {other.start!r}"
-            raise IncompleteError(part.file, f"{text}; keep one run in a folder")
+            text = f"belongs to another run than {parts[0].file.name}"
+            found = f"cell {other.cell!r}, start {other.start!r}"
+            raise IncompleteError(part.file, f"{text}: {found}; keep one run in a folder")
         if other.part != number:
             raise IncompleteError(path, f"part {number} is missing; expected {part_name(number)}")
 

@@ -14,7 +14,7 @@ _NS = 1_000_000_000
 class RecordingWriter:
     """Writer of items into one file.
 
-    Items survive the death of the process once ``flush`` has returned. ``flush`` ends a chunk; longer chunks
+    Items survive a crash of the process once ``flush`` has returned. ``flush`` ends a chunk; longer chunks
     compress better.
 
     Args:
