@@ -60,7 +60,7 @@ async def stopped_by_the_gate(raw, robots):
 
 
 async def lift_stops(port):
-    """As an operator: reset every stop until all robots are ready and stopped no more; the last state."""
+    """Reset every stop as an operator until all robots are ready and not stopped; return the last state."""
     operator = await Raw.hello(port, "operator", "operator")
     operator.send(m.Subscribe())
     while True:

@@ -203,5 +203,5 @@ class Rig:
 
     @property
     def quiet(self):
-        """Whether nothing was stopped and no drive complained."""
+        """True if nothing was stopped and no drive has failed."""
         return not self.stops and self.krc_state == "running"

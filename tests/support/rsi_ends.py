@@ -1,4 +1,4 @@
-"""How tests of the RSI link end: at rest, armed again, or with nothing that moves."""
+"""Ends of tests of the RSI link: at rest, armed again, or with nothing that moves."""
 
 SLOW = (0.0012, -0.0006, 0.0006, 0.0, 0.0, 0.0)
 """About 11 % of the speed at 4 ms: a cycle that the KRC holds is no fault of its drives'."""

@@ -14,9 +14,9 @@ from support.rsi import cell_text
 from support.setpoints import check_setpoints
 
 DQ = (0.004, -0.002, 0.002, 0.0, 0.002, 0.0)
-"""An eighth of the speed at 12 ms: drives bear it when the KRC holds a cycle."""
+"""An eighth of the speed at 12 ms: drives allow it if the KRC holds a cycle."""
 TIMEOUT = 150
-"""Late cycles that the KRC bears, 1.8 s of them: a machine at work on other tests costs some."""
+"""Late cycles that the KRC allows, 1.8 s of them: a machine at work on other tests costs some."""
 
 
 class KrcProcess:
@@ -143,7 +143,7 @@ class RsiStack:
         return raw
 
     async def stopped(self):
-        """Why the gate has stopped the robot, once it has."""
+        """Wait until the gate has stopped the robot; return the reason."""
         return (await stopped_by_the_gate(self.eye, ("R",)))["R"]
 
     async def serve_robots(self):
