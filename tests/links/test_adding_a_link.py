@@ -42,9 +42,9 @@ def installed(package, monkeypatch):
 
 @pytest.fixture
 def cell(tmp_path):
-    """The example's cell on a free port."""
+    """The example's cell on a free port, with more time for a busy machine."""
     file = tmp_path / "port.yaml"
-    file.write_text(f"armgate: 1\nrobots: {{head: {{link: {{port: {free_ports(1)[0]}}}}}}}\n")
+    file.write_text(f"armgate: 1\nrobots: {{head: {{link: {{port: {free_ports(1)[0]}, silence: 2 s}}}}}}\n")
     return CELL, file
 
 
@@ -96,7 +96,10 @@ def page_status(url):
 
 
 async def mover_of(daemon, name):
-    """A controller whose commands move the robot."""
+    """A controller whose commands move the robot, which it first waits for."""
+    observer = await Raw.hello(daemon.port, f"{name}-waits", "observer")
+    observer.send(m.Subscribe())
+    await observer.get(m.State, lambda state: state.entries[0].link == "ready")
     mover = await Mover.start(daemon.port, "head", name, DQ)
     await mover.moves_on(10)
     return mover
@@ -164,7 +167,7 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
     async with (
         virtual_robot(cell) as robot,
         RobotServer.running(*cell, socket=tmp_path / "s") as server,
-        Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
+        Process.serving(*cell, "--robot-server", tmp_path / "s", "--record", tmp_path / "run") as daemon,
     ):
         observer = await Raw.hello(daemon.port, "observer", "observer")
         mover = await mover_of(daemon, "one")
@@ -174,8 +177,12 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
         await mover.stop()
         await lift_stops(daemon.port)
         await (await mover_of(daemon, "two")).stop()
+        daemon.signal()
+        assert (await daemon.end())[0] == 0
         server.signal()
         assert await server.end() == 0
+    status, out, err = await run("replay", tmp_path / "run")
+    assert (status, err) == (0, ""), out
 
 
 async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):

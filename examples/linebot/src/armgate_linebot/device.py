@@ -11,7 +11,7 @@ from armgate.emulator import EmulatedRobot
 from armgate.events import Joints
 from armgate_linebot.kind import LinebotConfig
 
-MAX_MISSED = 10
+MAX_MISSED = 50
 """Cycles without a line of the controller after which the drives are switched off."""
 
 

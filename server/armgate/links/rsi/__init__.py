@@ -2,6 +2,7 @@
 
 Files by concern:
 
+- ``kind``, ``config``: the kind of link ``rsi`` and its configuration;
 - ``setup``, ``axes``, ``ethernet_file``, ``ethernet_vocabulary``, ``ethernet_checks``: from the cell's
   configuration and the KRC's own file to a link;
 - ``telegram``, ``xml``, ``udp``: what goes over the network;
