@@ -47,13 +47,14 @@ endif
 test-all: test  ## run the daily tests and then the slow ones, a quarter of an hour
 	@$(PYTEST) -m slow
 
-lint: $(VENV)/.linted  ## check style, types and import rules
+lint: $(VENV)/.linted  ## check style, types, import rules and English
 	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \
 		echo "$$f: remove it; armgate is a namespace, and this file hides the other portions" >&2; exit 1; fi; done
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/python -m tools.words
 
 spec: $(VENV)/.installed  ## write the specification's tables, the JSON Schema and the vectors from the code
 	@$(BIN)/python -m tools.spec $(ARGS)

@@ -49,7 +49,7 @@ async def garbage(port):
 
 
 async def unreadable(port):
-    """As many small messages of no known type as the daemon takes."""
+    """Send as many small messages of an unknown type as the daemon accepts."""
     nonsense = framed(type="x") * 500
     while True:
         with contextlib.suppress(OSError):
@@ -111,7 +111,7 @@ def subscribe(number):
 
 
 def crowd(kind):
-    """What each connection sends again and again; for ``fields`` once."""
+    """Return the bytes that each connection sends repeatedly; for ``fields`` once."""
     if kind == "subscribes":
         return [b"".join(subscribe(7 * number + k) for k in range(100)) for number in range(20)]
     if kind == "fields":

@@ -16,7 +16,7 @@ from playwright.sync_api import sync_playwright
 
 ARTEFACTS = Path(__file__).parents[2] / "test-artefacts"
 UNPACKED = Path(sys.prefix) / "browser"
-"""Where tools/system_needs.sh puts the browser of an npm package."""
+"""Folder into which tools/system_needs.sh unpacks the browser of an npm package."""
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 SIZE = (1000, 640)
 PATIENCE_MS = 60_000.0

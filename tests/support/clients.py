@@ -13,7 +13,7 @@ from armgate.protocol import Connection, LocalProtocolError, Refusal, Side
 from armgate.protocol import messages as m
 
 PATIENCE = 20.0
-"""How long a test waits for what must come, s; never part of what is tested."""
+"""Timeout of a test for an event that must come, s; no test measures it."""
 
 
 async def until(condition, turns=100_000):
@@ -105,7 +105,7 @@ class Raw:
 
 
 class Mover:
-    """A controller that keeps moving one robot to and fro, tick by tick, and counts its verdicts."""
+    """Controller that moves one robot back and forth, tick by tick, and counts its verdicts."""
 
     def __init__(self, raw, robot, dq):
         self.raw, self.robot, self.dq = raw, robot, dq
@@ -135,18 +135,18 @@ class Mover:
                 self.moving.set()
 
     async def moves_on(self, count=5):
-        """Wait for that many further commands that were let through; nothing else may have refused one."""
+        """Wait for more commands that were not refused; no other command may be refused but for lateness."""
         goal = self.let_through + count
         async with asyncio.timeout(PATIENCE):
             while self.let_through < goal:
                 self.moving.clear()
                 await self.moving.wait()
         causes = {verdict.reasons[0].cause for verdict in self.verdicts if verdict.outcome == "refused"}
-        assert causes <= {"stale", "occupied"}, causes  # a busy machine's doing
+        assert causes <= {"stale", "occupied"}, causes  # causes of a busy machine
 
     @property
     def let_through(self):
-        """How many commands were not refused."""
+        """Number of commands that were not refused."""
         return sum(verdict.outcome != "refused" for verdict in self.verdicts)
 
     async def ended(self):

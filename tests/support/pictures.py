@@ -1,10 +1,10 @@
-"""Where something of a known colour is in a picture."""
+"""Search for a known colour in a picture."""
 
 import numpy as np
 
 
 def where(picture, colour, angle=0.25):
-    """Which pixels (height, width) have this hue, lit or in the shade."""
+    """Return the pixels (height, width) with this hue, lit or shaded, as booleans."""
     pixels = picture.reshape(-1, 3).astype(float)
     wanted = np.array(colour, dtype=float)
     length = np.linalg.norm(pixels, axis=1)

@@ -1,10 +1,10 @@
-"""Ports that nobody uses."""
+"""Unused ports."""
 
 import socket
 
 
 def free_ports(count):
-    """So many for datagrams, on this machine, all different."""
+    """Return different unused ports for datagrams on this machine."""
     socks = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     for sock in socks:
         sock.bind(("127.0.0.1", 0))

@@ -38,11 +38,15 @@ def main(arguments: list[str]) -> int:
         print(f"words: no such file or folder: {', '.join(missing)}", file=sys.stderr)
         return 2
     paths = args.paths or [*sorted(ROOT.glob("*.md")), *(ROOT / name for name in FOLDERS)]
-    found = [(path, finding) for path in _files(paths) for finding in findings(path)]
+    files = [*_files(paths)]
+    found = [(path, finding) for path in files for finding in findings(path)]
+    if not found:
+        print(f"words: no findings in {len(files)} files")
+        return 0
     if not args.counts:
         print(*(f"{_shown(path)}:{f.line}: {f.kind}: {f.text}" for path, f in found), sep="\n")
     _summary(found)
-    return 1 if found else 0
+    return 1
 
 
 def findings(path: Path) -> list[Finding]:
