@@ -85,7 +85,7 @@ class Rig:
     # --- time ---------------------------------------------------------------------------------------------
 
     def cycle(self, *, to_pc=True, to_krc=True, age=0.001, edit=None):
-        """One cycle: the KRC takes what came, sends; the link answers; the gate is told."""
+        """Run one cycle: the KRC reads replies and sends, the link replies, the gate receives its events."""
         arrivals, self.waiting = self.waiting, []
         self.telegram = self.krc.cycle(arrivals)
         self.time += self.period

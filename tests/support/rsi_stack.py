@@ -167,7 +167,7 @@ class RsiStack:
         before = (await self.krc.tell("status"))["setpoint"]
         watch = await self.watch()
         await watch.get(m.State, lambda state: state.entries[0].holder is None)
-        # To and fro in turn, so that many tests do not lead the robot to a limit.
+        # Directions alternate, so that many tests do not move the robot to a limit.
         mover = await Mover.start(self.daemon.port, "R", "mover", self.dq)
         self.dq = tuple(-u for u in self.dq)
         self.movers.append(mover)
@@ -176,7 +176,7 @@ class RsiStack:
         return mover
 
     async def nothing_moves(self):
-        """The robot rests, nobody gets it, the KRC's setpoint stays."""
+        """Check that the robot rests, no client can acquire it, and the setpoint of the KRC stays."""
         rests = await self.krc.rests()
         raw = await Raw.hello(self.daemon.port, "hopeful")
         raw.send(m.Acquire(robot="R"))
