@@ -31,7 +31,7 @@ async def test_metrics_are_served_and_printed(tmp_path):
     for part in (
         "Judged commands",
         "A admitted: ",
-        "How late ticks were heard of",
+        "Lateness of ticks when they are processed",
         "99 % below",
         "A ready: 1",
     ):
@@ -58,7 +58,7 @@ async def test_status_takes_an_address_and_reports_its_errors(tmp_path):
         assert "sessions: 0" in out
         status, out, err = await run("status", f"127.0.0.1:{daemon.port}")
         assert (status, out) == (1, "")
-        assert f"127.0.0.1:{daemon.port} serves no figures" in err
+        assert f"127.0.0.1:{daemon.port} serves no metrics" in err
     for wrong in ("nowhere", ":7412", "a:0", "a:99999", "u@a:1", "a:1/x"):
         status, out, err = await run("status", wrong)
         assert (status, out) == (2, "")
