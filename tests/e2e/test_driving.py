@@ -222,12 +222,21 @@ async def test_a_stop_while_driving_ends_the_leader_with_the_reason(daemon, eye)
     await eye.raw.get(m.Resumed)
 
 
+async def ping(client):
+    """Renew the lease of a client, however long the leader takes to start."""
+    while True:
+        client.send(m.Ping(time=0.0))
+        await asyncio.sleep(0.3)
+
+
 async def test_a_leader_without_a_lease_moves_no_robot_and_reports_the_reason(daemon, eye):
     other = await Raw.hello(daemon.port, "other")
     await other.acquire("A")
     before = await eye.resting()
+    pings = asyncio.create_task(ping(other))
     async with by_pad(daemon) as leader:
         status, said = await leader.ends()
+    pings.cancel()
     assert status == 1
     assert "A is held by other" in said
     assert await eye.resting() == before
