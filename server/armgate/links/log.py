@@ -19,9 +19,6 @@ class Log:
     Args:
         stream: Stream of the lines.
         now: Time of day, s since 1970.
-
-    Attributes:
-        also: Called with every event, too.
     """
 
     def __init__(self, stream: TextIO, now: Callable[[], float] = time.time) -> None:
@@ -29,9 +26,13 @@ class Log:
         self._now = now
         self._lines: queue.Queue[str | None] = queue.Queue(_WAITING)
         self._dropped = 0
-        self.also: Callable[[dict[str, Any]], None] | None = None
+        self._copy: Callable[[dict[str, Any]], None] | None = None
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
+
+    def copy_to(self, receiver: Callable[[dict[str, Any]], None] | None) -> None:
+        """Pass every later event to a receiver too, such as a recorder; None: to no other."""
+        self._copy = receiver
 
     def info(self, event: str, **fields: Any) -> None:
         """Log a normal event."""
@@ -60,8 +61,8 @@ class Log:
 
     def _put(self, level: str, event: str, fields: dict[str, Any]) -> None:
         record = {"time": round(self._now(), 6), "level": level, "event": event, **fields}
-        if self.also is not None:
-            self.also(dict(record))
+        if self._copy is not None:
+            self._copy(dict(record))
         if self._dropped:
             record["dropped_before"] = self._dropped
         try:

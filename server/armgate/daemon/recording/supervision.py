@@ -41,7 +41,7 @@ class Recording:
         """
         if self._recorder is not None:
             begin(self._recorder, header_of(cell, start, lockstep, now()), now)
-            self._log.also = self._recorder.log
+            self._log.copy_to(self._recorder.log)
 
     def check(self, core: Core, running: bool) -> None:
         """Warn in the states of what was not recorded; stop the robots of a run that must be recorded."""
@@ -60,7 +60,7 @@ class Recording:
         recorder = self._recorder
         if recorder is None:
             return True
-        self._log.also = None
+        self._log.copy_to(None)
         recorder.close()
         if recorder.seal is not None:
             self._log.info("recording.closed", folder=str(recorder.folder), sha256=recorder.seal.digest.hex())
