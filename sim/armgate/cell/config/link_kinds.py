@@ -77,9 +77,10 @@ def load_kind(name: str) -> ConfiguredKind:
     """
     entries = _registered().get(name, ())
     if not entries:
+        known = ", ".join(installed_kinds())
         raise LinkKindError(
-            f"kind {name!r} is not installed; expected one of {', '.join(installed_kinds())}, or install "
-            "the package that brings this kind"
+            f"kind {name[:60]!r} is not installed; expected one of {known}, or install the package that "
+            "brings this kind"
         )
     if len(entries) > 1:
         packages = ", ".join(sorted(map(_package, entries)))
