@@ -106,7 +106,7 @@ async def test_a_signed_run_without_its_last_or_first_part_fails(tmp_path):
     assert (status, err, f"in parts 1 to {len(files)}, sealed" in said) == (0, "", True)
     last.rename(tmp_path / last.name)
     status, said, _ = await run("audit", tmp_path / "run", "--key", public)
-    assert (status, f"part {len(files)} followed, and is missing" in said) == (1, True)
+    assert (status, f"part {len(files)} is missing; this part is not the last one" in said) == (1, True)
     (tmp_path / last.name).rename(last)
     files[0].unlink()
     status, said, _ = await run("audit", tmp_path / "run", "--key", public)

@@ -171,7 +171,7 @@ robots:
     assert ("P/base_link", "P/tip") in named(cell)
 
 
-def test_a_surrounding_can_be_ignored_as_the_second_of_a_pair(configs, tmp_path, demo):
+def test_the_second_of_an_ignored_pair_may_be_in_the_surroundings(configs, tmp_path, demo):
     cell = built(configs, tmp_path, "robots: {GR: {ignore_pairs: [[link_3, tank]]}}\n", "demo.yaml")
     assert ("GR/link_3", "tank") in named(demo)
     assert ("GR/link_3", "tank") not in named(cell)

@@ -11,8 +11,8 @@ from armgate.gate.joint_limits import (
     StepBounds,
     acceleration_box,
     blend,
+    first_outside,
     limit_increment,
-    stays_inside,
 )
 
 FREE = (math.inf,)
@@ -46,11 +46,11 @@ STILL = bounds(decel=math.inf)
     ],
 )
 def test_a_stop_may_end_at_a_limit_but_not_beyond(u, q, joint):
-    assert stays_inside((u,), (q,), STILL) == joint
+    assert first_outside((u,), (q,), STILL) == joint
 
 
 def test_the_first_joint_that_leaves_its_limits_is_named():
-    assert stays_inside((0.0, 0.5, 0.5), (0.0, 0.9, 0.9), bounds(joints=3)) == 1
+    assert first_outside((0.0, 0.5, 0.5), (0.0, 0.9, 0.9), bounds(joints=3)) == 1
 
 
 def test_the_ends_of_a_blend_are_exact():
@@ -100,7 +100,7 @@ def test_joints_share_the_longest_stop_and_the_free_joint_keeps_its_increment(si
     b = bounds(decel=0.02, joints=2)
     shaped = limit_increment((sign, 0.3), (0.0, 0.0), (0.0, 0.0), (0.95 * sign, 0.0), b, 1.0)
     reach = 1.0 + stop_share(ticks_to_rest(shaped.u, b.decel))
-    assert shaped.u[1] == 0.3 or stays_inside((0.0, 0.3), (0.0, 0.0), b) is not None
+    assert shaped.u[1] == 0.3 or first_outside((0.0, 0.3), (0.0, 0.0), b) is not None
     assert shaped.u[0] * sign == pytest.approx(0.05 / reach, rel=1e-6)
 
 
@@ -109,11 +109,11 @@ def test_an_increment_that_braking_cannot_contain_is_blended_toward_the_held_pat
     b = bounds(accel=0.05, decel=0.05, joints=2)
     last, brake, q = (0.2, 0.0), (0.15, 0.0), (0.7, 0.0)  # 0.15 + 0.1 + 0.05 ends at the limit
     shaped = limit_increment((0.2, 0.05), last, brake, q, b, 1.0)
-    assert stays_inside(shaped.u, q, b) is None
+    assert first_outside(shaped.u, q, b) is None
     assert shaped.u[0] == pytest.approx(0.15)
     assert 0.0 <= shaped.beta <= 1.0
     steep = limit_increment((0.2, 0.05), (0.2, 0.05), (0.15, 0.0375), (0.7, 0.0), b, 1.0)
-    assert stays_inside(steep.u, (0.7, 0.0), b) is None
+    assert first_outside(steep.u, (0.7, 0.0), b) is None
 
 
 def test_each_binding_limit_is_a_reason_in_the_order_of_the_checks():
@@ -139,13 +139,13 @@ def test_a_blend_names_the_joint_its_setpoint_and_its_limit():
     assert 0.0 < shaped.beta < 1.0
     reason = shaped.reasons[-1]
     assert (reason.cause, reason.joint, reason.value, reason.bound) == (Cause.JOINT_LIMIT, "b", 0.55, 1.0)
-    assert stays_inside(shaped.u, (0.0, 0.55), b) is None
+    assert first_outside(shaped.u, (0.0, 0.55), b) is None
     wanted = (
         largest_stopping(1.0, 0.01),
         0.09,
     )  # the first joint's stop is longer, and the second shares it
     assert shaped.u == pytest.approx(blend(brake, wanted, shaped.beta))
-    assert stays_inside(blend(brake, wanted, shaped.beta + 1e-6), (0.0, 0.55), b) == 1
+    assert first_outside(blend(brake, wanted, shaped.beta + 1e-6), (0.0, 0.55), b) == 1
 
 
 # --- braking ------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
-from armgate.gate.joint_limits import StepBounds, acceleration_box, limit_increment, stays_inside
+from armgate.gate.joint_limits import StepBounds, acceleration_box, first_outside, limit_increment
 from armgate.gate.occupancy import deviation, occupancy, settle_measured
 
 small = st.floats(-1.0, 1.0, allow_nan=False)
@@ -101,7 +101,7 @@ def situations(draw):
     last = (0.0,) * n
     for _ in range(draw(st.integers(0, 6))):
         u = limit_increment(row(st.floats(-0.3, 0.3)), last, brake_of(last, decel), setpoint, bounds, 1.0).u
-        assume(stays_inside(u, setpoint, bounds) is None)
+        assume(first_outside(u, setpoint, bounds) is None)
         setpoint, last = tuple(q + x for q, x in zip(setpoint, u, strict=True)), u
     requested = row(st.one_of(st.floats(-0.3, 0.3), st.sampled_from([0.0, 1e-15, -1e-9, 1e300, -5e-324])))
     return requested, last, setpoint, bounds

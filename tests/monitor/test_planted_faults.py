@@ -138,8 +138,8 @@ MODEL_FAULTS: dict[str, tuple[str, Change]] = {
     "an acceleration is doubled": ("down", joint("A2", acceleration="1248 deg/s2")),
     "a deceleration is 5 % too large": ("round", joint("A1", deceleration=11.435)),
     "a deceleration is unbounded": ("round", joint("A1", deceleration=None)),
-    "a surrounding is 5 mm too low": ("down", surrounding("floor", xyz=[1.5, 0, -0.105])),
-    "a surrounding is missing": ("onto the pipe", drop_surrounding("pipe_feed")),
+    "a body of the surroundings is 5 mm too low": ("down", surrounding("floor", xyz=[1.5, 0, -0.105])),
+    "a body of the surroundings is missing": ("onto the pipe", drop_surrounding("pipe_feed")),
     "a radius is 2 mm too small": ("fold", urdf(ARM, SHOULDER, '<capsule radius="0.138" length="0.16"/>')),
 }  # fmt: skip
 

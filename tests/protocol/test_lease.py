@@ -129,7 +129,7 @@ def test_resume_without_a_stop_changes_nothing(leases):
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(LeaseState, LeaseEvent)))
 def test_the_table_equals_an_independent_statement(state, event):
     into = {
-        Held: {"acquire", "again", "takeover", "renew"},
+        Held: {"acquire", "reacquire", "takeover", "renew"},
         Free: {"release", "expire", "drop", "resume"},
         Stopped: {"stop"},
     }

@@ -34,9 +34,9 @@ def test_a_statement_may_span_lines():
 @pytest.mark.parametrize(
     ("item", "problem"),
     [
-        ("- **LEA7** (server): A MUST.", "like LEA-7"),
-        ("- **LEA-07** (server): A MUST.", "like LEA-7"),
-        ("- **LEA-7** server: A MUST.", "whom, when"),
+        ("- **LEA7** (server): A MUST.", "such as LEA-7"),
+        ("- **LEA-07** (server): A MUST.", "such as LEA-7"),
+        ("- **LEA-7** server: A MUST.", "party, condition"),
         ("- **LEA-7** (server): A MUST", "sentence"),
         ("- **LEA-7** (server): A must.", "MUST, SHOULD or MAY"),
         ("- **LEA-7** (sever): A MUST.", "sever"),

@@ -136,10 +136,12 @@ def test_a_part_of_another_recording_is_found(tmp_path, part):
     mine, other = written(tmp_path / "mine", parts=3), written(tmp_path / "other", parts=3, ticks=168)
     (other / part_name(part)).replace(mine / part_name(part))
     breaks = verify(Recording.open(mine)).breaks
-    assert any("follows another part" in str(found) for found in breaks)
+    assert any("does not continue the previous part" in str(found) for found in breaks)
 
 
-@pytest.mark.parametrize(("part", "text"), [(3, "part 3 followed, and is missing"), (1, "part 1 is missing")])
+@pytest.mark.parametrize(
+    ("part", "text"), [(3, "part 3 is missing; this part is not the last one"), (1, "part 1 is missing")]
+)
 def test_a_part_removed_at_the_end_or_the_beginning_is_found(tmp_path, part, text):
     (written(tmp_path, parts=3) / part_name(part)).unlink()
     (found,) = verify(Recording.open(tmp_path)).breaks

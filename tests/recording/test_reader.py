@@ -143,7 +143,7 @@ def test_a_newer_format_is_refused_with_advice(tmp_path):
 def test_parts_of_two_runs_in_a_folder_are_refused(tmp_path, other):
     records.write(tmp_path, part=1)
     records.write(tmp_path, part=2, **other)
-    with pytest.raises(IncompleteError, match="another run"):
+    with pytest.raises(IncompleteError, match="not of the same run"):
         Recording.open(tmp_path)
 
 

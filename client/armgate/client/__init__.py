@@ -6,9 +6,9 @@
         for tick in robot.ticks():
             verdict = robot.send([0.001] * len(tick.setpoint))
 
-``connect`` is that of ``armgate.client.blocking``; ``armgate.client.aio`` has the same names for asyncio.
-``armgate.client.errors`` documents the exceptions. Messages that calls return are re-exported here. The SDK
-never reconnects, and never acquires a robot again, by itself.
+``connect`` is the function of ``armgate.client.blocking``; ``armgate.client.aio`` has the same names for
+asyncio. ``armgate.client.errors`` documents the exceptions. Messages that calls return are re-exported here.
+The SDK neither reconnects nor acquires a robot again by itself.
 """
 
 from armgate.client.address import parse_address

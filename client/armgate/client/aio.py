@@ -3,8 +3,8 @@
 Arguments, results and exceptions of each method are those of the method with the same name in
 ``armgate.client.blocking``, which documents them.
 
-The SDK sends pings while the program awaits it. A program that awaits no call for longer than the lease's
-time to live loses its leases. Several tasks may share a connection.
+The SDK sends pings while the program awaits one of its calls. A program that awaits no call for longer than
+the lease's time to live loses its leases. Several tasks may share a connection.
 """
 
 # ruff: noqa: ASYNC109 (timeouts are parameters, as in the blocking shell)

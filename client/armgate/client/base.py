@@ -83,13 +83,13 @@ class CellBase:
         subscribe: Subscribe = build(Subscribe, every=every, robots=chosen, fields=shown)
         return subscribe
 
-    # --- waiting: a shell polls, sends the bytes of `_keepalive`, and waits for `_pause` seconds -----------
+    # --- waiting: the shells poll, send the bytes of `_keepalive`, and wait for the time of `_pause` --------
 
     def _poll_state(self, seen: int) -> Callable[[], tuple[int, State] | None]:
         return lambda: self._session.next_state(seen)
 
     def _keepalive(self, deadline: float, what: str, timeout: float | None) -> bytes:
-        """Return the ping that is due, else nothing.
+        """Return a ping if one is due, else no bytes.
 
         Raises:
             ConnectionLost: The connection ended.
@@ -116,7 +116,7 @@ class CellBase:
         return timeout if timeout is not None or self.welcome.lockstep else self.patience
 
     def _verdict_limit(self, timeout: float | None) -> float | None:
-        # By the wall clock a command is judged on arrival, in lock-step at the end of the step.
+        # By the wall clock a command is decided on arrival, in lock-step at the end of the step.
         return timeout if timeout is not None or self.welcome.lockstep else self.timeout
 
 

@@ -1,4 +1,4 @@
-"""Blocking shell of the SDK: a plain socket, no thread. ``armgate.client.connect`` is this module's.
+"""Blocking shell of the SDK: a plain socket, no thread. ``armgate.client.connect`` is defined here.
 
 The SDK reads the socket only during a call, and sends pings while a call waits. A program that makes no call
 for longer than the lease's time to live loses its leases. Use a handle in one thread at a time.
@@ -352,7 +352,7 @@ class Robot(RobotBase):
             RobotStopped: The robot was stopped.
             ConnectionLost: The connection ended.
             TimedOut: No tick arrived in time.
-            Refused: The server refused an earlier message whose answer no call waited for.
+            Refused: The server refused an earlier message, and no call waited for its answer.
         """
         if (missing := self._session.missing_subscription(self.name)) is not None:
             self._cell._ask(missing, Subscribed)

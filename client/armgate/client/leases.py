@@ -38,7 +38,7 @@ class HeldLeases:
             raise LeaseLost(robot, "this client released the robot or acquired it again")
 
     def take_lease(self, lease: Lease) -> None:
-        """Note a lease that was granted, released, or lost."""
+        """Record a lease that was granted, released, or lost."""
         if lease.state == "held":
             self._held[lease.robot] = lease
             return
@@ -46,12 +46,12 @@ class HeldLeases:
         if held is not None and held.fence == lease.fence:
             del self._held[lease.robot]
         if lease.state == "lost":
-            # If a stop ended the lease, `take_stopped` has noted that reason already, with more detail.
+            # If a stop ended the lease, `take_stopped` has recorded that reason already, with more detail.
             reason = lease.reason or "no reason given"
             self._lost.setdefault((lease.robot, lease.fence), LeaseLost(lease.robot, reason))
 
     def take_stopped(self, stopped: Stopped) -> None:
-        """Note a stop that is in force: the leases of its robots ended."""
+        """Record a stop that is in force: the leases of its robots ended."""
         if stopped.replaces is not None:
             self.stops.pop(stopped.replaces, None)
         self.stops[stopped.stop] = stopped
@@ -60,7 +60,7 @@ class HeldLeases:
                 self._lost.setdefault((robot, held.fence), RobotStopped(robot, stopped))
 
     def take_resumed(self, resumed: Resumed) -> None:
-        """Note a stop that was lifted; its robots must be acquired again."""
+        """Record a stop that was lifted; its robots must be acquired again."""
         self.stops.pop(resumed.stop, None)
         if resumed.lifted is not None:
             self.stops.pop(resumed.lifted, None)

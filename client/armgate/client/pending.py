@@ -103,21 +103,21 @@ class Pending:
     # --- received messages ---------------------------------------------------------------------------------
 
     def take_answer(self, answer: Answer) -> None:
-        """Note a message with a ``re``."""
+        """Record a message with a ``re``."""
         if answer.re in self._signals:
             self._signals.discard(answer.re)
         if answer.re in self._answers:
             self._answers[answer.re] = answer
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """Note a verdict."""
+        """Record a verdict."""
         if verdict.seq in self._verdicts:
             self._verdicts[verdict.seq] = verdict
         else:
             self._posted.setdefault(verdict.robot, deque(maxlen=KEPT_VERDICTS)).append(verdict)
 
     def take_error(self, error: Error) -> None:
-        """Note an error that is not fatal; ``take_answer`` handles the answer to a request."""
+        """Record an error that is not fatal; ``take_answer`` handles the answer to a request."""
         if error.re in self._signals:
             self._take_signal_error(error)
         elif error.seq in self._verdicts:
@@ -126,7 +126,7 @@ class Pending:
             self._unawaited = Refused(error)
 
     def _take_signal_error(self, error: Error) -> None:
-        # Too fast a signal must not end a control loop: the value is only information for other clients.
+        # A signal that is dropped for its rate must not end a control loop: it only informs other clients.
         if error.code == ErrorCode.SIGNAL_RATE:
             self.signals_dropped += 1
         else:

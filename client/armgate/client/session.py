@@ -49,7 +49,7 @@ class Session:
     Attributes:
         pending: Messages that await an answer.
         leases: Leases held, and stops in force.
-        welcome: The server's welcome; None before.
+        welcome: The server's welcome; None until it arrives.
         state: The newest state of any robot; None before the first.
         states: Number of states received.
         subscription: The subscription in force; None if there is none.
@@ -71,7 +71,7 @@ class Session:
         self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
-        # Encoded, but not returned to the shell yet: sent together with the next message.
+        # Messages that are encoded but not returned to the shell yet: they are sent with the next message.
         self._delayed = b""
         self._sent = 0.0
         self._pinged: float | None = None
@@ -155,7 +155,7 @@ class Session:
         return self.delayed() + self._connection.send(Bye(reason=reason[:512]))
 
     def keepalive(self, now: float) -> bytes:
-        """Return a ping if nothing was sent for a third of a lease's time to live, else nothing."""
+        """Return a ping if nothing was sent for a third of a lease's time to live, else no bytes."""
         if self.closed is not None or now < self.keepalive_due:
             return b""
         if self._pinged is None:
@@ -171,7 +171,7 @@ class Session:
         return self._sent + KEEPALIVE_SHARE * (self.welcome.limits.lease_ttl if ttl is None else ttl)
 
     def sent(self, now: float) -> None:
-        """Note that the shell has written bytes."""
+        """Record the time at which the shell wrote bytes."""
         self._sent = now
 
     # --- receiving -----------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ class Session:
     def next_tick(self, robot: str, fence: int, after: int) -> Tick | None:
         """Return the newest tick of a held robot if it is later than ``after`` and still lacks a command.
 
-        If an earlier state arrived late, the command based on it may already have been judged for the tick
+        If an earlier state arrived late, the command based on it may already have been decided for the tick
         after this one. A further command would be refused.
 
         Raises:

@@ -111,7 +111,7 @@ TRANSITIONS = transitions(v.DIALECTS[0])
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Refused input without effect; ``error`` is the message due to the peer."""
+    """Refused input without effect; ``error`` is the message to send to the peer."""
 
     error: Error
 
@@ -212,7 +212,7 @@ class Connection:
         return None
 
     def _read_ahead(self, payload: bytes) -> Stop | None:
-        """Return the stop in a payload; note if messages behind this payload must keep their order."""
+        """Return the stop in a payload; record if messages behind this payload must keep their order."""
         try:
             fields = unpack(payload, self._max_array)
             kind = fields.get("type")

@@ -102,7 +102,7 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ErrorCode.OVERFLOW: _fatal("the client left answers or verdicts unread", "read faster"),
     ErrorCode.SHUTTING_DOWN: _fatal("the server is shutting down", "connect again when it runs"),
     ErrorCode.SILENT: _fatal(
-        "a participant sent nothing while the step waited for it", "answer every step, or pass"
+        "a participant sent nothing while the step waited for it", "send commands or pass in every step"
     ),
     ErrorCode.KICKED: _fatal("an operator ended the session", "ask the operator"),
     ErrorCode.UNKNOWN_TYPE: _single(
@@ -125,10 +125,10 @@ CODES: dict[ErrorCode, CodeInfo] = {
     ErrorCode.MOVING: _single("a robot still moves", "reset when it is at rest"),
     ErrorCode.NO_LOCKSTEP: _single("the server does not run in lock-step", "send no pass"),
     ErrorCode.NOT_PARTICIPANT: _single(
-        "this session is no participant of the lock-step", "connect by its name"
+        "this session is not a participant of the lock-step", "connect with a participant's name"
     ),
     ErrorCode.WRONG_STEP: _single(
-        "a pass for another step than the current one", "use the step of the newest state"
+        "a pass for a step other than the current one", "use the step of the newest state"
     ),
     ErrorCode.SIGNAL_OWNED: _single("another session owns the signal", "use another name"),
     ErrorCode.SIGNAL_RATE: _single(

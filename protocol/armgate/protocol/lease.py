@@ -30,7 +30,7 @@ class LeaseEvent(Enum):
 
     ACQUIRE = "acquire"
     """A session requests a free robot."""
-    AGAIN = "again"
+    REACQUIRE = "reacquire"
     """The holder requests the robot again: new fence, possibly another speed."""
     TAKEOVER = "takeover"
     """An operator takes the robot over from its holder."""
@@ -51,7 +51,7 @@ class LeaseEvent(Enum):
 TRANSITIONS: dict[tuple[LeaseState, LeaseEvent], LeaseState] = {
     (LeaseState.FREE, LeaseEvent.ACQUIRE): LeaseState.HELD,
     (LeaseState.FREE, LeaseEvent.STOP): LeaseState.STOPPED,
-    (LeaseState.HELD, LeaseEvent.AGAIN): LeaseState.HELD,
+    (LeaseState.HELD, LeaseEvent.REACQUIRE): LeaseState.HELD,
     (LeaseState.HELD, LeaseEvent.TAKEOVER): LeaseState.HELD,
     (LeaseState.HELD, LeaseEvent.RENEW): LeaseState.HELD,
     (LeaseState.HELD, LeaseEvent.RELEASE): LeaseState.FREE,
@@ -228,7 +228,7 @@ class Leases:
         if held is None:
             event = LeaseEvent.ACQUIRE
         elif held.session == session:
-            event = LeaseEvent.AGAIN
+            event = LeaseEvent.REACQUIRE
         elif takeover:
             event = LeaseEvent.TAKEOVER
             displaced = Loss(robot, held.session, held.fence, "an operator took the robot over")

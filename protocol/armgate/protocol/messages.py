@@ -444,7 +444,7 @@ class Lease(Answer):
     speed: Share = 1.0
     """Speed bound, a share of the cell's."""
     reason: Text = ""
-    """Reason of a loss."""
+    """Reason for a loss."""
 
 
 class Reason(Part):
@@ -567,7 +567,7 @@ class State(Answer):
 
     type: Literal["state"] = "state"
     robot: Name
-    """Robot at whose tick the state was made."""
+    """Robot at whose tick the state was produced."""
     tick: Count
     """Number of that tick."""
     time: Finite
@@ -611,7 +611,7 @@ class Stopped(Answer):
     robots: Annotated[tuple[Name, ...], Field(max_length=MAX_ROBOTS)]
     """Stopped robots."""
     reason: Text
-    """Reason of the stop."""
+    """Reason for the stop."""
     by: Name
     """Name of the client that requested it."""
     replaces: Count | None = None

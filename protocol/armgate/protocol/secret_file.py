@@ -10,7 +10,7 @@ import stat
 from pathlib import Path
 
 MAX_CHARACTERS = 1 << 20
-"""Longest accepted file of tokens: a device has no end."""
+"""Longest accepted file of tokens; reading a device may never end."""
 
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _ALL = stat.S_IRWXO | stat.S_IWGRP

@@ -110,10 +110,10 @@ def parse(text: str) -> dict[str, Statement]:
 
 def _statement(section: str, id_: str, rest: str) -> Statement:
     if not _ID.fullmatch(id_):
-        raise SpecError(f"{id_}: expected an id like LEA-7")
+        raise SpecError(f"{id_}: expected an id such as LEA-7")
     match = _REST.fullmatch(f" {rest}")
     if match is None:
-        raise SpecError(f"{id_}: expected `(whom, when): sentence.`, got {rest[:40]}")
+        raise SpecError(f"{id_}: expected `(party, condition): sentence.`, got {rest[:40]}")
     words = set(_WORDS.findall(match[3]))
     level = next((level for level in Level if level.value in words), None)
     if level is None:

@@ -138,7 +138,7 @@ def _step_value(step: Step) -> object:
 
 def _entry_value(entry: m.Entry) -> object:
     fields: dict[str, object] = dict(entry.__dict__)
-    # Digits below these bounds would take a third of a recording and carry no information for a reader.
+    # Digits below these bounds would fill a third of a recording, without information for a reader.
     fields["nearest"] = entry.nearest and [
         {
             "pair": near.pair,

@@ -156,7 +156,7 @@ class Recording:
                 yield time, item
             elif isinstance(item, codec.Gap) and item.steps:
                 text = (
-                    f"{item.steps} of the gate's events were lost at {time:.3f} s; no replay continues here"
+                    f"{item.steps} of the gate's events were lost at {time:.3f} s; a replay cannot continue"
                 )
                 raise IncompleteError(self.path, text)
 
@@ -209,9 +209,8 @@ def _check_sequence(path: Path, parts: Sequence[Part]) -> None:
     for number, part in enumerate(parts, first.part):
         other = part.header
         if (other.start, other.hash) != (first.start, first.hash):
-            text = f"belongs to another run than {parts[0].file.name}"
-            found = f"cell {other.cell!r}, start {other.start!r}"
-            raise IncompleteError(part.file, f"{text}: {found}; keep one run in a folder")
+            text = f"not of the same run as {parts[0].file.name}: cell {other.cell!r}, start {other.start!r}"
+            raise IncompleteError(part.file, f"{text}; keep one run in a folder")
         if other.part != number:
             raise IncompleteError(path, f"part {number} is missing; expected {part_name(number)}")
 

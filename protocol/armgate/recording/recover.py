@@ -1,6 +1,6 @@
 """Recovery of a file that was never closed, or is damaged: its readable part becomes a complete file.
 
-Behind a damaged record, the next chunk is found by the byte pattern of its header. Lost records leave a
+After a damaged record, the next chunk is found by the byte pattern of its header. Lost records leave a
 ``Gap`` in the new file, so that a replay stops there instead of continuing without them.
 """
 
@@ -87,7 +87,7 @@ def _readable(place: ChunkPosition) -> bool:
 
 
 def _behind_damage(file: Path, offset: int, size: int) -> Iterator[ChunkPosition]:
-    """Yield the chunks behind each damaged place."""
+    """Yield the chunks after each damaged place."""
     while (begin := _next_chunk(file, offset, size)) is not None:
         found = scan_from(file, begin)
         yield from found

@@ -89,7 +89,9 @@ def verify(recording: Recording) -> Chain:
         breaks += checked.breaks
         links += checked.links
         if previous is not None and part.header.previous != previous.hex():
-            breaks.append(checked.broken(0, part.chunks[0].end, part.chunks[0], "follows another part"))
+            breaks.append(
+                checked.broken(0, part.chunks[0].end, part.chunks[0], "does not continue the previous part")
+            )
         previous = checked.seal.digest if checked.seal else None
         if checked.seal is None:
             unsealed.append(part.file)
@@ -109,7 +111,9 @@ def _missing(recording: Recording, last: "_FileChain") -> Iterator[Break]:
     if last.last is False:
         size, number = end.chunks[-1].end, end.header.part
         time = (end.chunks[-1].last_ns - recording.header.origin_ns) / _NS
-        yield Break(end.file, size, size, time, f"part {number + 1} followed, and is missing")
+        yield Break(
+            end.file, size, size, time, f"part {number + 1} is missing; this part is not the last one"
+        )
 
 
 class _FileChain:

@@ -1,7 +1,8 @@
 """Safety gate: decides about every command; pure and deterministic, without clock, socket or randomness.
 
 ``Gate.step(event)`` takes ticks, commands, plan answers, stops, resets, lease and link changes. It returns
-verdicts, plans and answers to stops and resets. In the literature this part is the System Integrity Module.
+verdicts, plans and answers to stops and resets. In the literature it is called the
+System Integrity Module.
 
 The path of a command through the package: ``gate`` → ``command_checks`` (lease, stop, link, age) →
 ``decision`` → ``joint_limits`` (speed, acceleration, position) → ``braking`` → ``clearance`` →

@@ -6,8 +6,8 @@ share each tick, as fast as the most demanding joint may decelerate:
     m = max_j |u_j| / (d_j T²),   n = ⌊m⌋,   increments u, u(1 − 1/m), …, u(1 − n/m),
 
 so that the whole stop is the straight segment q_ref → q_ref + (1 + S)·u with S = n − n(n + 1)/(2m).
-After k of these increments, what remains is the stop of the increment that comes next: the way to rest is
-always a part of what was proven before.
+After k of these increments, the remaining ones are the stop of the next increment. The rest of a stop is
+therefore always a part of a path that is proven already.
 """
 
 import math
@@ -34,7 +34,7 @@ def stop_share(m: float) -> float:
 
 
 def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints, ...]:
-    """Return ``u`` and the increments that bring the robot to rest after it; nothing for a zero ``u``."""
+    """Return ``u`` and the increments that bring the robot to rest after it; () for a zero ``u``."""
     if not any(u):
         return ()
     m = ticks_to_rest(u, decel)

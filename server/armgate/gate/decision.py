@@ -1,8 +1,11 @@
-"""Decision about one command: joint limits, then retreat, then clearance; one way to reduce in all of them.
+"""Decision about one command: joint limits, then retreat, then clearance.
+
+All three reduce an increment in the same way:
 
 u = u_b + β(u_wanted − u_b), where u_b is the next braking increment of the held plan. With the response
-``stop``, clearance gives the β that the joint limits left, or 0. With ``slow`` it gives the largest of a few
-β that is proven. They are found by the secant of the binding pair's margin; all trials share one budget.
+``stop``, clearance admits the β that the joint limits left, or 0. With ``slow`` it admits the largest of a
+few trial values of β that it can prove. They are found by the secant of the binding pair's margin; all trials
+share one budget.
 """
 
 import math
@@ -17,7 +20,7 @@ from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.pair_check import Binding
 from armgate.gate.clearance.swept import Array, Swept
-from armgate.gate.joint_limits import LimitedIncrement, blend, limit_increment, stays_inside
+from armgate.gate.joint_limits import LimitedIncrement, blend, first_outside, limit_increment
 from armgate.gate.occupancy import Occupancy
 from armgate.gate.retreat import Requirements, Retreat
 from armgate.gate.robot import RobotState
@@ -33,7 +36,7 @@ _OUTSIDE_LIMITS = Binding(-1, 0.0, 0.0, None)
 _TRIALS = 2
 _SECANT = 0.98
 _GRID = 2.0**-20
-"""Step of a blend that clearance gives: far above rounding, far below the resolution of a robot."""
+"""Step of β by clearance: far above rounding, far below the resolution of a robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +52,7 @@ class Decision:
 
 
 class DecisionMaker:
-    """Decision maker of one cell; its only state are the floors and turns of retreats."""
+    """Decision maker of one cell; its only state is the floors and turns of retreats."""
 
     def __init__(self, clearance: Clearance, response: Response) -> None:
         self._clearance = clearance
@@ -86,7 +89,7 @@ class DecisionMaker:
         beta, binding = 1.0, None
         for _ in range(self._trials(state, required)):
             u = blend(state.brake, wanted.u, beta)
-            if beta < 1.0 and stays_inside(u, state.setpoint, state.limits_now()) is not None:
+            if beta < 1.0 and first_outside(u, state.setpoint, state.limits_now()) is not None:
                 break
             tried = self._try(u, wanted, beta, state, required, budget)
             if isinstance(tried, Decision):
@@ -101,9 +104,9 @@ class DecisionMaker:
         return self._refuse(state, wanted, binding)
 
     def _trials(self, state: RobotState, required: Requirements) -> int:
-        """Return how many blends are tried.
+        """Return the number of blends to try.
 
-        In a retreat less of a motion helps only if axes lag differently: then the deviation from the way out
+        In a retreat, a smaller motion helps only if axes lag differently: then the deviation from the way out
         grows with the speed.
         """
         blends = state.hull_deviation is not None if required.violated else self._slow
@@ -118,7 +121,7 @@ class DecisionMaker:
         required: Requirements,
         budget: Budget,
     ) -> Decision | Binding:
-        """Return the decision for ``u`` if its stop is clear, else what binds it."""
+        """Return the decision for ``u`` if its stop is clear, else the binding pair or joint."""
         increments, occupied = state.stop_after(u)
         swept = self._clearance.space.sweep(state.index, occupied)
         step = self._extension(state, occupied)
@@ -132,7 +135,7 @@ class DecisionMaker:
         return Decision(increments, wanted.beta * beta, wanted.reasons, occupied, swept, result.lb)
 
     def _secant(self, beta: float, binding: Binding) -> float:
-        """Return the β at which the binding pair's margin, linear in β, would be used up.
+        """Return the β at which the binding pair's margin, if it is linear in β, is nearly zero.
 
         It is rounded down to a grid: the compiled kernels and numpy round differently and must decide alike.
         """
@@ -143,7 +146,7 @@ class DecisionMaker:
         return math.floor(_SECANT * beta * held / (held - tried) / _GRID) * _GRID
 
     def _extension(self, state: RobotState, new: Occupancy) -> Array | None:
-        """Return how far an occupancy extends the held one, per joint; None if that is unknown."""
+        """Return the distance by which an occupancy extends the held one, per joint; None if unknown."""
         held = state.reserved
         if len(held) != 1:
             return None
@@ -165,7 +168,7 @@ class DecisionMaker:
         return wording.too_near(names, binding.lb, limit, self._witness_points(binding, state))
 
     def _witness_points(self, binding: Binding, state: RobotState) -> tuple[Point, Point] | None:
-        """Return the points of the last engine query; if the budget ended before one, of one more query."""
+        """Return the points of the last engine query; query once if the budget ended before any query."""
         return binding.points or self._clearance.prove_held(state.index, binding.pair, Budget(1)).points
 
 

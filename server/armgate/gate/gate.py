@@ -1,10 +1,10 @@
-"""The gate: events in, verdicts and plans out. Pure and deterministic, so a log of events is a replay.
+"""The gate: events in, verdicts and plans out. Pure and deterministic, so recorded events can be replayed.
 
 The invariant: at every moment the occupancies of all robots are inside the joint limits and clear of each
 other, of themselves and of the surroundings by at least the stop distance, for every timing. A command is
 admitted if and only if its robot's new occupancy keeps the invariant against the occupancies that the others
 hold. So robots may run on independent clocks, commands are decided one at a time, and every robot can come
-to rest safely, whatever is lost.
+to rest safely, even if clients and links are lost.
 """
 
 from typing import assert_never
@@ -46,7 +46,7 @@ _NEAREST = 3
 """Number of nearest pairs that a state reports of each robot."""
 
 _GAP_RATE = 1000
-"""One gap in so many engine queries is worth a warning."""
+"""Number of engine queries per gap; more gaps cause a warning."""
 
 
 class Gate:
@@ -56,7 +56,7 @@ class Gate:
         cell: The cell.
         start: The daemon's start id; it becomes a part of the plans' keys.
         compiled: True to compile the inner loops by numba, False for numpy; by default compiled if numba is
-            installed. Both forms are equal to rounding; a replay is identical in the form of its run.
+            installed. Both forms agree up to rounding errors; a replay in the form of its run is identical.
     """
 
     def __init__(self, cell: Cell, start: str, compiled: bool | None = None) -> None:
@@ -70,7 +70,7 @@ class Gate:
         self._stops = Stops()
 
     def step(self, event: GateEvent) -> list[GateOutput]:
-        """Take one event and return the outputs that follow from it.
+        """Process one event and return its outputs.
 
         Raises:
             ModelError: The event names an unknown robot.
@@ -147,12 +147,12 @@ class Gate:
         return [] if known else [self._raise_stop([s], why, "gate", LINK)]
 
     def _follow_plan(self, s: RobotState, event: Tick) -> str | None:
-        """Follow the plan that the link played; return what contradicts it, None if nothing does."""
+        """Follow the plan that the link played; return a contradiction as text, None if there is none."""
         if s.pending is not None:
             if event.plan == s.pending.key:
                 self._reservations.accept_pending(s)
             elif event.tick >= s.pending.key.target:
-                s.late += not event.rebased  # its answer will find nothing pending
+                s.late += not event.rebased  # when its answer arrives, no plan is pending
                 self._reservations.drop_pending(s)
         wrong = contradiction(s, event)
         if event.rebased or event.plan is None:
@@ -197,7 +197,7 @@ class Gate:
         setpoint = tuple(q + u for q, u in zip(s.setpoint or s.zeros, dq, strict=True))
         outcome = Outcome.REFUSED if target is None else _outcome(command.dq, decision)
         given = () if outcome is Outcome.ADMITTED else decision.reasons
-        # Counted under the last check that bound it.
+        # Counted under the last check that limited it.
         key = f"{outcome.value}:{given[-1].cause.value}" if given else outcome.value
         s.counts[key] = s.counts.get(key, 0) + 1
         s.verdict = Verdict(
@@ -258,9 +258,9 @@ class Gate:
         return out + [self._rebase(s) for s in robots if not s.stops]
 
     def _rebase(self, s: RobotState) -> Rebase:
-        """Set the setpoint to the position at which the robot stands, if a proof allows it.
+        """Set the setpoint to the position at which the robot stands, if that is proven to be clear.
 
-        The proof of a robot that faulted is void: its pairs are proven anew at the measured position.
+        The bounds of a robot that faulted are void: its pairs are proven anew at the measured position.
         """
         setpoint, faulted = s.setpoint_after_reset(), s.faulted
         moves = setpoint != s.setpoint and not faulted
@@ -288,7 +288,7 @@ class Gate:
                 assert_never(event.state)
 
     def _fault(self, s: RobotState, reason: str, off_path: float) -> list[GateOutput]:
-        """Stop a robot that is not where it can be, and the robots whose stop paths may now meet it.
+        """Stop a robot that is outside its occupancy, and the robots whose stop paths may now meet it.
 
         Its occupancy starts from the measured position, widened by its total distance off its path.
         """

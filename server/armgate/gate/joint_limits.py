@@ -3,7 +3,7 @@
 The increment is first clamped joint by joint, so that one joint at its limit does not freeze the arm. If the
 common stop of all joints still leaves the limits, the increment is blended toward u_b, the held path's next
 braking increment: u = u_b + β(u_wanted − u_b) with the largest β found for which the whole stop stays inside.
-u_b itself is always possible: its stop is the rest of what was proven before.
+u_b itself is always possible: its stop is the rest of a stop that was proven before.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,12 +45,12 @@ def limit_increment(
         bounds: The robot's bounds; the limits are already widened for a robot that started outside.
         share: Speed bound of the lease, as a fraction of the robot's.
     """
-    if _is_free(dq, last, bounds, share) and stays_inside(dq, setpoint, bounds) is None:
+    if _is_free(dq, last, bounds, share) and first_outside(dq, setpoint, bounds) is None:
         return LimitedIncrement(dq, 1.0, ())
     u, found = _clamp_speed(dq, bounds, share)
     u, more = _clamp_acceleration(u, last, bounds)
     found += more
-    if stays_inside(u, setpoint, bounds) is None:
+    if first_outside(u, setpoint, bounds) is None:
         return LimitedIncrement(u, 1.0, tuple(found))
     u, more = _clamp_limits(u, last, setpoint, bounds)
     found += more
@@ -59,7 +59,7 @@ def limit_increment(
 
 
 def _is_free(u: Joints, last: Joints, bounds: StepBounds, share: float) -> bool:
-    """Return True if no speed or acceleration bound binds: true for most commands, and cheap to find."""
+    """Return True if no speed or acceleration bound binds: true for most commands, and cheap to check."""
     for x, before, speed, accel, decel in zip(u, last, bounds.speed, bounds.accel, bounds.decel, strict=True):
         if abs(x) > share * speed:
             return False
@@ -89,7 +89,7 @@ def _acceleration_within_speed(j: int, last: Joints, bounds: StepBounds) -> tupl
     return min(max(low, -most), most), min(max(high, -most), most)
 
 
-def stays_inside(u: Joints, setpoint: Joints, bounds: StepBounds) -> int | None:
+def first_outside(u: Joints, setpoint: Joints, bounds: StepBounds) -> int | None:
     """Return the first joint whose stop after ``u`` leaves its limits; None if all stay inside."""
     reach = 1.0 + stop_share(ticks_to_rest(u, bounds.decel))
     joints = zip(u, setpoint, bounds.lower, bounds.upper, strict=True)
@@ -139,7 +139,8 @@ def _clamp_limits(
 ) -> tuple[Joints, list[Reason]]:
     """Clamp each joint to its own stop, then to the longer stop that it shares with the fastest joint.
 
-    The acceleration box has priority: if a joint cannot slow down enough in one tick, the blend solves that.
+    The acceleration box has priority: if a joint cannot slow down enough in one tick, the blend handles that
+    case.
     """
 
     def alone(j: int) -> tuple[float, float]:
@@ -166,13 +167,13 @@ def _clamp_limits(
 def _blend_into_limits(
     wanted: Joints, brake: Joints, setpoint: Joints, bounds: StepBounds
 ) -> tuple[Joints, float, list[Reason]]:
-    joint = stays_inside(wanted, setpoint, bounds)
+    joint = first_outside(wanted, setpoint, bounds)
     if joint is None:
         return wanted, 1.0, []
     beta, beyond = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (beta + beyond)
-        if stays_inside(blend(brake, wanted, middle), setpoint, bounds) is None:
+        if first_outside(blend(brake, wanted, middle), setpoint, bounds) is None:
             beta = middle
         else:
             beyond = middle

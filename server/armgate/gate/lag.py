@@ -34,8 +34,8 @@ class HullDeviation:
     """Distance by which a moving joint may leave the hull, for its largest increment.
 
     Attributes:
-        ticks: At the ticks, where it is measured, as a share of the increment.
-        between: Additional share between two ticks.
+        ticks: Distance at the ticks, where it is measured, as a share of the increment.
+        between: Additional distance between two ticks, as a share of the increment.
         noise: Additional distance for the rounding of the measurement, rad or m.
     """
 
@@ -78,7 +78,7 @@ def _middle(robot: Robot) -> float:
 
 
 class LargestIncrements:
-    """Largest increment of each joint in the last ``ticks`` ticks, and in at most a quarter as many before.
+    """Largest increment of each joint in the last ``ticks`` ticks, or up to a quarter more.
 
     Args:
         ticks: Number of ticks for which an increment counts.
@@ -99,7 +99,7 @@ class LargestIncrements:
         return tuple(map(max, *parts)) if len(parts) > 1 else parts[0]
 
     def add(self, increment: Joints) -> None:
-        """Take the increment of one more tick."""
+        """Add the increment of one more tick."""
         if self._count == self._length:
             self._count = 0
             self._parts.append((0.0,) * len(increment))

@@ -82,13 +82,13 @@ def occupancy(
 def settle_measured(
     q: Joints, held: Sequence[Occupancy], tolerance: float, lag_tube: Joints = ()
 ) -> Joints | None:
-    """Return the measured position to continue with; None if no held occupancy explains the measurement.
+    """Return the measured position to continue with; None if the measurement fits no held occupancy.
 
-    The robot is inside the proven cover (which begins at a measurement too), and the measurement is within
-    the rounding of the robot. A position is admissible if each of its joints is within ``lag_tube`` and
-    ``tolerance`` of every position that the robot can then have. Of these, the one nearest to the middle of
-    the polyline's stretch that explains ``q`` is returned. So a measurement at the cover's edge is moved
-    inside the cover, and a robot that creeps away a little each tick is noticed.
+    The robot is inside the proven cover (which begins at a measurement too), and the measurement differs from
+    its position by at most the rounding. A position is admissible if each of its joints is within
+    ``lag_tube`` and ``tolerance`` of every position that the robot can then have. Of these, the one nearest
+    to the middle of the polyline's stretch that fits ``q`` is returned. So a measurement at the cover's edge
+    is moved inside the cover, and a robot that creeps away a little each tick is noticed.
 
     Args:
         q: The measured position.

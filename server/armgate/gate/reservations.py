@@ -18,7 +18,7 @@ _BUDGET = 64
 
 
 class Reservations:
-    """Reserved occupancies of all robots, in step with the bounds that are proven for them."""
+    """Reserved occupancies of all robots, kept consistent with the bounds that are proven for them."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
@@ -68,7 +68,7 @@ class Reservations:
         self._lower_staged(s.index, self._clearance.bound.of(s.index))
 
     def prove_setpoint(self, s: RobotState, setpoint: Joints) -> bool:
-        """Prove that a robot at rest may take another setpoint, and keep the bounds; False without a proof.
+        """Prove that a robot at rest may take another setpoint, and keep the bounds; return False if not.
 
         Every pair must keep its limit, or its kept bound if that is less.
         """

@@ -5,9 +5,9 @@ is a retreat if no violated pair is proven to fall below its floor by more than 
 margin is proven to widen, and nothing new is violated. A retreat begins at rest, when only the setpoint in
 force counts: the first floor is the value at the place where the robot stands.
 
-Two robots that violate a pair move one at a time, the first in the configuration first. While that one is
-commanded to move and can, the other is refused and brakes. The first gives way by resting, or if no way out
-is found for it.
+Two robots that violate the same pair move one at a time, in the order of the configuration. While the first
+robot is commanded to move and can move, commands for the second are refused, and it brakes. The first robot
+loses its turn when it is no longer commanded to move, or if no way out is found for it.
 """
 
 from dataclasses import dataclass
@@ -53,10 +53,10 @@ class Retreat:
         self._clearance = clearance
         self._floor: dict[int, float] = {}
         self._turn: dict[int, int] = {}
-        """Tick at which a robot was last commanded to move and could, or only waited for another robot."""
+        """Tick at which a robot last had a way out for its command, or only waited for another robot."""
 
     def requirements(self, state: RobotState, states: list[RobotState]) -> Requirements:
-        """Prove a robot's violated pairs anew, raise their floors, and return what a motion must keep."""
+        """Prove a robot's violated pairs anew, raise their floors, and return the distances to keep."""
         need, violated = self._clearance.limits_of[state.index], []
         waits, forbidden = False, None
         for pair in self._clearance.below(state.index):
@@ -79,7 +79,7 @@ class Retreat:
         return Requirements(need, tuple(violated), forbidden)
 
     def note_result(self, state: RobotState, admitted: bool) -> None:
-        """Note if a way out was found for a robot: then it keeps its turn, else it gives way."""
+        """Record if a way out was found for a robot: then it keeps its turn, otherwise it loses it."""
         if admitted:
             self._turn[state.index] = state.tick
         else:
@@ -103,7 +103,7 @@ class Retreat:
         )
 
     def _has_turn(self, state: RobotState, states: list[RobotState], pair: int) -> bool:
-        """Return True if the other robot of the pair rests and does not go first."""
+        """Return True if the other robot of the pair rests and does not hold an earlier turn."""
         cell_pair, bodies = self._clearance.cell.pairs[pair], self._clearance.cell.bodies
         both = {bodies[cell_pair.a].robot, bodies[cell_pair.b].robot}
         others = [states[k] for k in both if k is not None and k != state.index]

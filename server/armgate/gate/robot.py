@@ -21,7 +21,7 @@ _SAME = 1e-9
 """Largest difference between the link's setpoint and the gate's own sum, rad or m: rounding only."""
 
 JOINT_SLACK = 1e-4
-"""Largest distance that a joint that starts outside its limits may fall back in all, rad or m."""
+"""Largest distance that a joint that starts outside its limits may move away from them in total, rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +59,10 @@ class RobotState:
         robot: The robot of the cell.
         index: Its index in the configuration's order.
         bounds: Its bounds per tick.
-        standstill: The ticks for which it was measured in one place.
+        standstill: Counter of the ticks for which it was measured in one place.
         largest: The largest increments that its position may still reflect.
-        hull_deviation: How far axes that lag differently may leave the hull of the setpoints; None if they
-            lag alike.
+        hull_deviation: Distance by which axes that lag differently may leave the hull of the setpoints; None
+            if they lag alike.
         link: State of its link.
         tick, time: Number and time stamp of its last tick.
         measured: The measured q, as reported.
@@ -79,11 +79,11 @@ class RobotState:
         stops: Ids of the stops in force, ascending.
         faulted: True from a fault until its reset.
         untracked: True from the loss or fault of its link until its next usable tick: it may be moving.
-        slot: The last tick that a command was decided for.
-        outside: How far each joint may still be beyond its limits (lower, upper) after a start outside; it
-            only decreases.
-        main: What is reserved along the held plan; ``next`` along the pending one.
-        off_path: How far a faulted robot was found off its stop path in all.
+        slot: The last tick for which a command was decided.
+        outside: Distance by which each joint may still be beyond its limits (lower, upper) after a start
+            outside; it only decreases.
+        main: Reservation along the held plan; ``next`` is that along the pending one.
+        off_path: Total distance of a faulted robot from its stop path.
         history: Setpoints of the past that the robot may still follow: those of the lag window, and the one
             before a rebase. Each with the time until which it was in force (infinite: until the next tick).
         applied_seq: Sequence number of the command applied last.
@@ -215,7 +215,7 @@ class RobotState:
 
     @property
     def _delay(self) -> int:
-        """Lag window in ticks. Stamps jitter: a setpoint of the past counts for one more."""
+        """Lag window in ticks, and one more, because time stamps jitter."""
         return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME)
 
     # --- limits and reachable positions --------------------------------------------------------------------
@@ -282,7 +282,7 @@ class RobotState:
     # --- ticks ---------------------------------------------------------------------------------------------
 
     def take_tick(self, event: Tick, settled: Joints) -> None:
-        """Take a tick into the state; ``settled`` is the measured q to continue with."""
+        """Update the state by a tick; ``settled`` is the measured q to continue with."""
         self._remember(event)
         self.changed, self.still = min(self.changed, event.time), self.still + 1
         if self.tick >= 0 and not same(event.setpoint, self.setpoint):
@@ -312,7 +312,7 @@ class RobotState:
         self.history = deque(one for k, one in enumerate(past) if k >= recent or one[0] >= earliest)
 
     def _lowered_outside(self) -> tuple[Joints, Joints]:
-        """Return how far each joint may be beyond its limits: as far as its setpoint is, or less."""
+        """Return the distance by which each joint may be beyond its limits: that of its setpoint, or less."""
         low = tuple(max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True))
         high = tuple(max(q - x, 0.0) for x, q in zip(self.bounds.upper, self.setpoint, strict=True))
         if not self.outside[0]:
@@ -326,8 +326,8 @@ class RobotState:
     def setpoint_after_reset(self) -> Joints:
         """Return the setpoint after a reset: the position at which the robot stands.
 
-        A joint that is measured within the tolerance of its setpoint keeps it: noise must not move it, reset
-        by reset. A possible error of the measurement does not take a joint out of its limits.
+        A joint that is measured within the tolerance of its setpoint keeps it: repeated resets
+        must not move it by noise. An error of the measurement must not move a setpoint out of the limits.
         """
         tolerance = self.robot.q_tolerance + STILL
         at = self.measured if self.faulted or self.hull_deviation is not None else self.q
@@ -338,7 +338,7 @@ class RobotState:
     def _inside(self, q: Joints, tolerance: float) -> Joints:
         """Return ``q`` with joints beyond their limits moved back to the limit, or to a setpoint beyond it.
 
-        For a robot that faulted only joints that are beyond by at most the tolerance: it may be anywhere.
+        After a fault, only joints that are beyond by at most the tolerance: the robot may be anywhere.
         """
         inside = []
         for x, s, lower, upper in zip(q, self.setpoint, self.bounds.lower, self.bounds.upper, strict=True):
@@ -370,7 +370,7 @@ def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
 
 
 def same(a: Joints, b: Joints) -> bool:
-    """Return True if two positions are the same to rounding; False if they have different lengths."""
+    """Return True if two positions are equal up to rounding errors; False if their lengths differ."""
     return len(a) == len(b) and all(abs(x - y) <= _SAME for x, y in zip(a, b, strict=True))
 
 

@@ -1,7 +1,7 @@
 """Standstill detection from measured positions with a tolerance.
 
 Two measurements of a standing robot differ by up to twice the tolerance. A robot rests if it has *arrived*:
-every setpoint that it may still follow is one point, and it is measured there. A robot that stands elsewhere
+all setpoints that it may still follow are equal, and it is measured there. A robot that stands elsewhere
 (pushed, held by a brake) rests if its measurements have stayed within twice the tolerance of one of them for
 long enough. Over k ticks it then moved by no more than four tolerances, so k is chosen for a speed of 1e-6
 rad or m per tick, and for half a second at most.
@@ -10,7 +10,7 @@ rad or m per tick, and for half a second at most.
 from armgate.events import Joints
 
 STILL = 1e-6
-"""Motion in one tick that counts as rest, rad or m: the exponential end of a lag never quite ends."""
+"""Motion in one tick that counts as rest, rad or m: the exponential decay of a lag never reaches zero."""
 
 _LONGEST = 0.5
 """Longest time for which the measurements must stay, s."""

@@ -23,7 +23,7 @@ class StopCause:
 
     Attributes:
         by: Name of the client that sent the stop, "" for the gate itself.
-        why: The client's reason, or the kind of the gate's own: ``link``, ``fault``, ``met``.
+        why: The client's reason, or the kind of the gate's own cause: ``link``, ``fault``, ``met``.
     """
 
     by: str

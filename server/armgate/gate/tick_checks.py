@@ -1,7 +1,7 @@
 """Checks of a tick: a link may report the increment that the gate's plan has for this tick, and nothing else.
 
-A link is believed as far as it agrees with the plan. The measured position has no counterpart in the plan:
-`settle_measured` compares it with the occupancy.
+A report of a link is accepted only if it agrees with the plan. The measured position has no counterpart in
+the plan: `settle_measured` compares it with the occupancy.
 """
 
 import math
@@ -29,7 +29,7 @@ def unusable(s: RobotState, event: Tick) -> str | None:
 
 
 def contradiction(s: RobotState, event: Tick) -> str | None:
-    """Return what contradicts the plan that the link should play; None if nothing does."""
+    """Return a contradiction to the plan that the link should play; None if there is none."""
     if s.tick < 0:
         return _first_in_motion(s, event)
     if event.rebased:

@@ -42,7 +42,7 @@ def no_lease(robot: str, stops: Sequence[int]) -> Reason:
 
 
 def wrong_fence(robot: str, fence: int, in_force: int) -> Reason:
-    """Return the reason for a command with another fence than that of the lease in force."""
+    """Return the reason for a command with a fence other than that of the lease in force."""
     text = f"fence {fence} is not that of the lease in force: acquire {robot}"
     return Reason(Cause.FENCE, text, value=float(fence), bound=float(in_force))
 
@@ -85,7 +85,7 @@ def tick_taken(robot: str, tick: int) -> Reason:
 
 
 def wrong_length(robot: str, length: int, joints: int) -> Reason:
-    """Return the reason for an increment with another number of values than the robot has joints."""
+    """Return the reason for an increment whose number of values differs from that of the joints."""
     text = f"dq has {length} values: {robot} has {joints} joints"
     return Reason(Cause.LENGTH, text, value=float(length), bound=float(joints))
 
@@ -117,7 +117,7 @@ def outside_limit(bounds: StepBounds, joint: int, setpoint: float, limit: float)
 
 
 def too_near(pair: tuple[str, str], lb: float, limit: float, points: tuple[Point, Point] | None) -> Reason:
-    """Return the reason for a pair of bodies without a proof that it keeps its limit.
+    """Return the reason for a pair of bodies that is not proven to keep its limit.
 
     Args:
         pair: Names of the bodies.

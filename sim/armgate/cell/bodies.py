@@ -17,8 +17,9 @@ class Body:
     """Body of the cell.
 
     Attributes:
-        name: ``FR/link_3``, or a surrounding's name; with ``/1``, ``/2``… for the convex parts of a mesh.
-        robot: Index of its robot, None for a surrounding.
+        name: ``FR/link_3``, or the name of a body of the surroundings; with ``/1``, ``/2``… for the convex
+            parts of a mesh.
+        robot: Index of its robot, None for the surroundings.
         index: Index in that robot's ``model.bodies``, or in ``cell.surroundings``.
         shape: Shape of the body.
         placement: Placement in its joint's frame (as ``ModelBody``), or in the world.
@@ -33,10 +34,10 @@ class Body:
 
 @dataclass(frozen=True)
 class SurroundingPart:
-    """Part of a surrounding.
+    """Part of a body of the surroundings.
 
     Attributes:
-        whole: Name of the surrounding.
+        whole: Name of the body.
         name: Name of the part.
         shape: Shape of the part.
         placement: Placement in the world.
@@ -77,7 +78,7 @@ def parts_of_shape(
 def collect_surroundings(
     config: CellConfig, outline: bool, errors: ErrorCollector
 ) -> tuple[SurroundingPart, ...]:
-    """Return the parts of all surroundings, and collect the errors of those that cannot be used."""
+    """Return the parts of all surroundings, and collect the errors of unusable ones."""
     parts: list[SurroundingPart] = []
     for name in config.surroundings:
         with errors.collecting():
@@ -116,7 +117,7 @@ def collect_bodies(
     for index, part in enumerate(surroundings):
         if part.name in taken:
             raise config.error(
-                ("surroundings", part.whole), f"{part.name!r} is the name of a robot's body too"
+                ("surroundings", part.whole), f"{part.name!r} is also the name of a robot's body"
             )
         bodies.append(Body(part.name, None, index, part.shape, part.placement))
     return tuple(bodies)

@@ -115,7 +115,7 @@ class Cell:
 
 
 def build_cell(config: CellConfig) -> Cell:
-    """Build the cell: read the URDFs, add gantries, frames and bodies, and check what needs the models.
+    """Build the cell: read the URDFs, add gantries, frames and bodies, and check values against the models.
 
     Meshes are cut last, because that may take minutes: everything else is checked before.
 

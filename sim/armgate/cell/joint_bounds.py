@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 RAMP = 0.25
 """Time in which a joint reaches full speed with the default acceleration and deceleration, s.
 
-It is equal for all joints, so that a fast wrist does not drag a slow axis through a long stop."""
+It is equal for all joints, because they brake together: the longest ramp determines the length of a stop."""
 
 LAG_DIFFERENCE_SHARE = 0.1
 """Default difference between the lags of a real robot's axes, as a share of its link's `lag`.

@@ -1,4 +1,4 @@
-"""Bounds of the motion of bodies, valid for every position whose prismatic joints are within given ends.
+"""Bounds of the motion of bodies, valid for every position whose prismatic joints are within given limits.
 
 A point of body b moves by its distance from the axis of joint j for each rad of j. To bound that distance,
 walk the chain from b back to j. Seen from the parent of the body's own joint, the points of the body lie on

@@ -19,7 +19,7 @@ class Pair:
 
     Attributes:
         a: Index of the first body in ``cell.bodies``: of the first robot, or nearer to the base.
-        b: Index of the second body in ``cell.bodies``, which may be a surrounding.
+        b: Index of the second body in ``cell.bodies``, which may be part of the surroundings.
         limit: Smallest clearance, m.
         kind: Bodies of one robot, of two robots, or of a robot and the surroundings.
     """
@@ -39,7 +39,8 @@ def collect_pairs(
     or on neighbouring joints, because they overlap at the joint, and the pairs of ``ignore_pairs``.
 
     Raises:
-        ConfigError: A name in ``ignore_pairs`` is neither a link nor a body of the robot, nor a surrounding.
+        ConfigError: A name in ``ignore_pairs`` is not that of a link or body, or (as the second of a pair)
+            not in the surroundings.
     """
     ignored: set[frozenset[str]] = set()
     for name, model in zip(config.robots, models, strict=True):
@@ -98,7 +99,7 @@ def _ignored(
 def _bodies_named(
     config: CellConfig, at: tuple[str, int, int], name: str, model: RobotModel, bodies: Sequence[Body]
 ) -> list[str]:
-    """Return the cell's names of the bodies of a link, body or surrounding of this name."""
+    """Return the cell's names of the bodies of the link or body of this name."""
     robot, number, i = at
     found = [f"{robot}/{body.name}" for body in model.bodies if name in (whole_name(body.name), body.link)]
     if not found and i == 1 and name in config.surroundings:
@@ -106,8 +107,8 @@ def _bodies_named(
     if not found:
         raise config.error(
             ("robots", robot, "ignore_pairs", number, i),
-            f"no link with a body, no body and (second of a pair) no surrounding is called {name!r}; "
-            f"expected {_known_names(model.bodies)}",
+            f"no body of the robot, and no link with a body, is called {name!r}; expected "
+            f"{_known_names(model.bodies)}; the second of a pair may also be in the surroundings",
         )
     return found
 

@@ -16,7 +16,7 @@ class EmulatedRobot:
     Args:
         q0: Position at the first cycle, rad or m for each joint.
         period: Time T between two cycles, s.
-        lag: Time constant τ, s, of all joints or of each joint; with 0 the robot follows at once.
+        lag: Time constant τ, s, of all joints or of each joint; with 0 the robot follows without lag.
 
     Raises:
         ValueError: The period is not positive, a lag is negative, or there is not one for each joint.

@@ -34,7 +34,7 @@ def test_status_has_state_positions_network_and_runner():
     status = bench("status")
     assert (status["ok"], status["state"], status["delay"], status["ipoc"]) == (True, "running", 0, 112)
     assert (status["setpoint"]["A1"], status["programmed"]["A1"]) == (0.05, 0.0)
-    assert status["network"]["to-krc"] == {"passed": 0, "lost": 0, "doubled": 0, "reordered": 0}
+    assert status["network"]["to-krc"] == {"passed": 0, "lost": 0, "duplicated": 0, "reordered": 0}
     assert (status["port"], status["slips"], status["unsent"]) == (4711, 0, 0)
 
 

@@ -110,7 +110,7 @@ def test_a_reply_affects_the_telegram_after_the_next():
     [
         (lambda ipoc: sen(int(ipoc) + 1, STEP), "wrong_ipoc", "expected 104, echoed unchanged"),
         (lambda ipoc: sen("0" + ipoc, STEP), "wrong_ipoc", "IPOC 0104 was not sent"),
-        (lambda ipoc: sen(int(ipoc) - 4, STEP), "late", "answers IPOC 100, 1 telegram(s) ago"),
+        (lambda ipoc: sen(int(ipoc) - 4, STEP), "late", "replies to IPOC 100, 1 telegram(s) ago"),
         (lambda ipoc: sen(ipoc, STEP, sentype="Other"), "sentype", "SENTYPE 'ImFree'"),
         (lambda ipoc: sen(ipoc, STEP)[:-3], "xml", "not well-formed"),
         (lambda ipoc: b"\x00" * 65507, "xml", "65507 bytes; expected at most 1024"),

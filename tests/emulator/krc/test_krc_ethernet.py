@@ -79,7 +79,7 @@ def test_rsi_2_files_with_units_and_protocol_are_read():
         ('TAG="AK.A1"', 'TAG="AK.A1.x"', "TAG='AK.A1.x'"),
         ('TAG="AK.A1"', 'TAG="A&lt;K"', "TAG='A<K'"),
         ('TAG="AK.A1"', 'TAG="AK.A2"', "AK.A2 occurs twice"),
-        ('TAG="AK.A1"', 'TAG="IPOC"', "IPOC is in every telegram"),
+        ('TAG="AK.A1"', 'TAG="IPOC"', "every telegram contains IPOC"),
         ('INDX="1"', 'INDX="2"', "RECEIVE, INDX: 2 occurs twice"),
         ('INDX="1"', 'INDX="65"', "INDX='65'; expected INTERNAL or a number from 1 to 64"),
         ('INDX="1"', "", "INDX=None"),

@@ -37,7 +37,7 @@ def test_duplicates_come_twice():
     channel = Channel("s", Disturbance(duplicate=0.3))
     out = through(channel)
     assert sorted(set(out)) == list(range(1000))
-    assert len(out) - 1000 == channel.counts["doubled"] > 200
+    assert len(out) - 1000 == channel.counts["duplicated"] > 200
 
 
 def test_reordering_swaps_neighbours():

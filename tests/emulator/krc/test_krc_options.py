@@ -100,7 +100,7 @@ def test_a_limit_is_one_number_or_names_every_axis_or_group_once(text):
 
 @pytest.mark.parametrize("text", ["1,5", "to-pc=1,to-pc=2", "to-pc=1,5"])
 def test_a_disturbance_is_given_once_for_each_direction(text):
-    with pytest.raises(KrcError, match=r"expected one number, as 0\.5"):
+    with pytest.raises(KrcError, match=r"expected one number, such as 0\.5"):
         options.parse_network(loss="0", duplicate="0", reorder="0", delay=text, jitter="0")
 
 

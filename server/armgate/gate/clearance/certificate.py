@@ -1,7 +1,7 @@
 """Certificate of a pair: a direction that an engine suggested, and the lower bound that its slab proves.
 
 Only lb = −h_B(−n) − h_A(n) is trusted. If it differs from coal's distance by more than ``GAP``, python-fcl is
-queried too and the better proof counts; such gaps are counted.
+queried too, and the larger bound is used; ``gaps`` is the number of such differences.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from armgate.gate.clearance.support import Cornered, Rows, support_of_one
 from armgate.gate.clearance.swept import Array, Swept
 
 GAP = 1e-4
-"""Difference between proof and engine distance above which the second engine is queried, m."""
+"""Difference between bound and engine distance above which the second engine is queried, m."""
 
 _GAIN = 1e-9
-"""A direction of an overlap is replaced if another one proves more by this, m: more than rounding."""
+"""Smallest gain of the bound for which a direction of an overlap is replaced, m; above rounding errors."""
 
 
 @dataclass(slots=True)
 class Budget:
-    """Number of engine evaluations left; a command whose budget is used up is refused, never guessed."""
+    """Number of engine evaluations left; a pair that needs more of them counts as too near."""
 
     left: int
 
@@ -35,8 +35,8 @@ class Budget:
 
 
 @dataclass(frozen=True, slots=True)
-class Proof:
-    """A direction (mine to theirs), the bound it proves at one node of each side, the engine's points."""
+class Certificate:
+    """Direction (mine to theirs), the bound that it proves at one node of each side, and witness points."""
 
     n: Array
     lb: float
@@ -53,8 +53,8 @@ class Certifier:
         self.queries = 0
         self.gaps = 0
 
-    def prove(self, group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]) -> Proof:
-        """Prove a lower bound for the group's k-th pair with both sides standing at the nodes ``at``.
+    def prove(self, group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]) -> Certificate:
+        """Prove a lower bound for the group's k-th pair with the two sides at the nodes ``at``.
 
         For a group of one chain ``theirs`` is the same as ``mine``.
         """
@@ -66,14 +66,14 @@ class Certifier:
         n, lb, points = self._best(a, b)
         if isinstance(group, ChainGroup):
             n = n @ a.R
-        return Proof(n, lb, points)
+        return Certificate(n, lb, points)
 
     def _best(self, a: "_Posed", b: "_Posed") -> tuple[Array, float, tuple[Point, Point]]:
         suggestion = self._first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
         lb = _slab(a, b, suggestion.normal)
         if (
             abs(suggestion.distance - lb) > GAP
-        ):  # below lb: coal gave up, which happens for overlapping bodies
+        ):  # below lb: coal ended early, which happens for overlapping bodies
             self.gaps += 1
             other = self._second.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
             second = _slab(a, b, other.normal)

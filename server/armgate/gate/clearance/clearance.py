@@ -1,13 +1,13 @@
 """Clearance of occupancies: certified, for every timing, at a cost that depends on the near pairs only.
 
 For every pair, a lower bound of the distance between the occupancies that the robots *hold* is kept, with the
-direction that proved it. A new occupancy goes through four stages, each only for the pairs that the one
-before left open:
+direction that proved it. A new occupancy is checked in four stages, each only for the pairs that the
+previous stage left open:
 
 1. the kept bound less the growth of the occupancy: Σ_j R_j·|C′ − C|_j, one product for all pairs;
-2. the swept slab with the kept direction: no engine is queried while it still separates;
-3. the engine, at the nodes that bind, for a new direction of the whole slab;
-4. subdivision of both occupancies into cells, each with its own direction.
+2. the swept slab with the kept direction: no engine is queried while it separates the pair;
+3. an engine query at the binding nodes, for a new direction of the whole slab;
+4. subdivision of both occupancies into parts, each with its own direction.
 
 Stages 3 and 4 share one small budget per command. If it is used up, the pair counts as too near. So does a
 pair whose bound is not a number.
@@ -88,7 +88,7 @@ class Clearance:
         return np.asarray(self.screen.pairs[robot].growth @ step)
 
     def mark_maybe_below(self) -> None:
-        """Note that some bound may be below its limit: all were proven anew, or a plan was staged unchecked.
+        """Record that a bound may be below its limit: all were proven anew, or a plan was staged unchecked.
 
         A check keeps all limits that are kept already. So once no bound of a robot is below its limit,
         `below` need not compare until the next call of this method.
@@ -130,7 +130,7 @@ class Clearance:
                 self.prove_held(robot, pair, Budget(_PROVE_ALL_BUDGET))
 
     def _proven(self, robot: int, group: Group) -> Array:
-        """Return the bounds that kept and guessed directions prove of a group, (P,); keep the better ones."""
+        """Return the bounds of a group by kept and guessed directions, (P,); keep the better directions."""
         best = np.full(len(group.ids), -np.inf)
         if group.other is not None and not self.held[group.other]:
             return best
@@ -152,12 +152,13 @@ class Clearance:
     def check(
         self, robot: int, new: Swept, step: Array | None, need: Array, budget: Budget
     ) -> ClearanceResult:
-        """Check a new occupancy of one robot against everything that the others hold.
+        """Check a new occupancy of one robot against the occupancies that the others hold.
 
         Args:
             robot: Its index.
             new: The occupancy to check.
-            step: How far it extends the held one per joint; None if the kept bounds do not apply to it.
+            step: Distance by which it extends the held one per joint; None if the kept bounds do not apply to
+                it.
             need: The distance that each of its P pairs must keep, m, (P,).
             budget: Engine evaluations left for this command.
         """
@@ -173,7 +174,7 @@ class Clearance:
         return ClearanceResult(lb, None)
 
     def point_bound(self, robot: int, pair: int, q: Joints) -> float:
-        """Return a tight bound of one pair with the robot standing at ``q``, and the others as they hold."""
+        """Return a tight bound of one pair with the robot at ``q`` and the others in what they hold."""
         group, k = self.find(robot, pair)
         still = self.space.still(robot, q)
         sides = self._others(group, robot, still)
@@ -195,23 +196,23 @@ class Clearance:
         return np.asarray(np.min(lb, axis=0) - MARGIN)
 
     def _prove(self, check: PairCheck, budget: Budget) -> PairBound:
-        """Run stages 3 and 4 for one pair: a new direction for the whole, then cells; return the bound."""
+        """Run stages 3 and 4 for one pair: a new direction for the whole, then parts; return the bound."""
         best = PairBound(-np.inf, None)
         n = self.kept_n(check.group, check.sel)
         for _ in range(_DIRECTIONS):
             at = self._binding_nodes(check, n)
             if at is None or not budget.take():
                 return best
-            proof = self.certifier.prove(check.group, check.k, check.new, *at)
-            n = proof.n[None, :]
+            certificate = self.certifier.prove(check.group, check.k, check.new, *at)
+            n = certificate.n[None, :]
             lb = float(self._slab(check.group, check.robot, check.new, check.sel, n)[0])
             if lb > best.lb:
-                self.keep_n(check.group, check.k, proof.n)
-            best = PairBound(max(best.lb, lb), proof.points)
-            if best.lb >= check.need or not proof.lb - check.loss(at[0]) >= check.need:
+                self.keep_n(check.group, check.k, certificate.n)
+            best = PairBound(max(best.lb, lb), certificate.points)
+            if best.lb >= check.need or not certificate.lb - check.loss(at[0]) >= check.need:
                 return best
         sides = self._others(check.group, check.robot, check.new)
-        proven = all(self._prove_cells(check, side, budget) for side in sides)
+        proven = all(self._prove_parts(check, side, budget) for side in sides)
         return PairBound(check.need, best.points) if proven else best
 
     def _binding_nodes(self, check: PairCheck, n: Array) -> tuple[Swept, tuple[int, int]] | None:
@@ -223,25 +224,25 @@ class Clearance:
                 worst, at = lb[0], (side, (int(mine[0]), int(theirs[0])))
         return at
 
-    def _prove_cells(self, check: PairCheck, side: Swept, budget: Budget) -> bool:
-        """Halve segments until each cell of both occupancies is proven, one is not, or the budget ends."""
+    def _prove_parts(self, check: PairCheck, side: Swept, budget: Budget) -> bool:
+        """Halve segments until all parts are proven, a part cannot be proven, or the budget is used up."""
         other = [side.nodes] if check.moving is None else segments(side.nodes)
         stack = [(a, b) for a in segments(check.new.nodes) for b in other]
         while stack:
             a, b = stack.pop()
             if not budget.take():
                 return False
-            proof = self.certifier.prove(
-                check.group, check.k, *self._cell(check, side, middle(a), middle(b)), (0, 0)
+            certificate = self.certifier.prove(
+                check.group, check.k, *self._part(check, side, middle(a), middle(b)), (0, 0)
             )
-            if not proof.lb - check.loss(side) >= check.need:
-                return False  # too near at this position: smaller cells prove no more
-            lb, _, _ = check.group.slab(*self._cell(check, side, a, b), check.sel, proof.n[None, :])
+            if not certificate.lb - check.loss(side) >= check.need:
+                return False  # too near at this position: smaller parts would be too
+            lb, _, _ = check.group.slab(*self._part(check, side, a, b), check.sel, certificate.n[None, :])
             if not lb[0] - MARGIN >= check.need:
                 stack.extend(self._halve(check, a, b))
         return True
 
-    def _cell(self, check: PairCheck, side: Swept, a: Array, b: Array) -> tuple[Swept, Swept]:
+    def _part(self, check: PairCheck, side: Swept, a: Array, b: Array) -> tuple[Swept, Swept]:
         """Return both sides over the nodes ``a`` and ``b`` only."""
         mine = self.space.sweep_nodes(check.robot, a, check.new.tube)
         if check.moving is None:

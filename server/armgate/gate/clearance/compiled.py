@@ -33,7 +33,7 @@ def available() -> bool:
 
 
 def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Screen:
-    """Return the screen; both forms are equal to rounding.
+    """Return the screen; both forms agree up to rounding errors.
 
     Args:
         space: The cell's bodies.
@@ -67,13 +67,13 @@ class CompiledScreen(Screen):
         space.place_with(self._placer(space.cell))
 
     def replace(self, robot: int, own: RobotPairs) -> None:
-        """Take other motion bounds for a robot's pairs."""
+        """Replace the motion bounds of a robot's pairs."""
         super().replace(robot, own)
         self._cell = (*self._cell[:4], *_bounds(self._space))
         self._own[robot] = _pack_pairs(own)
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Note the held occupancies of a robot; they are written at the next query that needs them."""
+        """Store the held occupancies of a robot; they are written at the next query that needs them."""
         self._held[robot] = swept
         self._nodes[3][robot] = _STALE
 
@@ -113,9 +113,9 @@ class CompiledScreen(Screen):
 
 @cache
 def prepare() -> None:
-    """Compile all kernels, or load them from numba's cache: some seconds the first time, else under one.
+    """Compile all kernels (some seconds), or load them from numba's cache (less than a second).
 
-    After this no call compiles: arguments of another type are an error. The constructor of `CompiledScreen`
+    After this no call compiles: arguments of another type raise an error. The constructor of `CompiledScreen`
     calls it, so that no tick waits for a compiler.
 
     Raises:
@@ -139,7 +139,7 @@ def prepare() -> None:
 
 
 def _kernels() -> ModuleType:
-    return import_module("armgate.gate.clearance.kernels")  # late: importing numba takes about a second
+    return import_module("armgate.gate.clearance.kernels")  # here, because importing numba takes a second
 
 
 def pack_cell(space: Space) -> tuple[Any, ...]:
@@ -155,7 +155,7 @@ def pack_cell(space: Space) -> tuple[Any, ...]:
 
 
 def _bounds(space: Space) -> tuple[Array, Array]:
-    """Return motion and bend bounds of all bodies of the cell, as wide as the robot with most joints."""
+    """Return motion and bend bounds of all bodies, padded to the number of joints of the largest robot."""
     models = [r.model for r in space.cell.robots]
     bodies, widest, first = len(space.cell.bodies), max(m.n for m in models), 0
     motion, bend = np.zeros((bodies, widest)), np.zeros((bodies, widest, widest))

@@ -1,11 +1,11 @@
 """Distance engines: they suggest a direction; the support functions prove the distance.
 
 coal (the engine inside pin) comes first, with its tolerance set to 1e-8: at its default it errs by up to
-0.6 mm. python-fcl, another implementation, is queried if the proof falls short of coal's distance. In
-measurements python-fcl alone over-reported by up to 43 mm for cylinders: neither engine is ever trusted.
+0.6 mm. python-fcl, another implementation, is queried if the proven bound is below coal's distance. In
+measurements python-fcl alone over-reported distances of cylinders by up to 43 mm: no engine is ever trusted.
 
-Both get a convex body's hull without its radius, which is subtracted afterwards: hulls that are apart still
-have a direction when the bodies around them touch.
+Both engines receive a convex body's hull without its radius, which is subtracted afterwards: separate hulls
+still have a direction when the bodies around them touch.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ _TOUCHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """Answer of an engine: signed distance, unit direction from a to b, witness points (world)."""
+    """Result of an engine: signed distance, unit direction from a to b, witness points (world)."""
 
     distance: float
     normal: Array
@@ -55,7 +55,7 @@ class CoalEngine:
         self._result = coal.DistanceResult()
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
-        """Query coal; its normal is taken if the bodies touch, because the points then give no direction."""
+        """Query coal; its normal is used if the bodies touch, because the points then give no direction."""
         self._result.clear()
         place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
         d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, self._result)
@@ -91,7 +91,7 @@ def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
 
 
 def _radius(shape: Shape) -> float:
-    """Return the radius that is missing around an engine's shape, m."""
+    """Return the radius of a body around the shape that the engine receives, m."""
     return shape.radius if isinstance(shape, Convex) else 0.0
 
 
@@ -103,7 +103,7 @@ def _thickened(found: Suggestion, radius_a: float, radius_b: float) -> Suggestio
 
 
 def _engine_shape(engine: ModuleType, shape: Shape, hull: Callable[[Convex], Any]) -> Any:
-    """Return a shape of an engine; both engines give the same names and arguments to primitives."""
+    """Return a shape of an engine; both engines use the same names and arguments for primitives."""
     match shape:
         case Sphere(radius=r):
             return engine.Sphere(r)

@@ -1,6 +1,6 @@
 """Kinematics and slabs compiled by numba: the same formulas as in the numpy modules, as loops.
 
-Each kernel names the numpy function that it repeats; that one explains the formula and names the kernel.
+Each kernel names the numpy function that it repeats; that function explains the formula and names the kernel.
 `tests/gate/test_screen.py` compares the two forms. All kernels are in one file, because numba's cache checks
 only the file of the function that it compiled: a change in this file compiles everything anew.
 """
@@ -229,7 +229,7 @@ def _chained(cell, pair, n, R, t):
 
 @kernel
 def _apart(cell, held, pair, n, new):
-    """`Group.slab` of one pair whose sides move at their own time; ``new`` is the occupancy of its robot."""
+    """`Group.slab` of one pair whose sides move independently; ``new`` is the occupancy of its robot."""
     robots, bodies = cell[0], cell[2]
     R, t, deviation = new
     mine, theirs = bodies[pair.mine], bodies[pair.theirs]

@@ -1,10 +1,10 @@
 """Range of joint positions for which a robot's motion bounds hold.
 
-Only the travel of a prismatic joint behind a revolute one counts: it is the length of a lever. The range
-begins as the joint limits and the configured start. A robot may be found elsewhere: started outside its
+Only the travel of a prismatic joint behind a revolute one counts: it is the length of a lever. At first the
+range covers the joint limits and the configured start. A robot may be found elsewhere: started outside its
 limits, pushed by hand, or measured wrong. Then the range is fitted to the positions that the robot may have,
 with some room, so that a robot that goes on moving does not need new bounds each tick. When the robot is back
-inside, its own range applies again.
+inside, the first range applies again.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class LeverRange:
     Attributes:
         own: Ends of the limits and the configured start.
         ends: Ends as fitted.
-        levers: Joints that count.
+        levers: Prismatic joints behind a revolute one.
     """
 
     own: tuple[Array, Array]

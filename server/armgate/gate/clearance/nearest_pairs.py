@@ -1,8 +1,8 @@
 """Nearest pairs at the measured positions, for the state: lower bounds, of which the lowest is tight.
 
 A lower bound is kept for every pair and lowered by the motion of its robots. The engine measures the pairs
-with the lowest bounds until the lowest bound is a fresh one: then no pair can be nearer than that. So only
-near pairs cost anything.
+with the lowest bounds until the lowest bound is a measured one: then no pair can be nearer than that. So only
+near pairs need the engine.
 """
 
 from bisect import insort
@@ -13,7 +13,7 @@ import numpy as np
 
 from armgate.cell.cell import Cell
 from armgate.events import Joints, Nearest
-from armgate.gate.clearance.certificate import Proof
+from armgate.gate.clearance.certificate import Certificate
 from armgate.gate.clearance.clearance import Clearance
 from armgate.gate.clearance.pair_check import in_pair_order
 from armgate.gate.clearance.pair_groups import Group
@@ -51,21 +51,23 @@ class NearestPairs:
             self._follow(i, q)
         ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
         margin = self._margin.take(ids)
-        proofs: dict[int, Proof] = {}
+        certificates: dict[int, Certificate] = {}
         for query in range(1, _REFRESHES + 1):
-            stale = [k for k in self._lowest(robot, margin) if k not in proofs]
+            stale = [k for k in self._lowest(robot, margin) if k not in certificates]
             if not stale:
                 break
             if query % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
                 self._measure(robot, _first(margin, _MANY), margin)
                 continue
             k = stale[0]
-            proofs[k] = self._refresh(robot, int(ids[k]))
-            margin[k] = proofs[k].lb - limits[k]
+            certificates[k] = self._refresh(robot, int(ids[k]))
+            margin[k] = certificates[k].lb - limits[k]
         self._margin[ids] = margin
         shown = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
         return {
-            int(ids[k]): self._entry(robot, int(ids[k]), proofs.get(k)) for k in shown if isfinite(margin[k])
+            int(ids[k]): self._entry(robot, int(ids[k]), certificates.get(k))
+            for k in shown
+            if isfinite(margin[k])
         }
 
     def exact(self, robot: int, measured: Sequence[Joints], count: int) -> dict[int, Nearest]:
@@ -74,21 +76,24 @@ class NearestPairs:
             self._follow(i, q)
         ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
         left, tight = self._margin.take(ids), [np.inf] * count
-        proofs: dict[int, Proof] = {}
-        while len(proofs) < len(ids):
+        certificates: dict[int, Certificate] = {}
+        while len(certificates) < len(ids):
             k = int(left.argmin())
             if left[k] >= max(0.0, tight[count - 1]):
                 break  # the pairs left cannot be nearer than their bounds
-            proofs[k] = self._refresh(robot, int(ids[k]))
-            self._margin[ids[k]] = proofs[k].lb - limits[k]
+            certificates[k] = self._refresh(robot, int(ids[k]))
+            self._margin[ids[k]] = certificates[k].lb - limits[k]
             insort(tight, float(self._margin[ids[k]]))
             left[k] = np.inf
-        return {int(ids[k]): self._entry(robot, int(ids[k]), proof) for k, proof in proofs.items()}
+        return {
+            int(ids[k]): self._entry(robot, int(ids[k]), certificate)
+            for k, certificate in certificates.items()
+        }
 
     def _follow(self, robot: int, q: Joints | None) -> None:
         """Lower the bounds of a robot's pairs by its motion since the last call.
 
-        They are found anew when its position is known first, and when its motion bounds have changed.
+        They are computed anew when its position becomes known, and when its motion bounds have changed.
         """
         last, self._last[robot] = self._last[robot], q
         if q is None or q == last:
@@ -121,17 +126,17 @@ class NearestPairs:
             kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
             margin[here] = np.maximum(kept, lb - group.limit[sel])
 
-    def _refresh(self, robot: int, pair: int) -> Proof:
+    def _refresh(self, robot: int, pair: int) -> Certificate:
         group, k = self._clearance.find(robot, pair)
         mine, side = self._still[robot], self._side(group)
-        assert mine is not None  # its margin is known, so both positions are
+        assert mine is not None  # its margin is known, so both positions are known
         assert side is not None
-        proof = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
-        self._clearance.keep_n(group, k, proof.n)
-        return proof
+        certificate = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
+        self._clearance.keep_n(group, k, certificate.n)
+        return certificate
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
-        """Return the places of the lowest known margins: of all pairs, and of the pairs with others."""
+        """Return the places of the lowest known margins: of all pairs, and of those with other bodies."""
         lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
         if len(others):
@@ -141,10 +146,10 @@ class NearestPairs:
     def _side(self, group: Group) -> Swept | None:
         return self._clearance.space.static if group.other is None else self._still[group.other]
 
-    def _entry(self, robot: int, pair: int, proof: Proof | None) -> Nearest:
+    def _entry(self, robot: int, pair: int, certificate: Certificate | None) -> Nearest:
         c = self._clearance
         limit = float(c.limits[pair])
-        points = None if proof is None else in_pair_order(*c.find(robot, pair), proof.points)
+        points = None if certificate is None else in_pair_order(*c.find(robot, pair), certificate.points)
         return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
 
 

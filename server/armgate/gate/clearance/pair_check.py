@@ -1,4 +1,4 @@
-"""Check of one pair: the distance that it must keep, the bound found for it, and cells of an occupancy."""
+"""Check of one pair: the distance that it must keep, the bound found for it, and parts of an occupancy."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from armgate.gate.clearance.swept import Array, Index, Swept
 
 @dataclass(frozen=True, slots=True)
 class Binding:
-    """A pair that an occupancy comes too near to: its proven bound, the distance needed, witness points."""
+    """Pair whose distance is too small: its proven bound, the distance to keep, and witness points."""
 
     pair: int
     lb: float
@@ -37,11 +37,11 @@ class PairCheck:
 
     @property
     def moving(self) -> int | None:
-        """Robot at the other side that moves at its own time; None if there is none."""
+        """Robot at the other side that moves independently; None if there is none."""
         return None if isinstance(self.group, ChainGroup) else self.group.other
 
     def loss(self, side: Swept) -> float:
-        """Return the distance that the tubes alone cost; no subdivision regains it."""
+        """Return the part of the distance that the tubes take; subdivision cannot reduce it."""
         loss = self.group.growth[self.k] @ self.new.tube
         if self.moving is not None:
             loss += side.motion[self.group.theirs[self.k]] @ side.tube

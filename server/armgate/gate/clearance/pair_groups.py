@@ -1,8 +1,8 @@
 """Pairs of one robot, grouped by the other side: another robot, static bodies, or the robot itself.
 
-The two sides of a pair move at their own time, so for one direction each is bounded alone. Only two bodies
-of one chain move together: their pair is described in the frame of the nearer body, where only the joints
-between them move.
+The two sides of a pair move independently in time, so for one direction each is bounded alone. Only two
+bodies of one chain move together: their pair is described in the frame of the nearer body, where only the
+joints between them move.
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class ChainGroup(Group):
-    """Pairs of two bodies of one chain; ``mine`` is the body nearer to the base, directions are in its frame.
+    """Pairs of two bodies of one chain; ``mine`` is the body nearer to the base; directions use its frame.
 
     ``growth`` and ``bend`` (P, n, n) count only the joints between the two bodies.
     """
@@ -71,9 +71,10 @@ class ChainGroup(Group):
     bend: Array
 
     def slab(self, mine: Swept, theirs: Swept, sel: Index, n: Array) -> tuple[Array, Index, Index]:
-        """Return the same for two bodies at one time; directions are in the nearer body's frame.
+        """Return lower bounds and binding nodes for two bodies at one time.
 
-        ``theirs`` is not used. The compiled form is ``kernels._chained``.
+        Directions use the nearer body's frame; ``theirs`` is not used. The compiled form is
+        ``kernels._chained``.
         """
         del theirs
         base_R, base_t = mine.R[:, self.mine[sel]], mine.t[:, self.mine[sel]]

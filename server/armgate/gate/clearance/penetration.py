@@ -1,9 +1,9 @@
-"""Direction of an overlapping pair: the one in which the bodies need the shortest way to come apart.
+"""Direction of an overlapping pair: that of the shortest translation which separates the bodies.
 
 In penetration the signed distance is max over n of n·(t_b − t_a) − h_a(n) − h_b(−n), a function with many
 local maxima, and engines stop at poor ones: for two crossing capsules the result was up to 184 mm too low.
 The maximum of primitives is nearly always at an axis of one body, or across an axis of each. So these are
-tried, and the best are turned until no turn is better. Any direction proves its own bound.
+tried, and the best ones are rotated in small steps until no rotation is better. Any direction gives a bound.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from armgate.gate.clearance.swept import Array
 
 _SHORT = 1e-9
 _SAME = 1e-9
-"""Bounds that differ by less are the same, m: of those, the first direction is taken."""
+"""Difference up to which bounds count as equal, m; the first of their directions is used."""
 
 _STARTS, _TURNS, _FIRST = 4, 24, 0.2
-"""Number of directions that are turned, number of steps, and size of the first step (rad)."""
+"""Number of directions that are rotated, number of steps, and size of the first step (rad)."""
 
 Posed = tuple[Rows, Array, Array]
 """Support parameters of a body, R (3, 3) and t (3,)."""
@@ -31,7 +31,7 @@ def tried_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
 
 
 def turned_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
-    """Return the best direction that turning finds, starting from the best ones of `tried_direction`."""
+    """Return the best direction after rotations of the best ones of `tried_direction`, and its bound, m."""
     n = _candidates(a, b, n)
     n = n[np.argsort(-separations(a, b, n), kind="stable")[:_STARTS]]
     best, step = separations(a, b, n), np.full(len(n), _FIRST)
@@ -49,7 +49,7 @@ def turned_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
 
 
 def separations(a: Posed, b: Posed, n: Array) -> Array:
-    """Return what each unit direction, (k, 3), a to b, proves of the signed distance, m, (k,)."""
+    """Return the lower bound of the signed distance by each unit direction, (k, 3), a to b, m, (k,)."""
     (row_a, R_a, t_a), (row_b, R_b, t_b) = a, b
     near, far = (_reach(row, v) for row, v in ((row_a, n @ R_a), (row_b, -(n @ R_b))))
     return np.asarray(n @ (t_b - t_a) - near - far)
@@ -70,5 +70,5 @@ def _candidates(a: Posed, b: Posed, n: Array) -> Array:
 
 
 def _first(separation: Array) -> int:
-    """Return the first of the largest: compiled and numpy forms differ by rounding only."""
+    """Return the first index of the largest value, up to `_SAME`: both forms differ by rounding only."""
     return int(np.argmax(separation > separation.max() - _SAME))

@@ -2,7 +2,7 @@
 
 Few pairs are left open by the kept bounds, but they belong to many groups: with each other robot, with
 static bodies, with the robot itself. The held occupancies of all robots are in one table by body, so that one
-pass of array operations takes all open pairs together. Only pairs of one chain, whose bodies move together,
+pass of array operations treats all open pairs together. Only pairs of one chain, whose bodies move together,
 need another formula.
 
 A bound that is not a number proves nothing: comparisons are written so that its pair stays open.
@@ -25,8 +25,8 @@ MARGIN = 1e-9
 """Allowance for floating-point rounding, by which every bound is lowered, m."""
 
 _AHEAD = 8.0
-"""Number of steps to look ahead: pairs that would be open after as many more steps are tried together with
-the open ones. Most of a pass is overhead, so that most decisions need none."""
+"""Number of further steps of the same size: pairs that would be open after them are tried together with the
+open ones. The cost of a pass hardly depends on its number of pairs, so fewer passes are faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
 
 
 class Screen:
-    """Numpy screen: lowers a robot's kept bounds, and tries the kept directions of pairs that fall too low.
+    """Numpy screen: lowers a robot's kept bounds, and tries the kept directions of pairs with low bounds.
 
     Args:
         space: The cell's bodies.
@@ -82,11 +82,11 @@ class Screen:
         self._table = _Table(space)
 
     def replace(self, robot: int, own: RobotPairs) -> None:
-        """Take other motion bounds for a robot's pairs."""
+        """Replace the motion bounds of a robot's pairs."""
         self.pairs[robot] = own
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Note the held occupancies of a robot."""
+        """Store the held occupancies of a robot."""
         self._table.hold(robot, swept)
 
     def run(
@@ -97,7 +97,8 @@ class Screen:
         Args:
             robot: Index of the robot.
             new: The occupancy to check.
-            step: How far it extends the held one per joint; None if the kept bounds do not apply to it.
+            step: Distance by which it extends the held one per joint; None if the kept bounds do not apply to
+                it.
             need: The distance that each of the robot's P pairs must keep, m, (P,).
             kept: The kept bounds of the robot's pairs, m, (P,), and the directions of all pairs of the cell,
                 first body to second, (…, 3).
@@ -116,7 +117,7 @@ class Screen:
         return lb, left[~(lb[left] >= need[left])]
 
     def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
-        """Return the open pairs and those that will be open soon, ascending, of the sides needed anyway."""
+        """Return the open pairs, and pairs in their groups that will be open soon, ascending."""
         soon = (short > -_AHEAD * (own.growth @ step)).nonzero()[0]
         needed = np.zeros(len(own.side), dtype=np.bool_)
         needed[own.side[left]] = True
@@ -158,12 +159,12 @@ class _Table:
             self._deviation[:, mine] = np.inf
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
-        """Note the held occupancies of a robot; they are written at the next query that needs them."""
+        """Store the held occupancies of a robot; they are written at the next query that needs them."""
         self._held[robot] = swept
         self._stale.add(robot)
 
     def slabs(self, robot: int, new: Swept, mine: Index, theirs: Index, n: Array) -> Array:
-        """Return lower bounds, (P,), for pairs of independent sides, ``robot`` anywhere in ``new``."""
+        """Return lower bounds, (P,), for pairs of independent sides, with ``robot`` in ``new``."""
         owner = self._owner[theirs]
         for other in [k for k in self._stale if k != robot and (owner == k).any()]:
             self._write(other, self._held[other])

@@ -1,13 +1,14 @@
 """Support functions: the reach of a convex body in a direction.
 
-h_X(v) = max over x in X of v·x. A separating slab is its own proof: for any unit n,
-lb = −h_B(−n) − h_A(n) never exceeds the signed distance of A and B, no matter how n was found. Most
-primitives share one form,
+h_X(v) = max over x in X of v·x. The slab of two bodies A and B is between the planes with the unit normal n
+that support them. Its width lb = −h_B(−n) − h_A(n) never exceeds their signed distance, for any n. So n is a
+certificate, however it was found. Most primitives share one form,
 
     h(v) = hx|vx| + hy|vy| + hz|vz| + disk·√(vx² + vy²) + radius·|v|,
 
-a box with half sides h, a segment (hz), a disk and a ball added together: sphere (radius), capsule (hz +
-radius), cylinder (disk + hz), box (hx, hy, hz). A body with corners p_k that carry level disks of radius d_k,
+the Minkowski sum of a box with half sides h, a segment (hz), a disk and a ball: sphere (radius), capsule (hz
++ radius), cylinder (disk + hz), box (hx, hy, hz). A body with corners p_k, each with a disk of radius d_k
+across z,
 
     h(v) = max_k (p_k·v + d_k·√(vx² + vy²)) + radius·|v|,
 
@@ -38,7 +39,8 @@ class Cornered:
     Attributes:
         rows: Parameters as for primitives, (…, 5); of a body with corners only the radius counts.
         body: Index into ``corners`` of each body, −1 for a primitive, (…).
-        corners: x, y, z and disk of every body with corners, (b, most corners, 4); the last one repeats.
+        corners: x, y, z and disk of every body with corners, (b, most corners, 4); the last corner is
+            repeated.
     """
 
     rows: Array
@@ -56,7 +58,7 @@ Rows = Array | Cornered
 
 
 def support_row(shape: Shape) -> tuple[float, float, float, float, float]:
-    """Return (hx, hy, hz, disk, radius) of one shape, m; for a shape with corners the part without them."""
+    """Return (hx, hy, hz, disk, radius) of one shape, m; the radius only for a shape with corners."""
     match shape:
         case Sphere(radius=r):
             return 0.0, 0.0, 0.0, 0.0, r
@@ -104,7 +106,7 @@ def support(rows: Rows, v: Array) -> Array:
 
     Args:
         rows: Support parameters of P bodies, or of one.
-        v: Directions in the bodies' frames, (…, P, 3), or (3,) for one; of length one.
+        v: Unit directions in the bodies' frames, (…, P, 3), or (3,) for one.
     """
     if isinstance(rows, Cornered):
         return _with_corners(rows, v)
@@ -115,7 +117,7 @@ def support(rows: Rows, v: Array) -> Array:
 
 
 def support_of_one(row: Rows, v: Array) -> float:
-    """Return h(v) of one body in the direction v, (3,): the same numbers, without arrays of length one."""
+    """Return h(v) of one body in the direction v, (3,), as `support`, without arrays of length one."""
     if isinstance(row, Cornered):
         return float(_with_corners(row, v))
     hx, hy, hz, disk, radius = row.tolist()

@@ -53,7 +53,7 @@ class Swept:
 
     @cached_property
     def placements(self) -> tuple[Array, Array]:
-        """R (m, nb, 3, 3) and t (m, nb, 3)."""
+        """Placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3)."""
         return self.place()
 
     @property
@@ -142,7 +142,7 @@ class Space:
         return True
 
     def place_with(self, place: Place) -> None:
-        """Place bodies by another form of the same kinematics."""
+        """Use another implementation of the same kinematics."""
         self._place = place
 
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
@@ -154,11 +154,11 @@ class Space:
         return self._swept(robot, np.array(occupied.nodes), np.array(occupied.tube), place)
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
-        """Return the same for nodes (m, n) and a tube (n,) that are used once: placements are not kept."""
+        """Return a robot's bodies over nodes (m, n) with a tube (n,), without keeping the placements."""
         return self._swept(robot, nodes, tube, lambda: _stacked([self._place(robot, q) for q in nodes]))
 
     def still(self, robot: int, q: Joints) -> Swept:
-        """Return a robot's bodies with the robot standing at ``q``."""
+        """Return a robot's bodies at ``q``, at rest."""
         return self.sweep(robot, Occupancy((q,), (0.0,) * len(q)))
 
     def _swept(

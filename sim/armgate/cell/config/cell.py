@@ -56,15 +56,15 @@ class CellConfig(ConfigModel):
     self_distance: Size = 0.02
     """Smallest clearance between bodies of one robot [m]."""
     response: Literal["stop", "slow"] = "stop"
-    """Response to a command that would come too near.
+    """Response to a command that would bring the robot too near to another body.
 
-    ``stop`` stops the robot in front of the obstacle; ``slow`` lets it glide up to the obstacle."""
+    ``stop`` refuses the command, and the robot brakes; ``slow`` admits the part that keeps the distance."""
     max_age_ticks: Annotated[int, Field(ge=1, le=1000)] = 3
     """Largest age of the state on which a command is based [ticks].
 
     Raise it for clients with slow connections."""
     robots: Annotated[dict[Name, RobotConfig], Field(min_length=1, max_length=MAX_ROBOTS)]
-    """Robots by name; in lock-step, commands are judged in this order."""
+    """Robots by name; in lock-step, commands are decided in this order."""
     surroundings: Annotated[dict[Name, SurroundingConfig], Field(max_length=MAX_SURROUNDINGS)] = {}
     """Bodies that stand still in the world, by name."""
     clock: Annotated[WallClockConfig | LockstepClockConfig, Field(discriminator="kind")] = WallClockConfig()

@@ -43,7 +43,7 @@ class TlsConfig(ConfigModel):
 
 
 class SocketConfig(ConfigModel):
-    """Unix socket for clients of this machine, whose user the kernel identifies."""
+    """Unix socket for clients on this machine; the kernel identifies the user of each client."""
 
     path: str
     """Path of the socket, relative to the file that contains the key."""
@@ -86,7 +86,7 @@ class ServerConfig(ConfigModel):
 
     It is also the largest number of sessions with one token."""
     connection_rate: Annotated[float, Field(gt=0.0)] = 100.0
-    """Connections accepted on average, after a first 32 [1/s]; others wait in the system's queue."""
+    """Connections accepted on average, after the first 32 [1/s]; others wait in the system's queue."""
     signal_rate: Annotated[float, Field(gt=0.0)] = 1000.0
     """Signals that one client may send on average [1/s]; others are dropped."""
     signals_per_client: Annotated[int, Field(ge=1, le=64)] = 32
@@ -98,21 +98,21 @@ class ServerConfig(ConfigModel):
     message_rate: Annotated[float, Field(gt=0.0)] = 2000.0
     """Messages read from one client on average [1/s]; others wait. Not in lock-step."""
     message_rate_per_identity: Annotated[float, Field(gt=0.0)] = 3000.0
-    """The same for all clients with one token, or at one address if there are no tokens [1/s]."""
+    """Messages read from all clients with one token, or at one address if there are no tokens [1/s]."""
     message_rate_per_address: Annotated[float, Field(gt=0.0)] = 4000.0
-    """The same for all clients at one address [1/s]."""
+    """Messages read from all clients at one address [1/s]."""
     message_rate_in_all: Annotated[float, Field(gt=0.0)] = 6000.0
-    """The same for all clients together [1/s]."""
+    """Messages read from all clients together [1/s]."""
     login_failures: Annotated[float, Field(ge=1.0)] = 100.0
     """Wrong tokens that are logged one by one, on average [1/min]; further ones are counted."""
     login_failures_per_address: Annotated[float, Field(ge=1.0)] = 10.0
-    """The same for one address [1/min]."""
+    """Wrong tokens from one address that are logged one by one, on average [1/min]."""
     handshake_timeout: Period = 5.0
     """Time that a new connection may take for TLS, and again until its hello [s]."""
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
     """Answers and verdicts that may wait for a client that does not read before it is disconnected [bytes].
 
-    States never count."""
+    States are not counted."""
     robot_server: str | None = None
     """Socket of the robot server that holds the robots, relative to the file that contains the key.
 
@@ -120,17 +120,17 @@ class ServerConfig(ConfigModel):
 
 
 class RecordingConfig(ConfigModel):
-    """Recording of the daemon's work; it does not change the gate's decisions."""
+    """Recording of events, outputs and states; it does not change the gate's decisions."""
 
     folder: str | None = None
     """Folder in which each start makes a folder named by the time; absent: recording only with
     ``armgate serve --record``."""
     required: bool = False
-    """If true, the robots come to rest when something could not be recorded."""
+    """If true, the robots come to rest if a record cannot be written."""
     sign: str | None = None
     """File of a private key (Ed25519, PEM) that signs each file when it is closed; absent: no signature."""
     rotate: Annotated[int, Field(ge=1 << 20)] = 1 << 28
-    """Size at which the next file begins [bytes]."""
+    """Size of a file at which the next file begins [bytes]."""
     queue: Annotated[int, Field(ge=256, le=1 << 20)] = 16384
     """Largest number of records that wait for the disk; further ones are lost, and the loss is reported."""
 

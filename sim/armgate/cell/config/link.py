@@ -1,6 +1,6 @@
 """Configuration of a robot's link: what all kinds have in common, and the emulated kind.
 
-The model of any other kind stands in the package that brings the kind; `link_kinds` finds it by name.
+The model of any other kind is in the package that provides the kind; `link_kinds` finds it by name.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ class LinkConfig(ConfigModel):
     """Base of the ``link`` section of a robot; each kind of link has a model of its own."""
 
     UNHASHED: ClassVar[frozenset[str]] = frozenset()
-    """Keys that are no part of the cell's hash: they say where the robot is reached, not what it does."""
+    """Keys that are not part of the cell's hash: they state the robot's address, not its behaviour."""
     EXACT_LAGS: ClassVar[bool] = False
     """True if the joints have exactly the configured lags; those of a real robot differ a little."""
 

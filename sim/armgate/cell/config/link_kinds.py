@@ -1,6 +1,6 @@
 """Registry of the kinds of link: the entry points of the group ``armgate.links``.
 
-A kind is imported when a configuration names it, and no other kind with it. Packages outside of this
+A kind is imported only when a configuration names it. Packages outside of this
 repository register kinds in the same way; docs/adding-a-link.md shows one.
 """
 
@@ -30,7 +30,7 @@ class LinkKindError(ValueError):
 
 @dataclass(frozen=True)
 class VirtualRobot:
-    """Process that stands in for a real robot.
+    """Process that replaces a real robot.
 
     Attributes:
         name: Name of the process; its log is called the same.
@@ -52,7 +52,7 @@ class ConfiguredKind(Protocol):
     def virtual(
         self, own: Any, config: "CellConfig", robot: str, files: Sequence[Path], logs: Path
     ) -> VirtualRobot | None:
-        """Return the process that stands in for the robot, None if there is none."""
+        """Return the process that replaces the robot, None if there is none."""
 
 
 @cache
@@ -73,14 +73,15 @@ def load_kind(name: str) -> ConfiguredKind:
     """Import a kind of link and return its object.
 
     Raises:
-        LinkKindError: It is not installed, or comes from two packages, or cannot be imported, or is no kind.
+        LinkKindError: It is not installed, or comes from two packages, or cannot be imported, or is not a
+            `LinkKind`.
     """
     entries = _registered().get(name, ())
     if not entries:
         known = ", ".join(installed_kinds())
         raise LinkKindError(
             f"kind {name[:60]!r} is not installed; expected one of {known}, or install the package that "
-            "brings this kind"
+            "provides this kind"
         )
     if len(entries) > 1:
         packages = ", ".join(sorted(map(_package, entries)))
@@ -90,7 +91,7 @@ def load_kind(name: str) -> ConfiguredKind:
     (entry,) = entries
     try:
         kind: ConfiguredKind = entry.load()
-    except Exception as error:  # a package that is not ours may fail in any way
+    except Exception as error:  # another project's package may raise anything
         text = f"{type(error).__name__}: {error}"
         raise _broken(entry, f"cannot be imported ({text})") from error
     model = getattr(kind, "config", None)
@@ -103,7 +104,7 @@ def read_link(given: object) -> object:
     """Read the ``link`` section of a robot by the model of its kind.
 
     Returns:
-        The configuration; what is no mapping stays as it is, for pydantic to reject.
+        The configuration; a value that is not a mapping is returned unchanged, and pydantic rejects it.
 
     Raises:
         ValidationError: The kind is missing, or cannot be used, or the section does not fit its model.

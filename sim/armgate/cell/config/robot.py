@@ -107,7 +107,7 @@ class JointConfig(SparseModel):
     acceleration: JointValue | None = None
     """Largest acceleration [rad/s² or m/s²]; absent: velocity / 0.25 s."""
     deceleration: JointValue | None = None
-    """Deceleration that is surely reached [rad/s² or m/s²]; absent: velocity / 0.25 s; null: no bound."""
+    """Deceleration that is always reached [rad/s² or m/s²]; absent: velocity / 0.25 s; null: no bound."""
 
 
 class RobotConfig(ConfigModel):
@@ -136,9 +136,9 @@ class RobotConfig(ConfigModel):
     meshes: MeshesConfig = MeshesConfig()
     """Options for the meshes of the URDF."""
     ignore_pairs: tuple[tuple[Name, Name], ...] = ()
-    """Pairs that need not stay apart: links or bodies of this robot; the second may be a surrounding."""
+    """Unchecked pairs: links or bodies of this robot; the second may be one of ``surroundings``."""
     lag_window: Annotated[Duration, Field(ge=0.0)] = 0.0
-    """Transport delay of the link: time in which older setpoints may still be under way [s].
+    """Transport delay of the link: time in which older setpoints may still be in transit [s].
 
     It need not include the jitter of the ticks' time stamps."""
     lag_difference: Annotated[Duration, Field(ge=0.0)] | None = None
@@ -148,4 +148,4 @@ class RobotConfig(ConfigModel):
     q_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-6
     """Rounding of the measured position [rad or m]."""
     link: Annotated[SerializeAsAny[LinkConfig], BeforeValidator(read_link)] = EmulatedLinkConfig()
-    """Connection to the robot, of the kind ``kind``; a kind comes with armgate or with another package."""
+    """Connection to the robot, of the kind ``kind``; armgate or another package provides the kind."""

@@ -38,7 +38,7 @@ class MeshOptions(ConfigModel):
     max_parts: Annotated[int, Field(ge=1, le=256)] = 16
     """Largest number of parts of one mesh."""
     max_vertices: Annotated[int, Field(ge=32, le=255)] = 96
-    """Largest number of corners of a part; the part is thickened by what the missing corners lose."""
+    """Largest number of corners of a part; the part is thickened so that it contains the omitted corners."""
 
 
 class MeshConfig(MeshOptions):

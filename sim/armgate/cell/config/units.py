@@ -64,13 +64,15 @@ def quantity(given: object) -> Quantity:
     if isinstance(given, str):
         return _from_text(given)
     shown = "an empty value" if given is None else repr(given)
-    raise ValueError(f"{shown} is not a number; expected a number or a text with a unit, as '-94 deg'")
+    raise ValueError(f"{shown} is not a number; expected a number or a text with a unit, such as '-94 deg'")
 
 
 def _from_text(text: str) -> Quantity:
     match = _FORM.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f"cannot read {text!r}; expected a number or a number with a unit, as '-94 deg'")
+        raise ValueError(
+            f"cannot read {text!r}; expected a number or a number with a unit, such as '-94 deg'"
+        )
     number, unit, per = match[1], match[2], match[3] or ""
     if unit not in _BASE or (per and _BASE[unit][0] == "time"):
         raise ValueError(f"unknown unit {unit + per!r}; expected one of {', '.join(UNITS.values())}")

@@ -4,7 +4,7 @@ coal accepts no corner with more than 255 neighbours, as on a fine disk: hulls o
 
 qhull joggles the points (option QJ) by less than ``JOGGLE`` of their extent, always in the same way. The
 alternative, merging nearly coplanar facets (option Qt), crashes the process in coal 3.0 if points are
-coplanar up to rounding, as the corners of a rotated box that was cut are.
+coplanar up to rounding, such as the corners of a rotated box that was cut.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _SHARE = 8
-"""Corners for each one that is added at a time: the points farthest outside may be neighbours."""
+"""Corners present per corner added in one round: the farthest points may be neighbours."""
 
 QHULL = "QJ"
 """Options of qhull: joggle, see above."""

@@ -1,4 +1,4 @@
-"""Gantry in front of an arm: three prismatic joints and their bodies, added to the arm's URDF.
+"""Gantry that carries an arm: three prismatic joints and their bodies, added to the arm's URDF.
 
 The joints X, Y, Z are the position of the carriage in the gantry's frame, so with the gantry's base at the
 world's origin they are world coordinates. The carriage is the lower end of a vertical column; the arm's root

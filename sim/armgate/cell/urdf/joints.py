@@ -74,7 +74,7 @@ def _limits(element: ET.Element, where: str) -> tuple[float, float, float, float
 
 
 def _accelerations(limit: ET.Element, where: str) -> tuple[float, float]:
-    """Return acceleration and deceleration: deceleration defaults to acceleration, and that to inf."""
+    """Return acceleration and deceleration: deceleration defaults to acceleration, which defaults to inf."""
     found = []
     for attribute in ("acceleration", "deceleration"):
         if attribute in limit.attrib:

@@ -39,7 +39,7 @@ def inline_meshes(
     packages: Mapping[str, Path],
     outline: bool = False,
 ) -> None:
-    """Replace every ``<collision>`` with a ``<mesh>`` by some with ``<convex>``: ``arm/1``, ``arm/2``….
+    """Replace every ``<collision>`` with a ``<mesh>`` by elements with ``<convex>``: ``arm/1``, ``arm/2``….
 
     Args:
         robot: The ``<robot>`` element; changed in place.

@@ -40,7 +40,7 @@ def parse_xml(text: str) -> ET.Element:
     """
     if len(text) > MAX_BYTES:
         raise ModelError(f"{len(text)} characters; expected at most {MAX_BYTES}")
-    if "\0" in text:  # expat would take the text for UTF-16
+    if "\0" in text:  # expat would read the text as UTF-16
         line = text.count("\n", 0, text.index("\0")) + 1
         raise ModelError(f"line {line}: NUL, as in UTF-16; expected UTF-8: save the file as UTF-8")
     builder = _Builder()

@@ -9,7 +9,7 @@ from armgate.emulator.krc.errors import KrcError
 from armgate.emulator.krc.rsi.ethernet import A_AXES, E_AXES
 
 AXISCORR = 5.0
-"""Default of AXISCORR: correction beyond which the value is cut, deg or mm."""
+"""Default of AXISCORR: correction beyond which the value is limited, deg or mm."""
 AXISCORRMON = 6.0
 """Default of AXISCORRMON, also if the object is absent: correction beyond which RSI stops, deg or mm."""
 TIMEOUT = 10
@@ -54,7 +54,9 @@ class Limits:
             if not axes or value is None:
                 raise KrcError(f"limit {part.strip()!r}; expected a number above 0, or A=…, E=…, A1=…")
             if name in names or (names and not equals):
-                raise KrcError(f"limit {text!r}; expected one number, as 1.5, or every name once: A=1.5,E=2")
+                raise KrcError(
+                    f"limit {text!r}; expected one number, such as 1.5, or every name once: A=1.5,E=2"
+                )
             names.append(name)
             own.update(dict.fromkeys(axes, value))
         return cls(default, own)

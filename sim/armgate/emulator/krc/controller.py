@@ -100,7 +100,7 @@ class Controller:
         if event in (Event.START, Event.RESTART):
             self._run = self._start_run()
             self._runs += 1
-        # With any event the robot rests first, and answers to earlier telegrams no longer count.
+        # Any event first brings the robot to rest, and replies to earlier telegrams are no longer accepted.
         self._run.drives.rest(self._run.drives.setpoint)
         self._reply_due = False
         self._change_state(event, f"{event.value} at the pendant")
@@ -144,7 +144,7 @@ class Controller:
         """Process the reply of a cycle, or its absence."""
         missing = self._run.receive(None if reply is None else reply.values)
         if reply is not None:
-            self._change_state(Event.ANSWERED, "the PC answers")
+            self._change_state(Event.ANSWERED, "the PC replies")
             self._log_contents(reply, missing)
         late = reply is None and not self._short_sent
         self._short_sent = False
@@ -158,12 +158,12 @@ class Controller:
             self._log.repeated("late", count, f"no valid reply to IPOC {self._ipoc.last} in time: HOLDON")
 
     def _log_contents(self, reply: Reply, missing: tuple[str, ...]) -> None:
-        """Log what is unusual in a reply, each text once."""
+        """Log unusual contents of a reply, each text once."""
         if missing:
             lacks = ", ".join(missing)
             self._log.once("missing", f"the reply lacks {lacks}, which RECEIVE declares: HOLDON")
             self._log.once(
-                "zero", f"{lacks}: 0 until it comes (an override of 0 %, if it is connected to one)"
+                "zero", f"{lacks}: 0 until it is received (an override of 0 %, if it is connected to one)"
             )
         if reply.unknown:
             unknown, known = ", ".join(reply.unknown), ", ".join(one.name for one in self._ethernet.received)
@@ -173,7 +173,7 @@ class Controller:
             self._log.once(
                 "cartesian",
                 f"the reply corrects {', '.join(cartesian)}: this virtual KRC has no Cartesian corrections, "
-                f"and nothing moves; correct axes, as AK.A1",
+                f"and nothing moves; correct axes, such as AK.A1",
             )
         text = self._run.received.named("EStr")
         if text:
@@ -217,5 +217,5 @@ class Controller:
         if corrected and self._profile.separate_external:
             raise KrcError(
                 f"RECEIVE declares {', '.join(corrected)}, but the robot has no such external axis: "
-                f"AXISCORREXT fails on {self._profile.name}; remove them, or give a robot that has them"
+                f"AXISCORREXT fails on {self._profile.name}; remove them, or choose a robot that has them"
             )

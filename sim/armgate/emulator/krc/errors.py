@@ -2,7 +2,7 @@
 
 KrcError       the KRC's file, its context or its robot cannot be used; nothing was sent
 XmlError       a text is not XML that a KRC accepts
-ReplyError     a datagram is not the reply of a cycle; the KRC continues as if it had not come
+ReplyError     a datagram is not the reply of a cycle; the KRC continues as without it
 ConsoleError   a command on stdin has no effect
 """
 

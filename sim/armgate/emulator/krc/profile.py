@@ -1,8 +1,8 @@
 """Profiles: the emulated kinds of KUKA controllers, as data.
 
 Public figures are used if there are any: the cycle, the steps of the IPOC, the short first frame, the factor
-of external axes and the lag of 120 ms come from drivers and simulators. All other figures are assumed, and
-the attributes of ``Profile`` and ``Tolerance`` are marked so.
+of external axes and the lag of 120 ms come from drivers and simulators. All other figures are assumed;
+the attributes of ``Profile`` and ``Tolerance`` state which.
 """
 
 import math
@@ -18,12 +18,12 @@ class Tolerance:
 
     The velocity of a setpoint is compared with the axis's speed. Its acceleration passes a first-order
     low-pass before it is compared with the axis's acceleration, as the torque of a gear would. Motion within
-    the axis's figures therefore never causes a fault, and a large enough step does. A robot that is held for
-    one cycle T at the speed v (a lost reply, HOLDON 1) sees a step of v, and tolerates it up to
+    the axis's figures therefore never causes a fault, and a large enough step does. If a robot with the
+    speed v is held for one cycle T (a lost reply, HOLDON 1), its velocity has a step of v, tolerated up to
 
         v = acceleration · a · T / (1 − exp(−T / filter))
 
-    with a the axis's acceleration.
+    where a is the axis's acceleration.
 
     Attributes:
         velocity: Largest velocity, as a multiple of the axis's speed.
@@ -54,7 +54,7 @@ class Profile:
         ipoc_runs: True if the IPOC is a time that advances while nothing is sent; false if it counts
             telegrams.
         root: Name and value of the outer element's attribute.
-        short_first: True if a frame with only the IPOC comes first. Drivers drop it, so an answer is accepted
+        short_first: True if a frame with only the IPOC comes first. Drivers drop it, so a reply is accepted
             but not expected (assumed).
         linear_sent: Factor on the mm of linear external axes in telegrams; replies are always in mm.
         separate_external: True if an object of its own corrects external axes (AXISCORREXT), which is an

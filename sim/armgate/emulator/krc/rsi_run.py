@@ -38,12 +38,12 @@ class RsiRun:
         self._inputs = ethernet.corrections(arm.names)
 
     def receive(self, values: Mapping[Element, Value] | None) -> tuple[str, ...]:
-        """Take the values of a reply, None if there was none; return the declared names that it lacks."""
+        """Store the values of a reply, None if there was none; return the declared names that it lacks."""
         missing = self.received.update(values or {})
         return missing if values is not None else ()
 
     def count_cycle(self, late: bool) -> EndOfRun | None:
-        """Count a cycle; return the end of the run if there were too many late ones."""
+        """Count a cycle; return the end of the run if too many were late."""
         text = self.delay.add(late)
         return None if text is None else (Event.TIMEOUT, f"KSS29002 RSI: {text}; the program stops")
 

@@ -11,7 +11,7 @@ from enum import StrEnum
 class State(StrEnum):
     """State of the KRC.
 
-    ``stopped``: no program runs. ``waiting``: telegrams are sent, and none was answered yet. ``running``:
+    ``stopped``: no program runs. ``waiting``: telegrams are sent, and no reply was received yet. ``running``:
     telegrams are answered. ``paused``: the program is held, and nothing is sent. ``broken_off``: RSI ended by
     itself (Timeout, AXISCORRMON). ``faulted``: a drive reported a fault. ``estopped``: the emergency stop
     was pressed.
@@ -62,7 +62,7 @@ TABLE: dict[tuple[State, Event], State] = {
     **{(state, Event.STOP): State.STOPPED for state in ACTIVE},
     **{(state, Event.PAUSE): State.PAUSED for state in ACTIVE},
     **{(state, Event.ESTOP): State.ESTOPPED for state in State},
-    # Power off and on again, then the program from its beginning.
+    # Power is switched off and on again, then the program starts from its beginning.
     **{(state, Event.RESTART): State.WAITING for state in State},
 }
 

@@ -15,11 +15,11 @@ from armgate.cell.mesh.triangle_mesh import TriangleMesh
 from armgate.cell.shapes import is_solid
 
 _GRID = 16
-"""Resolution of the coarse copy: cells along its longest side."""
+"""Resolution of the coarse copy: number of grid steps along its longest side."""
 _COARSE = 1500
 """Largest number of triangles that need no coarse copy."""
 _RAYS = 3
-"""Rays from a corner of a box; a wrong answer costs only closeness here."""
+"""Rays from a corner of a box; here an error only makes the bodies less close to the mesh."""
 _PLACES = 3
 """Planes through corners of the surface that are tried, for each axis."""
 _FLATS = 3
@@ -39,7 +39,7 @@ class Plane:
     Its halves replace the piece in the list.
     """
 
-    leaf: int
+    piece: int
     axis: int
     at: float
 
@@ -50,19 +50,19 @@ def propose_planes(mesh: TriangleMesh, excess: float, most: int) -> list[Plane]:
     There are at most ``most`` pieces after all cuts.
     """
     surface = Surface(_coarse(mesh), _RAYS)
-    leaves = [surface.whole()]
-    enough = excess * max(_filled(leaves[0]), 0.0)
-    empty = [_empty(leaves[0])]
+    pieces = [surface.whole()]
+    enough = excess * max(_filled(pieces[0]), 0.0)
+    empty = [_empty(pieces[0])]
     planes: list[Plane] = []
-    while len(leaves) < most and sum(empty) > enough:
-        leaf = int(np.argmax(empty))
-        found = _best_plane(surface, leaves[leaf])
-        if found is None or empty[leaf] <= 0.0:
+    while len(pieces) < most and sum(empty) > enough:
+        piece = int(np.argmax(empty))
+        found = _best_plane(surface, pieces[piece])
+        if found is None or empty[piece] <= 0.0:
             break
-        planes.append(Plane(leaf, *found))
-        halves = surface.cut(leaves[leaf], *found)
-        leaves[leaf : leaf + 1] = halves
-        empty[leaf : leaf + 1] = [_empty(half) for half in halves]
+        planes.append(Plane(piece, *found))
+        halves = surface.cut(pieces[piece], *found)
+        pieces[piece : piece + 1] = halves
+        empty[piece : piece + 1] = [_empty(half) for half in halves]
     return planes
 
 

@@ -1,6 +1,6 @@
 """Cutting of a surface along axis-parallel planes, so that the hulls of the pieces contain all it encloses.
 
-Let S be the surface with everything that it encloses: all points that cannot be reached from far away without
+Let S be the surface with everything that it encloses: all points that no path from infinity reaches without
 crossing the surface. Let closed boxes cover S. Then
 
     S ∩ box ⊂ hull( surface ∩ box  ∪  { corners of the box in S } )
@@ -11,7 +11,8 @@ edges, such a point is the middle of two other points; only at a corner of the b
 of all such hulls therefore contains S for any choice of planes. The surface need not be closed or
 consistently wound.
 
-A corner is left out only if a ray from it is proven to miss the surface: then it is connected to far away.
+A corner is left out only if a ray from it is proven to miss the surface: then a path to
+infinity exists.
 """
 
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ class Surface:
         )
 
     def cut(self, piece: Piece, axis: int, at: float) -> tuple[Piece, Piece]:
-        """Return the parts of a piece below and above a plane across an axis; what lies in it is in both.
+        """Return the parts of a piece below and above a plane across an axis; points in it are in both.
 
         Raises:
             ValueError: The plane does not meet the box of the piece.
@@ -111,7 +112,7 @@ class Surface:
 def split(triangles: Array, axis: int, at: float) -> tuple[Array, Array]:
     """Return the parts of triangles (n, 3, 3) below and above a plane across an axis, as triangles.
 
-    Each triangle is the union of its parts; what lies in the plane belongs to both.
+    Each triangle is the union of its parts; points in the plane belong to both.
     """
     height = triangles[:, :, axis] - at
     under, over = np.all(height <= 0.0, axis=1), np.all(height >= 0.0, axis=1)
@@ -140,7 +141,7 @@ def _across(triangles: Array, height: Array, axis: int, at: float) -> tuple[Arra
 
 
 def proven_outside(point: Array, triangles: Array, rays: Array) -> bool:
-    """Return True if one of the rays from a point surely misses all triangles, so they do not enclose it.
+    """Return True if one of the rays from a point is proven to miss all triangles, so they do not enclose it.
 
     A ray meets the plane of a triangle at the distance t and the coordinates x, y along two of its edges
     (Möller and Trumbore, 1997). It misses the triangle if x < 0, y < 0, x + y > 1 or t < 0, each by a margin

@@ -5,7 +5,7 @@ everything for any choice of cuts (proof in ``cutting``). The choice (``cut_plan
 the bodies follow the mesh. Two pieces are merged if their common hull, which contains both, is hardly larger
 than the two hulls.
 
-Bodies with too many corners are thinned, and thickened by what that loses: hull ⊂ thinned hull ⊕ loss, with ⊕
+Bodies with too many corners are thinned, and thickened by the loss: hull ⊂ thinned hull ⊕ loss, with ⊕
 for "thickened by". The slack of polygons that are not quite flat, and ``ROUNDING`` for floating-point errors,
 are added.
 """
@@ -101,7 +101,7 @@ def _pieces(mesh: TriangleMesh, options: DecompositionOptions) -> list[Array]:
     surface = Surface(mesh.triangles)
     pieces = [surface.whole()]
     for plane in propose_planes(mesh, options.threshold, options.max_parts):
-        pieces[plane.leaf : plane.leaf + 1] = surface.cut(pieces[plane.leaf], plane.axis, plane.at)
+        pieces[plane.piece : plane.piece + 1] = surface.cut(pieces[plane.piece], plane.axis, plane.at)
     return [np.unique(piece.points, axis=0) for piece in pieces if len(piece.points)]
 
 

@@ -92,7 +92,7 @@ def _check_name(words: list[bytes], line: int) -> None:
 
 
 def _check_numbers(words: list[bytes], line: int) -> None:
-    """Refuse anything but numbers: a face may have got into the line. A normal need not be finite."""
+    """Refuse anything but numbers: a face may have been merged into the line. A normal need not be finite."""
     if len(words) - 1 not in _NUMBERS[words[0]] or not all(map(is_number, words[1:])):
         raise ModelError(
             f"line {line}: {shown(b' '.join(words))}; expected {words[0].decode()} and its numbers"

@@ -70,7 +70,7 @@ def _header(lines: Lines) -> tuple[bytes, int, int]:
     if len(counts) != 3:
         raise ModelError(
             f"line {line}: {shown(b' '.join(counts))}; expected the numbers of vertices, faces and edges, "
-            f"as '8 12 0'"
+            f"such as '8 12 0'"
         )
     given = wholes(counts, line)
     if min(given) < 0:

@@ -48,7 +48,7 @@ def numbers(tokens: Sequence[bytes], line: int) -> list[float]:
         values = [math.nan]
     if not all(map(math.isfinite, values)) or any(b"_" in token for token in tokens):
         bad = next(token for token in tokens if not _is_finite(token))
-        raise ModelError(f"line {line}: {shown(bad)} is not a finite number; expected a number, as 0.25")
+        raise ModelError(f"line {line}: {shown(bad)} is not a finite number; expected a number, such as 0.25")
     return values
 
 
@@ -76,7 +76,7 @@ def whole(token: bytes, line: int) -> int:
     """
     digits = token[1:] if token[:1] in (b"-", b"+") else token
     if not digits.isdigit() or len(digits) > 18:
-        raise ModelError(f"line {line}: {shown(token)} is not a whole number; expected one, as 12")
+        raise ModelError(f"line {line}: {shown(token)} is not a whole number; expected one, such as 12")
     return int(token)
 
 

@@ -54,7 +54,7 @@ class Channel(Generic[T]):
         self._number = 0
         self._drop = 0
         self.disturbance = disturbance
-        self.counts = {"passed": 0, "lost": 0, "doubled": 0, "reordered": 0}
+        self.counts = {"passed": 0, "lost": 0, "duplicated": 0, "reordered": 0}
         """Numbers of datagrams so far."""
 
     def drop(self, count: int) -> None:
@@ -72,7 +72,7 @@ class Channel(Generic[T]):
     def put(self, data: T, now: int) -> None:
         """Accept a datagram at the time ``now``."""
         # All random numbers are drawn for each datagram, so that one setting does not affect another one.
-        lost, doubled, held, late = (self._chance.random() for _ in range(4))
+        lost, duplicated, held, late = (self._chance.random() for _ in range(4))
         how = self.disturbance
         if how.cut or self._drop > 0 or lost < how.loss:
             self._drop = max(self._drop - (not how.cut), 0)
@@ -83,8 +83,8 @@ class Channel(Generic[T]):
             self.counts["reordered"] += 1
             return
         due = now + round(NS * (how.delay + how.jitter * late))
-        twice = doubled < how.duplicate
-        self.counts["doubled"] += twice
+        twice = duplicated < how.duplicate
+        self.counts["duplicated"] += twice
         released, self._held = self._held, []
         for one in [data, *([data] if twice else []), *released]:
             self._number += 1

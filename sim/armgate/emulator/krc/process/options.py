@@ -208,6 +208,8 @@ def _by_direction(name: str, text: str) -> dict[str, float]:
         except ValueError:
             given = {"": 0.0}
         if not set(given) <= set(DIRECTIONS) or not values.keys().isdisjoint(given):
-            raise KrcError(f"{name} {text!r}; expected one number, as 0.5, or to-pc=NUMBER,to-krc=NUMBER")
+            raise KrcError(
+                f"{name} {text!r}; expected one number, such as 0.5, or to-pc=NUMBER,to-krc=NUMBER"
+            )
         values |= given
     return values

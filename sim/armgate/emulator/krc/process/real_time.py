@@ -19,7 +19,7 @@ class RealTimeRunner:
     """Runner of a controller, cycle by cycle.
 
     A real KRC has a steady clock. If this process is late by more than a quarter of a cycle, its clock slips
-    instead of catching up, so the PC always has at least three quarters of a cycle to answer.
+    instead of catching up, so the PC always has at least three quarters of a cycle to reply.
 
     Args:
         controller: The KRC.

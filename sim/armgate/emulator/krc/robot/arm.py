@@ -121,7 +121,7 @@ def arm_of_urdf(urdf: "Urdf", tool: str) -> Arm:
 def arm_of_cell(robot: "Robot", urdf: "Urdf") -> Arm:
     """Return a robot of a cell, with the cell's speeds, accelerations and start.
 
-    The drives reach what the cell's configuration relies on: the larger one of acceleration and deceleration.
+    The drives reach the larger one of the configured acceleration and deceleration.
 
     Raises:
         KrcError: Its joints are not those of a KUKA robot.
@@ -132,7 +132,7 @@ def arm_of_cell(robot: "Robot", urdf: "Urdf") -> Arm:
             f"{robot.name} has joints other than those of its tool {robot.tool!r}; expected one chain"
         )
     count = sum(axis.linear for axis in arm.axes)
-    # The model's order is E1…, A1…; ours begins with the A axes.
+    # The model's order is E1…, A1…; `Arm` begins with the A axes.
     order = [*range(count, robot.model.n), *range(count)]
     axes, start = [], []
     for axis, index in zip(arm.axes, order, strict=True):

@@ -26,7 +26,7 @@ class Correction:
     def apply(self, values: Sequence[float]) -> str | None:
         """Apply the values of a cycle; return the message of AXISCORRMON if a limit is exceeded.
 
-        AXISCORR cuts without notice: a PC that asks for more sees a robot that does not follow.
+        AXISCORR limits without notice: the robot then moves less than the PC requests.
         """
         self.offset = tuple(
             min(max(one, -limit), limit)

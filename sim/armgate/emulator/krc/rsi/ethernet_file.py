@@ -123,7 +123,7 @@ def _plain(element: ET.Element, section: str) -> Element:
             f"most 64, and not xml at its beginning"
         )
     if name.partition(".")[0] == "IPOC":
-        raise KrcError(f"{section}: IPOC is in every telegram anyway; remove the element")
+        raise KrcError(f"{section}: every telegram contains IPOC already; remove the element")
     if internal and not tag.startswith("DEF_"):
         raise KrcError(
             f"{section}: {tag} has INDX=INTERNAL; expected a name that begins with DEF_, or a number"

@@ -12,7 +12,7 @@ class ReceivedValues:
         self._values: dict[Element, Value] = {element: ZERO[element.type] for element in elements}
 
     def update(self, received: Mapping[Element, Value]) -> tuple[str, ...]:
-        """Take the values of a cycle; return the names of the missing ones.
+        """Store the values of a cycle; return the names of the missing ones.
 
         A missing element keeps its value with HOLDON 1, and becomes zero with HOLDON 0.
         """
@@ -27,7 +27,7 @@ class ReceivedValues:
         return value if isinstance(value, float) else 0.0
 
     def cartesian(self) -> tuple[str, ...]:
-        """Return the names of Cartesian corrections that are not zero, as RKorr.X."""
+        """Return the names of Cartesian corrections that are not zero, such as RKorr.X."""
         return tuple(
             element.name
             for element, value in self._values.items()

@@ -1,4 +1,4 @@
-"""Strict parser of replies (``<Sen>``), the answers of the PC to telegrams."""
+"""Strict parser of replies (``<Sen>``), which the PC sends to answer telegrams."""
 
 import math
 import re

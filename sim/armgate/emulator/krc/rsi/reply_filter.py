@@ -49,7 +49,7 @@ class ReplyFilter:
                 reply = self._check(arrival, ipoc)
                 if accepted is not None:
                     raise ReplyError(
-                        Fault.DOUBLE, f"a second answer to IPOC {reply.ipoc}; the first one counts"
+                        Fault.DOUBLE, f"a second reply to IPOC {reply.ipoc}; only the first is used"
                     )
                 accepted = reply
             except ReplyError as error:
@@ -69,7 +69,7 @@ class ReplyFilter:
                 f"IPOC {reply.ipoc} was not sent recently; expected {ipoc.last}, echoed unchanged",
             )
         if age > 0:
-            raise ReplyError(Fault.LATE, f"answers IPOC {reply.ipoc}, {age} telegram(s) ago; too late")
+            raise ReplyError(Fault.LATE, f"replies to IPOC {reply.ipoc}, {age} telegram(s) ago; too late")
         if arrival.age > self._within:
             took = f"came {1000 * arrival.age:.1f} ms after IPOC {reply.ipoc}"
             raise ReplyError(Fault.LATE, f"{took}; expected it within {1000 * self._within:g} ms")
