@@ -16,6 +16,7 @@ import numpy as np
 
 from armgate.events import Joints, Point, Reason
 from armgate.gate import wording
+from armgate.gate.braking import stop_increments
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.pair_check import Binding
@@ -23,7 +24,7 @@ from armgate.gate.clearance.swept import Array, Swept
 from armgate.gate.joint_limits import LimitedIncrement, blend, first_outside, limit_increment
 from armgate.gate.occupancy import Occupancy
 from armgate.gate.retreat import Requirements, Retreat
-from armgate.gate.robot import RobotState
+from armgate.gate.robot import RobotState, end_of
 
 Response = Literal["stop", "slow"]
 
@@ -122,7 +123,8 @@ class DecisionMaker:
         budget: Budget,
     ) -> Decision | Binding:
         """Return the decision for ``u`` if its stop is clear, else the binding pair or joint."""
-        increments, occupied = state.stop_after(u)
+        increments = stop_increments(u, state.bounds.decel) or (state.zeros,)
+        occupied = state.occupancy_to(end_of(state.setpoint, increments), increments[0])
         swept = self._clearance.space.sweep(state.index, occupied)
         step = self._extension(state, occupied)
         result = self._clearance.check(state.index, swept, step, required.need, budget)

@@ -7,7 +7,6 @@ from operator import add, sub
 
 from armgate.cell.cell import Robot
 from armgate.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
-from armgate.gate.braking import stop_increments
 from armgate.gate.clearance.swept import Swept
 from armgate.gate.lag import HullDeviation, LargestIncrements, hull_deviation_of, larger, memory
 from armgate.gate.occupancy import Occupancy, occupancy
@@ -242,11 +241,6 @@ class RobotState:
         if self.hull_deviation is None:
             return margin
         return margin + max(self.hull_deviation.of(larger(self.largest.largest, self.bounds.speed))[0])
-
-    def stop_after(self, u: Joints) -> tuple[tuple[Joints, ...], Occupancy]:
-        """Return the increment ``u`` with the braking after it, and the occupancy along them."""
-        increments = stop_increments(u, self.bounds.decel) or (self.zeros,)
-        return increments, self.occupancy_to(end_of(self.setpoint, increments), increments[0])
 
     def occupancy_to(self, end: Joints, increment: Joints) -> Occupancy:
         """Return the occupancy from the measured q over the setpoint to ``end``.
