@@ -6,9 +6,9 @@ import pytest
 
 from armgate.events import LinkChange, LinkState, Plan, PlanAnswer, PlanKey, Rebase, Tick
 from armgate.links.emulated.link import EmulatedLink
+from armgate.links.own_clock import OwnClockLink
 from armgate.links.robot_server.hosted_link import HostedLink
 from armgate.links.robot_server.messages import ResumePoint, TickReport
-from armgate.links.wall_clocked import WallClockedLink
 
 T = 0.012
 
@@ -19,7 +19,7 @@ class Bench:
     def __init__(self, lag=0.0, settling=0.0):
         self.now = 0.0
         link = EmulatedLink("A", "link", (0.0, 1.0), T, lag)
-        self.link = WallClockedLink(link, T, lambda: self.now, self.make_clock)
+        self.link = OwnClockLink(link, T, lambda: self.now, self.make_clock)
         self.hosted = HostedLink(self.link, "link", 1e-6, settling)
         self.sent = []
         asyncio.run(self.hosted.open())

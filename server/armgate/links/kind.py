@@ -142,10 +142,10 @@ class SteppedLinkKind(LinkKind[C]):
 
     def make(self, own: C, cell: "Cell", robot: "Robot", context: LinkContext) -> SelfClockedLink:
         """Return the link with a wall clock of the robot's period."""
-        from armgate.links.wall_clocked import WallClockedLink  # noqa: PLC0415  (see above)
+        from armgate.links.own_clock import OwnClockLink  # noqa: PLC0415  (see above)
 
         stepped = self.make_stepped(own, cell, robot, context.start)
-        return WallClockedLink(stepped, robot.period, context.now)
+        return OwnClockLink(stepped, robot.period, context.now)
 
 
 def kind_of(robot: "Robot") -> LinkKind[Any]:

@@ -23,14 +23,21 @@ class Link(Protocol):
     def remaining(self) -> int:
         """Number of increments left to play if no other plan comes; 0 at rest."""
 
-    def offer(self, plan: Plan) -> PlanAnswer:
-        """Replace the held plan by compare-and-swap."""
+    def offer(self, plan: Plan) -> PlanAnswer | None:
+        """Replace the held plan by compare-and-swap; return None if the answer arrives later, as an event."""
 
     def rebase(self, rebase: Rebase) -> None:
         """Drop the plan and take the given setpoint as the commanded position."""
 
 
-class SteppedLink(Link, Protocol):
+class LocalLink(Link, Protocol):
+    """Link whose plan is held in this process."""
+
+    def offer(self, plan: Plan) -> PlanAnswer:
+        """Replace the held plan by compare-and-swap."""
+
+
+class SteppedLink(LocalLink, Protocol):
     """Link whose robot has no clock of its own: another clock steps it."""
 
     def advance(self, time: float) -> Tick:
@@ -44,7 +51,7 @@ class SteppedLink(Link, Protocol):
         """
 
 
-class SelfClockedLink(Link, Protocol):
+class SelfClockedLink(LocalLink, Protocol):
     """Link whose robot is the clock.
 
     It reports a tick whenever the robot sends its position. After the robot was lost or became faulted

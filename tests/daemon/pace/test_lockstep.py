@@ -91,7 +91,7 @@ async def test_a_participant_that_is_done_is_woken_only_by_the_next_state(stage)
     assert (stage.step, a.batches, b.batches) == (2, 1, 0)
 
 
-async def test_commands_are_judged_in_the_order_of_the_robots(stage):
+async def test_commands_are_decided_in_the_order_of_the_robots(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(b, "B")
     stage.command(a, "A")
@@ -250,7 +250,7 @@ async def test_resting_waits_for_no_participant(stage):
         stage.command(b, "B")
     stage.command(a, "A", (0.01, 0.0, 0.0))
     stage.core.stop_all("end")
-    stage.run.let_rest(judging=True)
+    stage.run.let_rest(decide=True)
     await until(lambda: stage.core.at_rest)
     stage.run.close()
     assert a.take(m.Verdict)[-1].outcome == "refused"

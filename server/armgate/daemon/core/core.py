@@ -13,13 +13,14 @@ from armgate.cell.cell import Cell
 from armgate.daemon.core import session_list, to_protocol
 from armgate.daemon.core.description import CellDescription
 from armgate.daemon.core.gate_runner import ClientOutput, GateRunner
-from armgate.daemon.core.interfaces import ClientRequest, EventLog, Link, Peer
+from armgate.daemon.core.interfaces import ClientRequest, EventLog, Peer
 from armgate.daemon.core.leasing import Effect, LeaseTime, Leasing, Notice
 from armgate.daemon.core.motion import Motion
 from armgate.daemon.core.rights import check_rights
 from armgate.daemon.core.signals import signals_of
 from armgate.daemon.core.states import Defer, Observer, Snapshot, States
 from armgate.daemon.core.stopping import Stopping
+from armgate.links.link import Link
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
 
@@ -32,7 +33,7 @@ class Core:
 
     Args:
         cell: The cell.
-        gate: Feeds its gate.
+        gate_runner: Feeds its gate.
         links: Link of each robot, in the order of the configuration.
         now: Daemon time, s.
         log: Receives events.
@@ -50,7 +51,7 @@ class Core:
     def __init__(
         self,
         cell: Cell,
-        gate: GateRunner,
+        gate_runner: GateRunner,
         links: Sequence[Link],
         now: Callable[[], float],
         log: EventLog,
@@ -62,12 +63,14 @@ class Core:
     ) -> None:
         self.robots = tuple(robot.name for robot in cell.robots)
         self.peers: dict[str, Peer] = {}
-        self.leasing = Leasing(Leases(self.robots, cell.config.server.lease_ttl), self.peers, gate.stops)
-        self._gate = gate
+        self.leasing = Leasing(
+            Leases(self.robots, cell.config.server.lease_ttl), self.peers, gate_runner.stops
+        )
+        self._gate_runner = gate_runner
         self._now = now
         self._lease_time = lease_time or (lambda: LeaseTime(now(), now()))
         self._log = log
-        self._stopping = Stopping(self.robots, gate, self.peers, log)
+        self._stopping = Stopping(self.robots, gate_runner, self.peers, log)
         self._signals = signals_of(cell.config.server)
         self._states = States(self.robots, defer, observers)
         self._description = CellDescription(cell, lockstep)
@@ -157,16 +160,21 @@ class Core:
                 error.re = request.id
             peer.send(error.message())
 
-    def check_command(self, command: m.Command) -> None:
-        """Check that a command names a robot of the cell.
+    # `check_robot` and `command` are public for lock-step alone. It checks the robot when a command arrives,
+    # and passes the command to the gate at the end of the step; otherwise `handle` does both.
+
+    def check_robot(self, robot: str, about: str, seq: int | None = None) -> None:
+        """Check that a request of type ``about`` names a robot of the cell.
 
         Raises:
-            RemoteProtocolError: ``unknown_robot``, with the command's seq.
+            RemoteProtocolError: ``unknown_robot``, with the ``seq`` of a command.
         """
-        self._check_robot(command.robot, "command", command.seq)
+        if robot not in self.robots:
+            text = f"no robot {robot}; the cell has {', '.join(self.robots)}"
+            raise RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, text, about=about, seq=seq)
 
     def command(self, peer: Peer, command: m.Command) -> None:
-        """Pass a command to the gate; its sender receives the verdict."""
+        """Pass a command, whose robot exists, to the gate; its sender receives the verdict."""
         self.expire()
         fence = self.leasing.fence(peer, command)
         self._feed(events.Command(command.robot, fence, command.seq, command.tick, command.dq), peer)
@@ -174,7 +182,7 @@ class Core:
     def _answer(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case a message)
         match request:
             case m.Command():
-                self.check_command(request)
+                self.check_robot(request.robot, "command", request.seq)
                 self.command(peer, request)
             case m.Ping():
                 now = self._now()
@@ -213,14 +221,9 @@ class Core:
 
     def _stop(self, peer: Peer, request: m.Stop) -> None:
         if request.robot is not None:
-            self._check_robot(request.robot, "stop")
+            self.check_robot(request.robot, "stop")
         robots = self.robots if request.robot is None else (request.robot,)
         self._feed(events.Stop(robots, request.reason, peer.client.name), peer, request)
-
-    def _check_robot(self, robot: str, about: str, seq: int | None = None) -> None:
-        if robot not in self.robots:
-            text = f"no robot {robot}; the cell has {', '.join(self.robots)}"
-            raise RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, text, about=about, seq=seq)
 
     # --- gate ---------------------------------------------------------------------------------------------
 
@@ -228,7 +231,7 @@ class Core:
         self, event: events.GateEvent, asker: Peer | None = None, request: m.Request | None = None
     ) -> None:
         """Pass an event to the gate, and send its outputs; answers go to the client that asked."""
-        for output in self._gate.feed(event):
+        for output in self._gate_runner.feed(event):
             self._report(output, asker, request)
 
     def _report(self, output: ClientOutput, asker: Peer | None, request: m.Request | None) -> None:
@@ -260,12 +263,12 @@ class Core:
     # --- states -------------------------------------------------------------------------------------------
 
     def _update_states(self, ticks: Sequence[events.Tick], step: int | None) -> None:
-        warnings = to_protocol.warnings((*self._warnings.values(), *self._gate.warnings()))
+        warnings = to_protocol.warnings((*self._warnings.values(), *self._gate_runner.warnings()))
         self._states.put(Snapshot(ticks, self._entries(), self._signals.values, warnings, step))
 
     def _entries(self) -> tuple[m.Entry, ...]:
         return tuple(
-            to_protocol.entry(robot, self._gate.view(robot), self.leasing.holder(robot))
+            to_protocol.entry(robot, self._gate_runner.view(robot), self.leasing.holder(robot))
             for robot in self.robots
             if robot in self._motion.ticks
         )

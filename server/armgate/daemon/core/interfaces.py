@@ -1,4 +1,4 @@
-"""Interfaces between the core and its surroundings: gate, links, clients, log.
+"""Interfaces between the core and its surroundings: gate, clients, log; for links see `armgate.links.link`.
 
 The core opens no socket, reads no clock and starts no thread. Its surroundings hand it these objects, so that
 a daemon, a test or a simulation can run the same core.
@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Protocol
 
-from armgate.events import GateEvent, GateOutput, Plan, PlanAnswer, Rebase
+from armgate.events import GateEvent, GateOutput
 from armgate.gate import RobotView
 from armgate.protocol import RemoteProtocolError
 from armgate.protocol import messages as m
 from armgate.protocol.messages import Message, Role, State
 
-# --- gate and links ---------------------------------------------------------------------------------------
+# --- gate ------------------------------------------------------------------------------------------------
 
 
 class Gate(Protocol):
@@ -28,24 +28,6 @@ class Gate(Protocol):
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings that concern no single robot."""
-
-
-class Link(Protocol):
-    """The link of one robot."""
-
-    @property
-    def robot(self) -> str:
-        """Name of the robot."""
-
-    @property
-    def remaining(self) -> int:
-        """Number of increments that are still to be played if no other plan arrives; 0 at rest."""
-
-    def offer(self, plan: Plan) -> PlanAnswer | None:
-        """Replace the held plan; return None if the answer arrives later, as an event."""
-
-    def rebase(self, rebase: Rebase) -> None:
-        """Drop the plan and take the given setpoint as the commanded position."""
 
 
 # --- clients ----------------------------------------------------------------------------------------------
@@ -159,7 +141,12 @@ class EventLog(Protocol):
 
 
 class RequestHandler(Protocol):
-    """Receiver of the requests of sessions: the core itself, or lock-step in front of it."""
+    """Receiver of the requests of all sessions.
+
+    There are two. By the wall clock and with a robot server it is the `Core` itself. In lock-step it is
+    `LockstepPace`, which keeps some requests until they count and then passes them to the core. The daemon
+    chooses (`lifecycle.daemon`), and a session calls it directly.
+    """
 
     def join(self, peer: Peer) -> None:
         """Take in a session after its hello.

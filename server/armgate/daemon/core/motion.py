@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from armgate.cell.cell import Cell
-from armgate.daemon.core.interfaces import Link
 from armgate.events import Tick
+from armgate.links.link import Link
 
 
 class Motion:

@@ -14,7 +14,7 @@ from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import Reloader
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.interfaces import Gate, Link, Peer
+from armgate.daemon.core.interfaces import Gate, Peer, RequestHandler
 from armgate.daemon.core.leasing import LeaseTime
 from armgate.daemon.lifecycle.phase import Lifetime, Phase, PhaseEvent
 from armgate.daemon.lifecycle.ticking import Ticking
@@ -30,7 +30,7 @@ from armgate.daemon.sessions.read_time import ReadTime
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.welcome import Greeter
 from armgate.links.kind import make_stepped_link
-from armgate.links.link import SteppedLink
+from armgate.links.link import Link, SteppedLink
 from armgate.links.log import Log
 from armgate.links.systemd import Notifier
 from armgate.protocol import DIALECTS, Dialect, ErrorCode, RemoteProtocolError
@@ -72,7 +72,7 @@ class Daemon:
         self._notifier = Notifier()
         self._recording = Recording(recorder, log)
         self._health = Health(cell.config.metrics.port, self._queues, log)
-        self._pace, links, clocked = _make_pace(cell, self.start, log, robot_server)
+        self._pace, links, stepped = _make_pace(cell, self.start, log, robot_server)
         # In lock-step the clients set the pace themselves, and no tick comes late.
         scheduler = FairScheduler(share=1.0) if lockstep else FairScheduler()
         tap = None if recorder is None else recorder.tap
@@ -80,13 +80,14 @@ class Daemon:
             self._health.timed(gate(cell, self.start)), {link.robot: link for link in links}, tap
         )
         self._core = self._make_core(runner, links, scheduler)
-        self._ticking = self._make_ticking(clocked)
+        self._ticking = self._make_ticking(stepped)
         greeter = Greeter(cell.config, self.start, lockstep, dialects)
         self._sessions = SessionManager(
             cell.config.server,
             keys or Keys(),
             self._core,
             self._pace,
+            self._request_handler(),
             scheduler=scheduler,
             greeter=greeter,
             log=log,
@@ -114,11 +115,18 @@ class Daemon:
             observers=[*self._health.observers, *self._recording.observers],
         )
 
-    def _make_ticking(self, clocked: Sequence[SteppedLink]) -> Ticking:
+    def _request_handler(self) -> RequestHandler:
+        """Return the receiver of all requests: the core, or lock-step, which keeps them until they count."""
+        if isinstance(self._pace, LockstepPace):
+            self._pace.attach(self._core)
+            return self._pace
+        return self._core
+
+    def _make_ticking(self, stepped: Sequence[SteppedLink]) -> Ticking:
         return Ticking(
             self._core,
             self._pace,
-            clocked,
+            stepped,
             self._recording,
             self._life,
             self._log,
@@ -203,7 +211,7 @@ class Daemon:
         except Exception as error:
             self.failed(error)
         else:
-            self._pace.let_rest(judging=True)
+            self._pace.let_rest(decide=True)
         self._sessions.stop_listening()
 
     def failed(self, error: BaseException) -> None:
@@ -216,7 +224,7 @@ class Daemon:
         self._ticking.come_to_rest()
         text = "the daemon has failed; its robots come to rest: see its log"
         self._sessions.close_all(RemoteProtocolError(ErrorCode.INTERNAL, text, fatal=True).message())
-        self._pace.let_rest(judging=False)
+        self._pace.let_rest(decide=False)
         self._sessions.stop_listening()
 
     def _rested(self, success: bool) -> None:

@@ -16,7 +16,7 @@ _SETTLE = 5.0
 
 
 class Ticking:
-    """Takes ticks from the pace to the core; the `TickHandler` of the daemon.
+    """Takes ticks from the pace to the core; the `TickReceiver` of the daemon.
 
     Args:
         core: Processes the ticks.

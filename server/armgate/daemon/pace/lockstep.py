@@ -1,7 +1,7 @@
 """Lock-step: time is virtual, and a step ends when every participant is done with it.
 
 The messages that a client receives depend only on what participants send in which step, never on which of
-them was faster. So commands wait for the end of the step and are judged in the order of the robots, and
+them was faster. So commands wait for the end of the step and are decided in the order of the robots, and
 whatever a participant sends after it is done with a step counts in the next one. Only pings are answered at
 once. A stop from a participant that is done waits like everything else: no time passes meanwhile.
 """
@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from time import monotonic
 
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import Batch, ClientRequest, EventLog, Peer, RequestHandler
+from armgate.daemon.core.interfaces import Batch, ClientRequest, EventLog, Peer
 from armgate.daemon.pace.barrier import Barrier, Presence
-from armgate.daemon.pace.pace import TickHandler
+from armgate.daemon.pace.pace import TickReceiver
 from armgate.emulator import VirtualClock
 from armgate.protocol import ErrorCode, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
@@ -53,7 +53,7 @@ class LockstepPace:
         self._log = log
         self._wall = wall
         self._core: Core
-        self._handler: TickHandler
+        self._receiver: TickReceiver
         self._time = 0.0
         self._sessions: dict[str, Peer] = {}
         self._done_batches: dict[str, Batch] = {}
@@ -75,25 +75,24 @@ class LockstepPace:
         """Return the id of a session; that of a participant does not depend on the order of connections."""
         return f"p{self._barrier.names.index(name)}" if name in self._barrier else f"s{number}"
 
-    def handler(self, core: Core) -> RequestHandler:
-        """Return this pace, which delays requests until they count."""
+    def attach(self, core: Core) -> None:
+        """Pass requests, once they count, to this core; clients may join before `start`."""
         self._core = core
-        return self
 
     async def open(self) -> None:
         """Do nothing: the robots are in this process."""
 
-    def start(self, core: Core, handler: TickHandler) -> None:
+    def start(self, core: Core, receiver: TickReceiver) -> None:
         """Begin with the first instant; the next one waits for the participants."""
-        self._core, self._handler = core, handler
+        self._core, self._receiver = core, receiver
         core.start()
         self._log.info("lockstep", participants=self._barrier.names)
         self._step()
         self._watch_later()
 
-    def let_rest(self, judging: bool) -> None:
+    def let_rest(self, decide: bool) -> None:
         """Go on without waiting for any participant, until `close`."""
-        if not judging:
+        if not decide:
             self._commands.clear()
             for ahead in self._ahead.values():
                 ahead.clear()
@@ -191,7 +190,7 @@ class LockstepPace:
         try:
             match request:
                 case m.Command():
-                    self._core.check_command(request)
+                    self._core.check_robot(request.robot, "command", request.seq)
                     self._commands.append((peer, request))
                     self._barrier.command(peer.client.name, request.robot)
                 case m.Pass():
@@ -245,7 +244,7 @@ class LockstepPace:
                 self._hold_if_done(peer)
 
     def _end_step(self) -> None:
-        """Judge the commands, make the robots tick, then process what participants sent ahead."""
+        """Pass the commands to the gate, make the robots tick, then process what participants sent ahead."""
         commands, self._commands = sorted(self._commands, key=self._order), []
         for peer, command in commands:
             self._core.command(peer, command)
@@ -253,7 +252,7 @@ class LockstepPace:
         self._time = instant.time
         ticked = [self._core.robots[index] for index in instant.due]
         self._barrier.begin(instant.number, ticked, self._wall())
-        self._handler.due(instant.time, instant.due, instant.number)
+        self._receiver.due(instant.time, instant.due, instant.number)
         for name in self._barrier.names:
             self._process_ahead(name)
 

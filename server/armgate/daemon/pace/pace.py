@@ -1,18 +1,17 @@
 """Pace: the passing of time in a cell.
 
 There are three: the wall clock, lock-step, and robots that are their own clock. A pace reports ticks to the
-handler that `Pace.start` receives.
+receiver that `Pace.start` takes.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import RequestHandler
 from armgate.events import LinkChange, PlanAnswer, Tick
 
 
-class TickHandler(Protocol):
+class TickReceiver(Protocol):
     """The part of the daemon that robots' ticks go to."""
 
     def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
@@ -48,9 +47,6 @@ class Pace(Protocol):
     def session_id(self, name: str, number: int) -> str:
         """Return the id of a session from the name of its client and the number of its connection."""
 
-    def handler(self, core: Core) -> RequestHandler:
-        """Return the object that sessions hand requests to."""
-
     async def open(self) -> None:
         """Get hold of the robots; nothing is reported before `start`.
 
@@ -58,14 +54,14 @@ class Pace(Protocol):
             SocketError: There is no robot server, or it refuses.
         """
 
-    def start(self, core: Core, handler: TickHandler) -> None:
+    def start(self, core: Core, receiver: TickReceiver) -> None:
         """Begin: time passes from now on."""
 
-    def let_rest(self, judging: bool) -> None:
+    def let_rest(self, decide: bool) -> None:
         """Go on without waiting for any client, until `close`.
 
         Args:
-            judging: True if commands that wait are still passed to the gate.
+            decide: True if commands that wait are still passed to the gate.
         """
 
     def close(self) -> None:

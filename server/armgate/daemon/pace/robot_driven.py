@@ -6,12 +6,11 @@ from pathlib import Path
 
 from armgate.cell.cell import Cell
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import RequestHandler
-from armgate.daemon.pace.pace import TickHandler
+from armgate.daemon.pace.pace import TickReceiver
 from armgate.links.robot_server.client import RemoteLink, RobotServerClient
 
 _IDLE = 0.1
-"""Time between two calls of `TickHandler.idle`, s: leases expire even if no robot ticks."""
+"""Time between two calls of `TickReceiver.idle`, s: leases expire even if no robot ticks."""
 
 
 class RobotDrivenPace:
@@ -30,7 +29,7 @@ class RobotDrivenPace:
         names = [robot.name for robot in cell.robots]
         self._client = RobotServerClient(path, cell.hash, names, start)
         self._timer: asyncio.TimerHandle | None = None
-        self._handler: TickHandler
+        self._receiver: TickReceiver
 
     @property
     def links(self) -> list[RemoteLink]:
@@ -45,10 +44,6 @@ class RobotDrivenPace:
         """Return the id of a session: the number of its connection."""
         return f"s{number}"
 
-    def handler(self, core: Core) -> RequestHandler:
-        """Return the core: requests are answered at once."""
-        return core
-
     async def open(self) -> None:
         """Connect to the robot server; its events wait for the start.
 
@@ -57,13 +52,13 @@ class RobotDrivenPace:
         """
         await self._client.open()
 
-    def start(self, core: Core, handler: TickHandler) -> None:
+    def start(self, core: Core, receiver: TickReceiver) -> None:
         """Begin: report events, first those that have arrived; links report that they are ready."""
-        self._handler = handler
-        self._client.start(handler.received)
+        self._receiver = receiver
+        self._client.start(receiver.received)
         self._idle()
 
-    def let_rest(self, judging: bool) -> None:
+    def let_rest(self, decide: bool) -> None:
         """Do nothing: the robots wait for no client."""
 
     def close(self) -> None:
@@ -82,4 +77,4 @@ class RobotDrivenPace:
 
     def _idle(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(_IDLE, self._idle)
-        self._handler.idle(self.now())
+        self._receiver.idle(self.now())

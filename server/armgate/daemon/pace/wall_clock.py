@@ -1,10 +1,9 @@
-"""Time by the wall clock: robots tick whatever clients do, and commands are judged as they arrive."""
+"""Time by the wall clock: robots tick whatever clients do, and commands are decided as they arrive."""
 
 from collections.abc import Mapping
 
 from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import RequestHandler
-from armgate.daemon.pace.pace import TickHandler
+from armgate.daemon.pace.pace import TickReceiver
 from armgate.emulator import Instant, WallClock
 
 
@@ -20,7 +19,7 @@ class WallClockPace:
 
     def __init__(self, periods: list[float]) -> None:
         self._clock = WallClock(periods, self._tick)
-        self._handler: TickHandler
+        self._receiver: TickReceiver
 
     def now(self) -> float:
         """Return daemon time, s."""
@@ -30,20 +29,16 @@ class WallClockPace:
         """Return the id of a session: the number of its connection."""
         return f"s{number}"
 
-    def handler(self, core: Core) -> RequestHandler:
-        """Return the core: requests are answered at once."""
-        return core
-
     async def open(self) -> None:
         """Do nothing: the robots are in this process."""
 
-    def start(self, core: Core, handler: TickHandler) -> None:
+    def start(self, core: Core, receiver: TickReceiver) -> None:
         """Begin with the first instant."""
-        self._handler = handler
+        self._receiver = receiver
         core.start()
         self._clock.start()
 
-    def let_rest(self, judging: bool) -> None:
+    def let_rest(self, decide: bool) -> None:
         """Do nothing: the clock waits for no client."""
 
     def close(self) -> None:
@@ -61,4 +56,4 @@ class WallClockPace:
         return {"ticks": late.count, "worst": late.worst, "half": late.half, "overruns": late.overruns}
 
     def _tick(self, instant: Instant) -> None:
-        self._handler.due(instant.time, instant.due, None)
+        self._receiver.due(instant.time, instant.due, None)

@@ -11,6 +11,7 @@ from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import ReloadSource
 from armgate.daemon.auth.tls import is_for_clients
 from armgate.daemon.core.core import Core
+from armgate.daemon.core.interfaces import RequestHandler
 from armgate.daemon.pace.pace import Pace
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
 from armgate.daemon.sessions.listener import Listener
@@ -38,8 +39,9 @@ class SessionManager:
     Args:
         settings: Configuration of the server.
         keys: Certificates and tokens.
-        core: Answers the requests of clients.
+        core: The core.
         pace: Makes time pass.
+        requests: Answers the requests of clients: the core, or lock-step in front of it.
         scheduler: Gives the turns in which clients are read.
         greeter: Words the welcomes.
         log: Receives logins and ends of sessions.
@@ -52,6 +54,7 @@ class SessionManager:
         keys: Keys,
         core: Core,
         pace: Pace,
+        requests: RequestHandler,
         *,
         scheduler: FairScheduler,
         greeter: Greeter,
@@ -62,7 +65,7 @@ class SessionManager:
         self._settings = settings
         self._keys = keys
         self._holds_robot = core.leasing.holds
-        self._handler = pace.handler(core)
+        self._requests = requests
         self._scheduler = scheduler
         self._greeter = greeter
         self._log = log
@@ -181,8 +184,8 @@ class SessionManager:
         try:
             if not self._accepting:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
-            session.identify(self._login.admit(session, hello), self._handler)
-            self._handler.join(session)
+            session.identify(self._login.admit(session, hello), self._requests)
+            self._requests.join(session)
         except RemoteProtocolError as error:
             session.forget()
             error.re = hello.id
@@ -202,7 +205,7 @@ class SessionManager:
             client = session.client
             self._log.info("gone", session=client.id, name=client.name, reason=reason)
             if self._serving:
-                self._handler.leave(session)
+                self._requests.leave(session)
 
     def closed(self, session: Session) -> None:
         """Forget a connection that is closed."""

@@ -70,7 +70,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         self._transport: asyncio.Transport
         self._watch: ReachabilityWatch | None = None
         self._client: Client | None = None
-        self._handler: RequestHandler
+        self._requests: RequestHandler
         self._lost = False
 
     @property
@@ -190,9 +190,9 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
 
     # --- for the host -------------------------------------------------------------------------------------
 
-    def identify(self, client: Client, handler: RequestHandler) -> None:
-        """Accept the hello of a client; from now on its requests go to the handler."""
-        self._client, self._handler = client, handler
+    def identify(self, client: Client, requests: RequestHandler) -> None:
+        """Accept the hello of a client; ``requests`` handles its requests from now on."""
+        self._client, self._requests = client, requests
         self._reader.identify(client.identity)
 
     def forget(self) -> None:
@@ -266,7 +266,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
                 self.close(m.Bye())
             case _ if isinstance(item, ClientRequest):
                 if self._host.serving:
-                    self._handler.handle(self, item)
+                    self._requests.handle(self, item)
             case _:
                 raise AssertionError(f"{item.type}: not a message of clients")
 

@@ -27,7 +27,7 @@ def wall_clock(period: float, tick: Callable[[], None]) -> Clock:
     return WallClock([period], lambda _: tick())
 
 
-class WallClockedLink:
+class OwnClockLink:
     """Link of a robot that is stepped by a clock of its own; it is never lost.
 
     Args:
