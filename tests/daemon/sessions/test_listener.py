@@ -14,8 +14,7 @@ from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.tls import TlsError, is_for_clients, server_context
 from armgate.daemon.sessions import listener as module
 from armgate.daemon.sessions.connection_limits import ConnectionLimits
-from armgate.daemon.sessions.interfaces import ConnectionProtocol
-from armgate.daemon.sessions.listener import Listener
+from armgate.daemon.sessions.listener import ConnectionProtocol, Listener
 from armgate.links.log import Log
 from support.certificates import Authority, encrypted
 from support.clients import PATIENCE, until

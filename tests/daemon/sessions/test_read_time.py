@@ -30,13 +30,13 @@ async def test_the_time_follows_even_if_newer_work_always_waits():
     turns = FairScheduler(itertools.count().__next__)  # each piece of work takes a whole turn
 
     def again(name):
-        turns.later(name, True, lambda: again(name))
+        turns.run_later(name, True, lambda: again(name))
 
     for name in "abc":
         again(name)
-    heard = ReadTime(lambda: 1.0, turns.holders_queued, turns.holders_wait)
+    heard = ReadTime(lambda: 1.0, turns.privileged_queued, turns.privileged_wait)
     await until(lambda: heard() == 1.0, turns=100)
-    assert turns.holders_wait(turns.holders_queued())
+    assert turns.privileged_wait(turns.privileged_queued())
 
 
 async def test_data_in_a_socket_are_read_before_the_time_follows():

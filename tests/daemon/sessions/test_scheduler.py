@@ -102,10 +102,10 @@ async def test_work_is_done_at_once_while_the_turn_has_time_and_queued_after_tha
     works = Works()
     turns = FairScheduler(works.clock)
     for _ in range(20):
-        turns.now("a", False, works.of("a"))
+        turns.run_now("a", False, works.of("a"))
     at_once = len(works.done)
     assert at_once == 3  # 0.25 ms
-    turns.now("h", True, works.of("h"))
+    turns.run_now("h", True, works.of("h"))
     assert works.done[-1] == "h"
     await asyncio.sleep(0)
     assert len(works.done) == 2 * at_once + 1
@@ -115,8 +115,8 @@ async def test_holders_are_served_before_others_and_both_in_every_turn():
     works = Works()
     turns = FairScheduler(works.clock)
     for _ in range(100):
-        turns.later("h", True, works.of("h"))
-        turns.later("a", False, works.of("a"))
+        turns.run_later("h", True, works.of("h"))
+        turns.run_later("a", False, works.of("a"))
     await asyncio.sleep(0)
     first = "".join(works.done)
     assert first == "h" * 10 + "a" * 3
@@ -129,10 +129,10 @@ async def test_sessions_without_a_robot_get_their_share_of_a_core_and_holders_th
     works = Works()
     turns = FairScheduler(works.clock, share=0.5)
     for _ in range(2000):
-        turns.later("a", False, works.of("a"))
+        turns.run_later("a", False, works.of("a"))
     while works.clock.now < 0.1:
         works.clock.now += 5e-5  # what the event loop does besides
-        turns.later("h", True, works.of("h", 5e-5))
+        turns.run_later("h", True, works.of("h", 5e-5))
         await asyncio.sleep(0)
     assert 0.9 * (0.02 + 0.05) <= 1e-4 * works.done.count("a") <= 1.05 * (0.02 + 0.05)
     assert works.done.count("h") >= 0.9 * 0.1 / 3e-4
@@ -142,8 +142,8 @@ async def test_work_that_waits_for_its_share_is_done_later_without_new_work():
     turns, done = FairScheduler(share=0.5), asyncio.Event()
     begin = perf_counter()
     for _ in range(100):
-        turns.later("a", False, lambda: sleep(1e-3))
-    turns.later("a", False, done.set)
+        turns.run_later("a", False, lambda: sleep(1e-3))
+    turns.run_later("a", False, done.set)
     async with asyncio.timeout(30.0):
         await done.wait()
     assert perf_counter() - begin >= 0.1 + 0.06
@@ -173,28 +173,28 @@ def test_clients_of_one_identity_or_address_share_a_rate_limit(bound, same):
     one.identify(same[0])
     other.identify(same[2])
     stranger = RateLimit(allowances, "elsewhere")
-    one.spend(30.0, privileged=False)
-    assert other.reserve(privileged=False) == pytest.approx(21 / 40.0)
-    assert other.reserve(privileged=True) == 0.0
-    assert stranger.reserve(privileged=False) == 0.0
+    one.spend(30.0, own_limit_only=False)
+    assert other.reserve(own_limit_only=False) == pytest.approx(21 / 40.0)
+    assert other.reserve(own_limit_only=True) == 0.0
+    assert stranger.reserve(own_limit_only=False) == 0.0
 
 
 def test_all_clients_together_have_a_rate_limit_that_does_not_apply_to_holders():
     allowances = RateLimits(rates(in_all=40.0), Clock())
     for number in range(10):
-        RateLimit(allowances, f"a{number}").reserve(privileged=False)
+        RateLimit(allowances, f"a{number}").reserve(own_limit_only=False)
     late = RateLimit(allowances, "late")
-    assert late.reserve(privileged=False) > 0.0
-    assert late.reserve(privileged=True) == 0.0
+    assert late.reserve(own_limit_only=False) > 0.0
+    assert late.reserve(own_limit_only=True) == 0.0
 
 
 def test_a_bounded_number_of_identities_is_remembered_and_none_in_use_is_forgotten():
     clock = Clock()
     allowances = RateLimits(rates(identity=40.0), clock)
     busy = RateLimit(allowances, "busy")
-    busy.spend(1e6, privileged=False)
+    busy.spend(1e6, own_limit_only=False)
     for number in range(3000):
         clock.now += 0.01
         RateLimit(allowances, f"a{number}")
     assert len(allowances._shared) <= 1026
-    assert RateLimit(allowances, "busy").reserve(privileged=False) > 1.0
+    assert RateLimit(allowances, "busy").reserve(own_limit_only=False) > 1.0

@@ -128,7 +128,16 @@ class Wire:
         self.client = Connection(Side.CLIENT)
 
     def send(self, *messages):
-        self.session.data_received(b"".join(self.client.send(message) for message in messages))
+        self.arrive(b"".join(self.client.send(message) for message in messages))
+
+    def arrive(self, data):
+        """Pass bytes to the session as asyncio does: through its buffer, as many at once as fit."""
+        while data:
+            buffer = self.session.get_buffer(-1)
+            taken = len(buffer[: len(data)])
+            buffer[:taken] = data[:taken]
+            self.session.buffer_updated(taken)
+            data = data[taken:]
 
     def hello(self):
         self.send(m.Hello(versions=(1,), name="wave"))
@@ -173,13 +182,13 @@ async def test_messages_reach_the_handler_in_order(line):
 async def test_messages_may_arrive_byte_by_byte(line):
     line.hello()
     for byte in line.client.send(m.Ping(time=1.0)):
-        line.session.data_received(bytes([byte]))
+        line.arrive(bytes([byte]))
     assert line.host.received[-1].time == 1.0
 
 
 async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts(line):
     line.hello()
-    line.session.data_received(encode(m.Ping.model_construct(type="ping", time="late", id=3)))
+    line.arrive(encode(m.Ping.model_construct(type="ping", time="late", id=3)))
     error = line.received()[0]
     assert (error.code, error.fatal, error.re) == ("invalid_message", False, 3)
     line.send(m.Ping(time=1.0))
@@ -188,8 +197,8 @@ async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts
 
 async def test_garbage_ends_the_connection_with_a_named_error_that_can_still_be_read(line):
     line.hello()
-    line.session.data_received(b"\xff\xff\xff\xff and more")
-    line.session.data_received(b"and more")
+    line.arrive(b"\xff\xff\xff\xff and more")
+    line.arrive(b"and more")
     error = line.received()[0]
     assert (error.code, error.fatal) == ("frame_too_large", True)
     assert line.transport.eof
@@ -235,19 +244,19 @@ async def test_bye_is_answered(line):
 async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowly(line):
     line.hello().session.close(m.Bye())
     assert line.transport.reading
-    line.session.data_received(bytes(1000))
+    line.arrive(bytes(1000))
     assert not line.transport.reading
     begin, line.transport.resumed = monotonic(), asyncio.Event()
     await asyncio.wait_for(line.transport.resumed.wait(), 10.0)
     assert monotonic() - begin >= 0.009
-    line.session.data_received(bytes(1000))
+    line.arrive(bytes(1000))
     assert not line.transport.reading
 
 
 async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.reading._DISCARD", 0.01)
     line.session.close(m.Bye())
-    line.session.data_received(b"x" * 100)
+    line.arrive(b"x" * 100)
     line.transport.reading = False
     line.transport.close()
     await asyncio.sleep(0.03)
@@ -264,7 +273,7 @@ async def test_the_end_of_a_session_is_reported_once(line):
 
 async def test_a_truncated_frame_is_reported(line):
     line.hello()
-    line.session.data_received(b"\x00\x00\x00\x09abc")
+    line.arrive(b"\x00\x00\x00\x09abc")
     line.session.eof_received()
     assert "truncated" in line.host.received[-1]
 
@@ -387,7 +396,7 @@ def pings_received(line):
 async def test_a_flood_is_read_a_few_messages_at_each_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
-    slow.session.data_received(pings(slow, 30))
+    slow.arrive(pings(slow, 30))
     assert pings_received(slow) == [*range(8)]
     await asyncio.sleep(0)
     assert len(pings_received(slow)) == 16
@@ -399,11 +408,11 @@ async def test_while_a_session_waits_for_its_turn_reading_is_bounded(slow):
     slow.hello()
     slow.transport.reading = True
     data = pings(slow, 2000)
-    slow.session.data_received(data[:100])  # this turn's time went to the hello
+    slow.arrive(data[:100])  # this turn's time went to the hello
     assert pings_received(slow) == []
-    slow.session.data_received(data[100:200])
+    slow.arrive(data[100:200])
     assert slow.transport.reading
-    slow.session.data_received(data[200:])
+    slow.arrive(data[200:])
     assert not slow.transport.reading
     await until(lambda: slow.transport.reading)
     assert 0 < len(pings_received(slow)) < 2000
@@ -431,7 +440,7 @@ async def test_a_stop_overtakes_the_pings_before_it(bounded):
     stop = line.client.send(m.Stop(reason="now"))
     data = pings(line, 6000) + stop + pings(line, 10)
     for at in range(0, len(data), 16384):
-        line.session.data_received(data[at : at + 16384])
+        line.arrive(data[at : at + 16384])
     await until(lambda: stops(line) == ["now"], turns=100)
     assert len(pings_received(line)) < 100
     assert line.transport.reading
@@ -440,9 +449,7 @@ async def test_a_stop_overtakes_the_pings_before_it(bounded):
 async def test_a_reset_that_a_stop_overtook_is_refused(bounded):
     line = bounded
     line.hello()
-    line.session.data_received(
-        pings(line, 9) + line.client.send(m.Reset(stop=5)) + line.client.send(m.Stop())
-    )
+    line.arrive(pings(line, 9) + line.client.send(m.Reset(stop=5)) + line.client.send(m.Stop()))
     await until(lambda: len(pings_received(line)) == 9)
     await until(lambda: any(isinstance(message, m.Error) for message in line.received()))
     assert [type(message) for message in line.host.received if isinstance(message, m.Stop | m.Reset)] == [
@@ -453,7 +460,7 @@ async def test_a_reset_that_a_stop_overtook_is_refused(bounded):
 async def test_a_stop_does_not_wait_for_a_rate_limit_that_other_clients_have_used_up():
     allowances = RateLimits(Rates(client=1e6, identity=100.0, address=1e6, in_all=1e6), monotonic)
     line = Wire(limit=RateLimit(allowances, "127.0.0.1")).hello()
-    RateLimit(allowances, "127.0.0.1").spend(1000.0, privileged=False)
+    RateLimit(allowances, "127.0.0.1").spend(1000.0, own_limit_only=False)
     line.send(m.Ping(time=0.0), m.Stop(reason="now"))
     await until(lambda: stops(line) == ["now"], turns=100)
     assert pings_received(line) == []
@@ -464,7 +471,7 @@ async def test_a_stop_does_not_wait_for_a_rate_limit_that_other_clients_have_use
 async def test_the_number_of_overtaking_stops_is_bounded(bounded):
     line = bounded
     line.hello()
-    line.session.data_received(pings(line, 100) + line.client.send(m.Stop(reason="again")) * 100)
+    line.arrive(pings(line, 100) + line.client.send(m.Stop(reason="again")) * 100)
     for _ in range(100):
         await asyncio.sleep(0)
     assert len(stops(line)) == 20
@@ -474,16 +481,16 @@ async def test_reading_ahead_is_bounded(bounded):
     line = bounded
     line.hello()
     data = pings(line, 20_000)
-    line.session.data_received(data[: 250 * 1024])
+    line.arrive(data[: 250 * 1024])
     assert line.transport.reading
-    line.session.data_received(data[250 * 1024 : 300 * 1024])
+    line.arrive(data[250 * 1024 : 300 * 1024])
     assert not line.transport.reading
 
 
 async def test_a_request_with_a_large_answer_takes_a_whole_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
-    slow.session.data_received(slow.client.send(m.Describe()) * 3)
+    slow.arrive(slow.client.send(m.Describe()) * 3)
     asked = lambda: sum(isinstance(message, m.Describe) for message in slow.host.received)  # noqa: E731
     assert asked() == 1
     await asyncio.sleep(0)
@@ -494,7 +501,7 @@ async def test_a_large_message_takes_a_whole_turn(slow):
     slow.hello()
     await asyncio.sleep(0)
     payload = msgpack.packb({"type": "ping", "time": 0.0, "pad": [[1] * 250] * 15})
-    slow.session.data_received(frame(payload) * 3)
+    slow.arrive(frame(payload) * 3)
     assert len(pings_received(slow)) == 1
     await asyncio.sleep(0)
     assert len(pings_received(slow)) == 2
@@ -503,8 +510,8 @@ async def test_a_large_message_takes_a_whole_turn(slow):
 async def test_messages_that_arrive_while_reading_keep_their_order(line):
     line.hello()
     first, second = pings(line, 10), line.client.send(m.Ping(time=10.0))
-    line.session.data_received(first)
-    line.session.data_received(second)
+    line.arrive(first)
+    line.arrive(second)
     assert len(pings_received(line)) == 8
     await until(lambda: len(pings_received(line)) == 11)
     assert pings_received(line) == [*range(11)]
@@ -512,7 +519,7 @@ async def test_messages_that_arrive_while_reading_keep_their_order(line):
 
 async def test_all_messages_of_a_client_that_closes_after_a_flood_are_read(line):
     line.hello()
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     assert line.session.eof_received() is True
     await until(lambda: line.transport.closed)
     assert pings_received(line) == [*range(30)]
@@ -524,7 +531,7 @@ async def test_all_messages_of_a_client_that_closes_after_a_flood_are_read(line)
 async def test_after_the_end_of_a_tls_stream_the_rest_is_read_in_turns_too(line, monkeypatch):
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     line.hello()
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     assert line.session.eof_received() is False
     line.session.connection_lost(None)
     assert len(pings_received(line)) == 8
@@ -536,7 +543,7 @@ async def test_after_the_end_of_a_tls_stream_the_rest_is_read_in_turns_too(line,
 async def test_a_client_aborted_while_the_rest_of_its_stream_is_read_has_left(line, monkeypatch):
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     line.hello()
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     line.session.eof_received()
     line.session.connection_lost(None)
     line.session.abort()
@@ -549,7 +556,7 @@ async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_
     line = Wire().hello()
     watched = []
     monkeypatch.setattr(TcpPeerSocket, "is_unreachable", lambda self: watched.append(1))
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     line.session.eof_received()
     line.session.connection_lost(None)
     line.transport.socket.close()
@@ -561,7 +568,7 @@ async def test_a_lost_connection_is_not_watched_while_the_rest_of_its_stream_is_
 async def test_no_message_after_a_bye_is_read(line):
     line.hello()
     data = pings(line, 10) + line.client.send(m.Bye())
-    line.session.data_received(data)
+    line.arrive(data)
     await until(lambda: line.transport.eof)
     assert pings_received(line) == [*range(10)]
     assert line.transport.reading
@@ -571,7 +578,7 @@ async def test_more_messages_than_the_rate_allows_wait():
     rates = Rates(client=40.0, identity=1e6, address=1e6, in_all=1e6)
     line = Wire(limit=RateLimit(RateLimits(rates, monotonic), "127.0.0.1"))
     line.hello()
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     for _ in range(3):
         await asyncio.sleep(0)
     assert len(pings_received(line)) in (8, 16)  # the burst of 10, and what was begun
@@ -583,7 +590,7 @@ async def test_more_messages_than_the_rate_allows_wait():
 
 async def test_a_lost_connection_is_not_read(line):
     line.hello()
-    line.session.data_received(pings(line, 30))
+    line.arrive(pings(line, 30))
     line.session.connection_lost(None)
     for _ in range(5):
         await asyncio.sleep(0)
@@ -623,7 +630,7 @@ async def test_a_connection_that_is_lost_before_it_is_made_ends():
 
 async def test_a_hello_does_not_wait_for_messages_of_other_clients_at_its_address():
     allowances = RateLimits(Rates(client=2000.0, identity=1.0, address=1.0, in_all=1.0), lambda: 0.0)
-    RateLimit(allowances, "127.0.0.1").spend(1e6, privileged=False)
+    RateLimit(allowances, "127.0.0.1").spend(1e6, own_limit_only=False)
     line = Wire(limit=RateLimit(allowances, "127.0.0.1"))
     assert line.session.slot.silent
     line.hello()

@@ -12,8 +12,7 @@ import pytest
 from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.tls import server_context
 from armgate.daemon.sessions.connection_limits import ConnectionLimits
-from armgate.daemon.sessions.interfaces import ConnectionProtocol
-from armgate.daemon.sessions.listener import Listener
+from armgate.daemon.sessions.listener import ConnectionProtocol, Listener
 from armgate.links.log import Log
 from support.certificates import Authority
 from support.clients import PATIENCE, until

@@ -98,9 +98,9 @@ class Daemon:
         pace, lockstep = self._pace, self._pace.lockstep
 
         def defer(peer: Peer, work: Callable[[], None]) -> None:
-            scheduler.later(peer.client.identity, False, work)
+            scheduler.run_later(peer.client.identity, False, work)
 
-        read_time = ReadTime(pace.now, scheduler.holders_queued, scheduler.holders_wait)
+        read_time = ReadTime(pace.now, scheduler.privileged_queued, scheduler.privileged_wait)
         return Core(
             self._cell,
             runner,

@@ -7,6 +7,7 @@ cannot be accepted yet wait in the kernel's queue, so that connected clients are
 import asyncio
 import socket
 import ssl
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
@@ -16,7 +17,7 @@ from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.unix_socket import UnixSocket
 from armgate.daemon.sessions import tls_stream
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
-from armgate.daemon.sessions.interfaces import ConnectionProtocol
+from armgate.daemon.sessions.scheduler import Work
 from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 from armgate.links.robot_server.unix_socket import peer_uid
@@ -35,6 +36,18 @@ _LEAVING = 128
 
 _RETRY = 1.0
 """Time to wait if the system has no more descriptors or memory, s."""
+
+
+class ConnectionProtocol(asyncio.BaseProtocol, ABC):
+    """The asyncio protocol of one connection; made by the listener."""
+
+    @abstractmethod
+    def evict(self) -> None:
+        """Close the connection to make room for another one: no hello came."""
+
+    @abstractmethod
+    def serve(self, work: Work) -> None:
+        """Do work of this connection in its turn."""
 
 
 class Listener:

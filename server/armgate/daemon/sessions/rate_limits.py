@@ -87,19 +87,19 @@ class RateLimit:
         """Count in the limit of this identity from now on."""
         self._shared = self._limits.shared(identity, self._address)
 
-    def reserve(self, privileged: bool) -> float:
+    def reserve(self, own_limit_only: bool) -> float:
         """Take one message; return the time to wait before it is read, s.
 
         Args:
-            privileged: True if only the client's own limit counts.
+            own_limit_only: True if the limits that it shares do not count.
         """
         now = self._limits.now()
         own = self._own.reserve(now)
-        return own if privileged else max(own, *(bucket.reserve(now) for bucket in self._shared))
+        return own if own_limit_only else max(own, *(bucket.reserve(now) for bucket in self._shared))
 
-    def spend(self, count: float, privileged: bool) -> None:
+    def spend(self, count: float, own_limit_only: bool) -> None:
         """Take the cost of reading beyond the one message that was reserved."""
         self._own.spend(count)
-        if not privileged:
+        if not own_limit_only:
             for bucket in self._shared:
                 bucket.spend(count)

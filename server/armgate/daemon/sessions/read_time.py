@@ -16,7 +16,8 @@ class ReadTime:
 
     Args:
         now: Daemon time, s.
-        queued: Returns the number of the newest work that waits for sessions that hold a robot.
+        queued: Returns the number of the newest work that waits for privileged sessions: all
+            holders are privileged.
         waiting: Returns True while such work up to a number waits. Newer work is not waited for: the lease
             of a session whose earlier work is done was renewed since.
     """

@@ -7,13 +7,16 @@ nothing that it sent is dropped.
 
 import asyncio
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from armgate.daemon.sessions.interfaces import ReadSession
 from armgate.daemon.sessions.rate_limits import RateLimit
 from armgate.daemon.sessions.scheduler import FairScheduler, Work
 from armgate.daemon.token_bucket import TokenBucket
 from armgate.protocol import Connection, Refusal
 from armgate.protocol import messages as m
+
+if TYPE_CHECKING:
+    from armgate.daemon.sessions.session import Session
 
 _BUFFER = 16 * 1024
 """Bytes that are read at once; asyncio's own 256 KiB are memory that the system allocates anew each time."""
@@ -44,7 +47,7 @@ class Reader:
     """Reads one client.
 
     Args:
-        session: The session of the client.
+        session: The session of the client; its `receive` takes each message.
         connection: Decodes its bytes.
         scheduler: Gives the turns in which the client is read.
         limit: Bounds the rate at which it is read; None: no bound.
@@ -54,7 +57,7 @@ class Reader:
     """
 
     def __init__(
-        self, session: ReadSession, connection: Connection, scheduler: FairScheduler, limit: RateLimit | None
+        self, session: "Session", connection: Connection, scheduler: FairScheduler, limit: RateLimit | None
     ) -> None:
         self.buffer = memoryview(bytearray(_BUFFER))
         self._session = session
@@ -86,15 +89,18 @@ class Reader:
         if self._limit is not None:
             self._limit.identify(identity)
 
-    def push(self, data: bytes) -> None:
-        """Take bytes that arrived; they are read in the next turn of the session."""
-        self._connection.push(data)
-        self._bytes += len(data)
+    def push(self, nbytes: int) -> None:
+        """Take bytes that arrived in ``buffer``: read them at once if the scheduler permits, else later.
+
+        While earlier messages wait, bytes are added up to `_AHEAD`, and only searched for a stop.
+        """
+        self._connection.push(bytes(self.buffer[:nbytes]))
+        self._bytes += nbytes
         if self._reading:
             self._read_ahead()
         else:
             self._reading = True
-            self._request_turn(self._scheduler.now)
+            self._request_turn(self._scheduler.run_now)
 
     def discard(self) -> None:
         """Discard bytes of a connection that is closing, and read on only after a pause."""
@@ -122,20 +128,20 @@ class Reader:
 
     # --- turns --------------------------------------------------------------------------------------------
 
-    def _request_turn(self, give: Callable[[str, bool, Work], None]) -> None:
+    def _request_turn(self, run: Callable[[str, bool, Work], None]) -> None:
         """Read when it is this session's turn and its rate limit permits it."""
         privileged = self._session.privileged
         # Other clients must not delay a hello: before it only the session's own allowance counts.
-        alone = privileged or not self._session.greeted
-        wait = 0.0 if self._limit is None else self._limit.reserve(alone)
+        own_limit_only = privileged or not self._session.greeted
+        wait = 0.0 if self._limit is None else self._limit.reserve(own_limit_only)
         if wait:
             self._read_ahead()
             self._timer = asyncio.get_running_loop().call_later(wait, self._resume)
         else:
-            give(self._session.identity, privileged, self._read)
+            run(self._session.identity, privileged, self._read)
 
     def _resume(self) -> None:
-        self._scheduler.now(self._session.identity, self._session.privileged, self._read)
+        self._scheduler.run_now(self._session.identity, self._session.privileged, self._read)
 
     def _read(self) -> None:
         """Read as much as one turn allows, and request another turn for the rest."""
@@ -145,7 +151,7 @@ class Reader:
             self._limit.spend(cost - 1.0, self._session.privileged)
         if more:
             self._read_ahead()
-            self._request_turn(self._scheduler.later)
+            self._request_turn(self._scheduler.run_later)
             return
         self._reading = False
         if self._ended:
@@ -181,7 +187,7 @@ class Reader:
             self.read_on()
         if not self._searching and self._limit is not None and self._connection.may_overtake:
             self._searching = True
-            self._scheduler.later(self._session.identity, self._session.privileged, self._search)
+            self._scheduler.run_later(self._session.identity, self._session.privileged, self._search)
 
     def _search(self) -> None:
         """Search a few of the waiting messages for a stop, and act on it."""

@@ -1,10 +1,10 @@
 """Fair scheduling of sessions: which one is served next, and how much time of a turn serving may take.
 
 Ticks are timers of the event loop, so they wait for at most one turn. A turn is bounded by time: each lane
-has a slice of it, and work that does not fit waits for the next turn. Sessions that hold a robot are served
-in their own lane, before all others. All others together get at most half of a core over longer times.
-Within a lane the identities (tokens, addresses) take turns, so an identity with many connections gets no
-more time than one with a single connection.
+has a slice of it, and work that does not fit waits for the next turn. Privileged sessions are served in their
+own lane, before all others: those that hold a robot, and operators by token or user. All others together get
+at most half of a core over longer times. Within a lane the identities (tokens, addresses) take turns, so an
+identity with many connections gets no more time than one with a single connection.
 """
 
 import asyncio
@@ -16,8 +16,8 @@ from armgate.daemon.token_bucket import TokenBucket
 
 Work = Callable[[], None]
 
-_HOLDERS = 1e-3
-"""Time in each turn for sessions that hold a robot, s."""
+_PRIVILEGED = 1e-3
+"""Time in each turn for privileged sessions, s."""
 
 _OTHERS = 250e-6
 """Time in each turn for all other sessions, s."""
@@ -101,39 +101,39 @@ class FairScheduler:
 
     Args:
         clock: A clock for durations, s.
-        share: Share of all time that sessions without a robot may use; 1: no bound.
+        share: Share of all time that all other sessions may use; 1: no bound.
     """
 
     def __init__(self, clock: Callable[[], float] = perf_counter, share: float = SHARE) -> None:
-        self._holders = Lane(_HOLDERS, clock)
+        self._privileged = Lane(_PRIVILEGED, clock)
         self._others = Lane(_OTHERS, clock, share)
         self._armed = False
         self._timer: asyncio.TimerHandle | None = None
 
-    def holders_queued(self) -> int:
-        """Return the number of the newest work queued for sessions that hold a robot."""
-        return self._holders.queued
+    def privileged_queued(self) -> int:
+        """Return the number of the newest work queued for privileged sessions."""
+        return self._privileged.queued
 
-    def holders_wait(self, number: int) -> bool:
+    def privileged_wait(self, number: int) -> bool:
         """Return True if such work up to this number waits."""
-        return self._holders.waits(number)
+        return self._privileged.waits(number)
 
-    def now(self, identity: str, holder: bool, work: Work) -> None:
+    def run_now(self, identity: str, privileged: bool, work: Work) -> None:
         """Do work at once if time is left in this turn, else queue it."""
-        lane = self._lane(holder)
+        lane = self._lane(privileged)
         if lane.free:
             lane.do(work)
         else:
             lane.add(identity, work)
         self._arm()
 
-    def later(self, identity: str, holder: bool, work: Work) -> None:
+    def run_later(self, identity: str, privileged: bool, work: Work) -> None:
         """Queue work for the next turn."""
-        self._lane(holder).add(identity, work)
+        self._lane(privileged).add(identity, work)
         self._arm()
 
-    def _lane(self, holder: bool) -> Lane:
-        return self._holders if holder else self._others
+    def _lane(self, privileged: bool) -> Lane:
+        return self._privileged if privileged else self._others
 
     def _arm(self) -> None:
         if not self._armed:
@@ -142,10 +142,10 @@ class FairScheduler:
 
     def _run(self) -> None:
         self._armed = False
-        self._holders.run()
+        self._privileged.run()
         self._others.run()
         pause = self._others.pause() if self._others.waiting else 0.0
-        if self._holders.waiting or (self._others.waiting and not pause):
+        if self._privileged.waiting or (self._others.waiting and not pause):
             self._arm()
         elif pause and self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(pause, self._resume)

@@ -2,12 +2,13 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from armgate.daemon.auth.tls import peer_certificate
 from armgate.daemon.core.interfaces import Batch, Client, ClientRequest, Encoded, RequestHandler
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.ending import Ending
-from armgate.daemon.sessions.interfaces import ConnectionProtocol, SessionHost
+from armgate.daemon.sessions.listener import ConnectionProtocol
 from armgate.daemon.sessions.peer_socket import ReachabilityWatch, peer_socket
 from armgate.daemon.sessions.rate_limits import RateLimit
 from armgate.daemon.sessions.reading import Reader
@@ -30,9 +31,35 @@ _LINGER = 1.0
 """Time that a client has to read the last message, s."""
 
 _DELAYABLE = (m.Signaled, m.Verdict)
-"""Answers that a batch may hold back; all others are written at once."""
+"""Messages that a batch may hold back, apart from states; all others are written at once."""
 
 _EVICTED = "no hello came while other clients waited for the place; send hello right after connecting"
+
+
+class SessionHost(Protocol):
+    """The object to which sessions report; called by `Session`."""
+
+    @property
+    def serving(self) -> bool:
+        """True if requests of clients are processed."""
+
+    def opened(self, session: "Session") -> None:
+        """Process a new connection."""
+
+    def hello(self, session: "Session", hello: m.Hello) -> None:
+        """Process a hello: answer with welcome or a fatal error."""
+
+    def left(self, session: "Session", reason: str) -> None:
+        """Process the end of a session by a bye or the loss of its connection; called once."""
+
+    def closed(self, session: "Session") -> None:
+        """Process the end of a connection; nothing is called for it afterwards."""
+
+    def privileged(self, session: "Session") -> bool:
+        """Return True if the session is served first: it holds a robot, or is an operator by token."""
+
+    def failed(self, error: BaseException) -> None:
+        """Process a defect of the daemon."""
 
 
 class Session(asyncio.BufferedProtocol, ConnectionProtocol):
@@ -151,16 +178,12 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         return self._reader.buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take the bytes that arrived in the buffer."""
-        self.data_received(bytes(self._reader.buffer[:nbytes]))
-
-    def data_received(self, data: bytes) -> None:
-        """Take bytes that arrived."""
+        """Take the bytes in the buffer; the reader passes their messages to `receive` in its turns."""
         if self.closing:
             self._reader.discard()
         else:
             self.slot.note_data()
-            self._reader.push(data)
+            self._reader.push(nbytes)
 
     def eof_received(self) -> bool:
         """Process the end of the client's stream; see `Reader.end`."""
@@ -209,7 +232,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
 
     def serve(self, work: Work) -> None:
         """Do work of this connection in its turn."""
-        self._scheduler.now(self.identity, self.privileged, work)
+        self._scheduler.run_now(self.identity, self.privileged, work)
 
     def evict(self) -> None:
         """Close the connection to make room for another one: no hello came."""
@@ -246,7 +269,7 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         self._writer.drop_states()
 
     def batch(self) -> Batch:
-        """Hold back states, and answers that may be delayed, until the batch closes."""
+        """Hold back states, and messages that may be delayed, until the batch closes."""
         return self._writer.batch()
 
     # --- receiving ----------------------------------------------------------------------------------------
