@@ -186,7 +186,7 @@ BEYOND = [*TWELVE[:-1].tolist(), (1, 7, 8)]
         ("ply", ply_of(TWELVE).replace(b"end_header", b"end"), "line 9: 'end' in the header"),
         ("ply", ply_of(TWELVE)[:100], "no 'end_header' line: the file is truncated"),
         ("ply", ply_of(TWELVE).replace(b"\n", b"\r\n").replace(b"format ", b"format\n"),
-         "line 2: another line end than that of line 1"),
+         "line 2: a line end other than that of line 1"),
         ("ply", b"plx\n", "line 1: begins with"),
         ("off", off_of(TWELVE, counts=(8, 13)), "ends after 12 of 13 faces"),
         ("off", off_of(TWELVE, counts=(8, 11)), "line 22: '3' follows the last of 11 faces"),

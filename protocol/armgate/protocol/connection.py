@@ -2,7 +2,7 @@
 
 Theory of operation: one table, ``TRANSITIONS``, states which side may send which message in which state:
 (state, sender, event) → next state. An event is the type of a message; a fatal error is the event ``fatal``.
-What the table does not contain is not allowed. The table is the same for client and server. Each version of
+All other messages are rejected. The table is the same for client and server. Each version of
 the protocol has a table of its own: the same rules for the messages of its dialect.
 
 Use, on both sides::

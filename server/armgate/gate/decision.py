@@ -81,7 +81,7 @@ class DecisionMaker:
         return decision
 
     def forget(self, robot: int) -> None:
-        """Forget the floors of a robot's retreat: they were reached at another place."""
+        """Forget the floors of a robot's retreat: they were reached at another position."""
         self._retreat.forget(robot)
 
     def _largest_clear(self, wanted: LimitedIncrement, state: RobotState, required: Requirements) -> Decision:

@@ -95,7 +95,7 @@ class Gate:
         return out
 
     def view(self, robot: str) -> RobotView:
-        """Return what a state reports of a robot.
+        """Return the contents of a state about a robot.
 
         Raises:
             ModelError: There is no such robot.

@@ -1,4 +1,4 @@
-"""Lag of axes with different time constants: how far the true position may leave the hull of the setpoints.
+"""Lag of axes with different time constants: distance by which a robot may leave its setpoints' hull.
 
 A robot whose joints all lag alike is at a weighted mean of its setpoints. If the lags τ_j differ, each joint
 has weights of its own. Compare joint j with a companion that lags by the middle τ, |τ_j − τ| ≤ Δ = Δτ/2. Both
@@ -12,7 +12,7 @@ so at the next, because |1/(1 − λ_j(T)) − 1/(1 − λ(T))| ≤ Δ/T. Betwee
     M·min(Δ/T·(x/(1 − e⁻ˣ) − 1), 1/(1 − e⁻ˣ)),   x = T/τ_j for the shortest lag.
 
 The companion is only known to the tolerance r of the measurement. Of each tick's 2r the share λ(T) is left at
-the next tick, so that they add up to 2r/(1 − λ(T)) in all.
+the next tick, so that their sum is at most 2r/(1 − λ(T)).
 """
 
 import math

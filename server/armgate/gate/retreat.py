@@ -1,7 +1,7 @@
 """Retreat of a robot that starts too near to something: floors that only rise.
 
 A pair whose certified bound is below its limit has a floor, the best value that it has reached. An increment
-is a retreat if no violated pair is proven to fall below its floor by more than 0.2 mm in all, at least one
+is a retreat if no violated pair is proven to fall below its floor by more than 0.2 mm in total, at least one
 margin is proven to widen, and nothing new is violated. A retreat begins at rest, when only the setpoint in
 force counts: the first floor is the value at the place where the robot stands.
 
@@ -86,7 +86,7 @@ class Retreat:
             self._turn.pop(state.index, None)
 
     def forget(self, robot: int) -> None:
-        """Forget the floors of a robot's pairs: they were reached at another place."""
+        """Forget the floors of a robot's pairs: they were reached at another position."""
         for pair in self._clearance.pairs_of[robot].tolist():
             self._floor.pop(pair, None)
 

@@ -1,10 +1,10 @@
 """Stops in force. A repeated stop replaces the one that it repeats, so their number is bounded.
 
-Each stop has an id of its own, larger than all before. A stop of the same robots for the same cause as one in
-force replaces it: only the newer id is in force then, and a reset of either id lifts it. Clients may stop the
-same robots for ``OF_CLIENTS`` different causes; one more replaces the newest of them, if possible one of the
-same client. The gate itself has three causes per robot. So at most 2 · ``OF_CLIENTS`` + 3 stops, of one robot
-or of the cell, are in force for a robot, for any behaviour of clients and links.
+Each stop has an id of its own, larger than all earlier ids. A stop of the same robots for the same cause as
+one in force replaces it: only the newer id is in force then, and a reset of either id lifts it. Clients may
+stop the same robots for ``OF_CLIENTS`` different causes; one more replaces the newest of them, if possible
+one of the same client. The gate itself has three causes per robot. So at most 2 · ``OF_CLIENTS`` + 3 stops,
+of one robot or of the cell, are in force for a robot, for any behaviour of clients and links.
 """
 
 from collections import OrderedDict
@@ -41,12 +41,12 @@ LINK, FAULT, MET = (StopCause("", why) for why in ("link", "fault", "met"))
 
 @dataclass(slots=True)
 class StopInForce:
-    """A stop in force; its id is that of the newest stop that it stands for.
+    """A stop in force, with the id of the newest stop that was merged into it.
 
     Attributes:
         id: The id that a reset names.
         robots: Indices of the robots.
-        cause: Cause of the newest stop that it stands for.
+        cause: Cause of the newest stop that was merged into it.
     """
 
     id: int

@@ -62,8 +62,8 @@ def _wrong_sum(s: RobotState, event: Tick) -> str | None:
 def _wrong_rebase(s: RobotState, event: Tick) -> str | None:
     """Check a rebased tick.
 
-    A robot that was held rests at a setpoint where the gate can expect it. A link that is not ready may begin
-    anew elsewhere.
+    A robot that was held rests at a setpoint where the gate can expect it. A link that is not ready may start
+    again at another position.
     """
     if _plays(event):
         return f"{s.name}'s link reports a robot that is held and moves"

@@ -174,7 +174,7 @@ class Clearance:
         return ClearanceResult(lb, None)
 
     def point_bound(self, robot: int, pair: int, q: Joints) -> float:
-        """Return a tight bound of one pair with the robot at ``q`` and the others in what they hold."""
+        """Return a tight bound of one pair with the robot at ``q`` and the others in held occupancies."""
         group, k = self.find(robot, pair)
         still = self.space.still(robot, q)
         sides = self._others(group, robot, still)

@@ -24,7 +24,7 @@ _SLACK = 1e-3
 """Room beyond the limits, m: tolerance of a measurement, and slack of a joint outside its limits."""
 
 _STEP = 0.1
-"""Room by which the range is widened beyond what is needed, m."""
+"""Room by which the range exceeds the positions that it must contain, m."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -111,7 +111,7 @@ class NearestPairs:
         self._margin[ids] = margin
 
     def _measure(self, robot: int, places: Index, margin: Array) -> None:
-        """Raise some of a robot's margins to what the kept directions prove at the measured positions."""
+        """Raise some of a robot's margins to the bounds by the kept directions at the measured positions."""
         mine, first = self._still[robot], 0
         for group in self._clearance.groups[robot]:
             here, first = (

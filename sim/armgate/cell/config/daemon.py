@@ -92,7 +92,7 @@ class ServerConfig(ConfigModel):
     signals_per_client: Annotated[int, Field(ge=1, le=64)] = 32
     """Largest number of signals of one client, of all clients with one token, or of one user.
 
-    There are at most 64 signals in all."""
+    There are at most 64 signals in total."""
     signals: Annotated[dict[Name, SignalRuleConfig], Field(max_length=64)] = {}
     """Permissions by prefix of the signal's name; ``operator.`` is for operators unless it is listed."""
     message_rate: Annotated[float, Field(gt=0.0)] = 2000.0

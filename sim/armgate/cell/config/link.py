@@ -1,4 +1,4 @@
-"""Configuration of a robot's link: what all kinds have in common, and the emulated kind.
+"""Configuration of a robot's link: the keys of all kinds, and the emulated kind.
 
 The model of any other kind is in the package that provides the kind; `link_kinds` finds it by name.
 """

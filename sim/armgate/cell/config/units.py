@@ -38,7 +38,7 @@ class Quantity:
     Attributes:
         value: Value in rad, m, s and their quotients.
         dimension: Key of ``UNITS``; None for a bare number, which fits any dimension.
-        given: Value as it stands in the file.
+        given: Value as written in the file.
     """
 
     value: float
@@ -54,8 +54,8 @@ def quantity(given: object) -> Quantity:
     """Read a number or a text with a unit.
 
     Raises:
-        ValueError: It is neither, has an unknown unit, or is not finite. The text ends with what was
-            expected.
+        ValueError: It is neither, has an unknown unit, or is not finite. The text ends with the
+            expectation.
     """
     if isinstance(given, Quantity):
         return given

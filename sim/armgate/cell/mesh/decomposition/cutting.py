@@ -1,4 +1,4 @@
-"""Cutting of a surface along axis-parallel planes, so that the hulls of the pieces contain all it encloses.
+"""Cutting of a surface along axis-parallel planes, so that the pieces' hulls contain all that it encloses.
 
 Let S be the surface with everything that it encloses: all points that no path from infinity reaches without
 crossing the surface. Let closed boxes cover S. Then

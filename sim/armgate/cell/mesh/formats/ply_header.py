@@ -108,7 +108,7 @@ def _header_lines(data: bytes) -> Iterator[tuple[int, list[bytes], int]]:
         text = data[start:at].strip()
         if b"\r" in text or b"\n" in text:
             raise ModelError(
-                f"line {line}: another line end than that of line 1; expected the same in the header"
+                f"line {line}: a line end other than that of line 1; expected one kind in the header"
             )
         words = text.split()
         start = at + len(ending)
