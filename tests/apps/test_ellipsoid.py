@@ -135,8 +135,8 @@ def test_the_command_draws_the_planar_arm_by_default(
     ("change", "said"),
     [
         ({"name": "XR"}, "no robot 'XR'; it has P"),
-        ({"frame": "nose"}, "moves no frame 'nose'; it moves link_1"),
-        ({"frame": "base_link"}, "moves no frame 'base_link'"),
+        ({"frame": "nose"}, "has no moving frame 'nose'; it has link_1"),
+        ({"frame": "base_link"}, "has no moving frame 'base_link'"),
         ({"path": Path("p.csv"), "self_motion": True}, "exclude each other"),
     ],
 )
@@ -161,5 +161,5 @@ def test_no_self_motion_and_no_picture_are_wrong_use(planar: Cell, tmp_path: Pat
     with pytest.raises(UsageError, match="cannot be written"):
         draw(motion, tmp_path / "none" / "p.png", count=1, force=False)
     task = FrameTask(motion.model, "tool0", ("x", "y", "rz"))
-    with pytest.raises(UsageError, match="more joints than its 3 rows"):
+    with pytest.raises(UsageError, match="more joints than the 3 rows of the task"):
         both_ways(task, motion.q[0])

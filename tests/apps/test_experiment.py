@@ -213,7 +213,7 @@ def test_prediction_is_compared_seed_by_seed() -> None:
     without = entry("fast", moving_rms_deg=0.6)
     for rms, holds in ((0.19, True), (0.21, False)):
         rows = claims("tracking", [without, entry("fast-predicted", moving_rms_deg=rms)])
-        assert holding(rows, "0.5 m/s: RMS") is holds
+        assert holding(rows, "0.5 m/s: ratio") is holds
 
 
 @pytest.mark.parametrize(("refused", "holds"), [(4, True), (5, False)])

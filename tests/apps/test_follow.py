@@ -133,7 +133,7 @@ def followed(
 
 def test_the_follower_follows_until_the_path_ends_within_its_bounds(built: BuiltCell) -> None:
     ended, cell, robot = followed(built, lambda tick: min(1.0, tick / 150))
-    assert ended == "the leader's path is done, at rest"
+    assert ended == "the leader's path is finished, at rest"
     angles = [value[0] for name, value in cell.shared if name == "follow.angle_error"]
     assert angles[-1] < np.radians(0.05)
     own = built.robot("FR")
@@ -215,7 +215,7 @@ def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, nonsense: 
 
 def test_duration_and_interrupt_end_the_follower(built: BuiltCell) -> None:
     ended, _, robot = followed(built, lambda tick: None, duration=0.6)
-    assert ended == "time is over, at rest"
+    assert ended == "duration has passed, at rest"
     assert 50 <= len(robot.sent) < 150
     interrupt = Interrupt()
     interrupt.requested = True
@@ -224,7 +224,7 @@ def test_duration_and_interrupt_end_the_follower(built: BuiltCell) -> None:
 
 def test_a_leader_that_leaves_early_is_reported_at_rest(built: BuiltCell) -> None:
     ended, _, robot = followed(built, lambda tick: tick / 100 if tick < 30 else None)
-    assert ended == "FR is at rest: the leader left at 29 % of its path"
+    assert ended == "FR is at rest: the leader disconnected at 29 % of its path"
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
 
 
@@ -246,10 +246,10 @@ def test_only_the_holder_of_the_leaders_robot_sets_the_progress(built: BuiltCell
     assert watched.ending(shared("leader", 0.4), "leader") is None
     assert watched.ending(shared("leader", 0.5), None) is None  # it has just released its robot
     assert (watched.value, watched.left) == (0.5, False)
-    assert watched.ending(shared("stranger", 1.0), None) == "the leader is gone"
+    assert watched.ending(shared("stranger", 1.0), None) == "the leader has disconnected"
     assert watched.left
     ended, _, _ = followed(built, lambda tick: 1.0, duration=0.6, owner="stranger")
-    assert ended == "time is over, at rest"
+    assert ended == "duration has passed, at rest"
 
 
 @pytest.mark.parametrize("strange", [-1.0, 1.0000001, 1e300])
@@ -258,7 +258,7 @@ def test_a_progress_out_of_range_keeps_the_last_one(strange: float) -> None:
     assert watched.ending(shared("leader", 0.4), "leader") is None
     assert watched.ending(shared("leader", strange), "leader") is None
     assert watched.value == 0.4
-    assert watched.ending(shared("leader", 1.0), "leader") == "the leader's path is done"
+    assert watched.ending(shared("leader", 1.0), "leader") == "the leader's path is finished"
 
 
 @pytest.mark.parametrize("code", ["signal_owned", "too_many_signals", "forbidden"])
@@ -268,7 +268,7 @@ def test_refused_signals_are_reported_once_and_end_no_motion(built: BuiltCell, c
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
     ended = follow_leader(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
-    assert ended == "time is over, at rest"
+    assert ended == "duration has passed, at rest"
     (line,) = cell.lines
     assert line.startswith("some signals are not shared")
 

@@ -285,7 +285,7 @@ def test_names_are_not_parsed_as_formulas(tmp_path):
 @pytest.mark.parametrize("place", ["/dev/zero", "/etc/hostname", "../x.urdf"])
 def test_the_monitor_reads_packed_files_only(tmp_path, header, place):
     with_header(tmp_path, config(header, lambda tree: urdf(tree, place)))
-    with pytest.raises(MonitorError, match="is not packed with it"):
+    with pytest.raises(MonitorError, match="is not a file of the recording"):
         check_recording(tmp_path, (), 1.0)
 
 
@@ -293,5 +293,5 @@ def test_the_monitor_reads_packed_meshes_only(tmp_path, header):
     mesh_ = b'<collision><geometry><mesh filename="/dev/zero"/></geometry></collision></link>'
     text = header.file("A.urdf").replace(b"</link>", mesh_, 1)
     with_header(tmp_path, changed(header, **{"A.urdf": text}))
-    with pytest.raises(MonitorError, match="is not packed with it"):
+    with pytest.raises(MonitorError, match="is not a file of the recording"):
         check_recording(tmp_path, (), 1.0)

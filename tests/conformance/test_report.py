@@ -109,7 +109,7 @@ async def test_a_nonconforming_server_gives_status_1(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("127.0.0.1:1",), "no server that can be tested at 127.0.0.1:1"),
+        (("127.0.0.1:1",), "no server of this protocol at 127.0.0.1:1"),
         (("localhost",), "is not an address"),
         ((), "give either HOST:PORT or --start COMMAND"),
         (("127.0.0.1:1", "--only", "FOO-1"), "no case FOO-1"),
@@ -118,7 +118,7 @@ async def test_a_nonconforming_server_gives_status_1(monkeypatch):
         (("--start", "armgate serve no-such-cell.yaml"), "no-such-cell.yaml"),
         (("127.0.0.1:1", "--token-file", "no-such-file"), "--token-file no-such-file"),
         (("127.0.0.1:1", "--tls-ca", "no-such-file"), "no-such-file: No such file"),
-        (("127.0.0.1:1", "--tls-ca", "x", "--tls-cert", "y"), "go together"),
+        (("127.0.0.1:1", "--tls-ca", "x", "--tls-cert", "y"), "need each other"),
     ],
 )
 async def test_wrong_use_is_an_error_with_status_2(arguments, text):

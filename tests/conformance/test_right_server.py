@@ -12,7 +12,7 @@ LATE = {"CMD-13/just", "LEA-20/speed", "SUB-8/slow", "STP-10/moving", "CMD-36/cl
 """Cases that are skipped if the machine is too busy, or too idle, to produce the situation."""
 
 OTHER_SERVERS = (
-    "only for a server", "--token-file", "--tls-ca", "the server speaks one version only",
+    "only for a server", "--token-file", "--tls-ca", "the server supports only one version",
     "the links of all robots are ready",
 )  # fmt: skip
 

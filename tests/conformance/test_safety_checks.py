@@ -72,7 +72,7 @@ def test_motion_by_verdicts_and_braking_is_safe():
         (
             samples([0.0, 0.0, 0.03], {2: 1}, stops={"else": (4,)}),
             commands((1, "admitted", 2, 0.03)),
-            "though it is stopped",
+            "although the robot is stopped",
         ),
     ],
 )

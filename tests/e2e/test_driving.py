@@ -335,4 +335,4 @@ async def test_a_closed_terminal_leaves_the_robot_at_rest(daemon, eye):
         status, said = await leader.ends()
         await eye.free()
     assert status == 1
-    assert "the terminal is gone; it is at rest" in said, said
+    assert "the terminal was closed; it is at rest" in said, said

@@ -107,7 +107,9 @@ def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         printed, why = process.communicate(timeout=120)
     assert process.returncode == 1
-    assert why.startswith("armgate: run holds what was run: 1 of 2 runs, then: interrupted"), why
+    assert why.startswith(
+        "armgate: incomplete, the finished runs are in run: 1 of 2 runs, then: interrupted"
+    ), why
     assert "claim" in printed
     found = json.loads((tmp_path / "run" / "tracking" / "metrics.json").read_text())
     assert [entry["case"] for entry in found["entries"]] == ["slow"]
@@ -137,7 +139,7 @@ def test_a_lost_leader_process_brings_the_follower_to_rest(daemon: str) -> None:
         leader.kill()
         _, printed = follower.communicate(timeout=60)
     assert follower.returncode == 1
-    assert re.search(r"FR is at rest: the leader left at \d+ % of its path", printed), printed
+    assert re.search(r"FR is at rest: the leader disconnected at \d+ % of its path", printed), printed
 
 
 def test_a_pursuing_leader_approaches_as_far_as_the_gate_admits(daemon: str) -> None:
@@ -150,7 +152,7 @@ def test_a_pursuing_leader_approaches_as_far_as_the_gate_admits(daemon: str) -> 
         ) as follower,
     ):
         seen = _watch(daemon, 2.9)
-        assert follower.communicate(timeout=60) == ("FR: time is over, at rest\n", "")
+        assert follower.communicate(timeout=60) == ("FR: duration has passed, at rest\n", "")
         leader.send_signal(signal.SIGINT)
         printed, why = leader.communicate(timeout=60)
     assert (follower.returncode, leader.returncode, why) == (0, 0, "")

@@ -146,7 +146,7 @@ async def test_missing_states_are_reported_and_a_lost_daemon_ends_the_monitor(tm
         os.kill(daemon.process.pid, signal.SIGKILL)
         status, _, err = await ended(monitor, by=None)
     assert status == 1
-    assert "not monitored any more" in err
+    assert "no longer monitored" in err
 
 
 async def test_an_unreadable_configuration_is_rejected(tmp_path):

@@ -168,8 +168,8 @@ def test_ticks_that_come_twice_as_fast_stop_the_cell(watched):
     script = [state(t, time=t * 0.006) for t in range(500)]
     line, lines, summary = watched(script)
     assert {finding.kind for finding in summary.findings} == {"pace"}
-    assert any("violated: A, tick" in text and "ticks of 12 ms come in" in text for text in lines)
-    assert "ahead of time" in line.reasons[0]
+    assert any("violated: A, tick" in text and "ticks of 12 ms arrived in" in text for text in lines)
+    assert "ticks are early" in line.reasons[0]
 
 
 def test_a_described_urdf_that_the_daemon_does_not_send_stops_the_cell(watched, monkeypatch):

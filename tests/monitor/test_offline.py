@@ -110,7 +110,7 @@ def test_a_robot_without_a_state_is_a_violation_if_its_link_was_ready(pair, tmp_
 
     status, out, _ = monitor(rewritten(pair, tmp_path / "run", without))
     assert status == expected, out
-    assert "never seen: GR" in out.splitlines()[-1]
+    assert "no state received: GR" in out.splitlines()[-1]
     assert ("violated: GR" in out) == ready
 
 

@@ -282,7 +282,7 @@ def test_pairs_of_a_robot_with_old_states_are_not_checked(tmp_path):
     own, arm = (state_of_entry(to_protocol.entry(r, watched.runner.view(r), None)) for r in (GANTRY, ARM))
     for ticks, seen in ((1, True), (2, True), (3, False), (4, False)):
         monitor.check(replace(own, tick=own.tick + ticks, time=own.time + ticks * 0.012), [arm])
-        assert monitor._clearances.knows(index) == seen
+        assert monitor._clearances.has_poses(index) == seen
 
 
 def test_accelerations_are_not_checked_while_a_link_is_not_ready(tmp_path):

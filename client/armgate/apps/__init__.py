@@ -1,1 +1,1 @@
-"""Programs that are clients of the daemon like any other: the command line, lead, follow and demo."""
+"""Command line of armgate, and its programs, such as lead, follow and view: clients of the daemon."""

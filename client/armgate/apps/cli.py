@@ -1,10 +1,11 @@
 """The root of the command line: ``armgate COMMAND …``.
 
-A command is a function with typer annotations, or a group of them, that its owner registers in the entry
+A command is a function with typer annotations, or a group of them, that its package registers in the entry
 point group ``armgate.commands``. It is imported only when it is called, or listed by ``armgate --help``.
 
-Exit status: 0 success, 1 failure, 2 wrong usage (options, configuration, files). An error of ours, or of the
-operating system, is printed as one line on stderr; any other exception is a defect and shows its traceback.
+Exit status: 0 success, 1 failure, 2 wrong usage (options, configuration, files). An error of armgate or of
+the operating system is printed as one line on stderr. Any other exception is a defect; its traceback is
+printed.
 """
 
 import sys
@@ -47,13 +48,13 @@ class CommandGroup(TyperGroup):
         return list(commands())
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command with this name, imported now; None if there is none."""
+        """Import and return the command with this name; None if it is not registered."""
         entry = commands().get(cmd_name)
         return None if entry is None else as_command(cmd_name, entry.load())
 
 
 def as_command(name: str, function: Callable[..., Any] | typer.Typer) -> Any:
-    """Return a typer command for a function, whose docstring is its help, or for a group of functions."""
+    """Return a typer command for a group of functions, or for one function, whose docstring is the help."""
     app = function
     if not isinstance(app, typer.Typer):
         app = typer.Typer(add_completion=False)
@@ -74,7 +75,7 @@ def _check_numbers(command: Any) -> None:
 
 def _checked(callback: Callable[..., Any] | None, ctx: Any, parameter: Any, value: Any) -> Any:
     for number in value if isinstance(value, list | tuple) else (value,):
-        # A range does not refuse nan: every comparison with it is false.
+        # The range check of typer accepts nan, because every comparison with nan is false.
         if isinstance(number, float) and not abs(number) <= MAX_NUMBER:
             text = f"{number:g} is out of range; expected a finite number within ±{MAX_NUMBER:,.0f}"
             raise typer.BadParameter(text, ctx=ctx, param=parameter)
@@ -102,7 +103,7 @@ def root(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
-    """Hold the options that stand before the command."""
+    """Define the options that precede the command."""
 
 
 def main(arguments: Iterable[str] | None = None) -> NoReturn:
@@ -122,7 +123,7 @@ def main(arguments: Iterable[str] | None = None) -> NoReturn:
 
 
 def explain(error: Exception) -> str | None:
-    """Return an error text for the user, usually one line; None if the error is a defect of ours."""
+    """Return an error text for the user, usually one line; None if the error is a defect of armgate."""
     if isinstance(error, ModuleNotFoundError):
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
         return extra and f"{error.name} is not installed; run {install_hint(extra)}"
@@ -134,7 +135,7 @@ def explain(error: Exception) -> str | None:
 
 
 def _printable(error: Exception, text: str) -> str:
-    """Return a peer's text as one line; findings in a configuration stand on a line each."""
+    """Return a text as one line, but findings in a configuration on one line each."""
     from armgate.cell.escaping import printable, printable_lines
     from armgate.client.errors import ClientError
 

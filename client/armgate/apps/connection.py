@@ -20,7 +20,9 @@ VARIABLE = "ARMGATE_TOKEN"
 Address = Annotated[str, typer.Argument(metavar="HOST:PORT", help="Address of the daemon.")]
 TokenFile = Annotated[
     Path | None,
-    typer.Option(help=f"File that holds the token (default: the variable {VARIABLE}).", show_default=False),
+    typer.Option(
+        help=f"File with the token (default: the environment variable {VARIABLE}).", show_default=False
+    ),
 ]
 Ca = Annotated[
     Path | None,

@@ -26,6 +26,6 @@ def default_file(name: str) -> Path:
 
 
 def _short(path: Path) -> Path:
-    """Return the path relative to the working directory if it lies below it: it is shorter to read."""
+    """Return a path below the working directory relative to it, because that is shorter to read."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path

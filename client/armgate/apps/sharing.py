@@ -6,7 +6,7 @@ from armgate.client import Cell, Refused
 
 
 class Sharing:
-    """Sharing of signals that continues after a refusal: another client owns the name, or the table is full.
+    """Sharing of signals, which continues if one is refused, for example if another client owns its name.
 
     Args:
         cell: The connection.

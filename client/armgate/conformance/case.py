@@ -27,11 +27,11 @@ class Outcome(Enum):
     PASS = "PASS"  # noqa: S105 (an outcome, not a password)
     SKIPPED = "SKIPPED"
     NON_STRICT = "NON-STRICT"
-    """A SHOULD was not kept; with ``--strict`` that is a failure."""
+    """A SHOULD was violated; with ``--strict`` that is a failure."""
     FAIL = "FAIL"
 
     @property
-    def badness(self) -> int:
+    def severity(self) -> int:
         """Rank of the outcome; a greater one is worse."""
         return list(Outcome).index(self)
 
@@ -62,9 +62,9 @@ class Case:
     """One test of a server.
 
     Attributes:
-        id: The statement that it tests, and a word for the way: several cases may test one statement.
+        id: Tested statement and a suffix, since several cases may test one statement.
         description: What the kit does.
-        expectation: The behaviour of a server that keeps the statement.
+        expectation: The behaviour of a server that satisfies the statement.
         body: Function that runs the case; raises ``Violation`` or ``Skip``.
         also: Further statements that it tests.
     """

@@ -1,6 +1,6 @@
 """Frames and msgpack, encoded and decoded by the kit itself.
 
-Nothing here is the server's code: an error in shared code would hide itself.
+It shares no code with the server, because an error in shared code would go undetected.
 """
 
 import math

@@ -12,7 +12,7 @@ Start = Annotated[
         metavar="COMMAND", help="Start this server instead; its first line must end with HOST:PORT."
     ),
 ]
-Strict = Annotated[bool, typer.Option("--strict", help="Count a SHOULD that is not kept as failed.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Count a violated SHOULD as failed.")]
 Only = Annotated[
     list[str] | None,
     typer.Option(

@@ -28,10 +28,10 @@ class Connection(asyncio.Protocol):
         timeout: Longest time until an answer, s.
 
     Attributes:
-        violations: Errors in what the server sent, whatever the case is about.
+        violations: Errors in the server's messages, independent of the case.
         inbox: Messages that were received and not yet consumed.
         ended: True if the server has closed the connection.
-        lost: The exception with which the connection broke, if it did.
+        lost: The exception that broke the connection; None without one.
         welcome: The server's welcome; empty before it comes.
     """
 
@@ -98,7 +98,7 @@ class Connection(asyncio.Protocol):
     # --- sending ------------------------------------------------------------------------------------------
 
     def send_bytes(self, data: bytes, meaning: str = "bytes") -> None:
-        """Send bytes as they are."""
+        """Send bytes unchanged."""
         self._log.add(self.name, "→", data, meaning)
         self._transport.write(data)
 
@@ -195,10 +195,10 @@ class Connection(asyncio.Protocol):
             raise Violation(f"{self.name}: expected {what}, but nothing came within {seconds:g} s") from None
 
     async def expect(self, *kinds: str, within: float | None = None, **fields: Any) -> Fields:
-        """Return the next message that is no broadcast; it must be of one of these types, with these fields.
+        """Return the next message that is not a broadcast; it must have one of these types and these fields.
 
         Raises:
-            Violation: It is another one, or none comes.
+            Violation: Another message comes, or none.
         """
         what = " or ".join(kinds) + (f" with {fields}" if fields else "")
 
@@ -223,7 +223,7 @@ class Connection(asyncio.Protocol):
                 while not self.ended:
                     await self._wait()
         except TimeoutError:
-            text = f"expected that the server closes the connection; after {seconds:g} s it had not"
+            text = f"expected the server to close the connection within {seconds:g} s"
             raise Violation(f"{self.name}: {text}") from None
         found = list(self.inbox)
         self.inbox.clear()
@@ -233,16 +233,16 @@ class Connection(asyncio.Protocol):
         """Return the fatal error with which the server closes the connection.
 
         Raises:
-            Violation: The last message is no such error, it has another code, or the connection stays open.
+            Violation: The last message is not such an error, or the connection stays open.
         """
         found = await self.receive_until_closed(within)
         last = found[-1] if found else {"type": "nothing"}
         if last["type"] != "error" or last["fatal"] is not True or last["code"] not in codes:
-            raise Violation(f"{self.name}: expected a fatal {' or '.join(codes)}, got {_brief(last)}")
+            raise Violation(f"{self.name}: expected a fatal error {' or '.join(codes)}, got {_brief(last)}")
         return last
 
     async def request(self, kind: str, **fields: Any) -> Fields:
-        """Send a request and return its answer, of whatever type, with our id as its ``re``."""
+        """Send a request and return its answer, of whatever type, whose ``re`` is the id of the request."""
         number = next(self._ids)
         self.send({"type": kind, "id": number, **fields})
         return await self.answer_to(number)
@@ -255,25 +255,23 @@ class Connection(asyncio.Protocol):
         """Send a request and return its answer, which must be of one type.
 
         Raises:
-            Violation: The answer is another one, or none comes.
+            Violation: Another answer comes, or none.
         """
         answer = await self.request(kind, **fields)
         if answer["type"] != answer_kind:
-            raise Violation(
-                f"{self.name}: {kind} should be answered by {answer_kind}, not by {_brief(answer)}"
-            )
+            raise Violation(f"{self.name}: {kind}: expected {answer_kind}, got {_brief(answer)}")
         return answer
 
     async def expect_refusal(self, kind: str, code: str, **fields: Any) -> Fields:
         """Send a request and return its answer, which must be an error that is not fatal.
 
         Raises:
-            Violation: The answer is another one, or none comes.
+            Violation: Another answer comes, or none.
         """
         answer = await self.request(kind, **fields)
         if answer["type"] != "error" or answer["code"] != code or answer["fatal"] is not False:
             raise Violation(
-                f"{self.name}: {kind} should be refused as {code}, not fatal; got {_brief(answer)}"
+                f"{self.name}: {kind}: expected an error {code} that is not fatal, got {_brief(answer)}"
             )
         return answer
 
@@ -334,7 +332,7 @@ class Connection(asyncio.Protocol):
             self._last_of_server = kind
         number = message.get("re")
         if number is not None and kind != "state" and self._open_requests[number] < 1:
-            yield f"{kind} answers request {number}, which was never made or is answered already"
+            yield f"{kind} answers request {number}, which was never sent or was already answered"
         if number is not None:
             self._open_requests[number] -= 1
 

@@ -21,7 +21,7 @@ _RESETS = 60
 
 
 class CaseContext:
-    """Everything that a case works with.
+    """Connections, logs and server facts of a running case.
 
     Attributes:
         target: The server.
@@ -99,7 +99,7 @@ class CaseContext:
             Skip: The kit did not start the server under test.
         """
         if self.target.start_another is None:
-            raise Skip("needs a second server of the kind: have the kit start it by --start")
+            raise Skip("needs a second server of the same kind: give --start")
         async with self.target.start_another() as (host, port):
             yield replace(self.target, host=host, port=port, proxy=None)
 
@@ -125,10 +125,10 @@ class CaseContext:
         for robot in self.server.description["robots"]:
             if robot["name"] != self.robot:
                 return str(robot["name"])
-        raise Skip("the cell has one robot only")
+        raise Skip("the cell has only one robot")
 
     def link_not_ready(self, robot: str) -> bool:
-        """Return True if the link of a robot is not ready, as that of one that has never ticked."""
+        """Return True if the link of a robot is not ready; this includes robots that have never ticked."""
         return self.observer.entries.get(robot, {}).get("link") != "ready"
 
     async def wait_free(self, robot: str | None = None, within: float | None = None) -> None:

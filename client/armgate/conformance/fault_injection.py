@@ -1,7 +1,7 @@
 """Network faults between kit and server: the values of ``--faults``, and the proxy that injects them.
 
-Bytes stay in order and are not lost, as in TCP: a lost packet shows above TCP as a stall. Random numbers are
-seeded, so that a run can be repeated.
+Bytes stay in order and are not lost, as in TCP. Above TCP, a lost packet appears as a stall. Random numbers
+are seeded, so that a run can be repeated.
 """
 
 import asyncio

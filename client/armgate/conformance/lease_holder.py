@@ -16,7 +16,7 @@ _ATTEMPTS_TOGETHER = 20
 
 _LATE = {"stale", "occupied"}
 _GENTLE = 0.4
-"""Share of a joint's largest increment that a small increment has."""
+"""Size of a small increment, as a share of a joint's largest increment."""
 
 
 class LeaseHolder:
@@ -26,7 +26,7 @@ class LeaseHolder:
         connection: Its connection, after the welcome.
         robot: The robot's description.
         lease: The lease that it was granted.
-        observer: Observer that knows the position of the robot.
+        observer: Observer that receives the position of the robot.
     """
 
     def __init__(self, connection: Connection, robot: Fields, lease: Fields, observer: Observer) -> None:
@@ -75,7 +75,7 @@ class LeaseHolder:
         return await self.connection.expect("verdict", seq=command["seq"], robot=command["robot"])
 
     def forbid(self, command: Fields, why: str) -> Fields:
-        """Note that this command must not be executed: a server that applies it fails the safety outcome."""
+        """Note that this command must not be executed; the safety outcome fails if the server applies it."""
         return self.connection.commands.forbid(command, why)
 
     async def command(self, dq: Any = None, forbidden: str = "", **more: Any) -> Fields:
@@ -119,7 +119,7 @@ class LeaseHolder:
 
 
 async def state_after_now(client: Connection, robot: str) -> Fields:
-    """Return the first state of a robot whose tick follows all that this client was answered so far."""
+    """Return the first state of a robot whose tick is later than all previous answers to this client."""
     now = (await client.call("ping", "pong", time=0.0))["received"]
     return await client.receive(
         lambda m: m["type"] == "state" and m["robot"] == robot and m["time"] > now,
@@ -139,10 +139,10 @@ def entry_of(state: Fields, robot: str) -> Fields:
 
 
 def check_refused(verdict: Fields, expected: str) -> None:
-    """Check that a verdict refuses before the gate decides, for one cause.
+    """Check that a verdict is a refusal with one cause, from the checks before the gate's decision.
 
     Raises:
-        Violation: It does not.
+        Violation: The verdict is another one.
     """
     found = (verdict["outcome"], verdict["target"], cause_of(verdict))
     text = f"expected a refusal by {expected} with target nil, got {found[0]} by {found[2]}"
@@ -153,7 +153,7 @@ def check_admitted(verdict: Fields) -> None:
     """Check that a verdict admits a command unchanged.
 
     Raises:
-        Violation: It does not.
+        Violation: The verdict is another one.
     """
     check(
         verdict["outcome"] == "admitted",

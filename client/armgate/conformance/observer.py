@@ -105,7 +105,7 @@ class Observer:
         await self.until(lambda: self.tick(robot) >= goal, f"{count} ticks of {robot}")
 
     def tick(self, robot: str) -> int:
-        """Return the newest tick received of a robot."""
+        """Return the newest tick received from a robot."""
         return int(self.entries[robot]["tick"])
 
     def is_at_rest(self, robot: str) -> bool:

@@ -13,7 +13,7 @@ _TOKEN_OWNERS = ("operator", "controller", "observer", "elsewhere")
 
 
 class UsageError(Exception):
-    """The kit was called wrongly."""
+    """The kit was called incorrectly."""
 
     exit_code = 2
 
@@ -97,7 +97,7 @@ def tls_context(authority: Path | None, certificate: Path | None, key: Path | No
         UsageError: Only some of the files are given, or one cannot be read.
     """
     if (certificate is None) is not (key is None) or (certificate is not None and authority is None):
-        raise UsageError("--tls-cert and --tls-key go together, and with --tls-ca")
+        raise UsageError("--tls-cert and --tls-key need each other and --tls-ca")
     if authority is None:
         return None
     given = authority

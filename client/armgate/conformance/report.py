@@ -41,7 +41,7 @@ def failure(result: Result) -> str:
     ]
     if result.wire:
         lines += [
-            "    the end of the wire log:",
+            "    end of the wire log:",
             *(f"      {part}" for entry in result.wire[-_TAIL:] for part in entry.splitlines()),
         ]
     return "\n".join(lines)

@@ -40,7 +40,7 @@ async def run(options: Options, echo: Callable[[str], object]) -> int:
     for reason in report.skip_reasons(results):
         echo(reason)
     if soft := sum(result.outcome is Outcome.NON_STRICT for result in results):
-        echo(f"{soft} NON-STRICT: a SHOULD was not kept")
+        echo(f"{soft} NON-STRICT: a SHOULD was violated")
     echo(report.last_line(results, options.strict))
     if all(result.outcome is Outcome.SKIPPED for result in results):
         return 2  # so that a server on which nothing was tested is not taken for one that passed

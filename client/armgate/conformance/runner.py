@@ -32,8 +32,8 @@ class Result:
         case: The case.
         safety: Outcome for the motion of robots.
         session: Outcome for the conversation.
-        findings: What was wrong, or why the case was skipped.
-        seconds: How long it took.
+        findings: Errors found, or the reason why the case was skipped.
+        seconds: Duration, s.
         wire: Lines of the wire log; empty unless something was wrong.
     """
 
@@ -47,7 +47,7 @@ class Result:
     @property
     def outcome(self) -> Outcome:
         """The worse of both outcomes."""
-        return max(self.safety, self.session, key=lambda outcome: outcome.badness)
+        return max(self.safety, self.session, key=lambda outcome: outcome.severity)
 
     def failed(self, strict: bool) -> bool:
         """Return True if the case counts as failed."""
@@ -93,7 +93,7 @@ class Runner:
         try:
             observer = await self._connected_observer()
         except (OSError, TimeoutError, Violation) as error:
-            text = f"the server cannot be observed any more: {error}"
+            text = f"the server can no longer be observed: {error}"
             return Result(case, Outcome.FAIL, Outcome.FAIL, (text,)), 0.0
         observer.begin_case()
         context = CaseContext(self._target, self._server, observer, self._commands)
@@ -123,7 +123,7 @@ class Runner:
                 assert_never(case.when)
 
     async def _converse(self, case: Case, context: CaseContext) -> tuple[Outcome, list[str]]:
-        """Run the body of a case; return the outcome of the session, and what was wrong."""
+        """Run the body of a case; return the outcome of the session, and the errors found."""
         wrong: list[str] = []
         try:
             async with asyncio.timeout(_LONGEST + 10 * self._target.faults.delay):
@@ -134,7 +134,7 @@ class Runner:
         except Violation as error:
             wrong.append(str(error))
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            wrong.append(f"the server sent what the case cannot interpret: {error!r}")
+            wrong.append(f"the case cannot interpret a message of the server: {error!r}")
         except TimeoutError:
             wrong.append(f"not finished within {_LONGEST:g} s")
         violations = [text for connection in context.connections for text in connection.violations]
@@ -150,7 +150,7 @@ class Runner:
                 await connection.sync()
                 if left := connection.verdicts.unanswered:
                     raise Violation(
-                        f"{connection.name}: no answer to the commands {left}, but a later ping has its pong"
+                        f"{connection.name}: no answer to the commands {left}, but to a later ping"
                     )
 
     async def _clean_up(self, context: CaseContext) -> list[str]:
@@ -182,7 +182,7 @@ class Runner:
             await observer.until(lambda: not observer.stops(), "the stops to be reset")
 
     async def _recover(self, observer: Observer) -> None:
-        """Try to free the robots of a server that failed to, so that the next case can begin."""
+        """Try to free robots that the server has not freed, so that the next case can begin."""
         with suppress(OSError, TimeoutError, Violation):
             operator = await self._target.own_client(f"kit-op-{next(self._numbers)}", "operator")
             for robot, entry in observer.entries.items():

@@ -1,6 +1,6 @@
-"""Checks of the motion of robots, from the states that the kit's observer received and from nothing else.
+"""Checks of the motion of robots, only from the states that the kit's observer received.
 
-Pure: samples in, findings out. The server's verdicts are compared with the motion that follows them.
+The checks are pure functions of samples. They compare the server's verdicts with the motion that follows.
 """
 
 import math
@@ -169,7 +169,7 @@ def _applied(robot: str, samples: Sequence[Sample], commands: CommandLog) -> Ite
         elif verdict is not None:
             yield from _against_verdict(robot, before, after, verdict)
         if before.stops and before.stops == after.stops:
-            yield f"{robot}: at tick {after.tick} seq {seq} is applied though it is stopped"
+            yield f"{robot}: at tick {after.tick} seq {seq} is applied, although the robot is stopped"
 
 
 def _against_verdict(robot: str, before: Sample, after: Sample, verdict: Fields) -> Iterator[str]:

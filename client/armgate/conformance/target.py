@@ -134,7 +134,7 @@ class ServerInfo:
 
     @property
     def ttl(self) -> float:
-        """Time after which a lease expires without a message of its holder, s."""
+        """Time without a message of its holder after which a lease expires, s."""
         return float(self.welcome["limits"]["lease_ttl"])
 
     @property
@@ -147,7 +147,7 @@ _numbers = count(1)
 
 
 async def query_server(target: Target, robot: str | None, participants: tuple[str, ...]) -> ServerInfo:
-    """Return what the cases need to know about the server.
+    """Return the facts about the server that the cases need.
 
     Raises:
         Unreachable: No server is there, or the robot is not in the cell.
@@ -157,7 +157,7 @@ async def query_server(target: Target, robot: str | None, participants: tuple[st
         client = await target.own_client(f"kit-facts-{next(_numbers)}", "observer")
         description = await client.call("describe", "description")
     except (OSError, TimeoutError, Violation) as error:
-        raise Unreachable(f"no server that can be tested at {where}: {error}") from error
+        raise Unreachable(f"no server of this protocol at {where}: {error}") from error
     client.send({"type": "bye"})
     client.close()
     robots = {each["name"]: each for each in description["robots"]}

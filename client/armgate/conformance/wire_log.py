@@ -1,4 +1,4 @@
-"""Log of the bytes sent and received in one case, for people: times, bytes, meaning."""
+"""Readable log of the bytes sent and received in one case: times, bytes, meaning."""
 
 import asyncio
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ class Record:
     """One entry of the log.
 
     Attributes:
-        time: Since the case began, s.
+        time: Time since the case began, s.
         connection: Name of the connection.
         direction: ``→`` to the server, ``←`` from it, ``·`` for an event of the connection itself.
         data: The bytes, empty for events.
@@ -62,5 +62,5 @@ class WireLog:
 
     def lines(self) -> list[str]:
         """Return the lines of all kept records, oldest first."""
-        between = [f"… {self._dropped} records left out …"] if self._dropped else []
+        between = [f"… {self._dropped} records omitted …"] if self._dropped else []
         return [r.line() for r in self._first] + between + [r.line() for r in self._last]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armgate.control.weights import Vector
 
-# Relative distance from the bounds that the gate computes from the same figures.
+# Relative margin to the gate's own bounds, which it computes from the same values.
 SLACK = 1e-6
 
 
@@ -51,10 +51,12 @@ class IncrementBounds:
             velocity: rad/s or m/s.
             acceleration: rad/s² or m/s².
             period: period of the robot's clock, s.
-            deceleration: rad/s² or m/s²; None, or infinite for a joint: no bound. If it is the tighter bound
-                it also limits acceleration, so that every speed that is reached can be braked.
+            deceleration: rad/s² or m/s²; without a bound if None, or infinite for a joint. If it is tighter
+                than the acceleration, it also bounds that, so that the robot can brake from every speed that
+                it reaches.
             speed: share of the velocity that the lease allows.
-            margin: distance kept from the joint limits, rad or m: the measured position counts for them, too.
+            margin: distance kept from the joint limits, rad or m, because they also apply to the measured
+                position.
 
         Raises:
             ValueError: if the arrays differ in length or a rate is not positive.
@@ -110,8 +112,8 @@ class IncrementBounds:
     def box(self, wanted: Vector, last: Vector, setpoint: Vector) -> tuple[Vector, Vector]:
         """Return bounds (n,), (n,) on an increment about as long as `wanted`, after `last` at `setpoint`.
 
-        They combine the step, the room that the limits leave with braking, and, above these, the allowed
-        change.
+        They combine the largest step and the room that the joint limits leave for braking. If the allowed
+        change from `last` is tighter, it takes precedence.
         """
         share = 1.0 / (1.0 + self.stop(wanted))
         down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)

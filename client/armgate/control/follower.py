@@ -118,7 +118,7 @@ class Follower:
         predictor: predictor of the target; by default with velocity and acceleration.
         stale: age beyond which a target is lost, s: the follower comes to rest.
         predict: False to use the measured target, as the paper does.
-        measured: True to start from the measured position, as in (17) literally. On robots that lag behind
+        measured: True to start from the measured position, exactly as in (17). On robots that lag behind
             their setpoint this overshoots; by default the setpoint is used.
         real_time: True to integrate one period of real time with the term P ṗ of (4), instead of virtual time
             up to the increment bounds.
@@ -208,7 +208,7 @@ class Follower:
         return dq, _reason(run.ended, aim.emergency, bounded), run.steps
 
     def _reference_reach(self, last: Vector, induced: Vector) -> Vector:
-        """Return the reach of the reference, (n,): the braking distance from the speed soon reached."""
+        """Return the reach of the reference, (n,): the braking distance from the speed after `SOON` ticks."""
         bounds = self._bounds
         soon = np.minimum(np.abs(last) + SOON * bounds.change, bounds.step)
         far: Vector = np.minimum(braking_way(soon, RESERVE * bounds.change) + np.abs(induced), self._reach)
@@ -217,7 +217,7 @@ class Follower:
     def _with_kept_view(
         self, dq: Vector, way: Way, goal: Goal, now: Situation, bounds: IncrementBounds
     ) -> Vector:
-        """Return `dq` with the view that the law has; part of the straight line to its reference loses it."""
+        """Return `dq`, corrected to the view along the law's path, from which its straight chord deviates."""
         law = self._law
         psi, J_t = law.task(way.start + way.induced, goal)
         start, end = view_vector(psi), view_vector(law.task(way.end, goal)[0])

@@ -21,7 +21,7 @@ def weighted_gradient(M: Vector, rate: tuple[float, float], w: Vector, steepness
     """Return q̇ of (9), (n,), rad/s.
 
     If the smallest eigenvalue of S is below (DAMPING · steepness)², S gets μ²I that raises it to that value:
-    exact elsewhere, continuous, and bounded where the limits make the task's weights small.
+    the result is exact elsewhere, continuous, and bounded if the joint limits make the task's weights small.
 
     Args:
         M: the task Jacobian ∂Ψ/∂q in the first two rows, the field F of the sub-tasks in the third, (3, n).

@@ -1,8 +1,8 @@
 """Fast kinematics of a robot's camera and bounding spheres.
 
-pinocchio itself takes almost no time; asking it for results one by one does. So each sphere becomes a frame
-of our own copy of the model, one call places them all, and the arrays that pinocchio writes into are bound
-once and remain valid.
+pinocchio computes fast, but each separate request of a result costs time. So each sphere becomes a frame of a
+copy of the model, one call places all frames, and the arrays that pinocchio writes into are bound once and
+remain valid.
 """
 
 from __future__ import annotations

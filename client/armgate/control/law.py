@@ -30,7 +30,7 @@ INDUCED_DAMPING = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Obstacles as they act on the robot's spheres around one position; the representation is the law's own.
+    """Obstacles as they act on the robot's spheres around one position; each law has its own representation.
 
     Attributes:
         around: the position, (n,).
@@ -135,7 +135,7 @@ class CameraLaw:
         self._nothing = np.zeros(model.n)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> Scene:
-        """Return the obstacles as seen around q, (n,); the result is valid for the law at every position."""
+        """Return the obstacles as they act around q, (n,); the law accepts the result at every position."""
         self._arm.place(q)
         repulsion = Repulsion(self.spheres.radii, self._arm.moves, self._arm.sinks, obstacles, self.gains)
         centres = self._arm.centres()

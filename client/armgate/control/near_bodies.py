@@ -1,9 +1,9 @@
-"""Near bodies: limits of the stop's end that keep joints from approaching a near body further.
+"""Near bodies: limits on the end of the stop that keep joints from approaching a near body further.
 
 The gate admits an increment if the whole stop after it keeps its distance. So near a body the increments must
 be chosen by the end of their stop. The limits apply to the end of the stop, joint by joint, for one tick. A
-joint that does not clearly lead away ends within the current stop, which the gate has proven, or exceeds it
-by its share of the remaining room. Far from other bodies these limits lie beyond the joint limits.
+joint whose motion does not clearly lead away may end no further than the current stop, which the gate has
+proven, plus its share of the remaining room. Far from other bodies these limits lie beyond the joint limits.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class Predictor:
         """Add the point (3,), m, measured at `time`, s; ignored unless newer than the last.
 
         Raises:
-            ValueError: if time or point is not finite or the point has not three coordinates.
+            ValueError: if time or point is not finite or the point does not have three coordinates.
         """
         p = np.asarray(point, dtype=np.float64)
         if p.shape != (3,) or not (np.isfinite(p).all() and np.isfinite(time)):

@@ -86,8 +86,8 @@ class Repulsion:
     def wrenches(self, centres: Vector) -> tuple[NDArray[np.intp], Vector] | None:
         """Return the repelled spheres at centres (k, 3): indices (a,) and wrenches [f; o × f] (a, 6).
 
-        A sphere has an entry per obstacle that repels it. The result is None, in the common case, if none
-        does.
+        A sphere has an entry per obstacle that repels it. The result is None if no obstacle repels any
+        sphere, as is usual.
         """
         apart = centres[:, None] - self._centres
         squared = np.einsum("ijk,ijk->ij", apart, apart)
@@ -115,7 +115,9 @@ class Emergency:
 
     def __init__(self, gains: Gains) -> None:
         if gains.emergency_off < gains.emergency_on:
-            raise ValueError("the emergency mode must end at no less a distance than that at which it starts")
+            raise ValueError(
+                f"expected emergency_off ≥ emergency_on, got {gains.emergency_off} and {gains.emergency_on} m"
+            )
         self._gains = gains
         self.active = False
 

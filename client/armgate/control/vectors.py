@@ -1,8 +1,8 @@
 """3-vectors as tuples of Python floats.
 
 An evaluation of the control law uses a handful of single vectors. numpy has a fixed cost per call: a cross
-product of two arrays takes as long as a whole forward kinematics, one of two tuples a fraction of a
-microsecond. Stacks of vectors remain arrays.
+product of two arrays takes as long as a whole forward kinematics, but that of two tuples takes a fraction of
+a microsecond. Stacks of vectors remain arrays.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ the end of the increment. With the view vector
     v = θ Ψ / ‖Ψ‖,   θ = 2 arctan ‖Ψ‖,
 
 the increment must not end at a wider angle than the nearest point of the straight line of v from its start to
-the end of the law's path; otherwise it is corrected. An approach may turn another way as long as the angle
-falls; a correct view stays correct. The angle is braked like a joint, since no bounded correction could catch
-a view that sweeps past the target.
+the end of the law's path; otherwise it is corrected. So an approach may turn the view differently as long as
+the angle falls, and a correct view stays correct. The angle is braked like a joint, since no bounded
+correction could catch a view that sweeps past the target.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DAMPING = 1e-6
 
 
 # Share of the combined effect of all joints with which the angle is braked; the joints must meet limits of
-# their own. With 0.7, as for each joint, 1 of 80 approaches swept past the target, with 0.35 none of 160.
+# their own. With 0.7, as for each joint, 1 of 80 approaches overshot the target; with 0.35, 0 of 160.
 RESERVE = 0.35
 
 

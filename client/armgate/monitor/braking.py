@@ -22,7 +22,7 @@ def rest_of(u: Array, decel: Array) -> Array:
 
     Args:
         u: (n,).
-        decel: Deceleration times T², (n,); inf: the joint stops at once.
+        decel: Deceleration times T², (n,); inf if the joint stops at once.
     """
     m = ratio(u, decel)
     n = np.floor(m + _ROUNDING)

@@ -26,13 +26,13 @@ from armgate.monitor.transforms import Array
 POSES = 4
 CORNERS = 8
 RESOLUTION = 1e-4
-"""SmallestClearance clearances are known to this, m."""
+"""Accuracy of the smallest clearances, m."""
 
 _REFRESHED = 2
-"""Factor for the number of pairs per state whose plane may be searched anew although it still suffices."""
+"""Factor for the number of pairs per state that are considered for a new plane while theirs suffices."""
 
 _AGE = 64
-"""A plane that was used fewer times than this is not searched anew."""
+"""Number of uses of a plane before it is searched again."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ class Clearances:
         self._used[rows.pairs, rows.side] = rows.used(poses)
 
     def forget_stop_ends(self, robot: int) -> None:
-        """Forget the stop ends of a robot: it may have another plan by now."""
+        """Forget the stop ends of a robot, which may have another plan by now."""
         self._fresh[robot] = END
 
-    def knows(self, robot: int) -> bool:
+    def has_poses(self, robot: int) -> bool:
         """Return True if the poses of a robot are known."""
         return self._poses[robot] is not None
 
@@ -209,7 +209,7 @@ class Clearances:
             self._set_normal(pair, normal)
 
     def _set_normal(self, pair: int, world: Array | Vector) -> None:
-        """Keep the normal of a plane; for two bodies of one robot in the frame of the first body's joint."""
+        """Keep the normal of a plane; for a pair on one robot in the frame of the first body's joint."""
         n = np.asarray(world)
         if self._self[pair]:
             n = self._bodies.joint_frame(self._frame_of, int(self._a[pair]), SETPOINT)[:3, :3].T @ n

@@ -65,7 +65,7 @@ def _robot(robot: Robot, d: RobotDescription) -> Iterator[str]:
 def _place(what: str, mine: Array, theirs: Array) -> Iterator[str]:
     off = float(np.abs(mine - theirs).max())
     if off > tol.DESCRIBED:
-        yield f"{what} is described at another place than configured, {off:.3g} away"
+        yield f"the described pose of {what} differs from the configured one by {off:.3g}"
 
 
 def _bodies(cell: Cell, d: Description) -> Iterator[str]:

@@ -1,12 +1,12 @@
 """Signed distances of convex solids, with certified lower and upper bounds.
 
 Lower bound: for any unit vector n, the planes with normal n that support both solids leave the room
-D(n) = −h_A(n) − h_B(−n), and the signed distance is the largest D over all n. So any n proves a lower bound.
+D(n) = −h_A(n) − h_B(−n), and the signed distance is the largest D over all n. So each D(n) is a lower bound.
 Upper bound: the distance of two points, one inside each solid, is at least that of the solids.
 
 GJK (Gilbert, Johnson, Keerthi 1988) finds both at once: the point v of the difference A − B nearest to the
 origin, which is a convex combination of support points, and n = −v/|v|. Thicknesses are subtracted at the
-end. If the cores overlap, n is searched directly; then the upper bound only states that they overlap.
+end. If the cores overlap, n is searched directly, and the upper bound only shows that they overlap.
 """
 
 import math

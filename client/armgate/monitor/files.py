@@ -1,4 +1,4 @@
-"""Bounded reading of regular files only, because a device never ends."""
+"""Bounded reading of regular files; devices are rejected, because reading them may never end."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ class Located:
             DescriptionError: It is not in the required folder.
         """
         if self.confined and (Path(self.text).name != self.text or self.text in {"", ".", ".."}):
-            raise DescriptionError(f"{self.text!r:.80} is not packed with it")
+            raise DescriptionError(f"{self.text!r:.80} is not a file of the recording")
         return self.folder / self.text
 
     def beside(self, text: str) -> "Located":

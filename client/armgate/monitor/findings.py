@@ -77,7 +77,7 @@ class Summary:
         states: Number of checked states of robots.
         positions: Number of measured positions, setpoints and ends of stops in them.
         unseen: Robots without any state: they were not checked.
-        missed: Number of ticks whose states did not come, by robot.
+        missed: Number of ticks whose states were not received, by robot.
         retreats: Number of margins that were violated when the monitor started or a robot was moved by hand.
         violations: Number of findings.
         findings: The first of them.

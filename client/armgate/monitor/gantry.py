@@ -1,4 +1,4 @@
-"""The gantry of docs/configuration.md: joints X, Y, Z, and the boxes of rails, posts, bridge and column."""
+"""Gantry as in docs/configuration.md: joints X, Y, Z, and the boxes of rails, posts, bridge and column."""
 
 from dataclasses import dataclass
 

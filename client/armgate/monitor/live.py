@@ -25,10 +25,10 @@ WAIT = 0.1
 """Time to wait for a state before silence is checked, s."""
 
 WAITS_BETWEEN_PINGS = 50
-"""After so many waits without a state the daemon must answer a ping."""
+"""Number of waits without a state after which the daemon must answer a ping."""
 
 MEASURED_EVERY = 8
-"""The smallest clearances, the most expensive check, are measured at one of so many ticks of a robot."""
+"""The smallest clearances, the most expensive check, are measured at every n-th tick of a robot."""
 
 BETWEEN_STOPS = 1.0
 """Shortest time between two stops of the cell, s."""
@@ -50,7 +50,7 @@ class LiveMonitor:
         cell: The connection.
         configs: The configuration to check against.
         silence: Time without a state after which a robot counts as silent, s.
-        echo: Prints a line.
+        echo: Function that prints a line.
     """
 
     def __init__(self, cell: Connection, configs: Sequence[Path], silence: float, echo: Echo) -> None:
@@ -89,7 +89,7 @@ class LiveMonitor:
             while not ended():
                 self._check_states(ended)
         except ClientError as error:
-            raise MonitorError(f"the cell is not monitored any more: {error}") from error
+            raise MonitorError(f"the cell is no longer monitored: {error}") from error
         finally:
             self.summary.share = (time.process_time() - cpu) / max(time.monotonic() - wall, 1e-9)
 
@@ -125,7 +125,7 @@ class LiveMonitor:
             self._connection.ping()
 
     def _note_unseen(self) -> None:
-        """Print once which robots have sent no state in the time after which they count as silent."""
+        """Print once the robots without any state that already count as silent."""
         if self._unseen_noted or time.monotonic() - self._start <= self._silence:
             return
         self._unseen_noted = True

@@ -108,7 +108,7 @@ def _stl_text(data: bytes) -> Array:
         closed += word == "endsolid"
         at += 1
     if not closed or opened != facets or len(corners) != 3 * facets:
-        raise ValueError("text STL that ends too early")
+        raise ValueError("text STL without its last lines")
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 
 
@@ -154,12 +154,12 @@ def _off(data: bytes) -> Parsed:
         raise ValueError("expected the numbers of vertices, faces and edges after OFF")
     n_vertices, n_faces, _ = counts
     if min(n_vertices, n_faces) < 0 or len(rows) < head + n_vertices + n_faces:
-        raise ValueError("fewer vertices or faces than announced")
+        raise ValueError("fewer vertices or faces than the file specifies")
     points, polygons = rows[head : head + n_vertices], rows[head + n_vertices :][:n_faces]
     vertices = np.array([[float(x) for x in row[:3]] for row in points], dtype=np.float64).reshape(-1, 3)
     faces = [[int(x) for x in row[1 : 1 + int(row[0])]] for row in polygons]
     if any(len(face) != int(row[0]) for face, row in zip(faces, polygons, strict=True)):
-        raise ValueError("a face with fewer corners than announced")
+        raise ValueError("a face with fewer corners than the file specifies")
     return vertices, faces
 
 

@@ -23,7 +23,7 @@ Kind = Literal["self", "robots", "surroundings"]
 KINDS: tuple[Kind, ...] = ("robots", "surroundings", "self")
 
 RAMP = 0.25
-"""Time to full speed that defines the default acceleration and deceleration, s."""
+"""Time to full speed that defines the default acceleration and deceleration of a joint, s."""
 
 _ROBOT_KEYS = (
     "urdf", "base", "gantry", "frames", "bodies", "tool", "camera", "start", "period", "joints", "meshes",
@@ -41,7 +41,7 @@ class CellBody:
     """Body; ``placement`` is in the frame of its joint, or in the world if no joint moves it.
 
     Attributes:
-        name: Such as ``FR/link_3``, or the name of one of the surroundings.
+        name: Name such as ``FR/link_3``, or that of a body of the surroundings.
         robot: Index of its robot; None for the surroundings.
         link: Its link; "" for the surroundings.
         joint: Index of the joint that carries it; −1 if nothing moves it.
@@ -79,8 +79,9 @@ class Robot:
         name: Its name.
         joints: Names of the joints.
         revolute: True for revolute joints, False for prismatic ones, (n,).
-        parents: Index of the joint that carries each one, −1 for the base.
-        origins: Placement of each joint in its parent's frame, in the world for the first, (n, 4, 4).
+        parents: Index of the joint that carries each joint, −1 for the base.
+        origins: Placement of each joint in its parent's frame, or in the world if its parent is the base, (n,
+            4, 4).
         axes: (n, 3), unit length.
         lower, upper: Limits, rad or m, (n,).
         velocity, acceleration, deceleration: Bounds per s and s², (n,); inf: unbounded.
@@ -386,7 +387,9 @@ def _pairs(
         else:
             pairs.append(Pair(a, b, distances[0], "surroundings" if second.robot is None else "robots"))
         if len(pairs) > MAX_PAIRS:
-            raise DescriptionError(f"more than {MAX_PAIRS} pairs of bodies, the most that it checks")
+            raise DescriptionError(
+                f"more than {MAX_PAIRS} pairs of bodies, the largest number that the monitor checks"
+            )
     return pairs
 
 

@@ -1,4 +1,4 @@
-"""Core of the monitor, pure: states of robots in, findings out. No clock, no socket, no file."""
+"""Core of the monitor: findings from the states of robots. It uses no clock, socket or file."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ _KEPT = 1000
 """Number of findings that are kept; further ones are only counted."""
 
 _RECOMPUTED_EVERY = 8
-"""In one of so many states of a robot, a reported distance is recomputed."""
+"""A reported distance is recomputed in every n-th state of a robot."""
 
 
 class Monitor:
@@ -24,7 +24,8 @@ class Monitor:
     Args:
         cell: The cell.
         silence: Time without a state after which a robot counts as silent, s.
-        measured_every: The smallest clearances are measured at every n-th tick; limits are checked at all.
+        measured_every: The smallest clearances are measured at every n-th tick; limits are checked at each
+            tick.
         lockstep: True if time is virtual and each tick has its exact time.
     """
 
@@ -94,7 +95,7 @@ class Monitor:
             (self._ended.add if ended else self._ended.discard)(index)
 
     def add_silence(self, seconds: float) -> list[Finding]:
-        """Note that no state of any robot came for so long; return the findings, one per robot."""
+        """Note that no state of any robot was received for this time; return the findings, one per robot."""
         found = []
         for index, motion in enumerate(self._motions):
             last = motion.last
@@ -181,7 +182,7 @@ class Monitor:
     def _concerns(self, pair: int, robot: int) -> bool:
         """Return True if a pair belongs to this robot and the poses of both bodies are known."""
         robots = self._robots_of(pair)
-        return robot in robots and all(self._clearances.knows(one) for one in robots)
+        return robot in robots and all(self._clearances.has_poses(one) for one in robots)
 
     def _robots_of(self, pair: int) -> frozenset[int]:
         both = self.cell.pairs[pair]
@@ -189,9 +190,9 @@ class Monitor:
         return frozenset(robot for robot in robots if robot is not None)
 
     # A pair is in one of two states. Without a floor its limit applies. If the limit is violated when the
-    # pair is seen first, or after a reset at another position, that is no finding: the pair gets a floor, its
-    # certified distance, below which it must not fall. A finding also sets a floor, so that a retreat is not
-    # reported again. The floor ends when the limit is kept again.
+    # pair is first checked, or after a reset at another position, that is not a finding: the pair gets a
+    # floor, its certified distance, below which the distance must not fall. A finding also sets a floor, so
+    # that a retreat is not reported again. The floor is removed when the distance reaches the limit again.
 
     def _check_pair(self, near: ClosePair, state: TickState, moved: bool) -> Finding | None:
         """Compare a close pair with its limit, or with its floor if it was violated before."""
@@ -243,7 +244,7 @@ class Monitor:
             return []
         a, b, distance = state.nearest[turn % len(state.nearest)]
         if a not in self._bodies or b not in self._bodies:
-            return []  # parts of a mesh, or a body that only the daemon has: the description check finds that
+            return []  # parts of a mesh, or a body of the daemon only, which the description check reports
         if self._robots_named(a, b) != {self._index[state.robot]}:
             return []  # other robots may have moved since
         found = self._clearances.at_measured(self._bodies[a], self._bodies[b])

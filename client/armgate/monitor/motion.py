@@ -20,7 +20,7 @@ MEASURED, SETPOINT, END, BRAKING = range(4)
 
 @dataclass(eq=False)
 class Motion:
-    """Motion of one robot as seen in its states.
+    """Motion of one robot, from its states.
 
     Attributes:
         robot: The robot.
@@ -72,7 +72,7 @@ class Motion:
         """Yield the findings about the times of ticks: all bounds of motion are per tick."""
         if before is not None and not state.time > before.time:
             yield self._finding(
-                state, "form", f"its time is not after {before.time:.6f} s, that of the last tick"
+                state, "form", f"its time is not later than that of the previous tick, {before.time:.6f} s"
             )
             before = None
         if before is None or not state.ready:
@@ -81,8 +81,8 @@ class Motion:
             yield from self._check_exact_time(before, state)
         elif state.ready and (ahead := self._rate.check(state.tick, state.time)) is not None:
             text = (
-                f"its ticks are ahead of time by {ahead.gain:.3f} s, {ahead.bound:.3f} s are allowed: "
-                f"{ahead.ticks} ticks of {1e3 * self.robot.period:g} ms come in {ahead.elapsed:.3f} s"
+                f"its ticks are early by {ahead.gain:.3f} s, {ahead.bound:.3f} s are allowed: "
+                f"{ahead.ticks} ticks of {1e3 * self.robot.period:g} ms arrived in {ahead.elapsed:.3f} s"
             )
             yield self._finding(state, "pace", text, value=ahead.gain, bound=ahead.bound)
 
@@ -93,7 +93,7 @@ class Motion:
         ticks, elapsed = state.tick - before.tick, state.time - before.time
         expected = ticks * round(self.robot.period * 1e9) / 1e9
         if abs(elapsed - expected) > tol.CLOCK:
-            text = f"{ticks} tick(s) come in {elapsed:.9f} s; {expected:.9f} s are expected in lock-step"
+            text = f"{ticks} tick(s) took {elapsed:.9f} s; {expected:.9f} s are expected in lock-step"
             yield self._finding(state, "pace", text, value=elapsed, bound=expected)
 
     # --- increments ---------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ class Motion:
         yield from self._check_measured_speed(state)
 
     def _is_undone(self, step: Array) -> bool:
-        """Return True if the newest increment is undone: its reply was late, and the link held the robot."""
+        """Return True if the newest increment was not played: its reply was late and the link held."""
         if not self.robot.holds or self.step is None:
             return False
         return bool(self.step.any() and np.abs(step + self.step).max() <= tol.STEP)
@@ -220,7 +220,7 @@ class Motion:
                 yield from self._worst_joint(state, "limit", poses[row], worst, bound, name)
                 self.outside = excess.max(axis=1)  # after the finding, a joint may only move back
                 return
-        # The allowance only shrinks; the measured position is the last one to come back.
+        # The allowance only shrinks; the measured position returns last.
         self.outside = np.minimum(self.outside, excess.max(axis=1))
 
     # --- findings -----------------------------------------------------------------------------------------

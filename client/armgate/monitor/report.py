@@ -26,9 +26,9 @@ def summary_line(summary: Summary) -> str:
     """Return the summary as one line."""
     missed = sum(summary.missed.values())
     words = [f"{summary.states} states, {summary.positions} positions checked"]
-    words += [f"never seen: {' '.join(summary.unseen)}"] if summary.unseen else []
+    words += [f"no state received: {' '.join(summary.unseen)}"] if summary.unseen else []
     words += [f"{missed} states missed"] if missed else []
-    words += [f"{summary.late} states judged late"] if summary.late else []
+    words += [f"{summary.late} states checked late"] if summary.late else []
     words += [f"{summary.retreats} margins violated at the start"] if summary.retreats else []
     words += [f"{summary.violations or 'no'} violation{'' if summary.violations == 1 else 's'}"]
     return ", ".join(words)

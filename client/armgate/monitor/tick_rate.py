@@ -22,13 +22,13 @@ _KEPT = 16
 
 @dataclass(frozen=True)
 class Ahead:
-    """Ticks that came ahead of their time.
+    """Ticks that arrived too early.
 
     Attributes:
-        gain: Time by which they came ahead, s.
+        gain: Time by which they were early, s.
         bound: Allowed time, s.
         ticks: Number of ticks of the newest two blocks.
-        elapsed: Time in which they came, s.
+        elapsed: Time in which they arrived, s.
     """
 
     gain: float
@@ -58,7 +58,7 @@ class TickRate:
         self._low = math.inf
 
     def check(self, tick: int, time: float) -> Ahead | None:
-        """Check one more tick; return the excess if it is too far ahead of its time."""
+        """Check one more tick; return the excess if the tick is too early."""
         offset = time - tick * self._period
         if not self._starts:
             self._starts.append((tick, time))

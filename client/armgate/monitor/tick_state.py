@@ -19,7 +19,7 @@ class TickState:
 
     Attributes:
         ready: True if the link of the robot can move it.
-        ended: True if the link is lost, faulted or waiting, so that states need not come.
+        ended: True if the link is lost, faulted or waiting, so that states may be missing.
     """
 
     robot: str

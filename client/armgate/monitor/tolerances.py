@@ -10,7 +10,7 @@ PAIR_SLACK = 3e-4
 """Total decrease allowed for a clearance that was violated at the start, m."""
 
 DEEP_SLACK = 5e-3
-"""The same for overlapping bodies, whose depth is not certified, m."""
+"""Total decrease allowed for overlapping bodies, whose depth is not certified, m."""
 
 JOINT = 1e-6
 """Tolerance of a joint limit for setpoints and stop ends, rad or m."""
@@ -50,7 +50,7 @@ PACE_TIME = 1.0
 """Smallest number of ticks and shortest time, s, of a block; its earliest tick counts as on time."""
 
 PACE = 0.25
-"""Tolerance of ticks ahead of time, as a share of a block."""
+"""Tolerance of early ticks, as a share of a block."""
 
 SILENCE = 1.0
 """Time without a state after which a robot counts as silent, s."""

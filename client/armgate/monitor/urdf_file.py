@@ -1,7 +1,7 @@
 """The monitor's own reader of a URDF: links, joints and collision bodies.
 
-It rejects unsupported elements and attributes that affect the position, motion or shape of bodies, and names
-them. It ignores visuals, inertias, materials, transmissions and similar elements.
+It rejects unsupported elements and attributes that affect the position, motion or shape of bodies, with their
+names in the error. It ignores visuals, inertias, materials, transmissions and similar elements.
 """
 
 import math
@@ -125,7 +125,7 @@ def _description(robot: ET.Element) -> Description:
     found = Description("", [_name(link) for link in robot.findall("link")])
     for link in robot.findall("link"):
         found.bodies += _bodies(link)
-    found.bodies = _named_check_unique(found.bodies)
+    found.bodies = _with_unique_names(found.bodies)
     found.joints = _joints(robot, found.links)
     found.root = _root(found)
     return found
@@ -147,7 +147,7 @@ def _joints(robot: ET.Element, links: list[str]) -> list[Joint]:
     return [_joint(element, links) for element in robot.findall("joint")]
 
 
-def _named_check_unique(bodies: list[Body]) -> list[Body]:
+def _with_unique_names(bodies: list[Body]) -> list[Body]:
     """Return the bodies; a name that several links use is preceded by that of its link."""
     links: dict[str, set[str]] = {}
     for body in bodies:

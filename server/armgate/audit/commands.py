@@ -55,7 +55,7 @@ def explain(
     refused: Annotated[
         bool,
         typer.Option(
-            "--refused", help="Explain refused commands; of consecutive ones with the same reason, the first."
+            "--refused", help="Explain refused commands; of several in a row with one reason, the first."
         ),
     ] = False,
     robot: Annotated[str | None, typer.Option(help="Explain only the commands of this robot.")] = None,
@@ -85,7 +85,7 @@ def explain(
         typer.echo(explanation(found, cell))
         file = folder / f"explain-{found.command.robot}-{found.tick}-{found.verdict.seq}.png"
         if number > _PICTURES:
-            typer.echo(f"  (no picture: {_PICTURES} pictures were drawn; use --tick for this one)")
+            typer.echo(f"  (no picture: {_PICTURES} pictures were drawn already; use --tick)")
         elif draw_explanation(found, cell, file):
             typer.echo(f"  picture: {file}")
     if not number:
@@ -150,7 +150,7 @@ def audit(
 
 
 def recover(run: Run) -> None:
-    """Recover a recording that breaks off or is damaged: keep all that can be read."""
+    """Recover a recording that is truncated or damaged: keep all readable messages."""
     from armgate.audit.recover import recover_recording
 
     for one in recover_recording(run):
@@ -176,7 +176,9 @@ def _parts(chain: "Chain") -> str:
     """Return the range of the parts, and a note if it is unknown whether more parts followed."""
     first, last = chain.parts
     text = f"part {first}" if first == last else f"parts {first} to {last}"
-    return text if chain.last is not None else f"{text} (does not state if another part followed)"
+    return (
+        text if chain.last is not None else f"{text} (the recording does not show if another part followed)"
+    )
 
 
 def _recovery(one: "RecoveredFile") -> str:
@@ -225,7 +227,7 @@ def _print_changes(result: "ReplayResult", settings: list[str]) -> None:
     from armgate.audit.replay import spans, tally
 
     typer.echo(f"{len(result.changes)} of {result.verdicts} verdicts would change with {' '.join(settings)}")
-    typer.echo("(each command is judged at the recorded positions; the later motion would have differed)")
+    typer.echo("(each command is decided at the recorded positions; the later motion would have differed)")
     for (robot, was, now), count in tally(result.changes).most_common():
         _print(f"  {robot}: {was} → {now}: {count}")
     for time, stop in result.stops[:_LISTED]:
@@ -275,7 +277,7 @@ def lag(
 
 
 def _print_lags(lags: "RobotLags") -> list[str]:
-    """Print the measured lags of a robot and the values to declare; return those declared too small."""
+    """Print the measured lags of a robot and the values to declare; return texts on too small ones."""
     robot, ms = lags.robot, 1000.0
     typer.echo(f"{robot.name}: delay {lags.delay} ticks ({ms * lags.delay * robot.period:g} ms)")
     for name, tau in lags.lags.items():

@@ -8,6 +8,6 @@ class AuditError(Exception):
 
 
 class UseError(AuditError):
-    """The command was called wrongly."""
+    """The command was called incorrectly."""
 
     exit_code = 2

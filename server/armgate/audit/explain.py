@@ -1,4 +1,4 @@
-"""Explanation of limited and refused commands: the gate's view when it decided, as text."""
+"""Explanation of limited and refused commands: the data of the gate when it decided, as text."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class ExplainedCommand:
         time: Daemon time, s.
         command: The command.
         verdict: Its verdict.
-        intended: Motion to which it would have led; None if that is unknown.
+        intended: Motion that it would have caused; None if that is unknown.
         positions: Measured positions of all robots.
         points: Nearest points of the binding pair at the end of the stop, if the clearance was binding.
     """

@@ -226,7 +226,7 @@ def _positions(axes: Any, intended: IntendedMotion, rows: Sequence[int]) -> None
 
 
 def _wrapped(reasons: Sequence[Reason]) -> str:
-    """Return the reasons, one a line."""
+    """Return the reasons, one per line."""
     return (
         "\n".join(shorten(printable(reason.text), 125, placeholder=" …") for reason in reasons)
         or "no check limited it"

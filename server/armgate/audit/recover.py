@@ -13,7 +13,7 @@ from armgate.recording.recover import Recovery, is_readable, recover_file
 from armgate.recording.scan import Scan, scan
 
 Action = Literal["none", "removed", "recovered"]
-"""Done with a file: ``none`` if it is complete, ``removed`` if it is empty, or ``recovered``."""
+"""Action on a file: ``none`` if it is complete, ``removed`` if it is empty, or ``recovered``."""
 
 _NOTHING = Recovery(0, 0, 0)
 _COPIES = 100
@@ -49,7 +49,7 @@ def recover_recording(path: Path) -> Sequence[RecoveredFile]:
     files = parts_of(path)
     scans = [scan(file) for file in files]
     if not any(found.chunks for found in scans):
-        raise TruncatedError(files[0], "breaks off before anything was written; nothing can be recovered")
+        raise TruncatedError(files[0], "is truncated before its first message; nothing can be recovered")
     for found in scans[:-1]:
         if not found.chunks:
             raise RecordingError(found.file, "is empty, but later parts are not; restore it from a copy")
@@ -74,7 +74,7 @@ def _recover_part(found: Scan) -> RecoveredFile:
 
 
 def _keep_original(file: Path) -> Path:
-    """Give the damaged file a second name, because only this file holds the unreadable messages.
+    """Link the damaged file under a second name, because only this file contains the unreadable messages.
 
     Raises:
         OSError: The link cannot be created.
@@ -84,4 +84,4 @@ def _keep_original(file: Path) -> Path:
         with suppress(FileExistsError):
             os.link(file, original, follow_symlinks=False)
             return original
-    raise FileExistsError(f"{_COPIES} damaged copies of it exist already; remove some")
+    raise FileExistsError(f"{_COPIES} copies of damaged files exist already; remove some")

@@ -38,7 +38,7 @@ class ReplayResult:
         differing: The first events whose outputs differ: daemon time, event, differences.
         count: Number of all events whose outputs differ.
         changes: Verdicts with another outcome or cause.
-        tolerance: Tolerance of the comparison; None: bit for bit.
+        tolerance: Tolerance of the comparison; None if it is bit for bit.
         differs_in: Differences between this machine and the recording one.
         stops: Stops that the gate raises in the replay only.
     """
@@ -121,7 +121,7 @@ def replay_recording(
     Args:
         recording: The recording.
         cell: Its cell, or the cell with changed values.
-        other_rules: True if values are changed; each command is then judged at the recorded positions.
+        other_rules: True if values are changed; each command is then decided at the recorded positions.
         progress: Called after every thousand events with the number of events so far.
 
     Raises:

@@ -1,7 +1,7 @@
 """Gate for replays: decides under its own rules, while the robots move as recorded.
 
-The link played the recorded plans, whatever these rules would have admitted. So each command is judged at
-the recorded positions of the robots, not at those to which these rules would have led.
+The link played the recorded plans, whatever these rules would have admitted. So each command is decided at
+the recorded positions of the robots, not at those that would result from these rules.
 """
 
 import math
@@ -37,7 +37,7 @@ from armgate.gate.stops import StopCause, Stops
 
 @dataclass(frozen=True, slots=True)
 class IntendedMotion:
-    """Motion to which a command would have led, for all joints of its robot, rad or m.
+    """Motion that a command would have caused, for all joints of its robot, rad or m.
 
     Attributes:
         commanded: The commanded increment.
@@ -61,10 +61,10 @@ class IntendedMotion:
 
 
 class ReplayGate(Gate):
-    """Gate that decides by its own rules, exposes its view, and then follows the recorded outputs."""
+    """Gate that decides by its own rules, gives access to its data, and then follows the recorded outputs."""
 
     def intended(self, event: Command) -> IntendedMotion | None:
-        """Return the motion to which a command would lead now; None if its increment is invalid."""
+        """Return the motion that a command would cause now; None if its increment is invalid."""
         s = self._of(event.robot)
         if s.tick < 0 or len(event.dq) != len(s.zeros) or not all(map(math.isfinite, event.dq)):
             return None
@@ -109,7 +109,7 @@ class ReplayGate(Gate):
     def _follow_command(
         self, s: RobotState, slot: int, waiting: Plan | None, recorded: Sequence[GateOutput]
     ) -> None:
-        """Adopt the recorded plan; without one, a plan that waited for its answer still waits."""
+        """Adopt the recorded plan. If there is none, a plan that waited for its answer still waits."""
         plan = next((output for output in recorded if isinstance(output, Plan)), waiting)
         verdict = next((output for output in recorded if isinstance(output, Verdict)), None)
         s.slot = slot if verdict is None or verdict.target is None else verdict.target

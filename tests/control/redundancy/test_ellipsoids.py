@@ -80,7 +80,7 @@ def test_map_gives_points_of_the_surface():
 
 
 def test_a_projection_needs_a_bounded_ellipsoid():
-    with pytest.raises(ValueError, match="not bounded"):
+    with pytest.raises(ValueError, match="unbounded"):
         force_ellipsoid([[1.0, 0.0], [0.0, 0.0]]).projection(np.eye(2)[:1])
     with pytest.raises(ValueError, match="expected a map"):
         velocity_ellipsoid(np.eye(2)).projection(np.eye(3))

@@ -1,4 +1,4 @@
-"""Live display of a run in the terminal, and the same as one line of text."""
+"""Live display of a run in the terminal, and its form as one line of text."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +18,7 @@ from armgate.cell.escaping import printable
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31
-"""Width of a gauge, characters; odd, so that zero has a place of its own."""
+"""Width of a gauge, characters; odd, so that zero has a character of its own."""
 LINE_EVERY = 1.0
 """Daemon time between two lines of text, s."""
 
@@ -67,7 +67,7 @@ def _robots(seen: Observation, cell: Description) -> Table:
 
 
 def _gate(seen: Observation) -> Table:
-    """Return the gate's verdicts and the nearest pairs, as a table of its own that fits into 80 columns."""
+    """Return the gate's verdicts and the nearest pairs, as a separate table that fits into 80 columns."""
     table = _table("robot", "admitted", "limited", "refused", "nearest now")
     for entry in seen.entries:
         table.add_row(Text(entry.robot, style="bold"), *_counts(entry), _nearest(entry.nearest or ()))
@@ -148,7 +148,7 @@ def _pair(seen: Observation) -> Text:
 
 
 def _gauge(value: float | None, band: float, unit: str, digits: int) -> tuple[Text, Text]:
-    """Return a number, and a mark on a scale of twice the band to both sides."""
+    """Return the number, and a scale from −2 to +2 bands with a mark at the number."""
     if value is None:
         return Text("–", style="dim"), Text("")
     style = "green" if abs(value) <= band else "red"

@@ -69,7 +69,7 @@ def _band(axes: Any, low: float, high: float, label: str) -> None:
 
 
 def _focus_on(axes: Any, values: Array, after: NDArray[np.bool_], band: float, lowest: float) -> None:
-    """Scale the axis for the time after the transient, which may leave the picture at the top."""
+    """Scale the axis to the values after the transient; the transient may be clipped at the top."""
     settled = values[after & np.isfinite(values)]
     reach = max(1.6 * band, 1.15 * float(np.max(np.abs(settled), initial=0.0)))
     axes.set_ylim(lowest * reach, reach)
@@ -96,7 +96,9 @@ def _distance(axes: Any, series: Mapping[str, Array], metrics: Mapping[str, Any]
     axes.plot(series["time_s"], error, color=_INK, label="view distance")
     _focus_on(axes, error, _after(series, metrics), band, -1.0)
     axes.set_ylabel("distance error [mm]")
-    axes.set_title("View distance less the wanted one" + _figures(metrics["distance_error_m"], " mm", 1000))
+    axes.set_title(
+        "View distance minus wanted view distance" + _figures(metrics["distance_error_m"], " mm", 1000)
+    )
     axes.legend(loc="upper right", ncols=3)
 
 

@@ -67,7 +67,7 @@ def run_demo(options: Options, out: Path | None) -> None:
 
 
 def _has_viewer() -> bool:
-    """Return True if the viewer is installed; otherwise print how to install_hint it."""
+    """Return True if the viewer is installed; otherwise print how to install it."""
     if all(find_spec(name) for name in ("viser", "moderngl")):
         return True
     typer.echo(f"no viewer; to see the run in a browser, run {install_hint('view')}")
@@ -85,12 +85,12 @@ def demo_plan(options: Options, cell: CellConfig) -> Plan:
     cameras = [name for name, robot in cell.robots.items() if robot.camera and name != recorded.robot]
     if not cameras:
         raise UsageError(
-            f"no robot of cell {cell.name!r} has a camera; the demo needs one besides {recorded.robot}"
+            f"no robot of cell {cell.name!r} other than {recorded.robot} has a camera; the demo needs one"
         )
     if cell.clock.kind == "lockstep" and set(cell.clock.participants) != set(NAMES):
         raise UsageError(
             f"clock.participants are {', '.join(cell.clock.participants)}; "
-            f"expected the demo's: {', '.join(NAMES)}"
+            f"expected those of the demo: {', '.join(NAMES)}"
         )
     lag = cell.robots[cameras[0]].link.lag
     return plan(options.configs, options.path, recorded.robot, cameras[0], lag=lag,
@@ -113,7 +113,7 @@ def plan(
     lockstep: bool = False,
     duration: float | None = None,
 ) -> Plan:
-    """Return the plan in which one robot plays a path and another one keeps its camera on it.
+    """Return the plan in which one robot plays a path, and another robot keeps its camera on the tool.
 
     Args:
         configs: Configuration files of the daemon; later ones overlay earlier ones.

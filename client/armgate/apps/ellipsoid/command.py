@@ -25,7 +25,7 @@ def ellipsoid(
     path: Annotated[
         Path | None,
         typer.Option(
-            help="Draw along a path file, as lead plays it and reach writes it.", show_default=False
+            help="Draw along a path file, in the format that lead plays and reach writes.", show_default=False
         ),
     ] = None,
     self_motion: Annotated[

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 FLAT = 1e-9
-"""Largest velocity, m per rad, along an axis in which a frame counts as not moving."""
+"""Velocity along an axis, m per rad, up to which a frame counts as not moving along it."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Motion:
         return FrameTask(self.model, self.frame, self.rows)
 
     def pick(self, count: int) -> Array:
-        """Return at most ``count`` positions (k, n), evenly apart in joint space, both ends included.
+        """Return at most ``count`` positions (k, n), evenly spaced in joint space, including both ends.
 
         In a closed motion the last position equals the first and is left out.
         """
@@ -87,7 +87,7 @@ def motion_of(
     frame = frame or robot.tool
     if frame not in robot.model.frame_names or robot.model.frame_joint(frame) < 0:
         known = ", ".join(known for known in robot.model.frame_names if robot.model.frame_joint(known) >= 0)
-        raise UsageError(f"robot {robot.name!r} moves no frame {frame!r}; it moves {known}")
+        raise UsageError(f"robot {robot.name!r} has no moving frame {frame!r}; it has {known}")
     title = f"{robot.name} of {cell.name}, frame {frame}"
     rows = moving_rows(robot.model, frame)
     if path is not None:
@@ -108,7 +108,7 @@ def moving_rows(model: RobotModel, frame: str) -> tuple[str, ...]:
 
 
 def both_ways(task: FrameTask, start: Array) -> Array:
-    """Return the self-motion through the start within the joint limits, closed or from end to end, (k, n).
+    """Return the self-motion through the start within the joint limits (k, n), as a closed or an open curve.
 
     Raises:
         UsageError: There is no self-motion.
@@ -116,7 +116,9 @@ def both_ways(task: FrameTask, start: Array) -> Array:
     try:
         there = trace_self_motion(task, start)
     except ValueError as error:
-        raise UsageError(f"{error}; expected a robot with more joints than its {task.m} rows") from error
+        raise UsageError(
+            f"{error}; expected a robot with more joints than the {task.m} rows of the task"
+        ) from error
     if there.ended is Ended.CLOSED or len(there.q) < 2:
         return there.q
     back = trace_self_motion(task, start, along=there.q[0] - there.q[1])

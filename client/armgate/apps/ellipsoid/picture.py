@@ -146,8 +146,8 @@ class _Scene:
         speed = f"velocity, 1 m/s drawn as {100 * self._speed_scale:.2g} cm"
         shown = [Line2D([], [], color=_INK, lw=1.4, label=speed)]
         if self._force:
-            told = f"force, 1 N drawn as {100 * self._force_scale:.2g} cm"
-            shown.append(Line2D([], [], color=_FORCE, lw=1.0, ls="--", label=told))
+            text = f"force, 1 N drawn as {100 * self._force_scale:.2g} cm"
+            shown.append(Line2D([], [], color=_FORCE, lw=1.0, ls="--", label=text))
         return shown
 
 

@@ -29,7 +29,12 @@ _TOGETHER = ("approach", "limit")
 
 @dataclass(frozen=True)
 class Options:
-    """Number of seeds (None: as in the file), and True to run by the wall clock."""
+    """Options of a campaign.
+
+    Attributes:
+        seeds: Number of leader paths or starts; None for the number in the experiment's file.
+        realtime: True to run by the wall clock instead of in lock-step.
+    """
 
     seeds: int | None = None
     realtime: bool = False

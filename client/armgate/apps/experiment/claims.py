@@ -109,7 +109,7 @@ def _tracking(entries: Sequence[Entry]) -> Iterable[Claim]:
         yield at_most(f"{text}: distance", distances, distance, "m", paper[1])
     for case, speed in _PAIRS:
         ratios = _ratios(entries, case, f"{case}-predicted")
-        yield at_most(f"{speed} m/s: RMS angle with prediction to that without", ratios, 1 / 3, "")
+        yield at_most(f"{speed} m/s: ratio of the RMS angles with and without prediction", ratios, 1 / 3, "")
     rms = _errors(entries, "slow-lag120-predicted", "angle_error_deg", "rms")
     yield at_most("0.25 m/s, 120 ms lag, with prediction: RMS angle", rms, 0.3, "°")
 
@@ -130,17 +130,19 @@ def _approach(entries: Sequence[Entry]) -> Iterable[Claim]:
     yield at_most("approach: settled (0.1°, 2 mm) after", (e["settled_s"] for e in far), 3.0, "s")
     yield at_most("from 0.999 of a joint limit: reached after", (e["settled_s"] for e in limit), 10.0, "s")
     motion = (e["end_motion_rad"] for e in limit)
-    yield at_most("from a joint limit: joints still move in the last second by", motion, 1e-3, "rad")
+    yield at_most("from a joint limit: joint motion in the last second", motion, 1e-3, "rad")
 
 
 def _zoom(entries: Sequence[Entry]) -> Iterable[Claim]:
     yield at_most("angle while zooming", (e["zoom_angle_deg"] for e in entries), 0.5, "°", "unaffected")
     yield at_most(
-        "distance error where repulsion has been inactive for 2 s",
+        "distance error after repulsion has been inactive for 2 s",
         (e["quiet_distance_m"] for e in entries), 0.02, "m", "not reached while repulsion acts",
     )  # fmt: skip
     share = sum(e["quiet_share"] for e in entries) / len(entries)
-    yield Claim("share of the time in which that is so", "≥ 0.5", share, "", share >= 0.5)
+    yield Claim(
+        "share of the time in which repulsion has been inactive for 2 s", "≥ 0.5", share, "", share >= 0.5
+    )
 
 
 def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
@@ -151,7 +153,7 @@ def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
             refused = _share(own, "follower_refused")
             yield at_most(f"{text}: share of runs in which the follower is refused", [refused], 0.1, "")
             free = [e["free_angle_deg"] for e in own]
-            words = f"{text}: angle except while (13) or the gate acts and 2 s after"
+            words = f"{text}: angle, except while (13) or the gate acts and for 2 s afterwards"
             yield at_most(words, free, 1.0, "°", "kept while (13) is inactive")
         else:
             yield _reported(

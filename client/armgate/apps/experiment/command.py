@@ -58,7 +58,7 @@ def experiment(
 
     names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
     if file is not None and len(names) > 1:
-        raise UsageError("--file belongs to one experiment; expected the name of that experiment")
+        raise UsageError("--file describes one experiment; expected the name of that experiment")
     setups = {name: load_experiment(file or default_file(f"experiments/{name}.yaml")) for name in names}
     if wrong := [name for name, setup in setups.items() if setup.experiment != name]:
         raise UsageError(f"{file} describes {setups[wrong[0]].experiment}; expected {wrong[0]}")
@@ -67,7 +67,7 @@ def experiment(
     ended = campaign.run(setups)
     _report(campaign)
     if ended:
-        raise AppError(f"{campaign.folder} holds what was run: {ended}")
+        raise AppError(f"incomplete, the finished runs are in {campaign.folder}: {ended}")
 
 
 def _report(campaign: "Campaign") -> None:

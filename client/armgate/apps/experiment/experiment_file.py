@@ -41,7 +41,7 @@ class Common(ConfigModel):
 
 
 class Approach(Common):
-    """Experiment in which the leader rests, and the follower starts far off or at a joint limit.
+    """Experiment in which the leader rests, and the follower starts far from the optimum or at a joint limit.
 
     Attributes:
         limit_share: Share of the half range at which a joint starts if it starts at its limit.
@@ -91,7 +91,7 @@ class Pursuit(ConfigModel):
 
 
 class Collision(Common):
-    """Experiment in which the leader dashes at the follower, whose focus is fixed, or pursues it."""
+    """Experiment in which the leader moves straight at the follower (dash), or pursues it."""
 
     experiment: Literal["collision"]
     focus: Point

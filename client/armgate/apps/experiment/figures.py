@@ -18,7 +18,7 @@ SETTLED = (0.1, 2e-3)
 QUIET = 2.0
 """Time after an event during which it still counts, s."""
 LAST = 1.0
-"""Length of the end of a run, s."""
+"""Length of the last section of a run, s."""
 
 
 def evaluate(trial: Trial, seen: Observation) -> dict[str, Any]:

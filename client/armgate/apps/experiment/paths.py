@@ -10,7 +10,7 @@ SMOOTH = 0.3
 TURN = (0.4, 1.4)
 """Time for which the stick stays at one position, s: minimum and maximum."""
 TRIES = 2_000
-"""Number of directions that are tried before a dash ends further behind its target."""
+"""Number of directions that are tried before a dash may end further behind its target."""
 RELEASE_TIME = 2.0
 """Time before the end at which the stick is released, s: a path ends at rest."""
 FINER = 3
@@ -39,7 +39,7 @@ def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: fl
         Samples (k, 3), world, m.
     """
     fine = period / FINER
-    way = _under_hands(np.random.default_rng(seed), speed, middle, half, round(seconds / fine) + 1, fine)
+    way = _stick_motion(np.random.default_rng(seed), speed, middle, half, round(seconds / fine) + 1, fine)
     fastest = float(np.linalg.norm(np.diff(way, axis=0), axis=1).max()) / fine
     pace = FULL * speed / fastest
     times = np.arange(0.0, (len(way) - 1) * fine / pace, period) * pace
@@ -47,7 +47,7 @@ def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: fl
     return np.column_stack(columns)
 
 
-def _under_hands(
+def _stick_motion(
     rng: np.random.Generator, speed: float, middle: Array, half: Array, count: int, step: float
 ) -> Array:
     p, v, command, stick = np.array(middle), np.zeros(3), np.zeros(3), np.zeros(3)

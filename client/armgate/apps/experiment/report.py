@@ -1,4 +1,4 @@
-"""``report.html``: a self-contained page with our figures beside the paper's."""
+"""``report.html``: a self-contained page with the figures of armgate beside those of the paper."""
 
 import base64
 import html
@@ -9,10 +9,10 @@ from typing import Any
 from armgate.apps.experiment.claims import Claim, digits
 
 PAPER = {
-    "approach": "Three approaches; the angle falls monotonically, the distance need not (figure 8).",
+    "approach": "Three approaches; the angle falls monotonically, the distance does not always (figure 8).",
     "tracking": "Angle within ± 1°, distance within ± 2 cm, leader by gamepad (figure 9).",
     "zoom": "The wanted distance is not reached while repulsion acts; the angle is unaffected (figure 10).",
-    "collision": "The focus is kept while (13) is inactive; repulsion goes before distance (figure 11).",
+    "collision": "The focus is kept while (13) is inactive; repulsion has priority over distance (fig. 11).",
 }
 """Results that the paper reports for each experiment."""
 SOURCE = (
@@ -73,7 +73,7 @@ def _claims(claims: Sequence[Claim]) -> str:
         f'<td class="n">{html.escape(c.text)}</td>{_HOLDS[c.holds]}</tr>'
         for c in claims
     ]  # fmt: skip
-    note = "<p>Our figure is the worst of all runs; a share counts all runs together.</p>"
+    note = "<p>Figures of armgate are the worst of all runs; a share counts all runs together.</p>"
     return _table(("claim", "paper", "goal", "ours", ""), rows) + note
 
 

@@ -24,7 +24,7 @@ CLEAR_ITSELF = 0.025
 TRIES = 20_000
 """Number of positions that are tried for a start, from near the configured one to anywhere."""
 NEIGHBOURS = 3
-"""Largest distance of joints whose spheres touch by construction, or cannot meet."""
+"""Largest number of joints between spheres that touch by construction or cannot meet."""
 _CARRIAGE = 3
 
 

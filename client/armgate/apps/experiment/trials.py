@@ -28,7 +28,7 @@ class Trial:
         seed: Seed of its path, or number of its start.
         lag: Lag of the robots, s.
         follow: Options of ``armgate follow``.
-        start: Start of the follower (n,); None as configured.
+        start: Start of the follower (n,); None for the configured start.
         path: Path of the leader's tool (k, 3), world, one sample per tick; None if it rests.
         pursue: Options of ``armgate lead`` to pursue the follower from the beginning of the path; None to
             play the path.
@@ -145,7 +145,7 @@ def _fixed_focus(experiment: Collision) -> tuple[str, ...]:
 
 
 def _attack(experiment: Collision, scene: Scene, seed: int) -> tuple[str, Array, Array]:
-    """Return the link that a seed attacks, and the start and end of the leader's tool."""
+    """Return the link at which the leader moves with this seed, and the start and end of its tool."""
     spheres = Spheres.of(scene.follower.model)
     links = sorted(set(spheres.bodies))
     link = links[seed % len(links)]

@@ -10,7 +10,7 @@ from armgate.cell.escaping import printable
 Robot = Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)]
 Leader = Annotated[
     str,
-    typer.Option(help="Robot whose tool the camera is kept on, and that is avoided.", show_default=False),
+    typer.Option(help="Robot whose tool the camera is kept on; it is also an obstacle.", show_default=False),
 ]
 Focus = Annotated[
     tuple[float, float, float] | None,

@@ -1,4 +1,4 @@
-"""Loop of the follower: leader's position in, one increment out, at each tick of the camera's robot."""
+"""Loop of the follower: it sends one increment per tick of the camera's robot, from the leader's position."""
 
 from dataclasses import dataclass, field
 
@@ -39,7 +39,7 @@ class FollowOptions:
     Attributes:
         distance: Wanted view distance unless a signal overrides it, m.
         lag: Known lag of the camera's robot behind its setpoint, s.
-        focus: Fixed point to look at instead of the leader's tool, world, m.
+        focus: Fixed point to aim the camera at instead of the leader's tool, world, m.
         predict: True to aim at the predicted position of the tool, False for the measured one.
     """
 
@@ -55,9 +55,9 @@ class FollowLoop:
 
     Attributes:
         robot: Description of the robot that carries the camera.
-        leader: Description of the robot whose tool is looked at.
+        leader: Description of the robot whose tool the camera is aimed at.
         proximity: Near pairs of bodies; contains the leader's model.
-        spheres: Bounding spheres of the leader, which repel.
+        spheres: Bounding spheres of the leader, which repel the follower.
         follower: Control law with its bounds.
         bounds: Bounds of the camera robot's increments.
         options: Options of the follower.
@@ -130,7 +130,7 @@ class FollowLoop:
         return tick.signals.get("lead.progress"), tick.entry(self.leader.name).holder
 
     def _distance(self, tick: Tick) -> float:
-        """Return the wanted view distance: the operator's last valid one while there is an operator."""
+        """Return the wanted view distance: the last valid value of the operator's signal, if it is shared."""
         signal = tick.signals.get("operator.distance")
         if signal is None:
             self._zoomed = None
@@ -139,7 +139,7 @@ class FollowLoop:
         return self.options.distance if self._zoomed is None else self._zoomed
 
     def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
-        """Return the point to look at, and the time at which it was measured."""
+        """Return the point to aim at, and the time at which it was measured."""
         if self.options.focus is not None:
             return np.array(self.options.focus), now
         return self._tool(leader), measured
@@ -161,9 +161,10 @@ class Answer:
         step: Output of the control law, with the errors at the measured positions.
         played: Increment that the robot played last (n,).
         distance: Wanted view distance, m.
-        focus: Measured point that is looked at (3,), world, m; None if it is unknown.
+        focus: Measured point that the camera is aimed at (3,), world, m; None if it is unknown.
         near_limit: True if a joint is near its limit.
-        leader: Measured position of the leader's tool (3,), world, m, if another point is looked at.
+        leader: Measured position of the leader's tool (3,), world, m, if the camera is aimed at another
+            point.
     """
 
     step: FollowStep
@@ -192,15 +193,15 @@ class Answer:
 def follow_leader(
     sharing: Sharing, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
 ) -> str:
-    """Follow until the leader has finished, the time is over, or an interruption; then come to rest.
+    """Follow until the leader has finished, the duration has passed or the process is interrupted.
 
     Returns:
         The outcome in words.
 
     Raises:
-        AppError: The leader left before its path was finished; the robot is at rest.
+        AppError: The leader disconnected before its path was finished; the robot is at rest.
         Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The daemon is gone.
+        ConnectionLost: The connection to the daemon was lost.
     """
     begin: float | None = None
     ending: str | None = None
@@ -217,14 +218,15 @@ def follow_leader(
             ending = (
                 "interrupted"
                 if interrupt.requested
-                else "time is over"
+                else "duration has passed"
                 if over
                 else watched.ending(*loop.leader_progress(tick))
             )
         robot.send((answer.step.dq if ending is None else loop.bounds.braked(answer.played)).tolist())
     if watched.left:
         raise AppError(
-            f"{loop.robot.name} is at rest: the leader left at {100 * watched.value:.0f} % of its path"
+            f"{loop.robot.name} is at rest: the leader disconnected at {100 * watched.value:.0f} % "
+            "of its path"
         )
     return f"{ending}, at rest"
 
@@ -233,12 +235,12 @@ def follow_leader(
 class Progress:
     """Progress of the leader's path.
 
-    Only values shared by the holder of the leader's robot count, and only from 0 to 1: any client may take
-    the signal's name first.
+    Only values shared by the holder of the leader's robot count, and only from 0 to 1: any client may
+    have shared a signal of this name before.
 
     Attributes:
         value: Newest progress, 0 to 1.
-        left: True if the leader is gone although its path was not finished.
+        left: True if the leader disconnected before its path was finished.
     """
 
     value: float = 0.0
@@ -246,7 +248,7 @@ class Progress:
     _owner: str | None = None
 
     def ending(self, signal: SignalValue | None, holder: str | None) -> str | None:
-        """Return the reason to end; None to go on, always if the leader never shares its progress.
+        """Return the reason to end; None to continue, and if the leader has never shared its progress.
 
         Args:
             signal: Signal of the progress.
@@ -258,10 +260,10 @@ class Progress:
             return None
         if signal is None or signal.owner != self._owner:
             self.left = True
-            return "the leader is gone"
+            return "the leader has disconnected"
         if 0.0 <= signal.value[0] <= 1.0:
             self.value = signal.value[0]
-        return "the leader's path is done" if self.value >= 1.0 else None
+        return "the leader's path is finished" if self.value >= 1.0 else None
 
 
 def share_changes(

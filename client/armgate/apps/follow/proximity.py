@@ -44,7 +44,7 @@ class Proximity:
     other: RobotBodies
 
     def pairs(self, own: Entry, other: Entry) -> tuple[NearPair, ...]:
-        """Return near pairs and the room that the leader's stop leaves; none without positions."""
+        """Return the near pairs, with the room that the leader's stop leaves; () if positions are unknown."""
         if other.q is None or not other.stop_end or own.nearest is None:
             return ()
         q, end = np.array(other.q), np.array(other.stop_end)

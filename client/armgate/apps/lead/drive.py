@@ -82,7 +82,7 @@ def drive(
 
     Raises:
         Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The daemon is gone.
+        ConnectionLost: The connection to the daemon was lost.
     """
     last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, report)
     for count, tick in enumerate(robot.ticks()):
@@ -102,7 +102,7 @@ def drive(
 
 
 def _report_held(verdict: Verdict, playback: Playback, held: bool, report: Callable[[str], object]) -> bool:
-    """Report once when the gate holds the path up, and once when the path continues."""
+    """Report once when the gate stops the progress of the path, and once when the path continues."""
     if playback.waiting and not held:
         why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
         report(f"path held at {playback.time:.1f} s: {why}")

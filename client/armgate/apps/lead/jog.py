@@ -1,4 +1,4 @@
-"""Loop of manual driving: ask the input, bound the requested motion, send the increment."""
+"""Loop of manual driving: query the input, bound the requested motion, send the increment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ def jog(
     Raises:
         AppError: The input failed; the robot is at rest.
         Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The daemon is gone.
+        ConnectionLost: The connection to the daemon was lost.
     """
     last, reporter, ended = LastIncrement(), _ObstructionReporter(report), MotionRequest()
     for tick in robot.ticks():
@@ -66,7 +66,7 @@ def _outcome(robot: Robot, ended: MotionRequest) -> str:
 
 @dataclass
 class _ObstructionReporter:
-    """Report once what obstructs the robot, and once that the way is free again."""
+    """Report once what obstructs the robot, and once that it is no longer obstructed."""
 
     report: Callable[[str], object]
     _cause: str = field(default="", init=False)
@@ -76,5 +76,5 @@ class _ObstructionReporter:
         reason = next((r for r in verdict.reasons if r.cause in ("clearance", "joint_limit")), None)
         cause = "" if reason is None else reason.cause
         if cause != self._cause:
-            self.report("the way is free again" if reason is None else f"held back: {reason.text}")
+            self.report("no longer obstructed" if reason is None else f"obstructed: {reason.text}")
         self._cause = cause

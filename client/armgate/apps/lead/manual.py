@@ -1,4 +1,4 @@
-"""Manual driving of one robot: find it, build its bounds, acquire the lease, run the loop."""
+"""Manual driving of one robot: find the robot, build its bounds, acquire its lease, run the loop."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ def drive_by_hand(
     Raises:
         UsageError: The cell has no such robot.
         AppError: The input failed; the robot is at rest.
-        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
+        ClientError: The lease was refused or lost, the robot was stopped, or the connection was lost.
     """
     described = described_in(cell.description, manual.robot)
     steering = steering_of(cell, described, manual.speed)

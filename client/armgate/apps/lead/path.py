@@ -10,7 +10,8 @@ Format (every line below is required, in this order; further comment lines may f
     t,X,Y,Z,A1,A2,A3,A4,A5,A6
     0.000,2.930000,…
 
-Times are in s from 0 on, one sample time apart; units are m, rad or deg. In memory, angles are in rad.
+Times are in s, begin at 0, and are one sample time apart; units are m, rad or deg. In memory, angles are in
+rad.
 """
 
 import math
@@ -40,8 +41,8 @@ class RecordedPath:
 
     Between samples the position is interpolated by cubic Hermite pieces with the slopes of Fritsch and
     Carlson (SIAM J. Numer. Anal. 17 (1980) 238–246): once continuously differentiable, and always within the
-    range of the two neighbouring samples. So a path whose samples keep the joint limits keeps them
-    everywhere.
+    range of the two neighbouring samples. So a path is within the joint limits everywhere if
+    its samples are.
 
     Attributes:
         file: The path file.

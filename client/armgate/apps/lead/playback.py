@@ -21,11 +21,12 @@ REACHED = 1e-6
 
 
 class Playback:
-    """Playback in path time τ, which passes at a pace between 0 and 1 of real time.
+    """Playback in path time τ, which advances at 0 to 1 times the rate of real time.
 
     The pace rises while the setpoint keeps up, and falls to 0 while it does not because the gate refuses or
-    limits commands. So the path never runs away from the robot, and continues where it stopped. Before the
-    path starts, the robot moves to its first position, slowly and on a straight line in joint space.
+    limits commands. So the path never gets ahead of the robot by more than the allowed lag, and continues
+    where it stopped. Before the path starts, the robot moves to its first position, slowly and on a straight
+    line in joint space.
 
     Attributes:
         time: Path time τ reached, s.

@@ -89,7 +89,7 @@ def pursue(
 
     Raises:
         UsageError: The cell has no such robot or body.
-        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
+        ClientError: The lease was refused or lost, the robot was stopped, or the connection was lost.
     """
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)

@@ -1,4 +1,4 @@
-"""Bounds of the leader's own increments: its robot can follow them and stop. The gate bounds them again."""
+"""Bounds of the leader's own increments, which its robot can follow and stop. The gate bounds them again."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,6 +82,6 @@ class Bounds:
         return np.clip(near, -self.increment, self.increment)
 
     def braking(self, last: Array) -> Array:
-        """Return the next increment of a straight stop: the last one, reduced as all joints allow."""
+        """Return the next increment of a straight stop: the last one, reduced as much as all joints allow."""
         needs = float(np.max(np.abs(last) / self.loss))
         return last * max(0.0, 1.0 - 1.0 / needs) if needs > 0.0 else last

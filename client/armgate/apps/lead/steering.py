@@ -66,7 +66,8 @@ class Steering:
         Raises:
             AppError: A tool motion is requested but the robot's tool cannot be moved.
         """
-        # Each joint brakes by itself, too: in a straight stop the slowest joint would carry others too far.
+        # Each joint also brakes independently: a straight stop is as long as the slowest joint needs, too far
+        # for others.
         wanted = np.zeros_like(last) if motion is None else self._wanted(motion, setpoint)
         return self.bounds.towards(wanted, last)
 

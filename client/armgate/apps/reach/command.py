@@ -11,7 +11,7 @@ from armgate.cell.escaping import printable
 
 
 class MethodName(StrEnum):
-    """Methods of ``armgate.control.redundancy.reach``, which the help must not import."""
+    """Methods of ``armgate.control.redundancy.reach``, repeated because the help must not import it."""
 
     PSEUDO = "pseudo"
     DAMPED = "damped"
@@ -49,11 +49,13 @@ Frame = Annotated[
     str | None, typer.Option(help="Frame to move (default: the robot's tool).", show_default=False)
 ]
 Rows = Annotated[str, typer.Option(help="Rows of the task, world axes: some of x,y,z,rx,ry,rz.")]
-Method = Annotated[MethodName, typer.Option(help="Inverse that gives joint velocities from the error.")]
+Method = Annotated[
+    MethodName, typer.Option(help="Inverse of the Jacobian, from the error to joint velocities.")
+]
 Objectives = Annotated[
     list[ObjectiveName] | None,
     typer.Option(
-        help="Null-space objective: move away from these; repeat to combine.",
+        help="Null-space objective: move away from singularities, limits or obstacles; repeat to combine.",
         show_default=False,
     ),
 ]
@@ -66,7 +68,7 @@ Clear = Annotated[
     float, typer.Option(min=0.001, help="Distance below which an obstacle repels the robot, m.")
 ]
 Tolerance = Annotated[float, typer.Option(min=1e-6, help="Convergence tolerance, m and rad.")]
-Duration = Annotated[float, typer.Option(min=0.1, metavar="S", help="Give up after S seconds.")]
+Duration = Annotated[float, typer.Option(min=0.1, metavar="S", help="Timeout: abort after S seconds.")]
 Out = Annotated[
     Path | None,
     typer.Option(help="Write the motion as a path file, for lead and ellipsoid.", show_default=False),

@@ -78,7 +78,7 @@ def build(cell: Cell, name: str, goal: Goal) -> Arm:
     """Build the arm from the daemon's description.
 
     Raises:
-        UsageError: The cell has no such robot, or the robot no such frame or row.
+        UsageError: The cell has no such robot, or the robot has no such frame or row.
     """
     robot = described(cell.description, name)
     model = model_of(cell, robot)

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 AT_REST = 1e-9
 """Increment below which the robot is at rest, rad or m."""
 SETTLED = 1e-3
-"""Share of its speed below which a robot counts as settled …"""
+"""Share of the largest joint speeds below which a robot counts as settled …"""
 SETTLE = 0.25
 """… if it stays below for this time, s."""
 STALL = 3.0
@@ -71,12 +71,12 @@ class Watch:
     _moved: float = 0.0
 
     def update(self, time: float, error: float, pace: float) -> tuple[str, bool] | None:
-        """Return the outcome in words, and True if the target is reached; None to go on.
+        """Return the outcome in words, and True if the target is reached; None to continue.
 
         Args:
             time: Time of the tick, s.
             error: Norm of the remaining error, m and rad.
-            pace: Largest share of its speed with which a joint moves.
+            pace: Largest joint speed, as a share of the joint's bound.
         """
         if self._begin is None:
             self._begin = self._improved = self._moved = time
@@ -114,13 +114,13 @@ class Steps:
         return self._last.update(tick, setpoint.tolist())
 
     def increment(self, qd: Array, last: Array, setpoint: Array) -> Array:
-        """Return the increment for q̇, scaled as a whole to the speeds, within limits and accelerations."""
+        """Return the increment for q̇, scaled as a whole to the speed bounds, within all other bounds."""
         dq = qd * self.period
         dq = dq / max(1.0, float((np.abs(dq) / self.bounds.step).max()))
         return self.bounds.within(dq, last, setpoint)
 
     def pace(self, increment: Array) -> float:
-        """Return the largest share of its speed with which a joint moves."""
+        """Return the largest joint speed, as a share of the joint's bound."""
         return float((np.abs(increment) / self.bounds.step).max())
 
 
@@ -143,7 +143,7 @@ def run(
     Raises:
         UsageError: There is no such robot, frame or row, or the motion cannot be written.
         AppError: The target was not reached; the robot is at rest.
-        ClientError: The lease was refused or lost, the robot was stopped, or the daemon is gone.
+        ClientError: The lease was refused or lost, the robot was stopped, or the connection was lost.
     """
     arm = build(cell, robot, goal)
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
@@ -158,11 +158,11 @@ def run(
 def drive(
     sharing: Sharing, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
 ) -> Done:
-    """Drive until the target is reached and the objectives have settled, or on failure; then come to rest.
+    """Drive until the target is reached and the objectives have settled, or until a failure, and to rest.
 
     Raises:
         Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The daemon is gone.
+        ConnectionLost: The connection to the daemon was lost.
     """
     steps, watch = Steps(arm.bounds, arm.robot.period), Watch(tolerance, duration)
     setpoints: list[Array] = []

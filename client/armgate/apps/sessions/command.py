@@ -24,7 +24,7 @@ def sessions(
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """List the sessions of a daemon: id, name, role, token, address, robots held; or end one (operators)."""
+    """List the sessions of a daemon (id, name, role, token, address, held robots), or end one (operators)."""
     from armgate.cell.escaping import printable
     from armgate.client import connect
 

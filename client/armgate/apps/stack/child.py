@@ -2,8 +2,8 @@
 
 PRIORITY is the real-time priority (SCHED_RR), if the system allows it; 0 means an ordinary process.
 
-The demo ends its children in order. If the demo itself is killed, it cannot: then the kernel sends SIGTERM to
-its children, and daemon, leader and follower bring their robots to rest and end.
+The demo ends its children in order. If the demo itself is killed, the kernel sends SIGTERM to its children,
+and daemon, leader and follower bring their robots to rest and end.
 """
 
 import contextlib
@@ -44,8 +44,8 @@ def set_priority(priority: int) -> None:
 def run_command(arguments: list[str]) -> NoReturn:
     """Run ``armgate ARGUMENTS``; exit with its status, or with INTERRUPTED instead of 0 after a signal.
 
-    A user who presses Ctrl-C gets 0 once the robot has come to rest. A run must know that its participant was
-    stopped before it had finished.
+    After Ctrl-C a command exits with 0 once its robot has come to rest. With INTERRUPTED, a run can
+    distinguish this from a participant that has finished.
     """
     try:
         main(arguments)

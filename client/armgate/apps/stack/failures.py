@@ -21,7 +21,8 @@ _MOST = 3
 def failure_of(children: Children, event: Exited) -> AppError:
     """Return the error that explains the end of a child, from the events around it.
 
-    If the monitor reported a violation, it stopped the robots; if a signal ended a child, the others lost it.
+    A violation that the monitor reports has stopped the robots. A child that a signal ended is the cause of
+    the errors of the others.
     """
     deadline = time.monotonic() + _TOGETHER
     while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:
@@ -55,7 +56,7 @@ def exit_error(children: Children, event: Exited) -> AppError:
 def stops_in(log: Path) -> str:
     """Return the first stops in a daemon's log, one per line; "" if there are none.
 
-    A participant that lost its robot only knows that it was stopped; the daemon's log contains the reason.
+    A participant that lost its robot is not sent the reason of the stop; the daemon's log contains it.
     """
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
     stops = [event for line in lines if (event := _event(line)).get("event") == "stopped"]

@@ -1,6 +1,6 @@
 """Children that are forked from one process with all libraries loaded: for many short runs in a row.
 
-A child has all of ``armgate COMMAND`` in a process of its own, and starts in milliseconds instead of seconds.
+A child runs ``armgate COMMAND`` in a process of its own, and starts in milliseconds instead of seconds.
 Works on Linux and macOS.
 """
 

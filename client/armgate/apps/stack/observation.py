@@ -101,7 +101,7 @@ class Observation:
         return sum(entry.late_commands or 0 for entry in self.entries)
 
     def signal(self, name: str) -> tuple[float, ...] | None:
-        """Return the newest value of a signal; None before the first. Values outlive their owner here."""
+        """Return the newest value of a signal; None before the first. It remains after its owner has left."""
         return self._signals.get(name)
 
     def scalar(self, name: str) -> float | None:

@@ -61,7 +61,7 @@ class Children:
 
     Args:
         logs: Folder of the children's logs.
-        fork_server: Server to fork them from; None starts each child as a program of its own.
+        fork_server: Server to fork them from; None to start each child as a separate program.
     """
 
     def __init__(self, logs: Path, fork_server: ForkServer | None = None) -> None:

@@ -87,7 +87,7 @@ class Ended:
     """End of a run.
 
     Attributes:
-        watch: All that was observed.
+        watch: Connection of the observer, with its observation.
         complete: True if all participants finished their work, and no audit was interrupted.
         failure: First failure after the participants were started; None without one.
     """
@@ -133,7 +133,7 @@ def _start_daemon(children: Children, plan: Plan) -> str:
     if plan.robots is not None:
         _start_robots(children, plan, plan.robots)
     children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
-    # The first run after an installation compiles the law: here, not while the leader is moving.
+    # The first run after an installation compiles the law. Do it here, not while the leader is moving.
     prepare()
     return _printed(children, DAEMON, LISTENING)
 
@@ -154,7 +154,7 @@ def _start_clients(children: Children, plan: Plan, address: str) -> None:
         children.launch(MONITOR, command, priority=plan.priority("monitor"))
         _printed(children, MONITOR, WATCHING)
     if plan.view:
-        # Never in real time: a viewer must not delay the robots' processes.
+        # The viewer is an ordinary process, because it must not delay the robots' processes.
         children.launch(VIEWER, ["view", address, *VIEW_OPTIONS], priority=ORDINARY)
     for name in plan.names:
         children.launch(name, plan.controller(name, address), priority=plan.priority("controller"))
@@ -235,7 +235,7 @@ def _until_done(
 
 
 def _goes_on(children: Children, event: Event | None, needed: frozenset[str] = NEEDED) -> bool:
-    """Return True if the run goes on after an event, False if the user ends it.
+    """Return True if the run continues after an event, False if the user ends it.
 
     Raises:
         AppError: The event is a violation, or the end of a child that failed or is still needed.

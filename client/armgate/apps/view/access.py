@@ -20,7 +20,7 @@ _PORTS = {"http": 80, "https": 443}
 _TOKEN = "token"  # noqa: S105  (the name of the query parameter)
 _COOKIE = "armgate-view-"
 _OTHERS = 16
-"""Cookies of other viewers that are kept: all of them must fit into the header of a request."""
+"""Largest number of cookies of other viewers that are kept; all must fit into the header of a request."""
 _PROXY = "--host-name NAME, with the name in the address bar (NAME:PORT if the port is not 80 or 443)"
 
 HEADERS = {
@@ -100,7 +100,7 @@ class Access:
             headers: Headers of the request.
             path: Path and query of the request.
             local: IP address of this machine at which the request arrived.
-            page: False for a websocket. A ticket opens a page only; a websocket does not use it up.
+            page: False for a websocket, for which a ticket is not valid.
 
         Raises:
             RefusedError: The request must be refused.

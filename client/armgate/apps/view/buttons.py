@@ -55,8 +55,9 @@ class Buttons:
     ) -> None:
         """Start ``act`` when a control is used.
 
-        One act runs at a time per page and control; if the control is used meanwhile, the act runs again.
-        It is a coroutine, not a thread of viser's pool: a page that floods one control cannot block others.
+        One call of ``act`` runs at a time per page and control; if the control is used meanwhile, ``act``
+        runs again. It is a coroutine, not a thread of viser's pool, so a page cannot block others by flooding
+        a control.
         """
 
         async def used(event: Any) -> None:

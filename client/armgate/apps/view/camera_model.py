@@ -1,4 +1,4 @@
-"""Pinhole model of a robot's camera: its frame looks along z, its x axis points up in the picture."""
+"""Pinhole model of a robot's camera: its frame has z along the view, and x upwards in the picture."""
 
 from dataclasses import dataclass
 

@@ -36,7 +36,7 @@ def surrounding(name: str) -> RGB:
 
 
 def margin(distance: float, limit: float) -> RGB:
-    """Return the colour of a clearance: red at the limit, over amber, to green from four times the limit."""
+    """Return the colour of a clearance: from red at the limit to green at four times the limit."""
     share = min(max((distance - limit) / max(3.0 * limit, 1e-6), 0.0), 1.0)
     low, high = (STATES["stop"], STATES["near"]) if share < 0.5 else (STATES["near"], STATES["clear"])
     t = 2.0 * share if share < 0.5 else 2.0 * share - 1.0

@@ -17,7 +17,9 @@ Source = Annotated[
 ]
 Role = Annotated[
     Literal["observer", "controller", "operator"],
-    typer.Option(help="Role of the page: observe and STOP; also drive robots; also reset and zoom."),
+    typer.Option(
+        help="Role of the page: observers press STOP; controllers also drive; operators also reset and zoom."
+    ),
 ]
 Host = Annotated[str, typer.Option(help="Address on which the page is served.")]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free port.")]
@@ -85,7 +87,7 @@ def view(
 
 
 def recorded(source: str) -> bool:
-    """Return True if a recording is meant, by its path, and not an address."""
+    """Return True if the source is the path of a recording, not an address."""
     if source.startswith("unix:"):
         return False
     return Path(source).exists() or re.search(r":\d+$", source) is None

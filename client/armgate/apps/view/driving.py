@@ -1,4 +1,4 @@
-"""Robots that pages drive: acquire and release leases, and bring a robot to rest if its page is gone."""
+"""Robots that pages drive: acquire and release leases, and bring a robot to rest if its page was closed."""
 
 import threading
 import weakref

@@ -78,7 +78,7 @@ class ServerGuard:
 
 
 class _Filtered(ServerConnection):
-    """Connection of a page: bounded in rate, and closed if it sends a message that our page never sends."""
+    """Connection of a page: bounded in rate, and closed if it sends an unexpected message."""
 
     def __init__(self, guard: ServerGuard, *how: Any, **more: Any) -> None:
         super().__init__(*how, **more)

@@ -98,7 +98,7 @@ class Live:
         """Reset every stop in force; return the outcome in words.
 
         Raises:
-            Refused: Another operator was faster, or a robot is still moving.
+            Refused: Another operator has already reset a stop, or a robot is still moving.
         """
         state = self._state
         stops = {stop for entry in (state.entries if state else ()) for stop in entry.stops or ()}
@@ -136,7 +136,7 @@ class Live:
                     async for state in self._cell.states():
                         self._state = state
                 except TimedOut as error:
-                    # The robots' clock stands still; if the daemon is gone, this request reports it.
+                    # No robot ticks. If the connection is lost, this request raises the error.
                     await self._cell.ping()
                     self._problem = str(error)
         except ClientError as error:

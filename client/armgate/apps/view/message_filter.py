@@ -1,6 +1,7 @@
 """Filter for the messages of pages: viser lets a page replace callbacks of shared buttons and upload files.
 
-Only messages of controls that our page has are admitted, with the fields and values that these controls send.
+Only messages of controls on the viewer's page are admitted, with the fields and values that these controls
+send.
 """
 
 import dataclasses
@@ -22,7 +23,7 @@ _LENGTHS = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
 
 
 class ViolationError(Exception):
-    """Our page never sends this message; the text gives the reason."""
+    """The viewer's page never sends this message; the text gives the reason."""
 
 
 class MessageFilter:

@@ -42,14 +42,14 @@ def robot_html(robot: RobotDescription, entry: Entry) -> str:
     """Return the block of one robot: state, holder, verdict, clearance, joints."""
     word, colour = condition(entry)
     least = NONE_YET if entry.least_clearance is None else f"{1000 * entry.least_clearance:.0f} mm"
-    judged = verdict(entry)
+    last = verdict(entry)
     rows = "".join(bar(joint, value) for joint, value in zip(robot.joints, entry.q or (), strict=False))
     return (
         f'<div style="{_BLOCK}"><div style="display:flex;gap:8px;align-items:center">'
         f'<b style="font-size:14px">{escape(robot.name)}</b>'
         f"{badge(word, colour)}"
         f'<span style="{_QUIET}">{escape(entry.holder or "no lease")}</span></div>'
-        f'<div style="{_TWO_LINES}" title="{escape(judged, quote=True)}">{escape(judged)}</div>'
+        f'<div style="{_TWO_LINES}" title="{escape(last, quote=True)}">{escape(last)}</div>'
         f'<div style="{_QUIET}">smallest clearance so far {least}</div>{rows}</div>'
     )
 

@@ -2,11 +2,11 @@
 
 viser sends the value of a slider, but not its release. While the pointer is down on the page, the script
 presses ``hold`` ten times a second. It presses ``release`` once when the pointer goes up, is cancelled, or
-leaves the window. So a page that hangs or is closed stops reporting; a page that hung sends what happened
-when it recovers.
+leaves the window. So a page that hangs or is closed stops reporting; a page that hung sends the missed
+events when it recovers.
 
-Of several events in its panel within 50 ms viser sends only the last one, and a slow browser may reach the
-next press of ``hold`` before it sends. Therefore any other button, STOP first of all, ends the hold, and for
+Of several events in its panel within 50 ms viser sends only the last one, and a slow browser may press
+``hold`` again before it sends. Therefore any other button, STOP first of all, ends the hold, and for
 a moment movements of the pointer are ignored: nothing may follow such a button.
 """
 
@@ -86,11 +86,11 @@ def add_pointer_buttons(gui: Any, held: Callable[[], None], released: Callable[[
     async def pressed(_event: Any) -> None:
         held()
 
-    async def let_up(_event: Any) -> None:
+    async def release_pressed(_event: Any) -> None:
         released()
 
     hold.on_click(pressed)
-    release.on_click(let_up)
+    release.on_click(release_pressed)
     names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY), "DEAF": str(DEAF)}
     gui.add_html(_filled(_HIDDEN + _RUN.replace("SCRIPT", " ".join(_SCRIPT.split())), names))
 

@@ -1,7 +1,7 @@
 """Real meshes of the KUKA KR 16-2, from the optional extra ``meshes``; none if it is not installed.
 
 The package ``rtb-data`` contains the visual meshes of ROS-Industrial's ``kuka_kr16_support``. They are drawn
-if a robot has the joints of that arm: the same axes at the same places between links of the same names.
+if a robot has the joints of that arm, with the same origins and axes, between links with the same names.
 """
 
 import math

@@ -167,7 +167,7 @@ def _hull(obj: str, name: str) -> Mesh:
 
 
 def _link_colour(model: RobotModel, link: str) -> colours.RGB:
-    """Return the colour of a link: orange for the arm, dark for what carries it and for its hand."""
+    """Return the colour of a link: orange for the arm, dark for the links that carry it and for its hand."""
     joint = model.frame_joint(link)
     turning = 0
     while joint >= 0:

@@ -1,4 +1,4 @@
-"""Nodes of the page's scene: a frame for each link with its meshes, moved by our own kinematics."""
+"""Nodes of the page's scene: a frame for each link with its meshes, moved by armgate's own kinematics."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -46,7 +46,7 @@ def serve(
     open_browser: bool,
     report: Callable[[str], object],
 ) -> None:
-    """Show a daemon's cell until this process is asked to end.
+    """Show a daemon's cell until SIGINT or SIGTERM.
 
     Raises:
         ClientError: The daemon cannot be reached at the beginning, or rejects this client.
@@ -72,7 +72,7 @@ def serve(
 
 
 def play(path: Path, *, style: Style, at: Place, open_browser: bool, report: Callable[[str], object]) -> None:
-    """Show a recording until this process is asked to end.
+    """Show a recording until SIGINT or SIGTERM.
 
     Raises:
         RecordingError: The recording cannot be read.
@@ -130,7 +130,7 @@ def page_server(at: Place) -> Iterator[Any]:
 
 
 def _free(host: str, port: int) -> int:
-    """Return the port, or a free one for 0; viser would silently replace a taken port by the next free one.
+    """Return the port, or a free one for 0; viser would silently replace a port in use by the next free one.
 
     Raises:
         AppError: The address cannot be used.
@@ -146,7 +146,7 @@ def _free(host: str, port: int) -> int:
 
 def _no_port(host: str, port: int, error: OSError) -> AppError:
     if error.errno == errno.EADDRINUSE:
-        return AppError(f"port {port} on {host} is taken; choose another one: --port N, or 0 for any")
+        return AppError(f"port {port} on {host} is in use; choose another one: --port N, or 0 for any")
     return UsageError(f"the page cannot be served on {host}:{port}: {error.strerror or error}")
 
 

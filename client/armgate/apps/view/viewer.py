@@ -1,7 +1,7 @@
 """Page of the viewer: built once for a cell, then drawn at 30 Hz from the newest state.
 
-The page receives positions: opening or reloading it changes nothing in the cell. Only a page that holds a
-robot's lease moves the robot.
+The page only displays positions, so opening or reloading it changes nothing in the cell. Only a page that
+holds a robot's lease moves the robot.
 """
 
 import threading

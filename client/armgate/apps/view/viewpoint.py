@@ -28,7 +28,7 @@ def initial_viewpoint(scene: Scene) -> tuple[Point, Point]:
     middle = np.concatenate([bases, tools]).mean(axis=0)
     distance = 1.6 * float(np.ptp(np.concatenate([bases, tools]), axis=0).max()) + 1.2
     walls = [(_half(body), place) for body, place in places if body.shape.kind == "box"]
-    # If several sides are equal, the one from the front left is taken: it is the usual one.
+    # If several sides are equal, the view from the front left is used, as is usual.
     turns = np.radians(-65.0) + np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
     eyes = [middle + distance * np.array([np.cos(u), np.sin(u), RISE]) for u in turns]
     hidden = [

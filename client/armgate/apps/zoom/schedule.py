@@ -1,4 +1,4 @@
-"""Wanted view distance of a simulated operator: it changes at a steady rate, then stays for a while."""
+"""Wanted view distance of a simulated operator: it changes at a constant rate, then pauses."""
 
 import numpy as np
 
@@ -42,10 +42,10 @@ class DistanceSchedule:
 
 
 def share(cell: Cell, schedule: DistanceSchedule, interrupt: Interrupt, duration: float | None) -> None:
-    """Share the distance at each tick of the cell until the time is over or the process is interrupted.
+    """Share the distance at each tick of the cell, until the duration has passed or an interruption.
 
     Raises:
-        ConnectionLost: The daemon is gone.
+        ConnectionLost: The connection to the daemon was lost.
     """
     begin: float | None = None
     shared: float | None = None

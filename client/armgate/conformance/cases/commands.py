@@ -1,4 +1,4 @@
-"""Commands and their verdicts: one each, in order, to the sender."""
+"""Commands and their verdicts: one verdict per command, in order, to the sender."""
 
 import math
 from functools import partial
@@ -14,7 +14,9 @@ _TRIES = 20
 
 
 @case(
-    "CMD-1/one", "Send 20 commands, one each tick, and a ping", "20 verdicts, one each, to the sender alone"
+    "CMD-1/one",
+    "Send 20 commands, one each tick, and a ping",
+    "20 verdicts, one per command, only to the sender",
 )
 async def every_command_gets_one_verdict(ctx: CaseContext) -> None:
     other = await ctx.client("operator", "other")
@@ -23,7 +25,7 @@ async def every_command_gets_one_verdict(ctx: CaseContext) -> None:
         await holder.command(holder.small_increment(0.5) if i < 10 else [0.0] * holder.n)
     await holder.connection.sync()
     extra = [m for m in holder.connection.inbox if m["type"] == "verdict"]
-    check(not extra, f"verdicts beyond one each: {extra}")
+    check(not extra, f"more verdicts than commands: {extra}")
     await other.sync()
     check(not any(m["type"] == "verdict" for m in other.inbox), "another session received a verdict")
 
@@ -89,7 +91,7 @@ async def verdict_comes_before_the_state_that_applies_it(ctx: CaseContext) -> No
 @case(
     "CMD-5/unknown-robot",
     "Command a robot that the cell does not have",
-    "An unknown_robot with its seq, no verdict",
+    "An error unknown_robot with its seq, no verdict",
     also=("ERR-7",),
 )
 async def command_of_an_unknown_robot_is_an_error(ctx: CaseContext) -> None:
@@ -133,19 +135,23 @@ async def unreadable_command_is_an_error_with_its_seq(ctx: CaseContext, more: di
         verdict = await holder.connection.expect("verdict", seq=good["seq"])
         if cause_of(verdict) != "stale":
             return check_admitted(verdict)
-    raise Violation("the good command came too late every time")
+    raise Violation("the valid command came too late every time")
 
 
 for _slug, (_what, _more) in _UNREADABLE.items():
     case(
         f"CMD-6/{_slug}",
-        f"Send a command with {_what}, and a good one behind it",
-        "An invalid_message with its seq and no verdict; the good one has the slot",
+        f"Send a command with {_what}, followed by a valid command",
+        "An error invalid_message with the seq of the first and no verdict; the second gets the slot",
         also=("ERR-4", "ERR-7", "PAY-14"),
     )(partial(unreadable_command_is_an_error_with_its_seq, more=_more))
 
 
-@case("CMD-6/no-seq", "Send a command without seq", "An invalid_message without seq; the connection stays")
+@case(
+    "CMD-6/no-seq",
+    "Send a command without seq",
+    "An error invalid_message without seq; the connection stays open",
+)
 async def command_without_seq_is_an_error_without_seq(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     bad = holder.make_command((await holder.next_state())["tick"])

@@ -24,7 +24,7 @@ async def described(ctx: CaseContext) -> Fields:
     return await client.call("describe", "description")
 
 
-@case("DSC-1/describe", "Ask for the description", "At least one robot, each with joints")
+@case("DSC-1/describe", "Request the description", "At least one robot, each with joints")
 async def cell_has_robots_with_joints(ctx: CaseContext) -> None:
     description = await described(ctx)
     check(bool(description["robots"]), "a cell without robots")
@@ -42,9 +42,7 @@ async def description_is_the_same_on_every_connection(ctx: CaseContext) -> None:
     )
 
 
-@case(
-    "DSC-4/names", "Look at all names", "Robots, bodies, and the joints of one robot have names of their own"
-)
+@case("DSC-4/names", "Check all names", "Robots, bodies, and the joints of one robot have unique names")
 async def names_in_the_description_are_unique(ctx: CaseContext) -> None:
     description = await described(ctx)
     check_unique([robot["name"] for robot in description["robots"]], "robots")
@@ -56,7 +54,7 @@ async def names_in_the_description_are_unique(ctx: CaseContext) -> None:
 @case(
     "DSC-5/lengths",
     "Compare start and states with the joints",
-    "All are as long as the robot has joints",
+    "Each has one value per joint of the robot",
     also=("STA-5",),
 )
 async def positions_have_one_value_per_joint(ctx: CaseContext) -> None:
@@ -73,7 +71,7 @@ async def positions_have_one_value_per_joint(ctx: CaseContext) -> None:
 
 @case(
     "DSC-6/joints",
-    "Look at units, limits and bounds",
+    "Check units, limits and bounds",
     "Units by kind, lower not above upper, bounds positive",
 )
 async def joints_have_matching_units_and_consistent_bounds(ctx: CaseContext) -> None:
@@ -90,7 +88,7 @@ async def joints_have_matching_units_and_consistent_bounds(ctx: CaseContext) -> 
             check(all(bound is None or bound > 0 for bound in bounds), f"{name}: bounds {bounds}")
 
 
-@case("DSC-7/bodies", "Look at the bodies", "Each names a robot of the cell and a link, or neither")
+@case("DSC-7/bodies", "Check the bodies", "Each names a robot of the cell and a link, or neither")
 async def bodies_belong_to_a_link_of_a_robot_or_to_the_surroundings(ctx: CaseContext) -> None:
     description = await described(ctx)
     robots = {robot["name"] for robot in description["robots"]}
@@ -101,7 +99,7 @@ async def bodies_belong_to_a_link_of_a_robot_or_to_the_surroundings(ctx: CaseCon
 
 
 @case(
-    "DSC-8/shapes", "Look at sizes and poses", "As many positive sizes as the kind requires; unit quaternions"
+    "DSC-8/shapes", "Check sizes and poses", "As many positive sizes as the kind requires; unit quaternions"
 )
 async def shapes_have_positive_sizes_and_poses_unit_quaternions(ctx: CaseContext) -> None:
     description = await described(ctx)
@@ -138,7 +136,7 @@ async def urdf_has_the_described_size_and_hash(ctx: CaseContext) -> None:
         )
 
 
-@case("DSC-10/frames", "Look at tool and camera", "Both are among the frames of the robot")
+@case("DSC-10/frames", "Check tool and camera", "Both are among the frames of the robot")
 async def tool_and_camera_are_frames_of_the_robot(ctx: CaseContext) -> None:
     for robot in (await described(ctx))["robots"]:
         for frame in filter(None, (robot["tool"], robot["camera"])):
@@ -147,7 +145,7 @@ async def tool_and_camera_are_frames_of_the_robot(ctx: CaseContext) -> None:
 
 @case(
     "DSC-11/pieces",
-    "Fetch pieces of an asset: the first byte, 100 from the middle, 10 behind the end",
+    "Fetch pieces of an asset: the first byte, 100 from the middle, 10 beyond the end",
     "Exactly these bytes",
 )
 async def chunk_holds_the_requested_bytes(ctx: CaseContext) -> None:
@@ -185,15 +183,15 @@ async def unknown_asset_is_refused(ctx: CaseContext, more: dict[str, Any]) -> No
 for _slug, _more in _UNKNOWN.items():
     case(
         f"DSC-12/{_slug}",
-        f"Ask for an asset with {_more}",
-        "An unknown_asset, not fatal",
+        f"Request an asset with {_more}",
+        "An error unknown_asset, not fatal",
         also=("ERR-1", "ERR-2"),
     )(partial(unknown_asset_is_refused, more=_more))
 
 
 @case(
     "PAY-11/bounds",
-    "Ask for the description, the URDFs and states",
+    "Request the description, the URDFs and states",
     "Their maps, arrays, texts and depth are within the bounds",
     also=("PAY-19", "PAY-1", "MSG-1"),
 )

@@ -34,7 +34,7 @@ async def _check_serving(ctx: CaseContext) -> None:
 # --- split streams --------------------------------------------------------------------------------
 
 
-@case("FRM-1/one", "Say hello in one frame", "One frame with a welcome")
+@case("FRM-1/one", "Send hello in one frame", "One frame with a welcome")
 async def hello_in_one_frame_is_welcomed(ctx: CaseContext) -> None:
     client = await ctx.client()
     check(client.welcome["type"] == "welcome", "no welcome")
@@ -42,7 +42,7 @@ async def hello_in_one_frame_is_welcomed(ctx: CaseContext) -> None:
 
 
 @case(
-    "FRM-2/split", "Say hello in two packets, cut in turn after every one of its first 12 bytes", "A welcome"
+    "FRM-2/split", "Send hello in two packets, cut in turn after every one of its first 12 bytes", "A welcome"
 )
 async def hello_split_at_any_byte_is_welcomed(ctx: CaseContext) -> None:
     for cut in range(1, 13):
@@ -55,7 +55,7 @@ async def hello_split_at_any_byte_is_welcomed(ctx: CaseContext) -> None:
         client.close()
 
 
-@case("FRM-2/bytewise-hello", "Say hello byte by byte", "A welcome")
+@case("FRM-2/bytewise-hello", "Send hello byte by byte", "A welcome")
 async def hello_sent_byte_by_byte_is_welcomed(ctx: CaseContext) -> None:
     client = await ctx.connect()
     hello = ctx.target.hello(ctx.name("bytes"), "observer")
@@ -113,7 +113,7 @@ for _slug, _count in (("over", BEFORE + 1), ("huge", 2**32 - 1)):
     case(
         f"FRM-5/{_slug}",
         f"Before hello, send the length {_count} and nothing more",
-        "A fatal frame_too_large at once; the server closes; others are served on",
+        "A fatal error frame_too_large at once; the server closes; other clients are still served",
         also=("FRM-7", "CON-6", "CON-9"),
     )(partial(frame_too_large_before_hello_is_fatal, count=_count))
 
@@ -126,12 +126,12 @@ for _slug, _count in (("over", AFTER + 1), ("huge", 2**32 - 1), ("half", 2**31))
     case(
         f"FRM-6/{_slug}",
         f"After the welcome, send the length {_count} and nothing more",
-        "A fatal frame_too_large at once; the server closes; others are served on",
+        "A fatal error frame_too_large at once; the server closes; other clients are still served",
         also=("FRM-7", "CON-6", "CON-9"),
     )(partial(frame_too_large_after_welcome_is_fatal, count=_count))
 
 
-@case("FRM-5/largest", f"Say hello in {BEFORE} bytes, with an unknown key", "A welcome")
+@case("FRM-5/largest", f"Send hello in {BEFORE} bytes, with an unknown key", "A welcome")
 async def largest_hello_is_welcomed(ctx: CaseContext) -> None:
     client = await ctx.connect()
     hello = ctx.target.hello(ctx.name("largest"), "observer")
@@ -147,7 +147,7 @@ async def largest_ping_is_answered(ctx: CaseContext) -> None:
     await client.expect("pong", time=1.0)
 
 
-@case("FRM-4/outbound", "Ask for the description and for the whole of every URDF", "No frame is beyond 1 MiB")
+@case("FRM-4/outbound", "Request the description and every URDF as a whole", "No frame is longer than 1 MiB")
 async def frames_to_clients_are_within_the_limit(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
     description = await client.call("describe", "description")
@@ -155,20 +155,20 @@ async def frames_to_clients_are_within_the_limit(ctx: CaseContext) -> None:
         await client.call("asset", "chunk", hash=robot["urdf"]["hash"])
 
 
-@case("FRM-8/before-welcome", "Before hello, send the length 0", "A fatal empty_frame")
+@case("FRM-8/before-welcome", "Before hello, send the length 0", "A fatal error empty_frame")
 async def empty_frame_before_welcome_is_fatal(ctx: CaseContext) -> None:
     await _fatal_length(ctx, await ctx.connect(), 0, "empty_frame")
 
 
-@case("FRM-8/after-welcome", "After the welcome, send the length 0", "A fatal empty_frame")
+@case("FRM-8/after-welcome", "After the welcome, send the length 0", "A fatal error empty_frame")
 async def empty_frame_after_welcome_is_fatal(ctx: CaseContext) -> None:
     await _fatal_length(ctx, await ctx.client(), 0, "empty_frame")
 
 
 @case(
     "FRM-5/http",
-    "Speak HTTP to it",
-    "A fatal frame_too_large: its first 4 bytes are a length beyond the limit",
+    "Send an HTTP request",
+    "A fatal error frame_too_large: its first 4 bytes are a length beyond the limit",
 )
 async def http_request_is_refused_as_too_large(ctx: CaseContext) -> None:
     client = await ctx.connect()
@@ -179,7 +179,7 @@ async def http_request_is_refused_as_too_large(ctx: CaseContext) -> None:
 @case(
     "FRM-7/while-held",
     "Hold the robot, move it, then send a length beyond the limit",
-    "A fatal frame_too_large; the robot is free and comes to rest",
+    "A fatal error frame_too_large; the robot is free and comes to rest",
     also=("LOS-1", "LOS-2", "LEA-16", "LEA-21"),
 )
 async def frame_too_large_of_a_holder_frees_its_robot(ctx: CaseContext) -> None:
@@ -193,7 +193,11 @@ async def frame_too_large_of_a_holder_frees_its_robot(ctx: CaseContext) -> None:
 # --- streams that end -------------------------------------------------------------------------------------
 
 
-@case("FRM-9/truncated", "End the stream inside a frame, and read on", "A fatal truncated, then the end")
+@case(
+    "FRM-9/truncated",
+    "Close the sending side inside a frame, and continue to read",
+    "A fatal error truncated, then the end of the stream",
+)
 async def stream_that_ends_within_a_frame_is_truncated(ctx: CaseContext) -> None:
     client = await ctx.client()
     if not client.can_half_close():
@@ -210,7 +214,7 @@ async def stream_that_ends_within_a_frame_is_truncated(ctx: CaseContext) -> None
 @case(
     "LOS-1/reset-mid-frame",
     "Hold the robot, send half of a command, then reset the connection",
-    "The robot is free within the time to live of a lease; the half command does nothing; others are served on",
+    "The robot is free within the time to live of a lease; the incomplete command has no effect; other clients are still served",
     also=("FRM-9", "CON-9"),
 )
 async def reset_within_a_frame_frees_the_robot(ctx: CaseContext) -> None:

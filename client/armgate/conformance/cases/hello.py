@@ -16,7 +16,7 @@ _MANY = 300
 
 @case(
     "HEL-3/first",
-    "Say hello and then describe at once after the welcome",
+    "Send hello and then describe at once after the welcome",
     "One welcome, before anything else",
 )
 async def welcome_is_the_first_message(ctx: CaseContext) -> None:
@@ -67,15 +67,15 @@ for _kind, _fields in _FIRST_MESSAGES.items():
     case(
         f"HEL-4/{_kind}",
         f"Begin with {_kind} instead of hello",
-        "A fatal unexpected; no effect",
+        "A fatal error unexpected; no effect",
         also=("HEL-15",),
     )(partial(message_before_hello_is_fatal, kind=_kind, fields=_fields))
 
 
 @case(
     "HEL-6/again",
-    "Say hello a second time, while holding the robot",
-    "A fatal unexpected; the robot is free",
+    "Send hello a second time, while holding the robot",
+    "A fatal error unexpected; the robot is free",
     also=("CON-2",),
 )
 async def second_hello_of_a_holder_is_fatal(ctx: CaseContext) -> None:
@@ -86,7 +86,10 @@ async def second_hello_of_a_holder_is_fatal(ctx: CaseContext) -> None:
 
 
 @case(
-    "CON-2/unexpected", "Say hello twice in one write", "A welcome, then a fatal unexpected", also=("CON-1",)
+    "CON-2/unexpected",
+    "Send hello twice in one write",
+    "A welcome, then a fatal error unexpected",
+    also=("CON-1",),
 )
 async def second_hello_in_one_write_is_fatal_after_the_welcome(ctx: CaseContext) -> None:
     client = await ctx.connect()
@@ -99,7 +102,9 @@ async def second_hello_in_one_write_is_fatal_after_the_welcome(ctx: CaseContext)
     )
 
 
-@case("HEL-7/role", "Say hello in each role", "The welcome grants the requested role, if the token allows it")
+@case(
+    "HEL-7/role", "Send hello in each role", "The welcome grants the requested role, if the token allows it"
+)
 async def welcome_grants_the_requested_role(ctx: CaseContext) -> None:
     for role in ("observer", "controller", "operator"):
         client = await ctx.client(role, role)
@@ -109,7 +114,7 @@ async def welcome_grants_the_requested_role(ctx: CaseContext) -> None:
         check(client.welcome["name"] == ctx.name(role), f"the welcome's name is {client.welcome['name']}")
 
 
-@case("HEL-8/default", "Say hello without a role, then acquire", "The session is a controller's")
+@case("HEL-8/default", "Send hello without a role, then acquire", "The session has the role controller")
 async def role_defaults_to_controller(ctx: CaseContext) -> None:
     client = await ctx.connect()
     hello = ctx.target.hello(ctx.name("bare"), "controller")
@@ -134,16 +139,14 @@ async def sessions_have_unique_ids_and_the_same_start(ctx: CaseContext) -> None:
     check(starts == {ctx.server.welcome["start"]}, f"start differs: {starts}")
 
 
-@case("HEL-11/anew", "Start another server of the kind and say hello there", "It has another start id")
+@case("HEL-11/anew", "Start another server of the same kind and send it hello", "It has another start id")
 async def second_server_has_another_start_id(ctx: CaseContext) -> None:
     async with ctx.second_server() as target:
         client = await ctx.client_of(target, ctx.name("anew"), "observer")
         check(client.welcome["start"] != ctx.server.welcome["start"], "two servers have the same start id")
 
 
-@case(
-    "HEL-12/limits", "Look at the limits in welcome", "inbound 65536, outbound 1048576, the others positive"
-)
+@case("HEL-12/limits", "Check the limits in welcome", "inbound 65536, outbound 1048576, the others positive")
 async def welcome_states_the_limits(ctx: CaseContext) -> None:
     limits = (await ctx.client("observer")).welcome["limits"]
     check(limits["inbound"] == 65536, f"inbound is {limits['inbound']}")
@@ -151,13 +154,13 @@ async def welcome_states_the_limits(ctx: CaseContext) -> None:
     check(limits["lease_ttl"] > 0 and limits["signal_rate"] > 0, "lease_ttl and signal_rate must be positive")
 
 
-@case("HEL-13/silent", "Connect and say nothing", "A fatal handshake_timeout within 15 s")
+@case("HEL-13/silent", "Connect and send nothing", "A fatal error handshake_timeout within 15 s")
 async def silent_connection_times_out(ctx: CaseContext) -> None:
     client = await ctx.connect()
     await client.expect_fatal("handshake_timeout", within=_HANDSHAKE + ctx.target.timeout)
 
 
-@case("HEL-13/drip", "Connect and send 3 bytes of a frame", "A fatal handshake_timeout within 15 s")
+@case("HEL-13/drip", "Connect and send 3 bytes of a frame", "A fatal error handshake_timeout within 15 s")
 async def incomplete_hello_times_out(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send_bytes(b"\x00\x00\x00", "3 bytes of a length")
@@ -167,7 +170,7 @@ async def incomplete_hello_times_out(ctx: CaseContext) -> None:
 @case(
     "HEL-14/full",
     f"Open connections until one is refused, {_MANY} at most; then close them and connect again",
-    "One connection more than the limit gets too_many; others are undisturbed; closed connections free their places",
+    "One connection more than the limit gets too_many; others are undisturbed; closed connections do not count",
     also=("SEC-11", "CON-9"),
 )
 async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
@@ -196,7 +199,7 @@ async def _next_refusal(ctx: CaseContext) -> Any:
 
 @case(
     "HEL-15/unseen",
-    "Connect; say hello with no version in common; check what another client receives",
+    "Connect; send hello without a common version; check what another client receives",
     "No other client receives anything about that connection",
 )
 async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
@@ -247,13 +250,15 @@ for _slug, _versions in {
 }.items():
     case(
         f"VER-{5 if _slug in ('unordered', 'double', 'unknown', 'many') else 2}/{_slug}",
-        f"Say hello with the versions {_versions or 'that the server lists'}",
-        "The highest in common is chosen, both lists are echoed as they were",
+        f"Send hello with the versions {_versions or 'that the server lists'}",
+        "The highest common version is chosen; both lists are returned unchanged",
         also=("VER-2", "VER-3"),
     )(partial(highest_common_version_is_chosen, versions=_versions))
 
 
-@case("VER-4/none", "Say hello with the version 60000 only", "A fatal version; the text names both lists")
+@case(
+    "VER-4/none", "Send hello with the version 60000 only", "A fatal error version; the text names both lists"
+)
 async def hello_without_a_common_version_is_fatal(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send({**ctx.target.hello(ctx.name("future"), "controller"), "versions": [60000]})
@@ -262,7 +267,7 @@ async def hello_without_a_common_version_is_fatal(ctx: CaseContext) -> None:
     check(not missing, f"the text does not name {missing}: {error['text']}")
 
 
-@case("EVO-5/capabilities", "Say hello with unknown capabilities", "A welcome as without them")
+@case("EVO-5/capabilities", "Send hello with unknown capabilities", "A welcome as without them")
 async def unknown_capabilities_are_ignored(ctx: CaseContext) -> None:
     client = await ctx.client("observer", capabilities=["telepathy", "x:y/z-1"])
     await client.sync()
@@ -270,8 +275,8 @@ async def unknown_capabilities_are_ignored(ctx: CaseContext) -> None:
 
 @case(
     "EVO-4/unnamed",
-    "Say hello without capabilities; describe, subscribe to all, hold, move, signal, stop and reset",
-    "No message of a type, and no shape, outcome or condition, that version 1 does not have",
+    "Send hello without capabilities; describe, subscribe to all, hold, move, signal, stop and reset",
+    "Version 1 has every received message type, shape, outcome and condition",
     also=("EVO-5",),
 )
 async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> None:
@@ -289,7 +294,7 @@ async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> N
 
 @case(
     "EVO-7/hello",
-    "Say hello with version 1 and keys of a later version",
+    "Send hello with version 1 and keys of a later version",
     "A welcome in the form of version 1",
 )
 async def hello_with_keys_of_a_later_version_is_welcomed(ctx: CaseContext) -> None:
@@ -302,10 +307,10 @@ async def hello_with_keys_of_a_later_version_is_welcomed(ctx: CaseContext) -> No
     "Connect one client for every version that the server lists",
     "Each is welcomed with its version",
 )
-async def every_listed_version_is_spoken(ctx: CaseContext) -> None:
+async def every_listed_version_is_supported(ctx: CaseContext) -> None:
     listed = ctx.server.welcome["versions"]
     if len(listed) < 2:
-        raise Skip("the server speaks one version only")
+        raise Skip("the server supports only one version")
     for version in listed:
         client = await ctx.client("observer", f"v{version}", versions=[version])
         check(client.welcome["version"] == version, f"requested {version}, got {client.welcome['version']}")
@@ -322,7 +327,7 @@ async def bye_is_answered_after_earlier_messages(ctx: CaseContext) -> None:
     check(kinds == ["pong", "bye"], f"expected pong and bye, got {kinds}")
 
 
-@case("CON-4/bye-first", "Say bye instead of hello", "bye, and the end")
+@case("CON-4/bye-first", "Send bye instead of hello", "bye, and the end")
 async def bye_instead_of_hello_is_answered(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send({"type": "bye"})
@@ -348,10 +353,10 @@ async def messages_after_bye_are_ignored(ctx: CaseContext) -> None:
 @case(
     "CON-8/before-a-fault",
     "Send a stop and garbage in one write",
-    "The stop is in force: messages before the fault count",
+    "The stop is in force: messages before the fault are processed",
     also=("CON-6",),
 )
-async def messages_before_a_fatal_fault_count(ctx: CaseContext) -> None:
+async def messages_before_a_fatal_fault_are_processed(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send_bytes(pack({"type": "stop", "reason": "counts"}) + frame(b"\xc1"), "a stop, then garbage")
     await client.expect_fatal("malformed")
@@ -361,7 +366,7 @@ async def messages_before_a_fatal_fault_count(ctx: CaseContext) -> None:
 @case(
     "CON-9/neighbour",
     "Hold and move the robot while another connection sends garbage",
-    "The holder is undisturbed",
+    "The holder is unaffected",
 )
 async def faulty_connection_leaves_others_undisturbed(ctx: CaseContext) -> None:
     holder = await ctx.holder()

@@ -11,7 +11,7 @@ from armgate.conformance.context import CaseContext
 from armgate.conformance.lease_holder import cause_of, check_refused
 
 _ROUNDS = 12
-_RELEASE, _NOT_HELD = "Release the robot", "not_held, without effect"
+_RELEASE, _NOT_HELD = "Release the robot", "An error not_held, without effect"
 
 _ACCELERATION_TIME = 3.0
 """Time in which the kit tries to accelerate a robot, s."""
@@ -42,7 +42,7 @@ async def free_robot_can_be_acquired(ctx: CaseContext) -> None:
 @case(
     "LEA-2/grows",
     "Acquire again, release and acquire, reconnect, take over",
-    "Every fence is larger than all before",
+    "Every fence is larger than all previous ones",
 )
 async def fences_only_grow(ctx: CaseContext) -> None:
     fences: list[int] = []
@@ -61,7 +61,9 @@ async def fences_only_grow(ctx: CaseContext) -> None:
 
 
 @case(
-    "LEA-3/held", "Acquire a robot that another session holds", "leased; the holder can still move the robot"
+    "LEA-3/held",
+    "Acquire a robot that another session holds",
+    "An error leased; the holder can still move the robot",
 )
 async def held_robot_cannot_be_acquired(ctx: CaseContext) -> None:
     holder = await ctx.holder()
@@ -76,7 +78,7 @@ async def held_robot_cannot_be_acquired(ctx: CaseContext) -> None:
 @case(
     "LEA-4/race",
     f"Four sessions acquire one free robot at the same time, {_ROUNDS} times",
-    "Exactly one acquires it each time",
+    "Exactly one session acquires it each time",
 )
 async def concurrent_acquires_have_one_winner(ctx: CaseContext) -> None:
     wires = [await ctx.client(name=f"c{i}") for i in range(4)]
@@ -110,7 +112,7 @@ async def acquire_by_the_holder_replaces_its_fence(ctx: CaseContext) -> None:
 @case(
     "LEA-7/held",
     "As controller, take over a robot that another session holds",
-    "forbidden; the holder can still move the robot",
+    "An error forbidden; the holder can still move the robot",
 )
 async def controller_cannot_take_over(ctx: CaseContext) -> None:
     holder = await ctx.holder()
@@ -182,7 +184,7 @@ async def second_release_is_refused(ctx: CaseContext) -> None:
 @case(
     "LEA-13/silence",
     "Hold and move the robot, then send nothing",
-    "Shortly after the ttl the lease is lost and the robot at rest; commands are refused by lease; others can acquire it",
+    "Shortly after the ttl the lease is lost and the robot is at rest; commands are refused by lease; others can acquire it",
     also=("LEA-17", "LEA-21", "CMD-35", "CMD-8"),
 )
 async def lease_of_a_silent_holder_expires(ctx: CaseContext) -> None:
@@ -212,12 +214,16 @@ async def any_message_renews_the_lease(ctx: CaseContext, kind: str, fields: Fiel
 for _slug, _fields in _MESSAGES.items():
     case(
         f"LEA-14/{_slug}",
-        f"Hold the robot for two times to live, sending {_slug} four times in each",
-        "It stays held, with the same fence",
+        f"Hold the robot for twice the ttl of its lease, sending {_slug} at every quarter of it",
+        "The lease stays in force, with the same fence",
     )(partial(any_message_renews_the_lease, kind=_slug, fields=_fields))
 
 
-@case("LEA-14/commands", "Hold the robot for one and a half times to live by commands alone", "It stays held")
+@case(
+    "LEA-14/commands",
+    "Hold the robot for 1.5 times the ttl of its lease by commands alone",
+    "The lease stays in force",
+)
 async def commands_renew_the_lease(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     loop = asyncio.get_running_loop()
@@ -271,7 +277,11 @@ for _slug, _what in _ENDS.items():
     )(partial(ended_connection_frees_its_robot_at_once, how=_slug))
 
 
-@case("LEA-17/once", "Lose a lease by takeover, then end the session that took it", "lost is reported once")
+@case(
+    "LEA-17/once",
+    "Lose a lease by takeover, then end the session that took it over",
+    "The loss is reported once",
+)
 async def loss_of_a_lease_is_reported_once(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     operator = await ctx.operator()
@@ -317,7 +327,7 @@ async def session_can_hold_two_robots(ctx: CaseContext) -> None:
 @case(
     "LEA-20/speed",
     "Hold the robot with speed 0.1 and command its full speed; then hold it with 1.0",
-    "With the first lease it is never faster than a tenth; with the second it may be",
+    "With the first lease the robot never exceeds a tenth of its speed; with the second it may",
 )
 async def lease_limits_the_speed(ctx: CaseContext) -> None:
     slow = await ctx.holder(speed=0.1)
@@ -346,7 +356,7 @@ async def lease_limits_the_speed(ctx: CaseContext) -> None:
 @case(
     "LEA-10/stopped",
     "Acquire a stopped robot, as controller and as operator with takeover",
-    "stopped each time",
+    "An error stopped each time",
     also=("STP-12",),
 )
 async def stopped_robot_cannot_be_acquired(ctx: CaseContext) -> None:

@@ -15,7 +15,7 @@ from armgate.conformance.target import Target
 _SILENCE = 20.0
 """Time after which a server must end a silent participant, s; the kit does not know its limit."""
 _STEPS = 12
-"""Length of the conversation that is held twice, in steps."""
+"""Length of the conversation that runs twice, in steps."""
 
 
 class Participant:
@@ -111,7 +111,7 @@ async def step_ends_when_all_participants_have_passed(ctx: CaseContext) -> None:
 @case(
     "LCK-2/command",
     "One participant holds a robot and commands it, the other passes",
-    "That ends the step; the state of the next shows the seq applied",
+    "The command ends the step; the state of the next step shows its seq as applied",
     also=("LCK-4",),
 )
 async def command_ends_the_participants_part_of_a_step(ctx: CaseContext) -> None:
@@ -157,7 +157,11 @@ async def states_of_an_ended_step_come_at_once(ctx: CaseContext) -> None:
         await second.wait_step(step + 2)
 
 
-@case("LCK-3/left", "One participant sends bye; the other passes", "The step ends without the one that left")
+@case(
+    "LCK-3/left",
+    "One participant sends bye; the other passes",
+    "The step ends without the participant that left",
+)
 async def step_ends_without_a_participant_that_left(ctx: CaseContext) -> None:
     first, second = await join_both(ctx)
     first.connection.send({"type": "bye"})
@@ -170,28 +174,28 @@ async def step_ends_without_a_participant_that_left(ctx: CaseContext) -> None:
 
 @case(
     "LCK-4/at-the-end",
-    "Command, ping; then the other participant passes",
+    "Send a command and a ping; then the other participant passes",
     "The pong comes before the verdict, the verdict at the end of the step",
     also=("PNG-3",),
 )
-async def commands_are_judged_at_the_end_of_the_step(ctx: CaseContext) -> None:
+async def commands_are_decided_at_the_end_of_the_step(ctx: CaseContext) -> None:
     first, second = await join_both(ctx)
     lease = await first.connection.call("acquire", "lease", robot=ctx.robot)
     seq = next(first.connection.commands.seqs)
     command = {"robot": ctx.robot, "fence": lease["fence"], "seq": seq, "tick": first.ticks[ctx.robot]}
     first.connection.send({"type": "command", **command, "dq": [0.0] * ctx.n})
     before = [m["type"] for m in await first.connection.drain()]
-    check("verdict" not in before, "a command was judged before the end of the step")
+    check("verdict" not in before, "a command was decided before the end of the step")
     second.pass_()
     await first.connection.expect("verdict", seq=seq)
 
 
 @case(
     "LCK-4/stranger",
-    "A client that is no participant commands a robot that a participant holds, in the middle of a step",
-    "The verdict comes before the step ends, and refuses",
+    "A client that is not a participant commands a robot that a participant holds, in the middle of a step",
+    "The verdict, a refusal, comes before the step ends",
 )
-async def command_of_a_non_participant_is_judged_at_once(ctx: CaseContext) -> None:
+async def command_of_a_non_participant_is_decided_at_once(ctx: CaseContext) -> None:
     first, second = await join_both(ctx)
     lease = await first.connection.call("acquire", "lease", robot=ctx.robot)
     client = await ctx.client(name="non-participant")
@@ -245,8 +249,8 @@ def _next(time: float, period: float) -> float:
 
 @case(
     "LCK-18/done",
-    "A participant commands its robot and so is done; the robot is stopped; it sends a command and a pass",
-    "Both count in the next step; the verdicts come in the order of the commands",
+    "A participant completes its part of a step by a command; the robot is stopped; the participant sends a command and a pass",
+    "Both apply to the next step; the verdicts come in the order of the commands",
     also=("LCK-5", "CMD-3"),
 )
 async def participant_that_was_done_stays_done_after_a_stop(ctx: CaseContext) -> None:
@@ -268,7 +272,7 @@ async def participant_that_was_done_stays_done_after_a_stop(ctx: CaseContext) ->
     verdicts += [
         await first.connection.receive(lambda m: m["type"] == "verdict", "a verdict") for _ in range(2)
     ]
-    check([m["seq"] for m in verdicts] == seqs, f"sent were {seqs}, judged {[m['seq'] for m in verdicts]}")
+    check([m["seq"] for m in verdicts] == seqs, f"sent {seqs}, verdicts for {[m['seq'] for m in verdicts]}")
     await first.wait_step(step + 2)
     await ctx.reset_stop(client, stop)
 
@@ -279,7 +283,7 @@ async def participant_that_was_done_stays_done_after_a_stop(ctx: CaseContext) ->
 async def verdicts_come_in_the_order_of_the_robots(ctx: CaseContext) -> None:
     robots = [robot["name"] for robot in ctx.server.description["robots"]][:2]
     if len(robots) < 2:
-        raise Skip("the cell has one robot only")
+        raise Skip("the cell has only one robot")
     first, second = await join_both(ctx)
     fences = {name: (await first.connection.call("acquire", "lease", robot=name))["fence"] for name in robots}
     lengths = {robot["name"]: len(robot["joints"]) for robot in ctx.server.description["robots"]}
@@ -331,8 +335,8 @@ async def pass_for_another_step_is_refused(ctx: CaseContext, by: int) -> None:
 for _slug, _by in {"before": -1, "ahead": 1}.items():
     case(
         f"LCK-6/{_slug}",
-        f"Pass for the step {_by:+} from the current",
-        "A wrong_step, not fatal; the step does not end",
+        f"Pass for the current step {_by:+}",
+        "An error wrong_step, not fatal; the step does not end",
     )(partial(pass_for_another_step_is_refused, by=_by))
 
 
@@ -351,14 +355,14 @@ async def non_participant_cannot_act(ctx: CaseContext, kind: str, fields: Any) -
 
 
 for _kind, _fields in _ACTIONS.items():
-    case(f"LCK-7/{_kind}", f"Connect by another name and {_kind}", "A not_participant, not fatal")(
+    case(f"LCK-7/{_kind}", f"Connect under another name and {_kind}", "An error not_participant, not fatal")(
         partial(non_participant_cannot_act, kind=_kind, fields=_fields)
     )
 
 
 @case(
     "LCK-8/stranger",
-    "A client that is no participant describes, subscribes, pings; the participants go on",
+    "A client that is not a participant sends describe, subscribe and ping; the participants continue",
     "It is answered, and no step waits for it",
 )
 async def non_participant_is_answered_but_not_waited_for(ctx: CaseContext) -> None:
@@ -378,8 +382,8 @@ async def non_participant_is_answered_but_not_waited_for(ctx: CaseContext) -> No
 
 @case(
     "LCK-9/taken",
-    "Say hello by the name of a participant that is connected",
-    "A fatal name_taken; the participant goes on",
+    "Send hello with the name of a participant that is connected",
+    "A fatal error name_taken; the participant continues",
 )
 async def name_of_a_connected_participant_is_taken(ctx: CaseContext) -> None:
     first, _ = await join_both(ctx)
@@ -392,7 +396,7 @@ async def name_of_a_connected_participant_is_taken(ctx: CaseContext) -> None:
 @case(
     "LCK-11/bound",
     "Pass, then 256 messages ahead of the step, then more",
-    "256 are accepted; a session that sends more is ended by a fatal too_many",
+    "256 are accepted; a session that sends more is ended by a fatal error too_many",
 )
 async def messages_ahead_of_the_step_are_limited(ctx: CaseContext) -> None:
     first, _ = await join_both(ctx)
@@ -429,7 +433,7 @@ async def ping_is_answered_at_once(ctx: CaseContext) -> None:
 @case(
     "LCK-10/silent",
     "Both connect; one passes, the other sends nothing",
-    f"Within {_SILENCE:g} s the silent one is ended by a fatal silent, and the step ends without it",
+    f"Within {_SILENCE:g} s the session of the silent participant is ended by a fatal error silent, and the step ends without it",
 )
 async def silent_participant_is_ended(ctx: CaseContext) -> None:
     first, second = await join_both(ctx)
@@ -441,8 +445,8 @@ async def silent_participant_is_ended(ctx: CaseContext) -> None:
 
 @case(
     "LCK-12/faster",
-    f"On two servers of their own, the same {_STEPS} steps: in one the first participant sends first, in the other the last",
-    "Both participants are sent the same verdicts and states in both",
+    f"On two new servers, run the same {_STEPS} steps: on one the first participant sends first, on the other the second one",
+    "Each participant receives the same verdicts and states on both servers",
 )
 async def order_of_the_participants_messages_has_no_effect(ctx: CaseContext) -> None:
     if len(ctx.server.participants) < 2:
@@ -451,7 +455,9 @@ async def order_of_the_participants_messages_has_no_effect(ctx: CaseContext) -> 
         first, second = await _conversation(ctx, one, (0, 1)), await _conversation(ctx, other, (1, 0))
     for name, here, there in zip(ctx.server.participants, first, second, strict=False):
         for a, b in zip(here, there, strict=False):
-            check(a == b, f"{name} received {a} when the first was faster, {b} when it was not")
+            check(
+                a == b, f"{name} received {a} if the first participant sent first, {b} if the second one did"
+            )
         check(len(here) == len(there) > _STEPS, f"{name} received {len(here)} and {len(there)} of them")
 
 
@@ -492,8 +498,8 @@ def _act(participant: Participant, holder: LeaseHolder | None, step: int) -> Non
 
 @case(
     "LCK-2/marks",
-    "Look at welcome, description and states",
-    "lockstep is true in both, states have a step",
+    "Check welcome, description and states",
+    "lockstep is true in welcome and description; states have a step",
     also=("LCK-1",),
 )
 async def lockstep_is_announced(ctx: CaseContext) -> None:

@@ -21,7 +21,7 @@ _FAR = 3.0
 @case(
     "CMD-18/target",
     "Send small commands, one each tick",
-    "target is a tick after the one seen; the state at it shows the seq applied",
+    "target is later than the tick of the command; no state before target shows the seq as applied",
     also=("STA-6",),
 )
 async def target_is_a_later_tick_at_which_the_command_is_applied(ctx: CaseContext) -> None:
@@ -57,7 +57,7 @@ async def small_increment_is_admitted_unchanged(ctx: CaseContext) -> None:
 
 
 _EXCESSIVE: dict[str, tuple[str, float]] = {
-    "step": ("ten times the largest of a tick", 25.0),
+    "step": ("ten times the largest one", 25.0),
     "huge": ("1e300", 1e300),
 }
 
@@ -84,7 +84,7 @@ for _slug, (_what, _factor) in _EXCESSIVE.items():
     case(
         f"CMD-21/{_slug}",
         f"Command an increment of {_what}",
-        "limited: a smaller dq, beta in (0, 1] or less, a reason with joint, value and bound; the robot keeps its bounds",
+        "limited: another dq, beta above 0, a reason with joint, value and bound; the robot stays within its bounds",
         also=("CMD-19", "CMD-25", "CMD-27"),
     )(partial(excessive_increment_is_limited, factor=_factor))
 
@@ -162,7 +162,7 @@ _NUMBERS: dict[str, Any] = {
 }
 
 
-async def unusual_numbers_in_dq_are_judged_as_numbers(ctx: CaseContext, value: Any) -> None:
+async def unusual_numbers_in_dq_are_treated_as_numbers(ctx: CaseContext, value: Any) -> None:
     holder = await ctx.holder()
     dq = [value if x else 0.0 for x in holder.small_increment()]
     verdict = await holder.command(dq)
@@ -178,9 +178,9 @@ for _slug, _value in _NUMBERS.items():
     case(
         f"PAY-13/dq-{_slug.replace('*', 'x')}",
         f"Command with {_slug} in dq",
-        "It is treated as this number; the robot keeps its bounds",
+        "It is treated as this number; the robot stays within its bounds",
         also=("CMD-25",),
-    )(partial(unusual_numbers_in_dq_are_judged_as_numbers, value=_value))
+    )(partial(unusual_numbers_in_dq_are_treated_as_numbers, value=_value))
 
 
 @case(
@@ -213,13 +213,13 @@ async def verdict_setpoint_is_the_previous_setpoint_plus_dq(ctx: CaseContext) ->
     before = entry_of(await holder.next_state(), ctx.robot)["setpoint"]
     verdict = await holder.move()
     off = max(abs(b + d - s) for b, d, s in zip(before, verdict["dq"], verdict["setpoint"], strict=True))
-    check(off <= _SAME, f"setpoint differs from the one before plus dq by {off}")
+    check(off <= _SAME, f"setpoint differs from the previous setpoint plus dq by {off}")
     await holder.state_applying(verdict)
 
 
 @case(
     "CMD-28/rest",
-    "Move the robot ten ticks, then command no more",
+    "Move the robot for ten ticks, then send no more commands",
     "It brakes to rest; applied_seq stays",
     also=("STA-7",),
 )
@@ -238,7 +238,7 @@ async def robot_without_commands_comes_to_rest(ctx: CaseContext) -> None:
 
 @case(
     "CMD-29/refused",
-    "Move the robot; then send only refused commands",
+    "Move the robot; then send only commands that are refused",
     "It brakes to rest as without commands",
     also=("CMD-28", "CMD-22"),
 )
@@ -284,13 +284,15 @@ for _slug, _make in {
     "falling": lambda seq: [seq + 5, seq + 4, seq + 3],
     "largest": lambda seq: [2**63 - 1, 0],
 }.items():
-    case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each has its verdict")(
+    case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each gets its verdict")(
         partial(every_seq_is_accepted, make=_make)
     )
 
 
 @case(
-    "CMD-33/reserved", "Command with a deadline long past and a horizon of 0", "Same verdict as without them"
+    "CMD-33/reserved",
+    "Send a command with a past deadline and a horizon of 0",
+    "Same verdict as without them",
 )
 async def deadline_and_horizon_have_no_effect(ctx: CaseContext) -> None:
     holder = await ctx.holder()

@@ -86,13 +86,13 @@ async def malformed_payload_is_fatal(ctx: CaseContext, payload: bytes) -> None:
 for _slug, (_statement, _what, _payload) in MALFORMED.items():
     case(
         f"{_statement}/{_slug}",
-        f"After the welcome, send {_what}, and a stop behind it",
-        "A fatal malformed and nothing more: the stop is not read; others are served on",
+        f"After the welcome, send {_what}, followed by a stop",
+        "A fatal error malformed and nothing more: the stop is not read; other clients are still served",
         also=("CON-6", "CON-7", "CON-9"),
     )(partial(malformed_payload_is_fatal, payload=_payload))
 
 
-@case("PAY-2/before-welcome", "Before hello, send garbage in a frame", "A fatal malformed")
+@case("PAY-2/before-welcome", "Before hello, send garbage in a frame", "A fatal error malformed")
 async def malformed_payload_before_hello_is_fatal(ctx: CaseContext) -> None:
     client = await ctx.connect()
     client.send_bytes(frame(b"\xc1\xc1\xc1"), "garbage")
@@ -175,7 +175,7 @@ for _slug, (_statement, _what, _fields, _field) in WRONG.items():
     case(
         f"{_statement}/{_slug}",
         f"Send {_what}",
-        "An invalid_message, not fatal, that names the field and the request's id; no effect; the next ping has its pong",
+        "An error invalid_message, not fatal, with the field in its text and the request's id; no effect; the next ping is answered",
         also=("ERR-2", "ERR-4", "ERR-5", "ERR-6", "ERR-7", "MSG-3"),
     )(partial(invalid_field_is_refused_and_named, fields=_fields, field=_field))
 
@@ -207,7 +207,7 @@ async def unknown_keys_of_commands_are_ignored(ctx: CaseContext) -> None:
 
 @case(
     "PAY-17/defaults",
-    "Say hello with versions and name only; acquire with robot only",
+    "Send hello with versions and name only; acquire with robot only",
     "Role controller, speed 1, no takeover",
 )
 async def omitted_keys_have_their_defaults(ctx: CaseContext) -> None:
@@ -224,7 +224,7 @@ async def omitted_keys_have_their_defaults(ctx: CaseContext) -> None:
 @case(
     "ERR-3/unknown",
     "Send a message of the type teleport",
-    "An unknown_type, not fatal, about it; then a pong",
+    "An error unknown_type, not fatal, about it; then a pong",
 )
 async def unknown_type_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
@@ -236,7 +236,7 @@ async def unknown_type_is_refused(ctx: CaseContext) -> None:
 @case(
     "ERR-3/wrong-direction",
     "Send a state, a message of the server",
-    "An unknown_type, not fatal; then a pong",
+    "An error unknown_type, not fatal; then a pong",
 )
 async def message_of_the_server_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
@@ -244,7 +244,7 @@ async def message_of_the_server_is_refused(ctx: CaseContext) -> None:
     await client.sync()
 
 
-@case("ERR-4/no-type", "Send a map without type", "An invalid_message, not fatal; then a pong")
+@case("ERR-4/no-type", "Send a map without type", "An error invalid_message, not fatal; then a pong")
 async def map_without_type_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send({"time": 1.0})
@@ -252,7 +252,11 @@ async def map_without_type_is_refused(ctx: CaseContext) -> None:
     await client.sync()
 
 
-@case("ERR-4/type-number", "Send a map whose type is a number", "An invalid_message, not fatal; then a pong")
+@case(
+    "ERR-4/type-number",
+    "Send a map whose type is a number",
+    "An error invalid_message, not fatal; then a pong",
+)
 async def map_with_a_number_as_type_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send({"type": 5})
@@ -281,8 +285,8 @@ async def invalid_hello_is_fatal(ctx: CaseContext, more: dict[str, Any]) -> None
 for _slug, _more in _HELLOS.items():
     case(
         f"HEL-5/hello-{_slug}",
-        f"Say hello with {_more}".replace("x" * 257, "x…"),
-        "A fatal invalid_message: before the welcome every refusal is fatal",
+        f"Send hello with {_more}".replace("x" * 257, "x…"),
+        "A fatal error invalid_message: before the welcome every refusal is fatal",
     )(partial(invalid_hello_is_fatal, more=_more))
 
 
@@ -295,7 +299,7 @@ async def unknown_type_before_hello_is_fatal(ctx: CaseContext) -> None:
 
 @case(
     "HEL-7/all-characters",
-    "Say hello with a name of 64 characters of every kind allowed",
+    "Send hello with a name of 64 characters of every kind allowed",
     "A welcome with that name",
 )
 async def name_may_hold_all_allowed_characters(ctx: CaseContext) -> None:
@@ -307,7 +311,7 @@ async def name_may_hold_all_allowed_characters(ctx: CaseContext) -> None:
 
 @case(
     "ERR-8/token",
-    "Say hello with a token that is too long and a secret",
+    "Send hello with a token that is too long and a secret",
     "The error's text does not repeat it",
 )
 async def error_does_not_repeat_a_token(ctx: CaseContext) -> None:

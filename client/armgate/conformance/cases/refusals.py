@@ -44,7 +44,7 @@ async def command_with_another_fence_is_refused_by_fence(ctx: CaseContext, by: i
 for _slug, _by in _FENCES.items():
     case(
         f"CMD-9/{_slug}",
-        f"Command with a fence {_by:+} off",
+        f"Send a command with the fence of the lease {_by:+}",
         "Refused by fence; the slot stays free",
         also=("CMD-17",),
     )(partial(command_with_another_fence_is_refused_by_fence, by=_by))
@@ -52,8 +52,8 @@ for _slug, _by in _FENCES.items():
 
 @case(
     "CMD-9/stolen",
-    "Another session commands with the holder's fence, while it moves and after",
-    "Refused by fence: the fence alone does not give a session the robot",
+    "Another session commands with the holder's fence, while the robot moves and afterwards",
+    "Refused by fence: the fence without the lease does not allow commands",
 )
 async def command_with_the_holders_fence_is_refused_from_another_session(ctx: CaseContext) -> None:
     holder = await ctx.holder()
@@ -69,7 +69,7 @@ async def command_with_the_holders_fence_is_refused_from_another_session(ctx: Ca
 @case(
     "CMD-10/stopped",
     "Stop the robot while it moves; its holder continues to send commands",
-    "Refused, by lease or stopped; it comes to rest",
+    "Refused by lease or by stopped; the robot comes to rest",
     also=("STP-4", "CMD-35"),
 )
 async def command_of_a_stopped_robot_is_refused(ctx: CaseContext) -> None:
@@ -182,7 +182,7 @@ async def second_command_of_a_tick_is_refused_by_occupied(ctx: CaseContext) -> N
 @case(
     "CMD-14/after-refusal-by-gate",
     "Send a command that the gate limits, then another for the tick",
-    "The slot is taken: the second is refused by occupied",
+    "The first command has the slot: the second one is refused by occupied",
     also=("CMD-18",),
 )
 async def command_after_a_limited_one_is_refused_by_occupied(ctx: CaseContext) -> None:

@@ -23,8 +23,8 @@ def requests(ctx: CaseContext) -> dict[str, tuple[dict[str, Any], str]]:
 
 @case(
     "MSG-2/all",
-    "Make a request of every type, release and reset too",
-    "Each is answered once, by the type in the table",
+    "Send a request of every type, including release and reset",
+    "Each is answered once, by the type that the specification requires",
     also=("MSG-3",),
 )
 async def every_request_is_answered_once(ctx: CaseContext) -> None:
@@ -42,7 +42,7 @@ async def every_request_is_answered_once(ctx: CaseContext) -> None:
 
 @case(
     "MSG-4/without-id",
-    "Make the same requests without id",
+    "Send the same requests without id",
     "Each is processed and answered without re",
     also=("MSG-5",),
 )
@@ -61,7 +61,7 @@ async def _stopped(client: Connection) -> Any:
 @case(
     "MSG-5/others",
     "One session requests a stop; another one observes",
-    "The observer's stopped has no re, the requester's has",
+    "stopped has re for the session that requested it, but not for the observer",
 )
 async def broadcast_to_others_has_no_re(ctx: CaseContext) -> None:
     other = await ctx.client("observer", "other")
@@ -164,7 +164,7 @@ for _id, (_role, _kind, _what, _fields, _also) in _FORBIDDEN.items():
     case(
         _id,
         f"As {_role}, {_kind} {_what}",
-        "A forbidden, not fatal, without effect",
+        "An error forbidden, not fatal, without effect",
         also=("MSG-10", "ERR-2", "ERR-6"),
     )(partial(request_of_a_lower_role_is_forbidden, role=_role, kind=_kind, fields=_fields))
 
@@ -219,12 +219,12 @@ for _kind, _fields in _NO_ROBOT.items():
     case(
         f"LEA-9/{_kind}",
         f"{_kind} with a robot that the cell does not have",
-        "An unknown_robot, not fatal",
+        "An error unknown_robot, not fatal",
         also=("ERR-2",),
     )(partial(unknown_robot_is_refused, kind=_kind, fields=_fields))
 
 
-@case("LCK-13/pass", "Send pass to a server by the wall clock", "A no_lockstep, not fatal")
+@case("LCK-13/pass", "Send pass to a server by the wall clock", "An error no_lockstep, not fatal")
 async def pass_without_lockstep_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send({"type": "pass", "step": 1})

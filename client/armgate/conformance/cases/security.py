@@ -13,7 +13,7 @@ _GUESSES = 60
 """Number of wrong tokens after which a right one must still be accepted."""
 
 
-@case("SEC-2/none", "Say hello without a token", "A fatal unauthorized", also=("HEL-15",))
+@case("SEC-2/none", "Send hello without a token", "A fatal error unauthorized", also=("HEL-15",))
 async def hello_without_a_token_is_unauthorized(ctx: CaseContext) -> None:
     client = await ctx.connect()
     hello = ctx.target.hello(ctx.name("none"), "observer")
@@ -24,8 +24,8 @@ async def hello_without_a_token_is_unauthorized(ctx: CaseContext) -> None:
 
 @case(
     "SEC-2/wrong",
-    "Say hello with a wrong token of the right form",
-    "A fatal unauthorized whose text does not repeat it",
+    "Send hello with a wrong token of the right form",
+    "A fatal error unauthorized whose text does not repeat it",
     also=("SEC-7", "ERR-8"),
 )
 async def wrong_token_is_unauthorized_and_not_repeated(ctx: CaseContext) -> None:
@@ -38,7 +38,7 @@ async def wrong_token_is_unauthorized_and_not_repeated(ctx: CaseContext) -> None
 @case(
     "SEC-3/above",
     "With a token of a lower role, request the role operator",
-    "A fatal unauthorized, with the text for a wrong token",
+    "A fatal error unauthorized, with the text for a wrong token",
 )
 async def role_above_the_token_is_unauthorized(ctx: CaseContext) -> None:
     lower = ctx.target.tokens.get("observer") or ctx.target.tokens.get("controller")
@@ -67,7 +67,11 @@ async def roles_up_to_that_of_the_token_are_granted(ctx: CaseContext) -> None:
             await client.expect("welcome", role=role)
 
 
-@case("SEC-5/robots", "With a token that allows other robots only, acquire this one", "forbidden, not fatal")
+@case(
+    "SEC-5/robots",
+    "With a token that allows other robots only, acquire this one",
+    "An error forbidden, not fatal",
+)
 async def token_for_other_robots_cannot_acquire(ctx: CaseContext) -> None:
     token = ctx.target.tokens.get("elsewhere")
     if token is None:
@@ -78,7 +82,9 @@ async def token_for_other_robots_cannot_acquire(ctx: CaseContext) -> None:
     await client.expect_refusal("acquire", "forbidden", robot=ctx.robot)
 
 
-@case("SEC-6/ignored", "Without tokens on the server, say hello with one", "A welcome in the requested role")
+@case(
+    "SEC-6/ignored", "On a server without tokens, send hello with a token", "A welcome in the requested role"
+)
 async def token_without_token_file_is_ignored(ctx: CaseContext) -> None:
     if ctx.target.token is not None:
         raise Skip("the server has tokens")
@@ -89,7 +95,7 @@ async def token_without_token_file_is_ignored(ctx: CaseContext) -> None:
 @case(
     "SEC-14/guesses",
     f"On a second server, send {_GUESSES} wrong tokens, one after the other, then a right one",
-    "Each wrong one is refused by unauthorized, and the right one is welcomed",
+    "Each wrong token is refused by unauthorized, and the right one is welcomed",
 )
 async def wrong_tokens_do_not_lock_out_the_right_one(ctx: CaseContext) -> None:
     async with ctx.second_server() as target:
@@ -109,13 +115,13 @@ async def _send_wrong_token(ctx: CaseContext, target: Target, token: str, name: 
 
 def _require_sessions(ctx: CaseContext) -> None:
     if "sessions" not in ctx.server.welcome.get("capabilities", ()):
-        raise Skip("the server does not name the capability sessions")
+        raise Skip("the server does not announce the capability sessions")
 
 
 @case(
     "SEC-15/listed",
     "As operator, request the sessions while a client holds the robot",
-    "A session_list with both, in order, and the robot at its holder",
+    "A session_list with both sessions, in order, and the robot in the entry of its holder",
     also=("SEC-17",),
 )
 async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
@@ -139,7 +145,7 @@ async def operator_can_list_the_sessions(ctx: CaseContext) -> None:
 @case(
     "SEC-16/kicked",
     "As operator, end the session of a client that holds the robot; end it again",
-    "kicked; a fatal kicked for the client; its robot is free; then unknown_session",
+    "kicked; a fatal error kicked for the client; its robot is free; the second time an error unknown_session",
     also=("SEC-17",),
 )
 async def operator_can_end_a_session(ctx: CaseContext) -> None:
@@ -155,7 +161,7 @@ async def operator_can_end_a_session(ctx: CaseContext) -> None:
 
 @case(
     "SEC-10/plain",
-    "Connect and say hello without TLS",
+    "Connect and send hello without TLS",
     "No welcome: the server sends nothing of this protocol outside TLS",
 )
 async def server_with_tls_refuses_plain_connections(ctx: CaseContext) -> None:
@@ -169,7 +175,7 @@ async def server_with_tls_refuses_plain_connections(ctx: CaseContext) -> None:
 
 
 @case("SEC-10/old", "Offer TLS 1.1 only", "The handshake fails")
-async def outdated_tls_is_send_wrong_token(ctx: CaseContext) -> None:
+async def outdated_tls_is_rejected(ctx: CaseContext) -> None:
     old = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     old.check_hostname, old.verify_mode = False, ssl.CERT_NONE
     try:

@@ -25,7 +25,7 @@ async def signal_in_states(ctx: CaseContext, name: str) -> Fields | None:
 
 @case(
     "SIG-1/shared",
-    "Set a signal twice, of one number and of sixteen",
+    "Set a signal twice, to one number and to sixteen",
     "signaled; states show owner, newest value and time",
     also=("STA-14", "STA-15"),
 )
@@ -44,7 +44,7 @@ async def signal_is_shown_in_states(ctx: CaseContext) -> None:
 @case(
     "SIG-3/owned",
     "Another session sets the same signal, also after the owner has set it again",
-    "signal_owned; the value stays",
+    "An error signal_owned; the value stays",
     also=("ERR-2",),
 )
 async def signal_of_another_session_cannot_be_set(ctx: CaseContext) -> None:
@@ -60,7 +60,7 @@ async def signal_of_another_session_cannot_be_set(ctx: CaseContext) -> None:
 @case(
     "SIG-4/gone",
     "Set a signal, close; another session sets it",
-    "It disappears from the states; the other session owns it then",
+    "It disappears from the states; then the other session owns it",
 )
 async def signals_end_with_their_session(ctx: CaseContext) -> None:
     owner, other = await ctx.client(name="owner"), await ctx.client(name="other")
@@ -89,7 +89,7 @@ for _slug, _value in {
     case(
         f"SIG-5/{_slug}",
         f"Set a signal to {_value}",
-        "An invalid_message, not fatal; no signal",
+        "An error invalid_message, not fatal; no signal",
         also=("ERR-4",),
     )(partial(invalid_signal_is_refused, value=_value))
 
@@ -97,7 +97,7 @@ for _slug, _value in {
 @case(
     "SIG-6/full",
     "Set one signal more than the limit",
-    "too_many_signals, not fatal; the earlier signals stay and can be set again",
+    "An error too_many_signals, not fatal; the earlier signals stay and can be set again",
 )
 async def signals_of_a_session_are_limited(ctx: CaseContext) -> None:
     limit = ctx.server.welcome["limits"]["signals"]
@@ -114,7 +114,7 @@ async def signals_of_a_session_are_limited(ctx: CaseContext) -> None:
 @case(
     "SIG-9/operator",
     "As controller, set a signal whose name begins with operator.",
-    "forbidden, not fatal; no signal",
+    "An error forbidden, not fatal; no signal",
 )
 async def controller_cannot_set_an_operator_signal(ctx: CaseContext) -> None:
     client = await ctx.client()
@@ -146,12 +146,12 @@ async def signals_of_all_sessions_are_limited(ctx: CaseContext) -> None:
 @case(
     "SIG-7/rate",
     "Send signals in one write, three times as many as allowed per second and ten more",
-    "Some are answered by signal_rate, not fatal; each has an answer; the connection stays",
+    "Some are refused by signal_rate, not fatal; each is answered; the connection stays open",
 )
 async def signals_above_the_rate_are_refused(ctx: CaseContext) -> None:
     rate = ctx.server.welcome["limits"]["signal_rate"]
     if rate > 20_000:
-        raise Skip(f"{rate:g} signals per second are more than the kit sends")
+        raise Skip(f"the limit of {rate:g} signals per second is higher than the kit can send")
     client = await ctx.client()
     count = int(3 * rate) + 10
     client.send(

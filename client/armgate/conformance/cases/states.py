@@ -48,7 +48,9 @@ async def subscription_defaults_to_everything(ctx: CaseContext) -> None:
     check(not missing, f"these fields are missing: {sorted(missing)}")
 
 
-@case("SUB-1/some", "Subscribe to one robot and two fields", "subscribed repeats just these", also=("STA-4",))
+@case(
+    "SUB-1/some", "Subscribe to one robot and two fields", "subscribed repeats exactly these", also=("STA-4",)
+)
 async def subscription_repeats_what_was_requested(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
     subscribed = await client.call(
@@ -61,7 +63,7 @@ async def subscription_repeats_what_was_requested(ctx: CaseContext) -> None:
 @case(
     "SUB-3/at-once",
     "Subscribe to every 10000th tick",
-    "The newest state of each robot comes right after subscribed",
+    "The newest state of each robot follows subscribed immediately",
 )
 async def subscription_sends_the_newest_states_at_once(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
@@ -103,8 +105,8 @@ async def states_come_at_every_nth_tick(ctx: CaseContext, every: int) -> None:
 for _every in (1, 3):
     case(
         f"SUB-4/every-{_every}",
-        f"Subscribe to every {_every}. tick of the robot; read 12 states",
-        "Their ticks are exactly the multiples",
+        f"Subscribe with every = {_every} to the robot; read 12 states",
+        f"Their ticks are all multiples of {_every}",
         also=("STA-2", "STA-3", "STA-1"),
     )(partial(states_come_at_every_nth_tick, every=_every))
 
@@ -112,7 +114,7 @@ for _every in (1, 3):
 @case(
     "SUB-5/replaced",
     "Subscribe to all, then with other fields, then with every 0",
-    "Each replaces the one before; then no state comes",
+    "Each replaces the previous subscription; after the last, no state comes",
     also=("SUB-4",),
 )
 async def subscription_replaces_the_one_before(ctx: CaseContext) -> None:
@@ -133,7 +135,7 @@ async def subscription_replaces_the_one_before(ctx: CaseContext) -> None:
 @case(
     "SUB-6/unknown-field",
     "Subscribe; then subscribe with an unknown field and with an unknown robot",
-    "unknown_field and unknown_robot; the first subscription stays",
+    "Errors unknown_field and unknown_robot; the first subscription stays",
     also=("ERR-2",),
 )
 async def invalid_subscription_leaves_the_one_before(ctx: CaseContext) -> None:
@@ -166,7 +168,11 @@ async def no_states_come_without_a_subscription(ctx: CaseContext) -> None:
     check(not any(m["type"] == "state" for m in client.inbox), "a state came without a subscription")
 
 
-@case("SUB-9/own", "Two sessions subscribe differently", "Each receives what it subscribed to")
+@case(
+    "SUB-9/own",
+    "Two sessions subscribe differently",
+    "Each session receives the fields that it subscribed to",
+)
 async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
     one, two = await ctx.client("observer", "one"), await ctx.client("observer", "two")
     await one.call("subscribe", "subscribed", fields=["q"])
@@ -174,10 +180,10 @@ async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
     for state in await states(one, 6):
         check(
             set(entry_of(state, ctx.robot)) == {"robot", "tick", "time", "q"},
-            "the first receives the fields of the other",
+            "the first session receives the fields of the second",
         )
     for state in (await states(two, 6))[1:]:
-        check("q" not in entry_of(state, ctx.robot), "the second receives the fields of the other")
+        check("q" not in entry_of(state, ctx.robot), "the second session receives the fields of the first")
 
 
 @case(
@@ -226,8 +232,8 @@ async def slow_reader_gets_all_answers_and_the_newest_state(ctx: CaseContext) ->
 
 @case(
     "CON-11/overflow",
-    "Request answers without end and read none of them, while another session moves the robot",
-    "The server closes the slow reader's connection; mover and ticks are undisturbed",
+    "Request answers continuously and read none of them, while another session moves the robot",
+    "The server closes the slow reader's connection; the moving session and the ticks are unaffected",
     also=("CON-12", "CON-9"),
 )
 async def reader_that_never_reads_is_disconnected(ctx: CaseContext) -> None:
@@ -251,8 +257,8 @@ async def reader_that_never_reads_is_disconnected(ctx: CaseContext) -> None:
 
 @case(
     "STA-4/null",
-    "Look at entries with all fields, and with none",
-    "All subscribed fields are there, holder is nil while no client holds; without fields only robot, tick, time",
+    "Check entries with all fields, and with none",
+    "All subscribed fields are present, and holder is nil while no client holds the robot; without fields only robot, tick, time",
 )
 async def entries_hold_exactly_the_subscribed_fields(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
@@ -340,7 +346,7 @@ async def states_list_the_stops_in_force(ctx: CaseContext) -> None:
 @case(
     "STA-10/verdict",
     "Send a command that is admitted and one that is refused; check the entry",
-    "verdict has seq, outcome and cause of the newest; counts include it",
+    "verdict has seq, outcome and cause of the newest verdict; counts include it",
     also=("STA-11", "STA-6"),
 )
 async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> None:
@@ -407,7 +413,7 @@ async def late_commands_are_not_applied(ctx: CaseContext) -> None:
 @case(
     "STA-17/time",
     "Send ping, read a state, send ping",
-    "The state's time is between those of the pongs, apart from its own delay",
+    "The time of the state is between those of the pongs, apart from the state's delay",
 )
 async def time_of_a_state_is_between_those_of_pongs(ctx: CaseContext) -> None:
     client = await ctx.client("observer")

@@ -131,7 +131,7 @@ for _slug, _stop in {"never": 2**62, "lifted": None}.items():
     case(
         f"STP-9/{_slug}",
         "Reset a stop that is not in force" + (": it was reset before" if _stop is None else ""),
-        "unknown_stop, not fatal",
+        "An error unknown_stop, not fatal",
         also=("ERR-2",),
     )(partial(reset_of_an_unknown_stop_is_refused, stop=_stop))
 
@@ -139,7 +139,7 @@ for _slug, _stop in {"never": 2**62, "lifted": None}.items():
 @case(
     "STP-10/moving",
     "Accelerate, stop, and reset at once",
-    "moving; the stop stays in force; a reset at rest is answered by resumed",
+    "An error moving; the stop stays in force; a reset at rest is answered by resumed",
     also=("STP-4",),
 )
 async def reset_while_the_robot_moves_is_refused(ctx: CaseContext) -> None:
@@ -201,11 +201,11 @@ async def robot_stays_stopped_until_all_its_stops_are_reset(ctx: CaseContext) ->
 
 @case(
     "STP-13/anew",
-    "Stop a robot that is held and moves, reset, command with the old fence, acquire anew, move",
+    "Stop a robot that is held and moves, reset, command with the old fence, acquire it again, move",
     "The old fence is refused; the setpoint is the measured position; then it moves",
     also=("CMD-35",),
 )
-async def robot_is_acquired_anew_after_a_reset(ctx: CaseContext) -> None:
+async def robot_is_acquired_again_after_a_reset(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     for _ in range(6):
         await holder.move(holder.small_increment(0.5))
@@ -218,7 +218,7 @@ async def robot_is_acquired_anew_after_a_reset(ctx: CaseContext) -> None:
     shown = entry_of(await state_after_now(holder.connection, ctx.robot), ctx.robot)
     check(shown["holder"] is None, f"after the reset {shown['holder']} holds the robot")
     off = max(abs(a - b) for a, b in zip(shown["q"], shown["setpoint"], strict=True))
-    check(off < 1e-6, f"the setpoint is {off} off the measured position")
+    check(off < 1e-6, f"the setpoint differs from the measured position by {off}")
     again = await ctx.holder(name="again")
     await again.move()
 
@@ -226,7 +226,7 @@ async def robot_is_acquired_anew_after_a_reset(ctx: CaseContext) -> None:
 @case(
     "STP-15/again",
     "Stop a robot twice with one reason, and once with another",
-    "The second stop replaces the first, the third none; states list the second and the third",
+    "The second stop replaces the first, and the third replaces none; states list the second and the third",
 )
 async def stop_with_the_same_reason_replaces_the_one_before(ctx: CaseContext) -> None:
     client = await ctx.client()
@@ -298,12 +298,12 @@ async def reset_overtaken_by_a_stop_has_no_effect(ctx: CaseContext) -> None:
 @case(
     "STP-18/replaced",
     "As an operator with the capability stop.replaces, stop a robot twice with one reason, and reset the first stop",
-    "unknown_stop, and the second stop stays in force until it is reset",
+    "An error unknown_stop, and the second stop stays in force until it is reset",
     also=("STP-9",),
 )
 async def reset_of_a_replaced_stop_is_unknown_with_the_capability(ctx: CaseContext) -> None:
     if "stop.replaces" not in ctx.server.welcome.get("capabilities", ()):
-        raise Skip("the server does not name the capability stop.replaces")
+        raise Skip("the server does not announce the capability stop.replaces")
     client = await ctx.client("operator", "operator", capabilities=["stop.replaces"])
     first, second = [(await client.call("stop", "stopped", robot=ctx.robot))["stop"] for _ in range(2)]
     await ctx.wait_at_rest()

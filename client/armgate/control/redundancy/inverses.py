@@ -6,8 +6,8 @@
     damped least squares    J* = Jᵀ(JJᵀ + k²I)⁻¹           nearly exact; ‖q̇‖ ≤ ‖ẋ‖ / 2k
 
 All are J's singular value decomposition with mapped singular values, σ ↦ 1/σ, σ, σ/(σ² + k²): damping adds k²
-to each eigenvalue σ² of JJᵀ (slide 13). The printed pseudoinverse needs full rank; here, following Moore and
-Penrose, a singular value of zero remains zero.
+to each eigenvalue σ² of JJᵀ (slide 13). The pseudoinverse in the lecture needs full rank; here, following
+Moore and Penrose, a singular value of zero remains zero.
 """
 
 import numpy as np
@@ -30,8 +30,8 @@ def pseudoinverse(J: ArrayLike, tolerance: float = TOLERANCE) -> Array:
 def weighted_pseudoinverse(J: ArrayLike, W_inv: ArrayLike, tolerance: float = TOLERANCE) -> Array:
     """Return J_w⁺ (n, m): of all q̇ with Jq̇ = ẋ, J_w⁺ẋ has the smallest q̇ᵀWq̇.
 
-    With W⁻¹ = LLᵀ it is L(JL)⁺, which needs no full rank and allows infinite weights (W⁻¹ zero: that joint
-    stands still).
+    With W⁻¹ = LLᵀ it is L(JL)⁺, which needs no full rank and allows infinite weights: a joint with a
+    zero in W⁻¹ does not move.
 
     Args:
         J: (m, n).

@@ -1,4 +1,4 @@
-"""Null-space objectives (slides 41-42): potentials that a robot lowers beside its task.
+"""Null-space objectives (slides 41-42): potentials that a robot lowers in addition to its task.
 
 away from singularities   V = −w, the manipulability measure
 away from joint limits    V = ½ ‖q − q_m‖²

@@ -5,7 +5,7 @@ Of all q̇ that fulfil the task ẋ = Jq̇, take the one nearest to a wanted q̇
     minimise  f(q̇) = ½ (q̇ − q̇₀)ᵀW(q̇ − q̇₀)   subject to   g(q̇) = Jq̇ − ẋ = 0.
 
 With Lagrange multipliers λ, ∇f = λ∇g is W(q̇ − q̇₀) = Jᵀλ, so q̇ = q̇₀ + W⁻¹Jᵀλ. The constraint gives
-JW⁻¹Jᵀλ = ẋ − Jq̇₀. Put in, with J_w⁺ = W⁻¹Jᵀ(JW⁻¹Jᵀ)⁻¹:
+JW⁻¹Jᵀλ = ẋ − Jq̇₀. Substituting λ, with J_w⁺ = W⁻¹Jᵀ(JW⁻¹Jᵀ)⁻¹:
 
     q̇ = J_w⁺(ẋ − Jq̇₀) + q̇₀ = J_w⁺ẋ + (I − J_w⁺J) q̇₀.
 

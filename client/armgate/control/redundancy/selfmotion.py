@@ -81,7 +81,7 @@ def trace_self_motion(
     """
     q = vector(start, task.model.n, "the start")
     curve = _Curve(task, task.place(q), limited)
-    direction = curve.set_out(q, along)
+    direction = curve.first_direction(q, along)
     points = [q]
     while len(points) < budget:
         ahead = curve.step(points[-1], direction, step)
@@ -106,7 +106,7 @@ class _Curve(Generic[P]):
         self._limited = limited
         self._turning = np.array([joint.kind == "revolute" for joint in task.model.joints]) & (not limited)
 
-    def set_out(self, q: Array, along: ArrayLike | None) -> Array:
+    def first_direction(self, q: Array, along: ArrayLike | None) -> Array:
         J = self._task.jacobian(q)
         null = spaces(J).null
         if not null.shape[1]:

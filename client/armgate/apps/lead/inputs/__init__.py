@@ -2,11 +2,11 @@
 
     gamepad     a game controller with a deadman button
     keyboard    the terminal that the command runs in
-    mailbox     motions put by another thread, such as a page's
+    mailbox     motions from another thread, such as that of a web page
 
 An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs. It is
-called at each tick of the robot and must return at once: waiting would delay the robot. The leader bounds its
-motions in speed and acceleration before it sends them, and the gate bounds them again.
+called at each tick of the robot and must return without waiting, because that would delay the robot. The
+leader bounds its motions in speed and acceleration before it sends them, and the gate bounds them again.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class Input(Protocol):
     """Source of requested motions."""
 
     def request(self, state: RobotState) -> MotionRequest:
-        """Return the motion requested at this tick, at once."""
+        """Return the motion requested at this tick, without waiting."""
         ...
 
     def close(self) -> None:

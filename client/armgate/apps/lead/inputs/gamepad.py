@@ -9,7 +9,8 @@
             right stick turns about y and z, A and B about x
     joints: left stick forward and back moves the chosen joint, D-pad left and right choose another
 
-Directions are along the world's axes: the stick pushed away moves the tool along +x, pushed left along +y.
+Directions are along the world's axes: pushing the stick forward moves the tool along +x, pushing it left
+moves it along +y.
 """
 
 import os
@@ -44,7 +45,7 @@ def make(setting: Setting) -> "Gamepad":
 
 def _library() -> tuple[ModuleType, ModuleType]:
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # no window: events of the pad arrive nevertheless
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # events of the pad arrive even without a window
     os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")
     os.environ.setdefault("SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS", "1")
     import pygame
@@ -58,7 +59,8 @@ def _library() -> tuple[ModuleType, ModuleType]:
 class Gamepad:
     """Input of one gamepad.
 
-    The deadman button must be seen released once before it counts: a button that is taped down moves nothing.
+    The deadman button has no effect until it has been released once, so a button that is taped down never
+    moves the robot.
     """
 
     def __init__(self, setting: Setting, pygame: Any, pad: Any) -> None:

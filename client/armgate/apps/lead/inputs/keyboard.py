@@ -1,12 +1,13 @@
 """Keyboard in a terminal: a key moves the robot as long as it repeats.
 
-    1 … 9, 0    choose a joint (the 10th by 0)        ↑ ↓ or + -   move it
-    w s, a d, r f    the tool along x, y, z           i k, j l, u o    turn it about y, z, x
-    m           joints or tool                        ] [          faster, slower
-    space       rest at once                          q            end
+    1 … 9, 0        choose a joint (0 for the 10th)   ↑ ↓ or + -      move it
+    w s, a d, r f   move the tool along x, y, z       i k, j l, u o   turn the tool about y, z, x
+    m               joints or tool                    ] [             faster, slower
+    space           come to rest at once              q               end
 
 A terminal reports key presses, never releases; a held key repeats. So one press moves the robot only for a
-moment, and a released key, a hung terminal and a cut connection have the same effect: the robot rests.
+moment, and a released key, a hung terminal and a cut connection have the same effect: the robot comes to
+rest.
 """
 
 import contextlib
@@ -61,7 +62,7 @@ class Keys:
         self._speed = SpeedShare(setting.report)
         self._pressed = ("", now())
         self._ended = ""
-        self._report(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: rest, q: end")
+        self._report(f"keyboard: {self._what()}; m: joints or tool, [ ]: speed, space: come to rest, q: end")
 
     def press(self, key: str) -> None:
         """Handle a pressed key."""
@@ -122,11 +123,11 @@ class Terminal:
         try:
             while select.select([self._fd], [], [], 0.0)[0]:
                 if not (data := os.read(self._fd, 64)):
-                    return MotionRequest(ended="the terminal is gone", failed=True)
+                    return MotionRequest(ended="the terminal was closed", failed=True)
                 for key in keys_in(data):
                     self._keys.press(key)
         except OSError:
-            return MotionRequest(ended="the terminal is gone", failed=True)
+            return MotionRequest(ended="the terminal was closed", failed=True)
         return self._keys.request()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Input fed by another thread, such as a page's."""
+"""Input whose motions come from another thread, such as that of a web page."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -7,11 +7,11 @@ from time import monotonic
 from armgate.apps.lead.motions import Motion, MotionRequest, RobotState
 
 VALIDITY = 0.3
-"""Validity of a motion after it was put, s: the sender must renew it while its switch is held."""
+"""Time for which a motion is valid, s: the sender must renew it while its deadman switch is held."""
 
 
 class Mailbox:
-    """Newest requested motion; it expires unless renewed, so a page that hangs brings the robot to rest.
+    """Newest requested motion; it expires unless it is renewed, so the robot comes to rest if the page hangs.
 
     Args:
         validity: Validity of a motion, s.
