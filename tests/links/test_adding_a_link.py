@@ -181,8 +181,9 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
         assert (await daemon.end())[0] == 0
         server.signal()
         assert await server.end() == 0
-    status, out, err = await run("replay", tmp_path / "run")
-    assert (status, err) == (0, ""), out
+    for check in ("replay", "monitor"):
+        status, out, err = await run(check, tmp_path / "run")
+        assert (status, err) == (0, ""), out
 
 
 async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):

@@ -114,18 +114,27 @@ class Watched:
         ticks = [self._measured(link.advance(self.time)) for link in self.links.values()]
         for tick in ticks:
             self.runner.feed(tick)
-        entries = {name: to_protocol.entry(name, self.runner.view(name), None) for name in self.links}
-        if self.lie is not None:
-            entries = {name: self.lie(entry) for name, entry in entries.items()}
-        if self.recorder is not None:
-            self.shown = Snapshot(ticks, tuple(entries.values()), {}, ())
-            self.recorder.show(self.shown)
         new = []
-        samples = [state_of_entry(entry) for entry in entries.values()]
+        samples = [state_of_entry(entry) for entry in self._record(ticks)]
         for sample in samples:
             new += self.monitor.check(sample, [other for other in samples if other is not sample])
         self.findings += new
         return new
+
+    def change_link(self, name: str, state: e.LinkState) -> None:
+        """Change the state of a link between two ticks; all robots are recorded again, as by the daemon."""
+        self.runner.feed(e.LinkChange(name, state))
+        self._record(self.shown.ticks)
+
+    def _record(self, ticks: Sequence[e.Tick]) -> tuple[m.Entry, ...]:
+        """Record the robots as they are now, and return their entries."""
+        entries = tuple(to_protocol.entry(name, self.runner.view(name), None) for name in self.links)
+        if self.lie is not None:
+            entries = tuple(map(self.lie, entries))
+        self.shown = Snapshot(ticks, entries, {}, ())
+        if self.recorder is not None:
+            self.recorder.show(self.shown)
+        return entries
 
     def _measured(self, tick: e.Tick) -> e.Tick:
         if self.noise is None:

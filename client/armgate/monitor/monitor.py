@@ -74,6 +74,32 @@ class Monitor:
         found += self._silent_robots(state)
         return self._new_findings(state, found)
 
+    def is_newest_tick(self, state: TickState) -> bool:
+        """Return True if a state has the number, time and measured position of its robot's newest tick."""
+        index = self._index.get(state.robot)
+        last = None if index is None else self._motions[index].last
+        if last is None or (last.tick, last.time) != (state.tick, state.time):
+            return False
+        return np.array_equal(last.q, state.q)
+
+    def check_again(self, state: TickState) -> list[Finding]:
+        """Check another state of a robot at its newest tick; return the new findings.
+
+        A recording contains such states: a change of a link comes without a tick, so the daemon records all
+        robots again, with their newest plans and stops. These states are not counted.
+        """
+        self._reopen(state)
+        if (wrong := self._form_error(state)) is not None:
+            return self._new_findings(state, [wrong])
+        robot = self._index[state.robot]
+        self.set_link(state.robot, ended=state.ended)
+        for other in range(len(self._motions)):
+            self._clearances.forget_stop_ends(other)  # other robots may have new plans, too
+        poses, found = self._motions[robot].check_again(state)
+        self._clearances.set_poses(robot, poses)
+        found += self._check_clearances(robot, state, self._motions[robot].moved)
+        return self._new_findings(state, found, all_rules=False)
+
     def add_differences(self, texts: Iterable[str]) -> list[Finding]:
         """Add the differences between described cell and configuration; return the findings."""
         found = [Finding("cell", "", 0, 0.0, text) for text in texts]
@@ -278,15 +304,25 @@ class Monitor:
             self._ongoing = {key for key in self._ongoing if key[0] != state.robot}
         self._stops[state.robot] = state.stops
 
-    def _new_findings(self, state: TickState, found: list[Finding]) -> list[Finding]:
-        """Return the findings that the robot's previous state did not have."""
+    def _new_findings(
+        self, state: TickState, found: list[Finding], *, all_rules: bool = True
+    ) -> list[Finding]:
+        """Return the findings that the robot's previous state did not have.
+
+        Args:
+            state: The state.
+            found: Its findings.
+            all_rules: True if all rules were checked, so that violations without a finding have ended.
+        """
 
         def key(finding: Finding) -> tuple[str, str]:
             return finding.robot, f"{finding.kind} {finding.pair or finding.joint or ''}"
 
         now = {key(finding) for finding in found}
         new = [finding for finding in found if key(finding) not in self._ongoing]
-        self._ongoing = {k for k in self._ongoing if k[0] != state.robot} | now
+        if all_rules:
+            self._ongoing = {k for k in self._ongoing if k[0] != state.robot}
+        self._ongoing |= now
         self._add(new)
         return new
 

@@ -61,9 +61,24 @@ class Motion:
         elif step is not None:
             found += self._check_increment(before, state, step)
         poses = self._poses(state)
-        found += self._check_stop_end(state, poses)
+        if state.ready:
+            found += self._check_stop_end(state, poses)
         found += self._check_limits(state, poses)
         self._remember(state)
+        return poses, found
+
+    def check_again(self, state: TickState) -> tuple[Array, list[Finding]]:
+        """Check another state at the newest tick; return the same as ``check``.
+
+        Between two ticks a robot can get another plan, and only a reset can move its setpoint.
+        """
+        before, self.last, self.moved = self.last, state, False
+        assert before is not None
+        found = list(self._check_setpoint_between_ticks(before, state))
+        poses = self._poses(state)
+        if before.ready:  # the plan is older than the change of the link
+            found += self._check_stop_end(state, poses)
+        found += self._check_limits(state, poses)
         return poses, found
 
     # --- time ---------------------------------------------------------------------------------------------
@@ -141,6 +156,17 @@ class Motion:
         yield from self._check_measured_position(before, state)
         yield from self._check_measured_speed(state)
 
+    def _check_setpoint_between_ticks(self, before: TickState, state: TickState) -> Iterator[Finding]:
+        """Yield a finding if the setpoint moves between two ticks although no stop was reset."""
+        step = state.setpoint - before.setpoint
+        if not step.any():
+            return
+        if before.stops - state.stops and self._is_rebased(before, state):
+            self._restart(before, state)
+            return
+        allowed = np.zeros(self.robot.n)
+        yield from self._worst_joint(state, "speed", step, np.abs(step) - tol.STEP, allowed)
+
     def _is_undone(self, step: Array) -> bool:
         """Return True if the newest increment was not played: its reply was late and the link held."""
         if not self.robot.holds or self.step is None:
@@ -189,7 +215,7 @@ class Motion:
         Such a plan brakes along the newest increment, or along an admissible next increment.
         """
         away = np.abs(poses[END] - poses[BRAKING])
-        if self.step is None or not state.ready or away.max() <= tol.END:
+        if self.step is None or away.max() <= tol.END:
             return
         u = increment_to(poses[END] - poses[SETPOINT], self._decel)
         change = change_excess(self.step, u, self._accel, self._decel)

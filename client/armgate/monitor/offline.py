@@ -7,7 +7,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from armgate.client import Description
@@ -16,7 +15,7 @@ from armgate.monitor.errors import DescriptionError, MonitorError
 from armgate.monitor.findings import Summary
 from armgate.monitor.model import Cell, build
 from armgate.monitor.monitor import Monitor
-from armgate.monitor.tick_state import TickState, state_of_entry
+from armgate.monitor.tick_state import state_of_entry
 from armgate.monitor.yaml_files import read_files
 from armgate.recording import Header, Recording, RobotState, Step
 from armgate.recording.verify import verify
@@ -47,27 +46,19 @@ def check_recording(run: Path, configs: Sequence[Path], silence: float) -> tuple
     monitor = Monitor(cell, silence, lockstep=recording.header.lockstep)
     monitor.add_differences(differences(cell, description, partial(_asset, recording.header)))
     monitor.add_differences(f"the recording was changed: {place}" for place in verify(recording).breaks)
-    newest: dict[str, TickState] = {}
     for _, item in recording.items("/robots/", "/gate/link"):
         if isinstance(item, Step):
             change: Any = item.event  # a LinkChange, whose type the monitor does not import
             monitor.set_link(change.robot, ended=change.state != "ready")
         elif isinstance(item, RobotState) and (state := state_of_entry(item.entry)) is not None:
-            if not _repeats(newest.get(state.robot), state):
+            if monitor.is_newest_tick(state):
+                monitor.check_again(state)
+            else:
                 monitor.check(state)
-            newest[state.robot] = state
     monitor.add_unseen()
     if not monitor.summary.states:
         raise MonitorError(f"{run}: holds no state of any robot; nothing was checked")
     return cell, monitor.summary
-
-
-def _repeats(before: TickState | None, state: TickState) -> bool:
-    """Return True if a state repeats the previous one, as the daemon records it when a link changes."""
-    if before is None or (before.tick, before.time) != (state.tick, state.time):
-        return False
-    positions = ((one.q, one.setpoint, one.stop_end) for one in (before, state))
-    return all(np.array_equal(a, b) for a, b in zip(*positions, strict=True))
 
 
 def _cell(header: Header, description: Description, configs: Sequence[Path]) -> Cell:
