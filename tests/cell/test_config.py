@@ -283,7 +283,7 @@ def test_a_mapping_of_another_kind_is_replaced_not_merged(configs, tmp_path):
 @pytest.mark.parametrize(
     ("key", "text"),
     [
-        ("krc: robot.local", "is no address; expected one like"),
+        ("krc: robot.local", "is not an IP address; expected one like"),
         ("krc: 127.0.0.1, listen: nowhere", "expected ADDRESS:PORT"),
         ("krc: 127.0.0.1, axes: {E1: {joint: x, sent: 0.0}}", "a factor of 0"),
         ("krc: 127.0.0.1, axes: {E7: {joint: x}}", "expected 'A1'"),

@@ -1,4 +1,4 @@
-"""A kind of link outside of this repository, installed by pip: every command works with it."""
+"""A kind of link from another package, installed by pip: every command works with it."""
 
 import asyncio
 import contextlib
@@ -26,7 +26,7 @@ DQ = (0.004, 0.002)
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """The folder into which pip has installed the example."""
+    """Return the folder into which pip has installed the example."""
     folder = tmp_path_factory.mktemp("installed")
     offline = ("--no-index", "--no-build-isolation", "--no-deps", "--no-compile", "--quiet")
     pip = (sys.executable, "-m", "pip", "install", *offline, "--target", str(folder), str(EXAMPLE))
@@ -36,20 +36,20 @@ def package(tmp_path_factory):
 
 @pytest.fixture
 def installed(package, monkeypatch):
-    """Let processes find the package."""
+    """Put the package on the path of new processes."""
     monkeypatch.setenv("PYTHONPATH", str(package))
 
 
 @pytest.fixture
 def cell(tmp_path):
-    """The example's cell on a free port, with more time for a busy machine."""
+    """Return the files of the example's cell, on a free port and with a timeout for a busy machine."""
     file = tmp_path / "port.yaml"
     file.write_text(f"armgate: 1\nrobots: {{head: {{link: {{port: {free_ports(1)[0]}, silence: 2 s}}}}}}\n")
     return CELL, file
 
 
 def entry_point(folder, package, value):
-    """Install a package that brings the kind ``linebot``, but not its code."""
+    """Install a package that declares the kind ``linebot`` and has no code."""
     info = folder / f"{package}-1.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1\n")
@@ -82,7 +82,7 @@ async def viewer(address):
 
 
 def page_status(url):
-    """Status of the viewer's page, opened by its link with the secret."""
+    """Return the HTTP status of the viewer's page, opened by its link with the secret."""
     address = urllib.parse.urlsplit(url)
 
     def response(path, **headers):
@@ -96,7 +96,7 @@ def page_status(url):
 
 
 async def mover_of(daemon, name):
-    """A controller whose commands move the robot, which it first waits for."""
+    """Wait for the robot; return a controller whose commands move it."""
     observer = await Raw.hello(daemon.port, f"{name}-waits", "observer")
     observer.send(m.Subscribe())
     await observer.get(m.State, lambda state: state.entries[0].link == "ready")
@@ -163,7 +163,7 @@ async def test_a_configuration_imports_no_other_kind(installed):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_reset(installed, cell, tmp_path):
+async def test_the_robot_moves_stops_at_a_fault_and_moves_again_after_a_reset(installed, cell, tmp_path):
     async with (
         virtual_robot(cell) as robot,
         RobotServer.running(*cell, socket=tmp_path / "s") as server,
@@ -186,7 +186,7 @@ async def test_it_moves_by_commands_stops_at_a_fault_and_moves_again_after_a_res
         assert (status, err) == (0, ""), out
 
 
-async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):
+async def test_the_link_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):
     async with (
         RobotServer.running(*cell, socket=tmp_path / "s"),
         Process.serving(*cell, "--robot-server", tmp_path / "s") as daemon,
@@ -202,7 +202,7 @@ async def test_it_is_lost_with_its_connection_and_comes_back_at_rest(installed, 
             await (await mover_of(daemon, "two")).stop()
 
 
-async def test_the_viewer_shows_it(installed, cell, tmp_path):
+async def test_the_viewer_shows_the_robot(installed, cell, tmp_path):
     async with (
         virtual_robot(cell),
         RobotServer.running(*cell, socket=tmp_path / "s"),

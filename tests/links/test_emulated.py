@@ -14,7 +14,7 @@ def test_tick_zero_is_the_start_at_rest():
     assert link.advance(1.5) == expected
 
 
-def test_the_measured_position_follows_with_one_tick_and_a_lag():
+def test_the_measured_position_follows_the_setpoint_with_one_tick_and_a_lag():
     link = EmulatedLink("A", "d1", (0.0,), 0.012, 0.03)
     link.advance(0.0)
     link.offer(Plan("A", PlanKey("d1", 0, 1, -1), 1, ((0.2,),)))

@@ -146,7 +146,7 @@ def test_a_disarmed_link_accepts_no_plan():
 
 @pytest.mark.parametrize(("off", "reported"), [(1e-3, True), (1.001e-3, False)])
 def test_ticks_of_a_resting_robot_under_noise_are_reported_to_the_next_daemon(off, reported):
-    """Two measurements of it differ by up to twice the tolerance."""
+    """Two measurements of a resting robot differ by up to twice the tolerance."""
     bench = Bench(settling=5 * T)
     bench.hosted = HostedLink(bench.link, "link", 1e-3, 5 * T)
     bench.daemon("d1")

@@ -164,13 +164,13 @@ class Playing(RuleBasedStateMachine):
         self.resets += 1
         self.link.rebase(Rebase("A", (setpoint,), self.resets))
         self.setpoint, self.pending = setpoint, None
-        # The gate learns of a rebase with the tick after it; until then it offers nothing.
+        # The gate receives a rebase with the tick after it; until then it offers no plan.
         before = self.last
         self.last = self.link.advance((before.tick + 1) * 0.012)
         assert (self.last.plan, self.last.setpoint) == (None, (setpoint,))
 
     @rule()
-    def silence(self):
+    def no_further_plan(self):
         for _ in range(self.link.remaining):
             self.tick()
         self.tick()
@@ -178,7 +178,7 @@ class Playing(RuleBasedStateMachine):
         assert self.link.remaining == 0
 
     @invariant()
-    def setpoint_is_the_sum_of_what_was_played(self):
+    def setpoint_is_the_sum_of_played_increments(self):
         assert self.last.setpoint == (self.setpoint,)
 
 

@@ -1,4 +1,4 @@
-"""Messages of the robot server's socket: exact, complete, and no others."""
+"""Messages of the robot server's socket are decoded exactly; all other bytes are an error."""
 
 import math
 import struct
@@ -77,7 +77,7 @@ def test_any_other_bytes_are_an_error(data):
         Decoder().push(data)
 
 
-def test_another_format_is_named_whatever_its_fields_are():
+def test_another_format_is_named_with_any_fields():
     with pytest.raises(CodecError, match=f"format 99.*expected {FORMAT}"):
         Decoder().push(packed("hello", 99, {"all": "new"}))
 

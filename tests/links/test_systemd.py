@@ -29,10 +29,10 @@ async def test_ready_alive_and_stopping_are_reported(manager):
     assert [await received(sock) for _ in range(3)] == ["WATCHDOG=1"] * 3
     notifier.close()
     notifier.stopping()
-    said = [await received(sock)]
-    while said[-1] == "WATCHDOG=1":
-        said.append(await received(sock))
-    assert said[-1].startswith("STOPPING=1\n")
+    sent = [await received(sock)]
+    while sent[-1] == "WATCHDOG=1":
+        sent.append(await received(sock))
+    assert sent[-1].startswith("STOPPING=1\n")
 
 
 @pytest.mark.parametrize("more", [{}, {"WATCHDOG_USEC": "x"}, {"WATCHDOG_USEC": "9", "WATCHDOG_PID": "1"}])

@@ -1,4 +1,4 @@
-"""The robot server's default socket: in a folder of this user only, and no symbolic link is followed."""
+"""The robot server's default socket is in a private folder, and no symbolic link is followed."""
 
 import os
 import stat
@@ -10,7 +10,7 @@ from armgate.links.robot_server.unix_socket import SocketError, default_path, li
 
 @pytest.fixture
 def runtime(tmp_path, monkeypatch):
-    """A folder into which all users may write."""
+    """Return a folder into which all users may write."""
     folder = tmp_path / "tmp"
     folder.mkdir()
     folder.chmod(0o1777)

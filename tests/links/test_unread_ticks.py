@@ -1,4 +1,4 @@
-"""A daemon that leaves ticks unread, at a robot server with a KRC: real sockets, the time injected."""
+"""A daemon that leaves ticks unread, and a robot server with a KRC: real sockets, injected time."""
 
 import asyncio
 import socket
@@ -40,7 +40,7 @@ class Log(list):
 
 
 class Daemon:
-    """A daemon that sends, and reads only if a test lets it."""
+    """Daemon that sends messages, and reads only if a test calls `get`."""
 
     def __init__(self, rig):
         self.socket = rig.opened(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -58,7 +58,7 @@ class Daemon:
         await asyncio.get_running_loop().sock_sendall(self.socket, encode(message))
 
     async def get(self, kind):
-        """The next message of a kind."""
+        """Return the next message of a kind."""
         loop = asyncio.get_running_loop()
         async with asyncio.timeout(PATIENCE):
             while True:
@@ -91,13 +91,13 @@ class Rig:
         self.waiting = []
 
     def opened(self, family, kind):
-        """A socket, closed at the end."""
+        """Return a socket that is closed at the end."""
         self.sockets.append(socket.socket(family, kind))
         self.sockets[-1].setblocking(False)
         return self.sockets[-1]
 
     async def cycle(self):
-        """A cycle of the KRC, answered."""
+        """Run one cycle of the KRC, with its reply."""
         telegram, loop = self.krc.cycle(self.waiting), asyncio.get_running_loop()
         self.time += PERIOD
         await loop.sock_sendto(self.socket, telegram, ("127.0.0.1", self.link.port))
@@ -121,7 +121,7 @@ async def rig(tmp_path):
         own.close()
 
 
-async def test_its_connection_is_closed_and_its_plan_is_played_to_the_end_while_the_krc_is_answered(rig):
+async def test_the_connection_is_closed_and_the_plan_is_played_to_its_end_while_the_krc_is_answered(rig):
     daemon = await Daemon.welcomed(rig, "d1")
     for _ in range(600):
         await rig.cycle()
@@ -137,7 +137,7 @@ async def test_its_connection_is_closed_and_its_plan_is_played_to_the_end_while_
         await rig.cycle()
         cycles += 1
         if cycles % 50 == 0:
-            await daemon.send(Heartbeat())  # it lives, but does not read
+            await daemon.send(Heartbeat())  # it sends, but does not read
     assert "bytes are unread" in rig.log.of("daemon.gone")[0]["reason"]
     assert 0 < rig.link.remaining < 5000
     while rig.link.remaining:

@@ -1,12 +1,12 @@
 """Kinds of link: from the ``link`` section of a robot's configuration to a link.
 
 A kind is one object, registered under its name as an entry point of the group ``armgate.links``. The
-configuration names it (``kind: rsi``); no other kind is imported. docs/adding-a-link.md adds one outside of
-this repository.
+configuration names it (``kind: rsi``); no other kind is imported. docs/adding-a-link.md shows how to add one
+outside this repository.
 
-There are two sorts. The robot of a `LinkKind` has a clock of its own, as a real one has: its link runs in the
-robot server. A `SteppedLinkKind` can be stepped by any clock: the daemon runs it itself, also in lock-step.
-The robot server runs it by the wall clock if another robot of the cell needs the robot server.
+There are two sorts. The robot of a `LinkKind` has a clock of its own, like every real robot: its link runs
+in the robot server. A `SteppedLinkKind` can be stepped by any clock: the daemon runs it itself, also in
+lock-step. The robot server runs it by the wall clock if another robot of the cell needs the robot server.
 """
 
 from abc import ABC, abstractmethod
@@ -45,8 +45,8 @@ class LinkReport:
     """Report of a kind about one robot, for ``armgate check``.
 
     Attributes:
-        lines: Facts, a line each, as the address of the robot.
-        warnings: Probable mistakes that do not prevent a link, a line each.
+        lines: Facts, one per line, such as the address of the robot.
+        warnings: Probable mistakes that do not prevent a link, one per line.
     """
 
     lines: Sequence[str] = ()
@@ -109,7 +109,7 @@ class LinkKind(ABC, Generic[C]):
     def virtual(
         self, own: C, config: "CellConfig", robot: str, files: Sequence[Path], logs: Path
     ) -> VirtualRobot | None:
-        """Return the process that stands in for the robot when a command starts the whole cell.
+        """Return the process that replaces the robot when a command starts the whole cell.
 
         Args:
             own: The robot's ``link`` section.
@@ -152,7 +152,7 @@ def kind_of(robot: "Robot") -> LinkKind[Any]:
     """Return the kind of a robot's link.
 
     Raises:
-        LinkKindError: Its entry point is no `LinkKind`.
+        LinkKindError: Its entry point is not a `LinkKind`.
     """
     name = robot.config.link.kind
     found = load_kind(name)

@@ -9,7 +9,7 @@ LinkEvent = Tick | LinkChange
 """Event that a link reports."""
 
 Emit = Callable[[LinkEvent], None]
-"""Takes an event of a link; it has to return soon."""
+"""Function that takes an event of a link; it has to return quickly."""
 
 
 class Link(Protocol):
@@ -41,13 +41,13 @@ class SteppedLink(LocalLink, Protocol):
     """Link whose robot has no clock of its own: another clock steps it."""
 
     def advance(self, time: float) -> Tick:
-        """Let the robot tick once.
+        """Advance the robot by one tick.
 
         Args:
             time: Daemon time of the tick, s.
 
         Returns:
-            What was measured and played. The first tick is number 0.
+            The measured position and the played increment. The first tick is number 0.
         """
 
 

@@ -17,7 +17,7 @@ class Log:
     contain a token.
 
     Args:
-        stream: Stream of the lines.
+        stream: Stream to which lines are written.
         now: Time of day, s since 1970.
     """
 
@@ -31,7 +31,7 @@ class Log:
         self._thread.start()
 
     def copy_to(self, receiver: Callable[[dict[str, Any]], None] | None) -> None:
-        """Pass every later event to a receiver too, such as a recorder; None: to no other."""
+        """Also pass every later event to a receiver, such as a recorder; None ends this."""
         self._copy = receiver
 
     def info(self, event: str, **fields: Any) -> None:

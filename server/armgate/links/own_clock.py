@@ -1,4 +1,4 @@
-"""A stepped link with a wall clock of its own: a `SelfClockedLink` as that of a real robot."""
+"""Stepped link with a wall clock of its own, which makes it a `SelfClockedLink` like that of a real robot."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -19,7 +19,7 @@ class Clock(Protocol):
 
 
 MakeClock = Callable[[float, Callable[[], None]], Clock]
-"""Returns the clock of a robot with this period, s, that calls the function at each tick."""
+"""Function that makes the clock of a robot: its period, s, and the function to call at each tick."""
 
 
 def wall_clock(period: float, tick: Callable[[], None]) -> Clock:
@@ -33,8 +33,8 @@ class OwnClockLink:
     Args:
         link: The stepped link.
         period: Period of its clock, s.
-        now: Time that its ticks carry, s.
-        clock: Makes its clock.
+        now: Clock that stamps its ticks, s.
+        clock: Function that makes its clock.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from armgate.events import Joints, Plan, PlanAnswer, PlanKey
 
 _REMEMBERED = 64
-"""Number of answers kept for plans that are sent again; a repetition is never older than some ticks."""
+"""Number of answers kept for plans that are sent again; a repetition is never older than a few ticks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class PlanPlayer:
         return 0 if self._held is None else len(self._held.increments) - 1 - self._last.index
 
     def offer(self, plan: Plan) -> PlanAnswer:
-        """Take ``plan`` over for the next tick if it was made for the increment that is played now.
+        """Accept ``plan`` for the next tick if it was made for the increment that is played now.
 
         Returns:
             Accepted, or the reason. ``mismatch``: another daemon start, reset count or last increment played,

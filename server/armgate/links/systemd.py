@@ -14,7 +14,7 @@ _MICRO = 1e-6
 
 
 class Notifier:
-    """Notifier of the service manager that started this process, if one did.
+    """Sender of notifications to the service manager, if one started this process.
 
     Args:
         environment: Environment variables.

@@ -49,29 +49,29 @@ def test_link_and_krc_accept_the_files_that_config_writes(tmp_path, generation, 
     assert ran("config", file, *options, "--force").exit_code == 0
 
 
-def test_config_called_wrongly(tmp_path):
+def test_wrong_calls_of_config_are_usage_errors(tmp_path):
     file = cell_text(tmp_path)
-    for options, said in (
+    for options, expected in (
         (("--robot", "X"), "there is no robot"),
         (("--robot", "R"), "expected --pc"),
         (("--robot", "R", "--pc", "10.0.0.1:99999"), "expected a number from 1 to 65535"),
         (("--robot", "R", "--pc", "10.0.0.1:5", "--sentype", " "), "SENTYPE> is missing or empty"),
     ):
         error = ran("config", file, *options, "--out", tmp_path).exception
-        assert said in str(error)
+        assert expected in str(error)
         assert error.exit_code == 2
     with pytest.raises(ConfigError):
         raise ran("config", tmp_path / "none.yaml", "--robot", "R").exception
 
 
-def test_check_at_an_address_of_another_machine(tmp_path):
-    """The reply address in the cell has to be one of this machine; 192.0.2.0/24 is reserved for documents."""
+def test_check_names_an_address_of_another_machine(tmp_path):
+    """The link's address has to belong to this machine; 192.0.2.0/24 is reserved for documentation."""
     error = ran("check", cell_text(tmp_path, listen="192.0.2.1:49152"), "--robot", "R").exception
     assert error.filename == "UDP 192.0.2.1:49152"
     assert "expected an address of this machine" in error.strerror
 
 
-async def test_a_robot_server_at_an_address_of_another_machine(tmp_path):
+async def test_a_robot_server_names_an_address_of_another_machine(tmp_path):
     file = cell_text(tmp_path, listen="192.0.2.1:49152")
     status, out, err = await run("robot-server", file, "--socket", tmp_path / "s")
     assert (status, out) == (2, "")
@@ -93,7 +93,7 @@ async def process(*arguments):
 
 
 async def checked(folder, *krc, start="15,-80,85,20,35,40", **link):
-    """Exit status and lines of ``armgate rsi check`` about a KRC."""
+    """Return exit status and lines of ``armgate rsi check`` for a KRC."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{own.getsockname()[1]}"
@@ -143,7 +143,7 @@ async def test_check_names_every_mismatch(tmp_path):
 
 
 @pytest.mark.parametrize("turned", ["", "A1", "A4", "A6"])
-def test_an_axis_that_turns_the_other_way_is_found_once_all_were_jogged(tmp_path, turned):
+def test_an_axis_that_turns_the_other_way_is_found_after_all_axes_were_jogged(tmp_path, turned):
     cell = build_cell(load_config([cell_text(tmp_path)]))
     setup = setup_of(cell, cell.robots[0])
     signs = AxisDirections(setup, _flange_in_foot(cell.robots[0]))
@@ -163,10 +163,10 @@ def rist(pose):
 
 
 @pytest.mark.parametrize(
-    ("hold", "status", "said"), [(1, 0, "by RSI with the KRC at"), (0, 2, "would command a jump back")]
+    ("hold", "status", "expected"), [(1, 0, "by RSI with the KRC at"), (0, 2, "would command a jump back")]
 )
-async def test_armgate_check_reads_the_krcs_file_too(tmp_path, hold, status, said):
+async def test_armgate_check_reads_the_krcs_file_too(tmp_path, hold, status, expected):
     file = cell_text(tmp_path, file=krc_file(SEND, SIX, hold=hold))
     ended, out, err = await run("check", file)
     assert ended == status, err
-    assert said in out + err
+    assert expected in out + err

@@ -1,6 +1,7 @@
-"""The fault matrix of the RSI link: each fault, and the state in which everything ends.
+"""Fault matrix of the RSI link: each fault, and the state in which link, KRC and robot end.
 
-The link, the gate and a virtual KRC, cycle by cycle. The robot moves at most of its speed when it happens.
+The tests step the link, the gate and a virtual KRC cycle by cycle. The robot moves at most of its speed when
+a fault happens.
 """
 
 import re
@@ -25,7 +26,7 @@ def moving(rig):
 
 
 class TestOneDatagram:
-    """The KRC holds for a cycle; the link starts again from there, from rest, and goes on."""
+    """The KRC holds the robot for a cycle; the link continues from that position, from rest."""
 
     @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
     def test_lost(self, moving, lost):
@@ -95,9 +96,7 @@ class TestManyDatagrams:
         rearm(moving)
 
     @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
-    def test_a_cable_that_is_out_for_long_loses_or_faults_the_link_and_nothing_stale_is_executed(
-        self, tmp_path, lost
-    ):
+    def test_an_unplugged_cable_loses_or_faults_the_link_and_no_stale_plan_is_played(self, tmp_path, lost):
         rig = Rig(tmp_path, timeout=100).begin()
         rig.drive(40, *SLOW)
         held = None
@@ -173,7 +172,7 @@ class TestTheKrc:
         moving.cycles(200)
         assert moving.state == "lost"
         assert "no telegram" in moving.stops[0].reason
-        assert not moving.reset()  # it is not known to rest
+        assert not moving.reset()  # the robot is not known to rest
         moving.operate("reset")
         assert moving.krc.jog("A1", -20.0) is None
         moving.operate("start")
@@ -194,7 +193,7 @@ class TestTheKrc:
     @pytest.mark.parametrize("silent", [5, 200])
     @pytest.mark.parametrize("jog", [0.0, -2.0, None], ids=["stays", "jogged", "led-back"])
     @pytest.mark.parametrize("first", ["estop", "stop"])
-    def test_begins_anew_from_the_same_port_and_nothing_stale_is_commanded(
+    def test_begins_anew_from_the_same_port_and_no_stale_correction_is_commanded(
         self, tmp_path, profile, silent, jog, first
     ):
         rig = Rig(tmp_path, profile).begin()
@@ -225,10 +224,10 @@ class TestTheKrc:
         rig.source = source
         rig.cycles(30)
         assert (rig.krc_state, rig.state) == ("running", "lost")
-        assert rig.krc_setpoint == pytest.approx(held, abs=1e-6)  # where it stands
+        assert rig.krc_setpoint == pytest.approx(held, abs=1e-6)  # at its present position
         rearm(rig)
 
-    def test_is_somewhere_else_after_a_pause_so_it_has_to_start_anew(self, moving):
+    def test_is_at_another_position_after_a_pause_so_it_has_to_start_anew(self, moving):
         at_rest(moving)
         moving.operate("pause")
         moving.cycles(200)

@@ -1,4 +1,4 @@
-"""One verdict on a KRC's file by link, ``armgate check`` and virtual KRC, whose readers share no code."""
+"""Link, ``armgate check`` and virtual KRC give the same verdict on a file; their readers share no code."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from support.krcs import FILES, element, krc_file
 from support.rsi import SEND, SIX, Rig, cell_text
 
 EXAMPLES = int(os.environ.get("RSI_FILES", "300"))
-"""Files that are generated for both readers; RSI_FILES=100000 for a long run."""
+"""Number of files that are generated for both readers; RSI_FILES=100000 for a long run."""
 
 
 def link_verdict(data):
@@ -39,8 +39,8 @@ def krc_verdict(data):
         return None, str(error)
 
 
-def judged(data):
-    """The verdict of both readers, which has to be the same."""
+def verdicts(data):
+    """Return the errors of both readers, after a check that their verdicts are the same."""
     (ours, refused), (theirs, other) = link_verdict(data), krc_verdict(data)
     assert (ours is None) == (theirs is None), (refused, other)
     if ours is not None:
@@ -145,9 +145,9 @@ NAMED = {
 
 @pytest.mark.parametrize("name", NAMED)
 async def test_link_check_and_krc_name_the_error_in_a_file(tmp_path, name):
-    data, said = NAMED[name]
-    for text in judged(data):
-        assert said.lower() in text.lower()
+    data, expected = NAMED[name]
+    for text in verdicts(data):
+        assert expected.lower() in text.lower()
         assert text
     (tmp_path / "own.xml").write_bytes(data)
     cell = cell_text(tmp_path)
@@ -155,12 +155,12 @@ async def test_link_check_and_krc_name_the_error_in_a_file(tmp_path, name):
     loaded = build_cell(load_config([cell]))
     with pytest.raises(ConfigError, match=r"cell.yaml:\d+: robots.R.link.ethernet") as caught:
         setup_of(loaded, loaded.robots[0])
-    assert said.lower() in str(caught.value).lower()
+    assert expected.lower() in str(caught.value).lower()
 
 
 @pytest.mark.parametrize("name", ["TCP", "digit-attribute", "cp1252"])
-async def test_the_commands_refuse_it_with_status_2(tmp_path, name):
-    data, said = NAMED[name]
+async def test_the_commands_refuse_the_file_with_status_2(tmp_path, name):
+    data, expected = NAMED[name]
     cell = cell_text(tmp_path)
     (tmp_path / "krc.xml").write_bytes(data)
     for arguments in (
@@ -170,7 +170,7 @@ async def test_the_commands_refuse_it_with_status_2(tmp_path, name):
     ):
         status, _, err = await run(*arguments)
         assert status == 2
-        assert said in err
+        assert expected in err
         assert "Traceback" not in err
 
 
@@ -194,7 +194,7 @@ async def test_the_commands_refuse_it_with_status_2(tmp_path, name):
     ],
 )
 def test_link_and_krc_read_the_same_from_a_valid_file(data):
-    assert judged(data) == ("", "")
+    assert verdicts(data) == ("", "")
 
 
 TAGS = [
@@ -241,32 +241,32 @@ PIECES = [
     st.sampled_from(WORDS),
     st.sampled_from(SPELLINGS),
 )
-def test_both_readers_judge_any_file_alike(
+def test_both_readers_give_the_same_verdict_on_any_file(
     sent, received, before, between, protocol, encoding, only_send, word, spelling
 ):
     text = krc_file(SEND[:3], SIX[:2], only_send=only_send)
     text = text.replace("</ELEMENTS></SEND>", "".join(sent) + between + "</ELEMENTS></SEND>")
     text = text.replace("</ELEMENTS></RECEIVE>", "".join(received) + "</ELEMENTS></RECEIVE>")
     text = before + text.replace("<SENTYPE>", f"<PROTOCOL>{protocol}</PROTOCOL><SENTYPE>")
-    judged(text.encode(encoding, "replace"))
-    judged(re.sub(rf"\b{word}\b", spelling(word), text).encode(encoding, "replace"))
+    verdicts(text.encode(encoding, "replace"))
+    verdicts(re.sub(rf"\b{word}\b", spelling(word), text).encode(encoding, "replace"))
 
 
 @given(st.binary(max_size=40), st.integers(0, 700), st.integers(0, 6))
-def test_both_readers_judge_a_damaged_file_alike(piece, at, length):
+def test_both_readers_give_the_same_verdict_on_a_damaged_file(piece, at, length):
     data = file()
-    judged(data[:at] + piece + data[at + length :])
+    verdicts(data[:at] + piece + data[at + length :])
 
 
 @pytest.mark.parametrize("name", ["axis-correction.xml", "gantry-correction.xml"])
 def test_the_files_in_the_repository_are_valid(name):
-    assert judged((FILES / name).read_bytes()) == ("", "")
+    assert verdicts((FILES / name).read_bytes()) == ("", "")
 
 
 class TestValuesThatAreNeverSent:
     FILE = krc_file(SEND, SIX, more=element("Ov.PRO", 20, "LONG", 1))
 
-    async def test_check_the_link_and_the_krc_warn_of_them(self, tmp_path):
+    async def test_check_link_and_krc_warn_of_these_values(self, tmp_path):
         cell = cell_text(tmp_path, file=self.FILE)
         status, out, _ = await run("check", cell)
         assert status == 0
@@ -286,7 +286,9 @@ class TestValuesThatAreNeverSent:
 def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_path):
     text = krc_file(SEND, SIX).replace("127.0.0.1", "ip.address.of.rospc")
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
-    with pytest.raises(ConfigError, match=r"IP_NUMBER 'ip.address.of.rospc' is no address of a PC; expected"):
+    with pytest.raises(
+        ConfigError, match=r"IP_NUMBER 'ip.address.of.rospc' is not the address of a PC; expected"
+    ):
         setup_of(cell, cell.robots[0])
     with pytest.raises(KrcError, match=r"IP_NUMBER 'ip.address.of.rospc' is not the address of a PC"):
         parse_peer(None, krc_reads(text.encode()))
@@ -299,13 +301,15 @@ def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_pat
 def test_an_ip_number_of_no_pc_is_refused_and_a_warning_if_the_cell_listens_elsewhere(tmp_path, host):
     text = krc_file(SEND, SIX).replace("127.0.0.1", host)
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
-    with pytest.raises(ConfigError, match=f"IP_NUMBER '{re.escape(host)}' is no address of a PC; expected"):
+    with pytest.raises(
+        ConfigError, match=f"IP_NUMBER '{re.escape(host)}' is not the address of a PC; expected"
+    ):
         setup_of(cell, cell.robots[0])
     with pytest.raises(KrcError, match=f"IP_NUMBER '{re.escape(host)}' is not the address of a PC"):
         parse_peer(None, krc_reads(text.encode()))
     cell = build_cell(load_config([cell_text(tmp_path, file=text, listen="127.0.0.1:49152")]))
     (warning,) = warnings_of(setup_of(cell, cell.robots[0]))
-    assert warning.startswith(f"IP_NUMBER '{host}' in the KRC's file is no address of a PC")
+    assert warning.startswith(f"IP_NUMBER '{host}' in the KRC's file is not the address of a PC")
 
 
 def test_a_value_called_dat_is_no_telegram_of_erx():

@@ -1,4 +1,4 @@
-"""Unsuitable data at the RSI link, from a KRC or another sender, and the documented reaction."""
+"""Invalid data from a KRC or another sender, and the documented reaction of the RSI link."""
 
 import re
 
@@ -18,7 +18,7 @@ def moving(tmp_path):
 
 
 class TestConfigurations:
-    """Each mismatch ends faulted, nothing has moved, and a note names the remedy."""
+    """With each mismatch the link becomes faulted, the robot does not move, and a note names the remedy."""
 
     def ends(self, rig, cycles=110):
         rig.operate("start")
@@ -71,7 +71,7 @@ class TestConfigurations:
         assert (rig.state, rig.krc_state) == ("waiting", "broken_off")
         assert [note.startswith(f"R: a datagram from {KRC}:") for note in rig.notes] == [True]
 
-    def test_a_telegram_without_what_is_needed(self, tmp_path):
+    def test_a_telegram_without_a_needed_value(self, tmp_path):
         rig = Rig(tmp_path, peer_file=krc_file(("DEF_AIPos", "DEF_Delay"), SIX))
         assert "ASPos A1 is missing" in self.ends(rig)
         assert rig.krc_state == "broken_off"  # it was never answered
@@ -104,7 +104,7 @@ class TestConfigurations:
 
 
 class TestBadInput:
-    """It is rejected, counted and named once, and the robot goes on unaffected."""
+    """Bad input is rejected, counted and logged once; the robot moves on unaffected."""
 
     @pytest.mark.parametrize(
         ("data", "kind"),
@@ -132,14 +132,14 @@ class TestBadInput:
         assert len(moving.notes) == (kind != "short")
 
     @pytest.mark.parametrize("source", [("10.0.0.9", 40001), (KRC, 50000)])
-    def test_strangers(self, moving, source):
+    def test_other_senders(self, moving, source):
         moving.drive(1, *SLOW)
         for _ in range(5):
             assert moving.deliver(moving.telegram, source=source) is None
             moving.drive(1, *SLOW)
         at_rest(moving)
         assert moving.quiet
-        assert moving.link.rejected["stranger"] == 5
+        assert moving.link.rejected["sender"] == 5
         assert len(moving.notes) == 1
 
     @pytest.mark.parametrize("text", [b"nan", b"1e999", b"", b"1,5", b"0x10"])

@@ -1,7 +1,7 @@
 """Largest motion of a KRC's robot in any combination of mode, HOLDON, ASPos, AXISCORR and the cell's mode.
 
-The probe of the link moves each axis by at most `Shape.farthest` before anything else moves. The bounds below
-are that figure, or what a controller has commanded.
+The probe of the link moves each axis by at most `ProbeSize.farthest` before any other motion. The bounds
+below are that distance, or the motion that a controller has commanded.
 """
 
 import math
@@ -18,7 +18,7 @@ from support.rsi import SEND, SIX, WIDE, Rig
 from support.rsi_ends import SLOW, at_rest, nothing_moves
 
 NARROW = Limits(0.5)
-"""AXISCORR, deg: wider than the probe, narrower than what is commanded afterwards."""
+"""AXISCORR, deg: wider than the probe, narrower than the motion that is commanded afterwards."""
 MODES = ("absolute", "relative")
 
 
@@ -32,11 +32,11 @@ class Travel:
     def cycles(self, count, until=lambda: False, **how):
         for _ in range(count):
             self.rig.cycle(**how)
-            self.look()
+            self.update()
             if until():
                 return
 
-    def look(self):
+    def update(self):
         rows = zip(self.far, self.rig.krc_setpoint, self.start, strict=True)
         self.far = [max(far, abs(now - start)) for far, now, start in rows]
 
@@ -82,7 +82,7 @@ def test_no_combination_moves_an_axis_farther_than_documented(tmp_path, cell, kr
         assert rig.quiet
         assert travel.far[0] > math.radians(2.0)
         return
-    # AXISCORR cuts in silence: the robot stands there, and is held.
+    # AXISCORR limits silently: the robot stops at the limit, and is held.
     assert rig.state == "faulted"
     assert travel.within([math.radians(0.5)] * 6)
     stands = rig.krc_setpoint
@@ -91,7 +91,7 @@ def test_no_combination_moves_an_axis_farther_than_documented(tmp_path, cell, kr
 
 
 def refused(rig, travel, farthest, krc):
-    """The link has named the mode; the robot is at its start, and stays there, also after a reset."""
+    """Check that the link has named the mode, and that the robot stays at its start, also after a reset."""
     assert rig.state == "faulted"
     assert f"RSI_ON(#{krc.upper()})" in rig.changes[-1].reason
     travel.cycles(50)
@@ -100,13 +100,13 @@ def refused(rig, travel, farthest, krc):
     assert (rig.state, rig.krc_state) == ("faulted", "running")
     rig.take_lease()
     nothing_moves(rig)
-    travel.cycles(100, to_krc=False)  # whatever silence does with the last value
+    travel.cycles(100, to_krc=False)  # with either HOLDON
     assert travel.within(farthest)
     assert rig.krc_setpoint == pytest.approx(travel.start, abs=1e-7)
 
 
 def farther(shape, lost):
-    """Return the bounds of a probe in which so many datagrams are lost in one piece."""
+    """Return the bounds of a probe in which this number of successive datagrams is lost."""
     return [far + lost * amplitude for far, amplitude in zip(shape.farthest, shape.amplitude, strict=True)]
 
 
@@ -114,7 +114,7 @@ def farther(shape, lost):
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
 @pytest.mark.parametrize("at", [4, 10])
-def test_a_datagram_that_is_lost_in_the_probe_moves_it_little_farther(tmp_path, cell, krc, hold, lost, at):
+def test_a_datagram_lost_in_the_probe_adds_at_most_one_amplitude(tmp_path, cell, krc, hold, lost, at):
     rig = rig_of(tmp_path, cell=cell, krc=krc, hold=hold)
     rig.operate("start")
     shape, travel = probe_size(rig.setup), Travel(rig)
@@ -166,7 +166,7 @@ def test_frozen_feedback_is_detected_and_the_robot_returns_to_its_start(tmp_path
 @pytest.mark.parametrize(("one", "other"), [("A1", "A2"), ("A4", "A5"), ("A1", "A6"), ("A3", "A4")])
 @pytest.mark.parametrize("mode", MODES)
 def test_axes_in_another_order_are_named(tmp_path, one, other, mode):
-    """The KRC's signal flow leads the corrections of two axes to one another."""
+    """The KRC's signal flow swaps the corrections of two axes."""
     rig = rig_of(tmp_path, cell=mode, krc=mode, hold=int(mode == "absolute"))
     rig.operate("start")
     names = {one.encode(): other.encode(), other.encode(): one.encode()}
@@ -259,7 +259,7 @@ def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, 
     travel.cycles(200)
     assert travel.within([math.radians(2.5)] * 6)
     assert rig.stops
-    if rig.krc_state == "faulted":  # so large a total is too fast for a drive at once
+    if rig.krc_state == "faulted":  # a total this large exceeds the speed of a drive in one cycle
         return
     assert "moves on beyond its setpoints" in rig.changes[-1].reason
     stands = rig.krc_setpoint

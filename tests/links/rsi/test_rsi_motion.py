@@ -25,7 +25,7 @@ class Bounds:
             max(a, d) * period**2 for a, d in zip(robot.acceleration, robot.deceleration, strict=True)
         ]
 
-    def look(self, held=False):
+    def update(self, held=False):
         now = self.rig.krc_setpoint
         step = [a - b for a, b in zip(now, self.last, strict=True)]
         for j, axis in enumerate(self.rig.setup.axes):
@@ -52,13 +52,13 @@ def test_full_speed_in_changing_directions_never_faults_a_drive(tmp_path, profil
         ) + "}"  # fmt: skip
     rig = Rig(tmp_path, profile, gantry=gantry, mode=mode, **more).begin()
     chance, bounds = random.Random(5), Bounds(rig)
-    wish = [0.0] * len(rig.setup.axes)
+    dq = [0.0] * len(rig.setup.axes)
     for number in range(300):
         if number % 25 == 0:
-            wish = [chance.uniform(-1.5, 1.5) * v * rig.period for v in rig.cell.robots[0].velocity]
-        rig.command(*wish)
+            dq = [chance.uniform(-1.5, 1.5) * v * rig.period for v in rig.cell.robots[0].velocity]
+        rig.command(*dq)
         rig.cycle()
-        bounds.look()
+        bounds.update()
     rig.cycles(120)
     assert rig.quiet
     assert rig.krc.status()["delay"] == 0
@@ -76,22 +76,22 @@ def test_full_speed_in_changing_directions_never_faults_a_drive(tmp_path, profil
     st.sampled_from(["absolute", "relative"]),
     st.randoms(use_true_random=False),
 )
-def test_whatever_is_lost_late_or_doubled_the_link_has_the_setpoint_at_which_the_krc_holds_the_robot(
+def test_after_any_loss_delay_or_repetition_link_and_krc_have_the_same_setpoint(
     tmp_path_factory, fates, mode, chance
 ):
     rig = Rig(tmp_path_factory.mktemp("rsi"), mode=mode, late_in_a_row=100).begin()
     bounds = Bounds(rig)
-    wish = (0.0015, -0.0008, 0.0008, 0.0, 0.001, 0.0)
+    dq = (0.0015, -0.0008, 0.0008, 0.0, 0.001, 0.0)
     for fate in fates:
         if chance.random() < 0.1:
-            wish = tuple(-u for u in wish)
-        rig.command(*wish)
+            dq = tuple(-u for u in dq)
+        rig.command(*dq)
         before = rig.krc.status()["delay"]
         rig.cycle(to_pc=fate != "pc", to_krc=fate != "krc", age=0.01 if fate == "late" else 0.001)
         if fate == "twice":
             rig.deliver(rig.telegram)
-        # A cycle that the KRC itself held is a step of its own making, and so is the one after it.
-        bounds.look(held=rig.krc.status()["delay"] > before or rig.ticks[-1].rebased)
+        # In a cycle that the KRC holds, and in the next one, the KRC itself causes a step.
+        bounds.update(held=rig.krc.status()["delay"] > before or rig.ticks[-1].rebased)
     rig.cycles(60)
     assert rig.krc_state == "running"
     assert rig.state == "ready"
@@ -101,7 +101,7 @@ def test_whatever_is_lost_late_or_doubled_the_link_has_the_setpoint_at_which_the
 
 
 def test_a_simulator_with_instantaneous_joints_and_numbers_from_zero(tmp_path):
-    """A KRC like public robot-side simulators: RIst all zero, another root, joints that follow at once."""
+    """A KRC like public simulators of robots: RIst is all zero, the root differs, joints follow at once."""
     rig = Rig(tmp_path, ipoc=0)
     place = [[0.0] * 6]
 

@@ -1,4 +1,4 @@
-"""The parts of the RSI link: telegrams, numbers of runs, states, the KRC's file, the cell's configuration."""
+"""Parts of the RSI link: telegrams, IPOC and Delay, states, the KRC's file, the cell's configuration."""
 
 import re
 
@@ -31,14 +31,14 @@ def rob(values, delay="0", ipoc="7", root='Type="KUKA"', more=""):
 
 class TestTelegrams:
     @given(st.lists(st.tuples(*[numbers] * 6), min_size=2, max_size=4), st.integers(0, 10**19))
-    def test_a_telegram_that_fits_the_learnt_form_is_read_as_xml_is(self, rows, ipoc):
+    def test_a_telegram_is_read_alike_by_the_learnt_pattern_and_as_xml(self, rows, ipoc):
         known = TelegramReader(AXES)
         for number, row in enumerate(rows):
             data = rob(row, number, ipoc + number)
             assert known.read(data) == TelegramReader(AXES).read(data)
 
     @pytest.mark.parametrize("delay", ["-0", "+0", "-5", "9" * 11, "0" * 30, "0.5", "1e3"])
-    def test_a_delay_is_checked_in_the_learnt_form_as_in_xml(self, delay):
+    def test_a_delay_is_checked_alike_by_the_learnt_pattern_and_in_xml(self, delay):
         known, whole = TelegramReader(AXES), rob(["1.5"] * 6)
         known.read(whole)
         data = re.sub(rb'<Delay D="[^"]*"', b'<Delay D="' + delay.encode() + b'"', whole)
@@ -47,14 +47,14 @@ class TestTelegrams:
             with pytest.raises(TelegramError, match="Delay D is"):
                 reader.read(data)
 
-    def test_an_inner_element_called_as_the_outer_one_is_learnt_as_well(self):
+    def test_an_inner_element_with_the_name_of_the_root_is_learnt_too(self):
         known = TelegramReader(AXES)
         for ipoc in (7, 8):
             data = rob(["1.5"] * 6, 3, ipoc, root='Seq="1"', more='<Rob Seq="2"/>')
             assert known.read(data).ipoc == ipoc
 
     @given(st.binary(max_size=60), st.integers(0, 300), st.integers(0, 20))
-    def test_whatever_is_changed_in_a_telegram_is_read_as_xml_or_refused(self, piece, at, length):
+    def test_a_changed_telegram_is_read_as_xml_or_rejected(self, piece, at, length):
         known = TelegramReader(AXES)
         whole = rob(["1.5"] * 6)
         known.read(whole)
@@ -113,13 +113,13 @@ class TestNumbers:
         run = TelegramCounter(ipocs[0], delay)
         return [run.place(ipoc, delay) for ipoc in ipocs[1:]]
 
-    def test_steps_gaps_repeats_and_stragglers(self):
+    def test_steps_gaps_repetitions_and_late_arrivals(self):
         follows = self.placed(0, 4, 8, 8, 20, 16, 24)
         assert [one.order.value for one in follows] == ["next", "next", "twice", "next", "old", "next"]
         assert [one.missed for one in follows] == [0, 0, 0, 2, 0, 0]
 
     @pytest.mark.parametrize("bits", [32, 64])
-    def test_it_wraps(self, bits):
+    def test_an_ipoc_wraps(self, bits):
         follows = self.placed(2**bits - 8, 2**bits - 4, 0, 4)
         assert {one.order for one in follows} == {Order.NEXT}
         assert not any(one.missed for one in follows)
@@ -154,7 +154,7 @@ class TestTheFile:
         assert set(own.sent) == {e.tag for e in other.sent}
 
     @pytest.mark.parametrize(
-        ("text", "said"),
+        ("text", "expected"),
         [
             ("<ROOT/>", "<IP_NUMBER> is missing"),
             ("<Rob/>", "expected <ROOT>"),
@@ -164,8 +164,8 @@ class TestTheFile:
             ("<ROOT>" + " " * 70000, "expected at most"),
         ],
     )
-    def test_an_invalid_file_is_rejected(self, text, said):
-        with pytest.raises(EthernetError, match=re.escape(said)):
+    def test_an_invalid_file_is_rejected(self, text, expected):
+        with pytest.raises(EthernetError, match=re.escape(expected)):
             read_ethernet(text.encode())
 
 
@@ -177,7 +177,7 @@ class TestTheCell:
         return str(caught.value)
 
     @pytest.mark.parametrize(
-        ("options", "said"),
+        ("options", "expected"),
         [
             ({"file": krc_file(SEND, SIX, hold=0)}, "would command a jump back"),
             ({"file": krc_file(SEND, SIX, hold=1), "mode": "relative"}, "would be added again"),
@@ -188,14 +188,14 @@ class TestTheCell:
             ({"file": krc_file(SEND, SIX), "gantry": True}, "for E1 (X)"),
             ({"file": krc_file(SEND, SIX, sentype="x" * 1000)}, "1024"),
             ({"file": "no xml"}, "not well-formed"),
-            ({"axiscorr": "{A: 5.0}"}, "AXISCORR cuts silently at ±5 around 0.0"),
+            ({"axiscorr": "{A: 5.0}"}, "AXISCORR silently limits it to ±5 around 0.0"),
             ({"axes": "{A1: {joint: none}}"}, "there is no joint 'none'"),
             ({"axes": "{A1: {joint: A2}, A2: {joint: A2}}"}, "the same joint"),
             ({"precision": 2}, "expected q_tolerance"),
         ],
     )
-    def test_a_mismatch_is_rejected_with_its_place(self, tmp_path, options, said):
-        assert said in self.refused(tmp_path, **options)
+    def test_a_mismatch_is_rejected_with_its_place(self, tmp_path, options, expected):
+        assert expected in self.refused(tmp_path, **options)
 
     def test_a_gantry_in_the_units_of_a_krc2(self, tmp_path):
         own = "{E1: {joint: X, received: 57.29577951308232}, A6: {joint: A6, received: -1.0, sent: -1.0}}"

@@ -23,7 +23,7 @@ class TestTheSameIpocAgain:
     """A simulator that repeats its telegram, with a larger Delay, until it is answered."""
 
     def lost(self, rig, times=1):
-        """The reply to a telegram is lost; the telegram comes again."""
+        """Lose the reply to a telegram; deliver the telegram again."""
         rig.drive(1, *SLOW, to_krc=False)
         lost = rig.replies[-1]
         delay = rig.krc.status()["delay"]
@@ -34,11 +34,11 @@ class TestTheSameIpocAgain:
             rig.waiting = rig.waiting[-1:]
 
     def goes_on(self, rig):
-        """The KRC's telegrams go on, with the Delay of the lost cycles in all of them."""
+        """Continue the KRC's telegrams, each with the Delay of the lost cycles."""
         rig.drive(40, *SLOW, edit=lambda data: with_delay(data, 1))
         rig.cycles(120, edit=lambda data: with_delay(data, 1))
 
-    def test_it_is_answered_again_by_the_same_and_goes_on(self, tmp_path):
+    def test_the_same_reply_is_sent_again_and_the_run_continues(self, tmp_path):
         rig = Rig(tmp_path).begin()
         rig.drive(20, *SLOW)
         self.lost(rig)
@@ -48,7 +48,7 @@ class TestTheSameIpocAgain:
         assert gap(rig) < 1e-7
         assert sum("again" in note for note in rig.notes) == 1
 
-    def test_it_starts_from_rest_after_it_was_held(self, tmp_path):
+    def test_the_robot_starts_from_rest_after_it_was_held(self, tmp_path):
         rig = Rig(tmp_path).begin()
         rig.drive(20, *SLOW)
         self.lost(rig)
@@ -84,10 +84,10 @@ class TestTheSameIpocAgain:
 
 
 class TestAGap:
-    """The KRC is silent for a while, as a process that is stopped and continued."""
+    """The KRC sends nothing for a while, like a process that is stopped and continued."""
 
     @pytest.mark.parametrize("cycles", [10, 25, 80])
-    def test_while_moving_it_stops_with_a_reason_and_a_new_run_works(self, tmp_path, cycles):
+    def test_a_moving_robot_stops_with_a_reason_and_a_new_run_works(self, tmp_path, cycles):
         rig = Rig(tmp_path, cycle=0.012).begin()
         rig.drive(40, *SLOW)
         for _ in range(cycles):
@@ -96,7 +96,7 @@ class TestAGap:
         assert rig.state == "lost"
         assert "no telegram for 0.1 s" in rig.stops[0].reason
         rig.cycles(60)
-        assert any("what the KRC holds" in note for note in rig.notes)
+        assert any("the KRC holds" in note for note in rig.notes)
         nothing_moves(rig, 20)
         rig.operate("stop")
         rig.operate("start")
@@ -112,7 +112,7 @@ class TestAGap:
         assert rig.reset()
         rig.cycles(40)
         assert rig.state == "faulted"
-        assert "what the KRC holds" in rig.changes[-1].reason
+        assert "the KRC holds" in rig.changes[-1].reason
         rig.operate("stop")
         rig.operate("start")
         rig.cycles(5)
@@ -172,7 +172,7 @@ class TestWithoutAspos:
         rig.synchronise()
         assert f"RSI_ON(#{other.upper()})" in rig.changes[-1].reason
 
-    def test_a_program_that_begins_anew_on_the_same_port_is_not_answered_in_doubt(self, tmp_path):
+    def test_a_doubtful_new_run_on_the_same_port_is_not_answered(self, tmp_path):
         rig = self.rig(tmp_path).begin()
         rig.drive(60, *SLOW)
         at_rest(rig)
@@ -183,7 +183,7 @@ class TestWithoutAspos:
         rig.source, begun = source, rig.krc_setpoint
         rig.cycles(60)
         assert rig.krc_setpoint == begun
-        assert any("what the KRC holds" in note for note in rig.notes)
+        assert any("the KRC holds" in note for note in rig.notes)
         rig.cycles(60)
         assert rig.krc_state == "broken_off"
         rig.operate("reset")
@@ -200,7 +200,7 @@ class TestWithoutAspos:
 class TestDecimals:
     @staticmethod
     def printed(data):
-        """Numbers as many languages print them: no zeros at the end but one."""
+        """Return the telegram with numbers as many languages print them: at most one zero at the end."""
         return re.sub(
             rb'(?<==")-?\d+\.\d+', lambda m: repr(round(float(m[0]), 6)).encode(), data
         )  # fmt: skip
@@ -223,15 +223,15 @@ class TestDecimals:
 
 class TestTelegrams:
     @pytest.mark.parametrize(
-        ("inner", "kind", "said"),
+        ("inner", "kind", "expected"),
         [
             (f"<Dat TaskType='b'>{POSITIONS}<IPOC>1</IPOC></Dat>", "form", "<Dat>, the form of ERX"),
             (f"{POSITIONS}<GPIO 01='0'/><Delay D='0'/><IPOC>1</IPOC>", "xml", "not well-formed"),
             (f"{POSITIONS}<Delay D='0.5'/><IPOC>1</IPOC>", "element", "Delay D is '0.5'"),
         ],
     )
-    def test_a_mismatch_is_named(self, inner, kind, said):
-        with pytest.raises(TelegramError, match=re.escape(said)) as caught:
+    def test_a_mismatch_is_named(self, inner, kind, expected):
+        with pytest.raises(TelegramError, match=re.escape(expected)) as caught:
             TelegramReader(AXES).read(f"<Rob>{inner}</Rob>".encode())
         assert caught.value.kind == kind
 
@@ -265,20 +265,20 @@ class TestTelegrams:
 
 class TestCartesianCorrections:
     def test_the_virtual_krc_warns_once_that_nothing_moves(self):
-        desk = ControllerRig(received=(*SIX, "RKorr.X", "RKorr.Z"))
-        begun = desk.setpoint
+        krc = ControllerRig(received=(*SIX, "RKorr.X", "RKorr.Z"))
+        begun = krc.setpoint
         for _ in range(5):
-            desk.get(sen(desk_ipoc(desk), more='<RKorr X="1.5" Z="0.0"/>'))
-        assert desk.setpoint == begun
-        (text,) = desk.log.texts("cartesian")
+            krc.get(sen(krc_ipoc(krc), more='<RKorr X="1.5" Z="0.0"/>'))
+        assert krc.setpoint == begun
+        (text,) = krc.log.texts("cartesian")
         assert "RKorr.X" in text
         assert "RKorr.Z" not in text
 
     def test_zeros_are_no_warning(self):
-        desk = ControllerRig(received=(*SIX, "RKorr.X"))
-        desk.get(sen(desk_ipoc(desk), more='<RKorr X="0.0"/>'))
-        assert not desk.log.texts("cartesian")
+        krc = ControllerRig(received=(*SIX, "RKorr.X"))
+        krc.get(sen(krc_ipoc(krc), more='<RKorr X="0.0"/>'))
+        assert not krc.log.texts("cartesian")
 
 
-def desk_ipoc(desk):
-    return re.search(rb"<IPOC>(\d+)</IPOC></Rob>$", desk.telegram)[1].decode()
+def krc_ipoc(krc):
+    return re.search(rb"<IPOC>(\d+)</IPOC></Rob>$", krc.telegram)[1].decode()

@@ -1,7 +1,7 @@
-"""The RSI link over UDP against `armgate krc` as a process of its own, by the wall clock.
+"""The RSI link over UDP with `armgate krc` as a process of its own, by the wall clock.
 
-A busy machine is late now and then: the link holds, starts again from rest, and goes on. Single faults are
-tried through the whole stack (`tests/e2e`), and with injected time.
+A busy machine is sometimes late: the link holds the robot, and starts again from rest. Single faults are
+tested in the whole stack (`tests/e2e`), and with injected time.
 """
 
 import asyncio
@@ -28,8 +28,8 @@ from support.setpoints import check_setpoints
 STEP = (4e-4, -2e-4, 2e-4, 0.0, 0.0, 0.0)
 
 
-class Holder:
-    """A daemon that holds the link and offers a plan at each tick while ``moving``."""
+class Daemon:
+    """Daemon of the link, which offers a plan at each tick while ``moving``."""
 
     def __init__(self, link):
         self.link, self.events, self.news = link, [], asyncio.Event()
@@ -65,16 +65,16 @@ class Holder:
 class Station:
     """The KRC's process and the link."""
 
-    def __init__(self, krc, link, holder):
-        self.krc, self.link, self.holder = krc, link, holder
+    def __init__(self, krc, link, daemon):
+        self.krc, self.link, self.daemon = krc, link, daemon
 
     async def rests(self):
-        """Nothing is commanded; the status once the KRC stands where the link believes it to be."""
-        self.holder.moving = False
+        """Command nothing; return the status once the KRC's setpoint is the link's."""
+        self.daemon.moving = False
         async with asyncio.timeout(PATIENCE):
             while True:
-                await self.holder.further(5)
-                status, tick = await self.krc.tell("status"), self.holder.ticks[-1]
+                await self.daemon.further(5)
+                status, tick = await self.krc.tell("status"), self.daemon.ticks[-1]
                 shown = map(math.degrees, tick.setpoint)
                 gaps = [abs(a - b) for a, b in zip(shown, status["setpoint"].values(), strict=True)]
                 if max(gaps) < 2e-6 and not self.link.remaining:
@@ -90,8 +90,8 @@ async def station(folder, *options, mode, krc_mode=None, file=None, becomes="rea
     )  # fmt: skip
     cell = build_cell(load_config([file]))
     driven = RsiUdpLink(setup_of(cell, cell.robots[0]), "d1")
-    holder = Holder(driven)
-    await driven.open(holder)
+    daemon = Daemon(driven)
+    await driven.open(daemon)
     try:
         async with KrcProcess.running(
             "--profile", "krc4-rsi3", "--cycle", 12, "--config", folder / "krc.xml",
@@ -99,8 +99,8 @@ async def station(folder, *options, mode, krc_mode=None, file=None, becomes="rea
             "--axiscorr", 400, "--axiscorrmon", 401, "--precision", 6, "--mode", krc_mode or mode,
             "--trace", folder / "krc.csv", *options,
         ) as krc:  # fmt: skip
-            await holder.until(lambda: holder.changes == [becomes])
-            yield Station(krc, driven, holder), cell.robots[0]
+            await daemon.until(lambda: daemon.changes == [becomes])
+            yield Station(krc, driven, daemon), cell.robots[0]
     finally:
         driven.close()
 
@@ -109,21 +109,21 @@ async def station(folder, *options, mode, krc_mode=None, file=None, becomes="rea
 async def test_a_bad_network_holds_the_robot_and_never_faults_a_drive(tmp_path, mode):
     bad = ("--loss", "0.05", "--duplicate", "0.05", "--reorder", "0.05", "--jitter", "6", "--seed", "3")
     async with station(tmp_path, *bad, mode=mode) as (one, robot):
-        one.holder.moving = True
-        await one.holder.further(120)
+        one.daemon.moving = True
+        await one.daemon.further(120)
         status = await one.rests()
     assert status["state"] == "running"
     assert status["delay"] > 0
-    assert sum(tick.rebased for tick in one.holder.ticks) > 3
-    assert one.holder.changes == ["ready"]
+    assert sum(tick.rebased for tick in one.daemon.ticks) > 3
+    assert one.daemon.changes == ["ready"]
     assert check_setpoints(tmp_path / "krc.csv", robot)[1] > 0
-    assert one.holder.ticks[-1].setpoint[0] - one.holder.ticks[0].setpoint[0] > 20 * STEP[0]
+    assert one.daemon.ticks[-1].setpoint[0] - one.daemon.ticks[0].setpoint[0] > 20 * STEP[0]
 
 
 @pytest.mark.parametrize(("hold", "aspos"), [(0, "moves"), (1, "stands")])
 @pytest.mark.parametrize(("mode", "krc_mode"), [("absolute", "relative"), ("relative", "absolute")])
 async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, mode, krc_mode, hold, aspos):
-    """The cell names a right file; the one on the KRC has any HOLDON."""
+    """The cell names a correct file; the file on the KRC has any HOLDON."""
     own = krc_file(SEND, SIX, hold=int(mode == "absolute"))
     (tmp_path / "other.xml").write_text(krc_file(SEND, SIX, hold=hold))
     other = ("--config", tmp_path / "other.xml", "--aspos", aspos)
@@ -131,11 +131,11 @@ async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, 
         one,
         robot,
     ):
-        (change,) = (event for event in one.holder.events if isinstance(event, LinkChange))
+        (change,) = (event for event in one.daemon.events if isinstance(event, LinkChange))
         assert f"RSI_ON(#{krc_mode.upper()})" in change.reason
-        one.holder.moving = True
-        await one.holder.further(20)
-        one.link.close()  # silence: HOLDON decides what the KRC makes of the last reply
+        one.daemon.moving = True
+        await one.daemon.further(20)
+        one.link.close()  # without replies, HOLDON decides whether the KRC keeps the last one
         await one.krc.until(lambda status: status["delay"] > 20)
     with (tmp_path / "krc.csv").open() as trace:
         rows = [[float(value) for value in list(row)[3:]] for row in list(csv.reader(trace))[1:]]

@@ -1,4 +1,4 @@
-"""The virtual robot, a process of its own: ``armgate linebot``."""
+"""Virtual robot, a process of its own: ``armgate linebot``."""
 
 import asyncio
 import signal
@@ -16,7 +16,7 @@ MAX_MISSED = 50
 
 
 class Device:
-    """Robot that, as a real one, switches its drives off at a setpoint that is too fast or missing.
+    """Robot that, like a real one, switches its drives off at a setpoint that is too fast or missing.
 
     Args:
         q0: Position at the start, rad or m.
@@ -38,7 +38,7 @@ class Device:
         self._fault = self._fault or reason
 
     def take(self, line: str) -> None:
-        """Take a line of the controller."""
+        """Handle a line from the controller."""
         word, *values = line.split()
         self._missed = 0
         if word == "RESET":
@@ -52,7 +52,7 @@ class Device:
                 self._setpoint = setpoint
 
     def cycle(self, connected: bool) -> str:
-        """Let one cycle pass; return the line for the controller."""
+        """Simulate one cycle; return the line for the controller."""
         q = self._robot.step(self._setpoint)
         self._missed += connected
         if self._missed > MAX_MISSED:
@@ -64,7 +64,7 @@ class Device:
 
 
 async def serve(device: Device, host: str, port: int) -> None:
-    """Serve one controller after the other until SIGTERM or SIGINT; SIGUSR1 is the robot's stop button."""
+    """Serve controllers until SIGTERM or SIGINT; SIGUSR1 is the robot's stop button."""
     loop, ending = asyncio.get_running_loop(), asyncio.Event()
     writers: set[asyncio.StreamWriter] = set()
 

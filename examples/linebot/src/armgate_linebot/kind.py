@@ -1,4 +1,4 @@
-"""The kind of link ``linebot``: its configuration, and how it becomes a link."""
+"""Kind of link ``linebot``: the model of its configuration, and the factory of its link."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,7 +29,7 @@ class LinebotConfig(LinkConfig):
     silence: Period = 0.2
     """Time without a line after which the robot is lost [s]."""
     virtual: bool = False
-    """True if the virtual robot stands in for the real one when a command starts the whole cell."""
+    """True if the virtual robot replaces the real one when a command starts the whole cell."""
 
 
 class LinebotKind(LinkKind[LinebotConfig]):

@@ -1,4 +1,4 @@
-"""The link: from lines of the robot to ticks, and from plans to setpoints."""
+"""Link that turns the robot's lines into ticks, and plans into setpoints."""
 
 import asyncio
 import math
@@ -77,7 +77,7 @@ class LinebotLink:
             try:
                 reader, writer = await asyncio.open_connection(self._own.host, self._own.port)
                 try:
-                    await self._converse(reader, writer)
+                    await self._answer(reader, writer)
                 finally:
                     writer.close()
             except TimeoutError:
@@ -86,7 +86,7 @@ class LinebotLink:
                 self._disarm(LinkState.LOST, str(error))
             await asyncio.sleep(RETRY)
 
-    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer each line of a connection.
 
         Raises:
@@ -140,7 +140,7 @@ class LinebotLink:
         return "RESET" if self._arming else "HOLD", events
 
     def _disarm(self, state: LinkState, reason: str) -> None:
-        """Play nothing any more until an operator's reset; report it, or note why the robot is not ready."""
+        """Play nothing until an operator's reset; report the change, or note why the robot is not ready."""
         if self._state is LinkState.READY:
             self._player.drop()
             self._state = state

@@ -1,1 +1,1 @@
-"""Emulated robots: a link in the process that holds it, and its kind."""
+"""Emulated robots: their link, which emulates the robot in its own process, and its kind."""

@@ -1,4 +1,4 @@
-"""The kind of link ``emulated``."""
+"""Kind of link ``emulated``."""
 
 from typing import TYPE_CHECKING
 

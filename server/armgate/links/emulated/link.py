@@ -1,4 +1,4 @@
-"""Link to an emulated robot, in the process that holds it."""
+"""Link to a robot that is emulated in the same process."""
 
 from collections.abc import Sequence
 
@@ -10,15 +10,15 @@ from armgate.links.plan_player import PlanPlayer
 class EmulatedLink:
     """Link that plays plans to an `EmulatedRobot`; a `SteppedLink`.
 
-    At a tick, the robot has followed the setpoint of the tick before for one period: that is measured. Then
-    the increment of this tick moves the setpoint.
+    At a tick, the robot has followed the setpoint of the previous tick for one period. The link
+    first measures its position; then the increment of this tick moves the setpoint.
 
     Args:
         robot: Name of the robot.
         start: Start id that plans carry.
         q0: Position and setpoint at tick 0, rad or m per joint.
         period: Time between two ticks, s.
-        lag: Time constant with which the robot follows, s, of all joints or of each.
+        lag: Time constant with which the robot follows, s: one for all joints, or one per joint.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class EmulatedLink:
         self._setpoint = rebase.setpoint
 
     def advance(self, time: float) -> Tick:
-        """Let the robot tick once at daemon time ``time``, s."""
+        """Advance the robot by one tick, at daemon time ``time``, s."""
         first = self._player.tick < 0
         q = self._robot.q if first else self._robot.step(self._setpoint)
         played = self._player.play()

@@ -60,7 +60,7 @@ class RemoteLink:
 
     @property
     def resume_point(self) -> ResumePoint:
-        """Point from which the daemon goes on with this robot."""
+        """Point from which the daemon continues with this robot."""
         return ResumePoint(self.robot, self._next, self._resets)
 
     def offer(self, plan: Plan) -> None:
@@ -139,7 +139,7 @@ class RobotServerClient:
         """Connect; events are buffered until `start`.
 
         Raises:
-            SocketError: There is no robot server, or it refuses; the text names the reason and the remedy.
+            SocketError: There is no robot server, or it refuses the daemon; the text names reason and remedy.
         """
         await self._connect()
 
@@ -170,10 +170,10 @@ class RobotServerClient:
         connection.send(hello)
         refusal = await connection.refusal
         if refusal:
-            raise SocketError(f"the robot server at {self._path} refuses: {refusal}")
+            raise SocketError(f"the robot server at {self._path} refused the daemon: {refusal}")
 
     def _send(self, message: ToServer) -> None:
-        if self._connection is not None:  # otherwise it is lost, which was already reported
+        if self._connection is not None:  # otherwise the connection is lost, which was already reported
             self._connection.send(message)
 
     def welcomed(self, connection: "ClientConnection") -> None:
@@ -241,7 +241,7 @@ class ClientConnection(Connection):
     """The daemon's end of one connection.
 
     Attributes:
-        refusal: Result of the handshake: why the robots were refused, "" if they were given.
+        refusal: Result of the handshake: reason of the refusal, "" if the daemon was accepted.
     """
 
     def __init__(self, now: Callable[[], float], client: RobotServerClient) -> None:

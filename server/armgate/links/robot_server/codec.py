@@ -26,7 +26,7 @@ from armgate.links.robot_server.messages import (
 from armgate.protocol.framing import FrameDecoder, FrameError, frame
 
 LARGEST = 1 << 20
-"""Longest message, bytes: a plan that stops within thousands of ticks is shorter."""
+"""Longest message, bytes: even a plan of thousands of ticks is shorter."""
 
 _KINDS: dict[type, str] = {
     Hello: "hello",

@@ -18,7 +18,7 @@ class PeerTimeout:
     """Timeout of a peer that sends nothing.
 
     Args:
-        now: Time of any clock that never goes back, s.
+        now: Time of any monotonic clock, s.
         timeout: Longest time without a message, s.
     """
 
@@ -44,7 +44,7 @@ class PeerTimeout:
 
 
 class Connection(asyncio.Protocol, ABC):
-    """Connection between a daemon and the robot server, as one of the two sees it.
+    """One side of a connection between a daemon and the robot server.
 
     Args:
         now: Clock of the timeout, s.
@@ -62,7 +62,7 @@ class Connection(asyncio.Protocol, ABC):
     @property
     @abstractmethod
     def established(self) -> bool:
-        """True once both sides have identified themselves; only then heartbeats are sent."""
+        """True once both sides have identified themselves; heartbeats are sent only then."""
 
     @abstractmethod
     def _receive(self, message: Message) -> None:
@@ -82,7 +82,7 @@ class Connection(asyncio.Protocol, ABC):
 
     @abstractmethod
     def send(self, message: Heartbeat) -> None:
-        """Send a message; each side allows its own kinds, too."""
+        """Send a message; each side also allows its own kinds of messages."""
 
     # --- asyncio ------------------------------------------------------------------------------------------
 

@@ -1,9 +1,9 @@
-"""A link in the robot server, as one daemon after the other sees it.
+"""Link in the robot server, used by successive daemons.
 
-A link outlives daemons, but each daemon sees a new one: ticks are numbered from where the daemon resumes, and
-keys of plans carry the daemon's start id and its count of resets. Three rules follow:
+A link outlives daemons, but each daemon gets it as a new one: ticks are numbered from where the daemon
+resumes, and keys of plans carry the daemon's start id and its count of resets. Three rules follow:
 
-- What a former daemon left playing is played to its end. The next daemon gets no tick before the robot rests.
+- A plan of a former daemon is played to its end. The next daemon gets no tick before the robot rests.
 - Only the very first daemon finds the link armed. Every later one has to rebase it, which an operator's reset
   does: links never re-arm automatically.
 - Without a daemon no plan is accepted.
@@ -28,7 +28,7 @@ Send = Callable[[TickReport | LinkChange | PlanAnswer], None]
 _STILL = 1e-6
 """Largest motion within a tick of a robot at rest, rad or m."""
 
-_UNARMED = "the robot server had another connection to a daemon before: reset the stop to arm its robots anew"
+_UNARMED = "the robot server had another connection to a daemon before: reset the stop to re-arm its robots"
 _ENDING = "the robot server is ending"
 
 
@@ -77,7 +77,7 @@ class HostedLink:
     # --- daemons ------------------------------------------------------------------------------------------
 
     def attach(self, start: str, resume: ResumePoint, send: Send) -> None:
-        """Give the robot to the daemon of this start id."""
+        """Attach the daemon with this start id."""
         self._daemon, self._send = start, send
         self._armed, self._had_daemon = not self._had_daemon, True
         self._reports_ticks, self._mark_rebased = False, resume.tick > 0
@@ -85,7 +85,7 @@ class HostedLink:
         self._report_state()
 
     def detach(self) -> None:
-        """Take the robot from its daemon; its plan is played to the end."""
+        """Detach the daemon; its plan is played to the end."""
         self._send, self._armed = None, False
 
     def disarm(self) -> None:
@@ -105,9 +105,9 @@ class HostedLink:
         self._report(answer)
 
     def rebase(self, rebase: Rebase) -> None:
-        """Arm the robot, at rest where it stands, after its operator's reset.
+        """Arm the robot at rest, at its present position, after an operator's reset.
 
-        While the robot still plays a plan nothing happens: the gate refuses such a reset before it gets here.
+        Do nothing while a plan is still played: the gate already refuses such a reset.
         """
         if not self.resting:
             return

@@ -1,4 +1,4 @@
-"""Messages between daemon and robot server, beside the events of `armgate.events`."""
+"""Messages between daemon and robot server, in addition to the events of `armgate.events`."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class ResumePoint:
-    """Point from which a daemon goes on with a robot.
+    """Point from which a daemon continues with a robot.
 
     Attributes:
         robot: Name of the robot.
@@ -42,7 +42,7 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Refusal of the daemon, or of a message of it; the connection is closed after it."""
+    """Refusal of the daemon, or of one of its messages; the connection is then closed."""
 
     text: str
 
@@ -54,7 +54,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class TickReport:
-    """Tick of a robot, with what the daemon needs to follow the robot's plan.
+    """Tick of a robot, with the data that the daemon needs to follow the robot's plan.
 
     Attributes:
         event: The tick; its time is that of the machine's monotonic clock, s.

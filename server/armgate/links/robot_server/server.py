@@ -1,8 +1,8 @@
 """Robot server: holds the robots' links and plans, whatever happens to the daemon.
 
-A link answers its robot first; only then is the daemon informed, and never waited for. Messages that the
-daemon does not read are buffered up to a bound. Beyond it, or after the timeout, the connection is closed:
-every robot then plays its plan to the end and rests.
+A link answers its robot first. The daemon is informed afterwards, and the server never waits for it. Messages
+that the daemon does not read are buffered up to a bound. Beyond it, or after the timeout, the connection is
+closed: every robot then plays its plan to the end and rests.
 """
 
 import asyncio
@@ -28,10 +28,10 @@ from armgate.links.robot_server.messages import (
 )
 
 BACKLOG = 1 << 18
-"""Bytes that a daemon may leave unread: some seconds of ticks."""
+"""Bytes that a daemon may leave unread: a few seconds of ticks."""
 
 _REST_CHECK = 0.05
-"""Time between two checks at the end that the robots rest, s."""
+"""Time between two checks whether the robots rest, s."""
 
 
 class Log(Protocol):
@@ -125,7 +125,7 @@ class RobotServer:
     # --- connections --------------------------------------------------------------------------------------
 
     def opened(self, connection: "ServerConnection") -> None:
-        """Keep a new connection."""
+        """Register a new connection."""
         self._connections.add(connection)
 
     def receive(self, connection: "ServerConnection", message: Message) -> None:
@@ -166,7 +166,7 @@ class RobotServer:
         self._log.info("daemon", start=hello.start)
 
     def _objection(self, hello: Hello) -> str:
-        """Return why a daemon is refused, "" if it is not."""
+        """Return the reason to refuse a daemon, "" if there is none."""
         if self._ending:
             return "the robot server is ending"
         if hello.cell != self._cell or [resume.robot for resume in hello.robots] != list(self._links):
@@ -175,7 +175,7 @@ class RobotServer:
                 f"{self._cell[:12]}, the daemon's is {hello.cell[:12]}): start both with the same files"
             )
         if self._daemon is not None:
-            return f"the daemon of start {self._daemon.start} holds the robots: end it first"
+            return f"the daemon with start id {self._daemon.start} holds the robots: end it first"
         return ""
 
     def _handle(self, message: Message) -> None:

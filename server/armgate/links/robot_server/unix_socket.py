@@ -66,7 +66,7 @@ def connect(path: Path) -> socket.socket:
     """Connect to the robot server.
 
     Raises:
-        SocketError: No robot server listens on the path, or one of another user.
+        SocketError: No robot server listens on the path, or it belongs to another user.
     """
     _check_length(path)
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -1,11 +1,11 @@
 """Detection of a KRC that adds up a correction although the cell has the absolute mode.
 
-The probe has excluded it before anything moved. This is the second line of defence, in case the KRC's mode
-has changed since: repeating the held total would then move the robot on, and so would sending nothing if
-HOLDON is 1. A robot that follows a commanded path with a lag stays between the past setpoints, and is never
+The probe has excluded it before any plan was played. This is the second line of defence, in case the KRC's
+mode has changed since. Then a repeated total would move the robot on, and so would missing replies if HOLDON
+is 1. A robot that follows a commanded path with a lag stays between the past setpoints, and is never
 faster than they were. A robot whose corrections are added up leaves this range in the direction of its
 correction, and moves by its total in each cycle, or as fast as the axis can. A robot that is pushed moves
-more slowly; answering it with zeros would throw it back by its whole total.
+more slowly; zeros would command a step back by its whole total.
 """
 
 from collections import deque
@@ -17,9 +17,9 @@ _WINDOW = 0.5
 _TELEGRAMS = 4
 """Telegrams over which speeds are compared."""
 _FASTER, _FASTEST = 1.5, 1.3
-"""Lower bound of the speed, in commanded speeds, and upper bound, in speeds of a relative KRC."""
-_SLOWEST, _HURRIES = 0.25, 0.5
-"""Lower bounds of the speed, in speeds of a relative KRC (a lag hides a part) and in top speeds."""
+"""Lower bound of the speed, as a multiple of the commanded speed, and upper bound, of a relative KRC's."""
+_SLOWEST, _TOP_SHARE = 0.25, 0.5
+"""Lower bounds of the speed, as shares of a relative KRC's (a lag hides a part) and of the top speed."""
 _OUTSIDE = 2.0
 """Distance from the past setpoints, in tolerances."""
 
@@ -36,7 +36,7 @@ class AccumulationDetector:
     def __init__(self, tolerance: Joints, speed: Joints, period: float) -> None:
         self._tolerance = tolerance
         self._room = tuple(_OUTSIDE * one for one in tolerance)
-        self._hurries = tuple(_HURRIES * one * period for one in speed)
+        self._fast = tuple(_TOP_SHARE * one * period for one in speed)
         self._size = max(round(_WINDOW / period), 1)
         self._past: deque[tuple[Joints, Joints, int]] = deque(maxlen=_TELEGRAMS + 1)
         self._cycle = 0
@@ -82,7 +82,7 @@ class AccumulationDetector:
             fast[j] = max(fast[j], abs(now - then))
 
     def _adds(self, j: int, q: float, moved: float, total: float, cycles: int) -> bool:
-        """Return True if an axis is outside of older setpoints, too, and as fast as if it added up."""
+        """Return True if an axis is outside older setpoints, too, and as fast as if corrections added up."""
         low = min(ranges[0][j] for ranges in self._ranges)
         high = max(ranges[1][j] for ranges in self._ranges)
         fast = max(ranges[2][j] for ranges in self._ranges)
@@ -91,5 +91,5 @@ class AccumulationDetector:
         return (
             outside > self._room[j]
             and along > _FASTER * fast + 0.5 * self._tolerance[j]
-            and min(_SLOWEST * adding, self._hurries[j] * cycles) < along < _FASTEST * adding
+            and min(_SLOWEST * adding, self._fast[j] * cycles) < along < _FASTEST * adding
         )

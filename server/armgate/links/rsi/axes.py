@@ -29,22 +29,22 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """Unit in texts."""
+        """Unit in messages to people."""
         return "mm" if self.linear else "deg"
 
     @property
     def received(self) -> float:
-        """Factor ``received`` of the configuration, on what the KRC sends."""
+        """Factor ``received`` of the configuration, for values from the KRC."""
         return 1.0 / (self.shown * self.read)
 
     @property
     def sending(self) -> float:
-        """Factor ``sent`` of the configuration, on what is sent to the KRC."""
+        """Factor ``sent`` of the configuration, for values to the KRC."""
         return self.sent / self.shown
 
     @property
     def shown(self) -> float:
-        """Factor from rad or m to the unit in texts."""
+        """Factor from rad or m to the unit in messages to people."""
         return 1000.0 if self.linear else math.degrees(1.0)
 
 
@@ -65,7 +65,7 @@ def axes_of(
     if unknown := set(by_joint) - names:
         raise ValueError(f"there is no joint {min(unknown)!r}; expected one of {', '.join(sorted(names))}")
     if len(by_joint) != len(own):
-        raise ValueError("two axes are the same joint; expected each joint once")
+        raise ValueError("two axes name the same joint; expected each joint once")
     free = {True: [n for n in E_AXES if n not in own], False: [n for n in A_AXES if n not in own]}
     found = []
     for joint, linear in joints:

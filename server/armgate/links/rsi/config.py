@@ -13,7 +13,7 @@ def _address(text: str) -> str:
     try:
         return str(ipaddress.ip_address(text))
     except ValueError:
-        raise ValueError(f"{text!r} is no address; expected one like 192.168.1.20") from None
+        raise ValueError(f"{text!r} is not an IP address; expected one like 192.168.1.20") from None
 
 
 def _endpoint(text: str) -> str:
@@ -74,10 +74,10 @@ class RsiLinkConfig(LinkConfig):
 
     Absent: unknown and not checked."""
     virtual: Literal["krc2-rsi2", "krc4-rsi3", "krc5-rsi5"] | None = None
-    """Profile of the virtual KRC that stands in for the robot when a command also starts the robots.
+    """Profile of the virtual KRC that replaces the robot when a command also starts the robots.
 
     Absent: a real KRC, which no command starts."""
     angle_tolerance: Annotated[Angle, Field(gt=0.0)] = 0.0035
-    """Largest deviation of a resting axis from its expected position [rad]."""
+    """Largest deviation of a resting rotary axis from its expected position [rad]."""
     length_tolerance: Annotated[Length, Field(gt=0.0)] = 0.0002
-    """The same for prismatic joints [m]."""
+    """Largest deviation of a resting linear axis from its expected position [m]."""

@@ -33,7 +33,7 @@ def file_objection(
 
 
 def unsent_values(ethernet: Ethernet) -> tuple[str, ...]:
-    """Return the values that no reply carries, so that the KRC reads zero, which may have a meaning."""
+    """Return the values that no reply carries: the KRC reads them as zero, which may have a meaning."""
     carried = _corrections(ethernet)
     others = [one for one in ethernet.received if one not in carried]
     return tuple(one.name for one in others if one.tag != "RKorr" and one.name not in ("EStr", "Stop"))
@@ -59,8 +59,10 @@ def _sent_objection(ethernet: Ethernet, axes: tuple[Axis, ...], programmed: bool
         return None
     option = ""
     if all(tag[5] == "S" for tag in missing):  # DEF_ASPos, DEF_ESPos
-        option = ", or in the cell link.reference: measured (corrections count from the measured position)"
-    return f"SEND lacks {', '.join(missing)}; expected them in it{option}"
+        option = (
+            ", or set link.reference: measured in the cell (corrections count from the measured position)"
+        )
+    return f"SEND lacks {', '.join(missing)}; add them to SEND{option}"
 
 
 def _received_objection(ethernet: Ethernet, axes: tuple[Axis, ...], relative: bool) -> str | None:
@@ -70,7 +72,7 @@ def _received_objection(ethernet: Ethernet, axes: tuple[Axis, ...], relative: bo
         found = names.count(axis.name)
         if found != 1:
             return (
-                f"RECEIVE has {found} DOUBLE elements for {axis.name} ({axis.joint}); expected one, as AK.A1"
+                f"RECEIVE has {found} DOUBLE elements for {axis.name} ({axis.joint}); expected one like AK.A1"
             )
     for element in corrections:
         if element.hold is relative:
@@ -83,7 +85,7 @@ def _length_objection(writer: ReplyWriter, axes: int) -> str | None:
     if length <= LONGEST_REPLY:
         return None
     return (
-        f"replies would have {length} bytes, a KRC takes {LONGEST_REPLY}; expected fewer elements in RECEIVE"
+        f"replies would have {length} bytes, a KRC accepts {LONGEST_REPLY}: declare fewer elements in RECEIVE"
     )
 
 

@@ -24,7 +24,7 @@ _NAME = re.compile(r"(?!xml)[A-Za-z_][A-Za-z0-9_]{0,63}", re.ASCII | re.IGNORECA
 """Names in a telegram; XML reserves those that begin with xml."""
 
 _TECH = r"Tech\.(C[1-6]|T[2-6])"
-_REFUSED = "Tech.T1"
+_REJECTED = "Tech.T1"
 _KNOWN = {
     "SEND": re.compile(rf"RIst|RSol|A[IS]Pos|E[IS]Pos|MACur|MECur|Delay|{_TECH}"),
     "RECEIVE": re.compile(rf"EStr|{_TECH}"),
@@ -41,7 +41,7 @@ _SPREAD = {
 
 
 class EthernetError(ValueError):
-    """File with which a link cannot work; the text names what was expected."""
+    """File that a link cannot use; the text names what was expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,10 @@ class Received:
 
     Attributes:
         tag: Name of its XML element.
-        attribute: Name of its attribute, empty for a text.
+        attribute: Name of its attribute; empty if the value is the element's text.
         type: BOOL, STRING, LONG or DOUBLE.
         hold: HOLDON: the KRC keeps its last value if none came.
-        internal: True if the KRC itself uses it, as EStr.
+        internal: True if the KRC itself uses it, such as EStr.
     """
 
     tag: str
@@ -93,7 +93,7 @@ def load_ethernet(path: Path) -> Ethernet:
     """Return the contents of a file.
 
     Raises:
-        EthernetError: The file cannot be read, or is no RSI Ethernet file.
+        EthernetError: The file cannot be read, or is not an RSI Ethernet file.
     """
     try:
         with path.open("rb") as file:
@@ -110,7 +110,7 @@ def read_ethernet(data: bytes) -> Ethernet:
     Anything that a KRC would reject at RSI_ON, or that would make telegrams unreadable, is rejected.
 
     Raises:
-        EthernetError: It is no RSI Ethernet file.
+        EthernetError: It is not an RSI Ethernet file.
     """
     try:
         root = read_xml(data, LIMIT, comments=True)
@@ -131,9 +131,9 @@ def read_ethernet(data: bytes) -> Ethernet:
     sent = [_value(one, "SEND") for one in _elements(root, "SEND")]
     received = [_value(one, "RECEIVE") for one in _elements(root, "RECEIVE")]
     if not received and not only_send:
-        raise EthernetError("RECEIVE has no <ELEMENT>; expected one for each axis, as AK.A1")
+        raise EthernetError("RECEIVE has no <ELEMENT>; expected one for each axis, like AK.A1")
     for section, values in (("SEND", sent), ("RECEIVE", received)):
-        _refuse_repeated(f"{section}:", [name for value in values for name in value.names])
+        _reject_repeated(f"{section}:", [name for value in values for name in value.names])
     tags = tuple(value.name for value in sent if value.internal)
     return Ethernet(host, int(port), sentype, only_send, tags, tuple(v.received for v in received))
 
@@ -175,7 +175,7 @@ def _elements(root: ET.Element, section: str) -> list[ET.Element]:
                 f"{section}: {tag}: INDX={index!r}; expected INTERNAL or a number from 1 to {_CHANNELS}"
             )
         numbers.append(str(int(index)))
-    _refuse_repeated(f"{section}: INDX", numbers)
+    _reject_repeated(f"{section}: INDX", numbers)
     return found
 
 
@@ -187,15 +187,15 @@ def _value(element: ET.Element, section: str) -> _Value:
     for part in (group, attribute) if dot else (group,):
         if not _NAME.fullmatch(part):
             raise EthernetError(
-                f"{section}: TAG={tag[:80]!r}: {part[:80]!r} is no name of XML, which begins with a letter, "
-                f"not with xml, and has at most 64; expected one like AK.A1"
+                f"{section}: TAG={tag[:80]!r}: {part[:80]!r} is not a valid XML name; expected at most 64 "
+                f"letters, digits and underscores that begin with a letter and not with xml, like AK.A1"
             )
     if group == "IPOC":
-        raise EthernetError(f"{section}: {tag}: every telegram has IPOC in any case; remove the element")
+        raise EthernetError(f"{section}: {tag}: every telegram has IPOC; remove the element")
     if type_ not in _TYPES:
         raise EthernetError(f"{section}: {tag}: TYPE={type_!r}; expected one of {', '.join(_TYPES)}")
-    if internal and name == _REFUSED:
-        raise EthernetError(f"{section}: {tag}: a KRC refuses it at RSI_ON (RSIBad); expected T2 to T6")
+    if internal and name == _REJECTED:
+        raise EthernetError(f"{section}: {tag}: a KRC rejects it at RSI_ON (RSIBad); expected T2 to T6")
     if internal and not (tag.startswith("DEF_") and _KNOWN[section].fullmatch(name)):
         raise EthernetError(
             f"{section}: {tag} has INDX=INTERNAL, but a KRC has no such value in {section}; expected a "
@@ -205,7 +205,7 @@ def _value(element: ET.Element, section: str) -> _Value:
     return _Value(name, type_, internal, hold)
 
 
-def _refuse_repeated(where: str, names: list[str]) -> None:
+def _reject_repeated(where: str, names: list[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
             raise EthernetError(f"{where} {name} occurs {count} times; expected each once")

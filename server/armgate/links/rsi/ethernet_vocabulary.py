@@ -20,7 +20,7 @@ _ATTRIBUTES = {"ELEMENT": ("TAG", "TYPE", "INDX", "HOLDON", "UNIT")}
 _ENCODING = re.compile(r"""<\?xml\s[^>]*?encoding\s*=\s*["']([^"']*)["']""")
 _UTF_8 = re.compile(r"utf-?8|us-ascii", re.IGNORECASE)
 _LATIN = re.compile(r"iso-8859-\d{1,2}|windows-125\d", re.IGNORECASE)
-"""Encodings of which ASCII is a part."""
+"""Encodings that contain ASCII."""
 
 
 def vocabulary_objection(element: ET.Element, path: str = "") -> str | None:
@@ -47,7 +47,7 @@ def vocabulary_objection(element: ET.Element, path: str = "") -> str | None:
 
 
 def _unknown(attributes: Iterable[str], known: Iterable[str]) -> str | None:
-    """Return the first unknown attribute; attributes of other namespaces, as of a schema, are allowed."""
+    """Return the first unknown attribute; attributes of other namespaces, such as a schema's, are allowed."""
     return next((name for name in attributes if name not in known and name[:1] != "{"), None)
 
 
@@ -56,7 +56,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def encoding_objection(text: str) -> str | None:
-    """Return an objection to a declared encoding in which the KRC would read another text, else None."""
+    """Return an objection if the KRC would read another text in the declared encoding, else None."""
     declared = _ENCODING.match(text)
     if declared is None or _UTF_8.fullmatch(declared[1]):
         return None

@@ -1,8 +1,7 @@
-"""IPOC and Delay of the KRC's telegrams: which telegram follows which, what was missed, what was late.
+"""IPOC and Delay of the KRC's telegrams: their order, missed telegrams and late replies.
 
 An IPOC has no meaning of its own. It grows by a constant step, which is learnt, and may wrap at 32 or 64
-bits. Delay is the KRC's count of cycles without a reply in time: by its growth the KRC reports that it has
-held the robot.
+bits. Delay is the KRC's count of cycles without a reply in time: if it has grown, the KRC has held the robot.
 """
 
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ _FAR = 10_000
 
 
 class Order(StrEnum):
-    """Place of a telegram relative to the last one: next, the same again, older, or none of these."""
+    """Place of a telegram relative to the last one: next, repeated, older, or none of these."""
 
     NEXT = "next"
     TWICE = "twice"

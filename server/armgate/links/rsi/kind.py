@@ -1,4 +1,4 @@
-"""The kind of link ``rsi``."""
+"""Kind of link ``rsi``."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,7 +50,7 @@ class RsiKind(LinkKind[RsiLinkConfig]):
         command += ["--to", own.listen, "--cycle", f"{1000 * period:g}", "--mode", own.mode]
         command += ["--precision", str(own.precision), "--timeout", str(own.timeout)]
         if own.axiscorr is not None:
-            # AXISCORR lets nothing through that could trip the wider AXISCORRMON.
+            # AXISCORR limits every correction to less than the wider AXISCORRMON.
             command += ["--axiscorr", _limits(own.axiscorr, 0.0), "--axiscorrmon", _limits(own.axiscorr, 1.0)]
         return VirtualRobot(name, [*command, "--trace", str(logs / f"{name}.csv")])
 

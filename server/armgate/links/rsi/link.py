@@ -1,7 +1,7 @@
 """The RSI link without sockets and clock: from the KRC's datagrams to replies and events.
 
-Each telegram is a tick. The reply carries the setpoint after the increment that the plan has for this tick;
-only then the tick is reported. `states` defines what follows from lateness, loss and contradiction.
+Each telegram is a tick. The reply carries the setpoint after the increment that the plan has for this tick.
+The tick is reported afterwards. `states` defines the reactions to lateness, loss and contradiction.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Response to a datagram: first the reply (None: none) is sent, then the events are reported."""
+    """Response to a datagram: first the reply (None: no reply) is sent, then the events are reported."""
 
     reply: bytes | None = None
     events: tuple[LinkEvent, ...] = ()
@@ -80,8 +80,8 @@ class RsiLink:
     def rebase(self, rebase: Rebase) -> None:
         """Drop the plan; re-arm a link that is lost or faulted.
 
-        The setpoint stays what the KRC holds, which the next tick reports: a robot at rest is not moved by
-        the difference between commanded and measured position.
+        The setpoint stays the position that the KRC holds; the next tick reports it. The difference between
+        commanded and measured position does not move a robot at rest.
         """
         self._player.rebase(rebase.resets)
         if self._run is not None:
@@ -101,7 +101,7 @@ class RsiLink:
         """
         if not self._from_krc(source, now):
             text = f"a datagram from {source[0]}:{source[1]}, which is not the KRC"
-            self._diagnostics.reject("stranger", text)
+            self._diagnostics.reject("sender", text)
             return _NOTHING
         try:
             telegram = self._reader.read(data)
@@ -115,7 +115,7 @@ class RsiLink:
         return Response(None, self._states.report())
 
     def poll(self, now: float) -> tuple[LinkEvent, ...]:
-        """Return the events of time that has passed: the link may be lost."""
+        """Return the events that are due by now: the link may be lost."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._lose(f"no telegram for {self._setup.silence:g} s")
@@ -153,7 +153,7 @@ class RsiLink:
         if succession.order is not Order.NEXT:
             self._states.fault(f"the IPOC jumped from {ipoc} to {telegram.ipoc}")
         if continues is None:
-            self._supervisor.object_unknown(run)
+            self._supervisor.block_unknown(run)
         if succession.order is not Order.NEXT:
             return self._jumped(run, telegram, now)
         self._supervisor.check(run, telegram, succession, paused, now)
@@ -166,7 +166,7 @@ class RsiLink:
         run = self._run = Run.begun(self._setup, telegram, source, now)
         run.rebased = self._player.tick >= 0
         self._player.drop()
-        self._states.go(Event.HEARD)
+        self._states.go(Event.BEGUN)
         self._supervisor.synchronise(run)
         for warning in warnings_of(self._setup):
             self._diagnostics.note_once(warning)
@@ -174,11 +174,12 @@ class RsiLink:
         return self._respond(run, telegram, now)
 
     def _repeat(self, run: Run, telegram: Telegram, now: float) -> Response:
-        """Repeat the reply: the KRC sent a telegram again because none came, and has held the robot."""
+        """Repeat the reply: the KRC got none, sent its telegram again, and has held the robot."""
         late = telegram.delay - run.counter.delay
         run.counter.delay, run.time = telegram.delay, now
         self._diagnostics.note_once(
-            f"the KRC sent IPOC {telegram.ipoc} again, Delay {telegram.delay}: repeat the reply, it was lost"
+            f"the KRC sent IPOC {telegram.ipoc} again, with Delay {telegram.delay}: the reply was lost, "
+            "and is repeated"
         )
         self._supervisor.hold(run, late)
         objection = run.objection or run.too_late()
@@ -187,9 +188,9 @@ class RsiLink:
         return Response(run.reply, self._states.report())
 
     def _jumped(self, run: Run, telegram: Telegram, now: float) -> Response:
-        """Go on after a jump of the IPOC; what the KRC holds is known only if the robot rested."""
+        """Continue after a jump of the IPOC; the position that the KRC holds is known only at rest."""
         if not run.commanded.settle(Succession(Order.JUMP, missed=0, late=2), paused=True):
-            self._supervisor.object_unknown(run)
+            self._supervisor.block_unknown(run)
         run.counter = TelegramCounter(telegram.ipoc, telegram.delay)
         self._supervisor.hold(run, 0)
         return self._respond(run, telegram, now)
@@ -211,7 +212,7 @@ class RsiLink:
         if run.adds:
             values = (0.0,) * len(values)
         run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
-        # The probe's motion is no increment of a plan: to the gate, the robot is held elsewhere.
+        # The probe's motion is not an increment of a plan: to the gate, the robot is held elsewhere.
         tick = self._tick(run, telegram, played, now, rebased=run.rebased or probed is not None)
         run.q, run.programmed, run.time = telegram.q, telegram.programmed, now
         run.rebased = False
@@ -233,7 +234,7 @@ class RsiLink:
         )
 
     def _probed(self, run: Run) -> Joints | None:
-        """Return where the probe moves the robot, None if it stays; after an objection it moves back."""
+        """Return the next position of the probe (after an objection, on the way back), None if it stays."""
         commanded = run.commanded
         going = self._states.state is State.SYNCHRONISING and run.agreed and run.objection is None
         target = run.probe.target(commanded.reference, commanded.setpoint, going)

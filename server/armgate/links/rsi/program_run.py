@@ -1,4 +1,4 @@
-"""One run of the KRC's program, from RSI_ON on: its state, and the limits within which it may go on."""
+"""One run of the KRC's program, from RSI_ON: its state, and the limits within which it may continue."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
 
 NEW_RUN = 3
-"""Least number of cycles without a telegram between two runs."""
+"""Smallest number of cycles without a telegram between two runs."""
 
-UNKNOWN = "it is not known what the KRC holds: start its program anew"
+UNKNOWN = "the position that the KRC holds is not known: start its program anew"
 _JUMP = 1.5
 """Measured speed, in top speeds of a joint, above which its position has jumped."""
 
@@ -26,18 +26,18 @@ class Run:
         setup: Robot and KRC.
         source: Address and port from which its telegrams come.
         counter: IPOC and Delay of its telegrams.
-        commanded: Setpoint in it.
+        commanded: Setpoint of the run.
         q: Position measured last, rad or m.
         programmed: Programmed position in the last telegram, rad or m.
         time: Time of the last telegram, s.
-        probe: Proof of the KRC's mode, axes and scales.
+        probe: Probe of the KRC's mode, axes and scales.
         accumulation: Detection of corrections that are added up.
         rebased: True if the next tick breaks the sequence of setpoints: plans are dropped before it.
         agreed: True once telegrams have agreed with the configuration since the link was armed.
         proven: True once the probe has succeeded.
         objection: Reason why nothing moves any more until the program starts anew.
         silent: True if no reply is known to hold the robot: then the KRC is not answered.
-        adds: True if an absolute KRC was found to add corrections up: it is answered by zeros.
+        adds: True if an absolute KRC was found to add corrections up: it is answered with zeros.
         reply: Last reply.
         accepted: True once the KRC has taken a reply.
         late_in_a_row: Number of successive late cycles.
@@ -83,9 +83,9 @@ class Run:
     def continues(self, telegram: Telegram, succession: Succession, paused: bool, now: float) -> bool | None:
         """Return True if a telegram from the run's own port belongs to it: a new run may use the same port.
 
-        The program of a new run usually holds another position. If it holds the same one, because the robot
-        was led back to it, the robot is measured there, and not where the old run had commanded it to be. A
-        program whose position moves along with the corrections, or is not sent, proves nothing.
+        The program of a new run usually holds another position. It may hold the same position if the robot
+        was moved back to it; then the robot is measured there, and not where the old run had commanded it to
+        be. A programmed position that moves along with the corrections, or is not sent, proves nothing.
 
         Args:
             telegram: The telegram.
@@ -113,7 +113,7 @@ class Run:
         return False if there <= 1.0 and (stands or here > 1.0) else None
 
     def jumped(self, q: Joints, cycles: int) -> str | None:
-        """Return which axis is measured to have jumped within so many cycles, None if none has."""
+        """Return a text about an axis whose measured position jumped within these cycles, else None."""
         time = _JUMP * cycles * self.setup.period
         rows = zip(self.setup.axes, q, self.q, self.setup.speed, self.setup.tolerance, strict=True)
         for axis, new, old, speed, tolerance in rows:
@@ -129,8 +129,8 @@ class Run:
             return None
         if not self.accepted:
             return (
-                "the KRC takes none of the replies: does its file have the SENTYPE and the elements of the "
-                "file in the cell, and do replies reach the KRC in time?"
+                "the KRC takes no replies: check that its file has the SENTYPE and the elements of the file "
+                "in the cell, and that replies reach the KRC in time"
             )
         if delay >= setup.timeout:
             return f"Delay is {delay}, the KRC's Timeout {setup.timeout}: start its program anew"

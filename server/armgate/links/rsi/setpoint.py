@@ -1,4 +1,4 @@
-"""Setpoint of an RSI link: what was commanded, and which part of it the KRC has taken.
+"""Setpoint of an RSI link: the commanded position, and the part of it that the KRC has taken.
 
 A reply counts as taken once the next telegram comes and its Delay has not grown. If the Delay has grown, the
 KRC has held its last value. After m telegrams that were lost on their way here, a growth by m means that the
@@ -24,7 +24,7 @@ class SetpointTracker:
         relative: True if the KRC adds corrections up.
 
     Attributes:
-        reference: As above.
+        reference: Position from which corrections count, rad or m.
         setpoint: Commanded position, rad or m.
     """
 
@@ -45,8 +45,8 @@ class SetpointTracker:
         """Conclude from a telegram which position the KRC holds; it is the setpoint from now on.
 
         Args:
-            succession: How the telegram follows the last one.
-            paused: True if telegrams stopped for a while: a program that was halted forgets the last reply.
+            succession: Relation of the telegram to the last one.
+            paused: True if telegrams stopped for a while: a program that was halted drops the last reply.
 
         Returns:
             True if the position is known.
@@ -62,7 +62,7 @@ class SetpointTracker:
         return False
 
     def step(self, increment: Joints | None) -> tuple[float, ...]:
-        """Command the next increment, None to hold the robot where it is.
+        """Command the next increment; None holds the robot at its position.
 
         Returns:
             The value of each axis for the reply, in the KRC's units.
@@ -73,7 +73,7 @@ class SetpointTracker:
         return self.go_to(tuple([q + u for q, u in zip(self.setpoint, increment, strict=True)]))
 
     def go_to(self, setpoint: Joints) -> tuple[float, ...]:
-        """Command a position, near the last one; return the values as `step`."""
+        """Command a position near the last one; return the values for the reply, as `step` does."""
         self._before, self._total_before = self.setpoint, self._total
         self.setpoint = setpoint
         self._total = tuple(

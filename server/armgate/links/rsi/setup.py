@@ -34,7 +34,7 @@ class Setup:
         lower: Lower joint limits.
         upper: Upper joint limits.
         speed: Largest speeds, per s.
-        acceleration: Largest accelerations and decelerations, the smaller one of both, per s².
+        acceleration: Smaller of the largest acceleration and deceleration of each joint, per s².
         lag: Time constant with which the measured position follows, s.
         tolerance: Largest distance of each resting joint from its setpoint.
         reach: Largest correction of each joint that AXISCORR passes; inf: not known.
@@ -126,28 +126,29 @@ def joint_axes(robot: "Robot", own: RsiLinkConfig) -> tuple[Axis, ...]:
 
 
 def uncovered(setup: Setup, reference: Joints) -> str | None:
-    """Return which joint has limits beyond AXISCORR, counted from a programmed position; None if none has."""
+    """Return an objection to a joint with limits beyond AXISCORR around a programmed position, else None."""
     rows = zip(setup.axes, reference, setup.lower, setup.upper, setup.reach, strict=True)
     for axis, origin, lower, upper, reach in rows:
         if lower < origin - reach or upper > origin + reach:
             low, high, at, far = (axis.shown * one for one in (lower, upper, origin, reach))
             return (
                 f"{axis.joint} ({axis.name}) may go from {low:.1f} to {high:.1f} {axis.unit}, but AXISCORR "
-                f"cuts silently at ±{far:g} around {at:.1f}: widen AXISCORR and axiscorr, or narrow the joint"
+                f"silently limits it to ±{far:g} around {at:.1f}: widen AXISCORR and axiscorr, or "
+                "narrow the joint"
             )
     return None
 
 
 def warnings_of(setup: Setup) -> list[str]:
-    """Return what works in the KRC's file, but may not be what its author meant."""
+    """Return warnings about settings in the KRC's file that are valid, but probably not intended."""
     names = ", ".join(setup.unsent)
     unsent = (
         f"RECEIVE declares {names}, which armgate never sends: the KRC reads 0 (an override of 0 %, if it is "
         "connected to one); remove it from RECEIVE and from the signal flow unless 0 is meant"
     )
     address = (
-        f"IP_NUMBER {setup.pc!r} in the KRC's file is no address of a PC: the KRC would send nothing here; "
-        "write this PC's address there"
+        f"IP_NUMBER {setup.pc!r} in the KRC's file is not the address of a PC: the KRC would send nothing "
+        "here; write this PC's address there"
     )
     return [*([unsent] if setup.unsent else []), *([] if is_host(setup.pc) else [address])]
 
@@ -185,7 +186,7 @@ def _listen(config: "CellConfig", robot: str, own: RsiLinkConfig, ethernet: Ethe
         if is_host(ethernet.host):
             return str(ipaddress.ip_address(ethernet.host)), ethernet.port
         key = ("robots", robot, "link", "ethernet")
-        text = f"IP_NUMBER {ethernet.host!r} is no address of a PC; expected this PC's one, or link.listen"
+        text = f"IP_NUMBER {ethernet.host!r} is not the address of a PC; expected this PC's, or link.listen"
         raise config.error(key, f"{own.ethernet}: {text}")
     host, _, port = own.listen.rpartition(":")
     return host.strip("[]"), int(port)
@@ -203,7 +204,7 @@ def _check(cell: "Cell", robot: "Robot", setup: Setup) -> None:
         raise cell.config.error((*key, "link", "axiscorr"), objection)
     if robot.lag_window < 2.0 * robot.period:
         text = (
-            f"a KRC acts on a reply one cycle later than it is sent, and telegrams jitter; "
+            f"a KRC acts on a reply one cycle after it is sent, and telegrams jitter; "
             f"expected lag_window to be at least two cycles ({2000.0 * robot.period:g} ms)"
         )
         raise cell.config.error((*key, "lag_window"), text)

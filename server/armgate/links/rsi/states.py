@@ -1,8 +1,8 @@
 """State machine of an RSI link.
 
-The table holds every transition; an event without an entry for the present state changes nothing. A link
-accepts plans only in ``ready`` and ``moving``. ``lost`` and ``faulted`` are left by an operator's reset
-alone, and always through ``synchronising``: after any disturbance KRC and configuration have to agree anew.
+The table holds every transition; an event without an entry for the current state changes nothing. A link
+accepts plans only in ``ready`` and ``moving``. Only an operator's reset leaves ``lost`` and ``faulted``,
+always to ``synchronising``: after any disturbance KRC and configuration have to agree again.
 """
 
 from enum import StrEnum
@@ -14,10 +14,10 @@ from armgate.links.link import LinkEvent
 class State(StrEnum):
     """State of a link.
 
-    ``waiting``: no telegram came yet. ``synchronising``: telegrams are answered, no plan is accepted;
+    ``waiting``: no telegram has come yet. ``synchronising``: telegrams are answered, no plan is accepted;
     numbers, times and positions have to agree. ``ready``: plans are accepted. ``moving``: a plan is played.
-    ``lost``: telegrams stopped, or the KRC's program began anew. ``faulted``: telegrams contradict what is
-    possible.
+    ``lost``: telegrams stopped, or the KRC's program began anew. ``faulted``: a telegram
+    contradicts the configuration or the run so far.
     """
 
     WAITING = "waiting"
@@ -31,12 +31,13 @@ class State(StrEnum):
 class Event(StrEnum):
     """Event of a link.
 
-    ``heard``: the first telegram of a run came. ``agreed``: the KRC fits the configuration. ``moves`` and
+    ``begun``: the first telegram of a run has come. ``agreed``: the KRC fits the configuration. ``moves`` and
     ``rests``: a tick with or without motion. ``held``: the KRC has held the robot. ``gone``: telegrams
-    stopped. ``contradicted``: a telegram contradicts what is possible. ``rearmed``: an operator has reset it.
+    stopped. ``contradicted``: a telegram contradicts the configuration or the run so far. ``rearmed``: an
+    operator has reset the stop.
     """
 
-    HEARD = "heard"
+    BEGUN = "begun"
     AGREED = "agreed"
     MOVES = "moves"
     RESTS = "rests"
@@ -49,11 +50,11 @@ class Event(StrEnum):
 ARMED = frozenset({State.SYNCHRONISING, State.READY, State.MOVING})
 """States in which a link can be lost or become faulted."""
 
-TAKING = frozenset({State.READY, State.MOVING})
+ACCEPTING = frozenset({State.READY, State.MOVING})
 """States in which plans are accepted."""
 
 TABLE: dict[tuple[State, Event], State] = {
-    (State.WAITING, Event.HEARD): State.SYNCHRONISING,
+    (State.WAITING, Event.BEGUN): State.SYNCHRONISING,
     (State.WAITING, Event.CONTRADICTED): State.FAULTED,
     (State.SYNCHRONISING, Event.AGREED): State.READY,
     (State.READY, Event.MOVES): State.MOVING,
@@ -86,7 +87,7 @@ class LinkStates:
     @property
     def accepts_plans(self) -> bool:
         """True if the robot can be moved."""
-        return self.state in TAKING
+        return self.state in ACCEPTING
 
     def go(self, event: Event) -> bool:
         """Follow the table; return False if the event changes nothing."""
@@ -102,7 +103,7 @@ class LinkStates:
             self._unreported.append(LinkChange(self._robot, LinkState.READY))
 
     def lose(self, reason: str) -> bool:
-        """Become lost, and report it; return False if there is nothing to lose."""
+        """Become lost, and report it; return False if the link cannot be lost."""
         lost = self.go(Event.GONE)
         if lost:
             self._unreported.append(LinkChange(self._robot, LinkState.LOST, reason))

@@ -1,4 +1,4 @@
-"""Supervision of a run: what each telegram proves and contradicts, and what follows from it for the link.
+"""Supervision of a run: check of each telegram, and the reactions of the link.
 
 While the link synchronises, telegrams have to agree with the configuration first, and then the probe has to
 prove mode, axes and scales. From then on a robot at rest has to be where it was commanded to be, and must not
@@ -17,12 +17,14 @@ from armgate.links.rsi.synchronisation import Agreement
 from armgate.links.rsi.telegram import Telegram
 
 _SETTLED = 1.0
-"""Time after which a resting robot is where it was commanded to be, s."""
+"""Time after which a resting robot has reached its commanded position, s."""
 _ADDS = (
     "moves on beyond its setpoints, as if the KRC added corrections up (RSI_ON with #RELATIVE): it is "
-    "answered by zeros; start its program anew"
+    "answered with zeros; start its program anew"
 )
-_ASTRAY = "does AXISCORR cut, has RECEIVE other tags, or was RSI_ON called with another mode than the cell's?"
+_DEVIATION_HINT = (
+    "check the limits of AXISCORR, the tags in RECEIVE, and that RSI_ON has the mode of the cell"
+)
 
 
 class Supervisor:
@@ -45,17 +47,17 @@ class Supervisor:
         self._agreement = Agreement(setup)
 
     def synchronise(self, run: Run | None) -> None:
-        """Begin to gather evidence; what was proven of a run's mode stays proven."""
+        """Begin to gather evidence; a mode that this run has proven stays proven."""
         self._agreement.begin()
         if run is not None:
             run.agreed = False
             run.probe.begin()
 
     def check_start(self, run: Run) -> None:
-        """Check that the robot is at the reference of a run that begins; if not, it is never answered."""
+        """Check that the robot is at the reference of a new run; if not, the run is never answered."""
         misplaced = self._agreement.misplaced(run.commanded.reference, run.q)
         if misplaced is not None:
-            self.object(run, misplaced, silent=True)
+            self.block(run, misplaced, silent=True)
 
     def check(self, run: Run, telegram: Telegram, succession: Succession, paused: bool, now: float) -> None:
         """Check the next telegram of a run."""
@@ -68,7 +70,7 @@ class Supervisor:
             run.late_in_a_row = 0
         run.accepted |= succession.late == 0
         if not known:
-            self.object_unknown(run)
+            self.block_unknown(run)
         objection = (
             run.objection
             or run.jumped(telegram.q, succession.missed + 1)
@@ -81,19 +83,19 @@ class Supervisor:
             self._check_accumulation(run, telegram, succession.missed + 1)
 
     def hold(self, run: Run, cycles: int) -> None:
-        """Drop the plan: the KRC has held the robot, which starts again from rest and never catches up."""
+        """Drop the plan: the KRC has held the robot, which starts again from rest, and does not catch up."""
         run.late_in_a_row += cycles
         run.rebased = True
         self._player.drop()
         self._states.go(Event.HELD)
 
-    def object(self, run: Run, reason: str, *, silent: bool = False) -> None:
-        """Let nothing move any more in this run.
+    def block(self, run: Run, reason: str, *, silent: bool = False) -> None:
+        """Block all further motion in this run.
 
         Args:
             run: The run.
-            reason: Why.
-            silent: True if no reply is known to hold the robot either: then the KRC is not answered.
+            reason: Reason, for the operator.
+            silent: True if no reply is known to hold the robot: then the KRC is not answered.
         """
         run.objection, run.silent = reason, run.silent or silent
         if self._states.armed:
@@ -101,12 +103,12 @@ class Supervisor:
         else:
             self._diagnostics.note(reason)
 
-    def object_unknown(self, run: Run) -> None:
-        """Let nothing move any more: the position that the KRC holds is unknown.
+    def block_unknown(self, run: Run) -> None:
+        """Block all further motion in this run: the position that the KRC holds is unknown.
 
         Zeros hold a relative KRC in any case; an absolute one is not answered.
         """
-        self.object(run, UNKNOWN, silent=not self._setup.relative)
+        self.block(run, UNKNOWN, silent=not self._setup.relative)
 
     # --- parts of a check ---------------------------------------------------------------------------------
 
@@ -119,17 +121,17 @@ class Supervisor:
                 run.resting_since = now
                 self._states.ready()
             elif verdict is not None and run.agreed:
-                self.object(run, verdict)
+                self.block(run, verdict)
             elif verdict is not None:
                 self._states.fault(verdict)
         elif self._states.state is State.READY and now - run.resting_since > _SETTLED:
-            astray = self._agreement.astray(run.commanded.setpoint, telegram.q)
-            if astray is not None:
-                # The KRC does something else with replies than is meant: no further reply can be right.
-                self.object(run, f"{astray}: {_ASTRAY}")
+            deviation = self._agreement.deviation(run.commanded.setpoint, telegram.q)
+            if deviation is not None:
+                # The KRC does not apply replies as intended: no further reply can be right.
+                self.block(run, f"{deviation}: {_DEVIATION_HINT}")
 
     def _evidence(self, run: Run, telegram: Telegram, succession: Succession, now: float) -> str | None:
-        """Return "" if telegrams agree and the probe proves the mode, else the objection; None: open."""
+        """Return "" if telegrams agree and the probe proves the mode, else the objection; None: undecided."""
         clean = not (succession.late or succession.missed)
         verdict = None
         if not run.agreed:
@@ -145,7 +147,7 @@ class Supervisor:
     def _anchored(self, run: Run, q: Joints) -> bool:
         """Take the measured position as the reference if the robot moves; return True if so.
 
-        Only where corrections count from the measured position, and as long as none was sent.
+        This applies only if corrections count from the measured position, and until the first one is sent.
         """
         if self._setup.programmed or run.proven or not run.probe.moved(run.commanded.reference, q):
             return False
@@ -154,10 +156,10 @@ class Supervisor:
         return True
 
     def _check_accumulation(self, run: Run, telegram: Telegram, cycles: int) -> None:
-        """Detect a robot that moves on under its held total, which zeros stop then."""
+        """Detect a robot that moves on although its total is held; zeros then stop it."""
         commanded = run.commanded
         number = run.accumulation.take(telegram.q, commanded.setpoint, commanded.reference, cycles)
         if number is not None:
             run.adds = run.rebased = True
             self._player.drop()
-            self.object(run, f"{self._setup.axes[number].name} {_ADDS}")
+            self.block(run, f"{self._setup.axes[number].name} {_ADDS}")

@@ -9,14 +9,15 @@ from armgate.links.rsi.telegram import Telegram
 
 _TELEGRAMS = 10
 """Number of successive telegrams that have to agree."""
-_PATIENCE = 3.0
+_TIMEOUT = 3.0
 """Time without agreement after which the link becomes faulted, s."""
 _SHORTEST, _LONGEST = 0.75, 1.75
-"""Bounds of the mean time between telegrams, in periods of the cell. A robot that ticks faster than the cell
-assumes moves too fast. One that ticks slower only moves slower, as a KRC does that shares a busy machine."""
+"""Bounds of the mean time between telegrams, in periods of the cell. A robot that ticks faster than the
+cell assumes moves too fast. A robot that ticks more slowly only moves more slowly, for example with
+a virtual KRC on a busy machine."""
 _RSI2_LINEAR = 180.0 / math.pi
 """Factor by which RSI 2 multiplies the mm of linear axes."""
-_UNSTEADY = "telegrams do not come one after the other, answered in time"
+_UNSTEADY = f"fewer than {_TELEGRAMS} successive telegrams came and were answered in time"
 
 
 class Agreement:
@@ -47,7 +48,7 @@ class Agreement:
             now: Time, s.
 
         Returns:
-            "" if everything agrees, the contradiction if it does not, None while the evidence is incomplete.
+            "" if all evidence agrees, the contradiction if not, None while the evidence is incomplete.
         """
         self._since = now if self._since is None else self._since
         if not clean or self._count == 0:
@@ -58,15 +59,15 @@ class Agreement:
             lacking = self._lacking(commanded, q, now)
         if lacking is None:
             return uncovered(self._setup, commanded.reference) or ""
-        return lacking if now - self._since > _PATIENCE else None
+        return lacking if now - self._since > _TIMEOUT else None
 
     def misplaced(self, reference: Joints, q: Joints) -> str | None:
-        """Return the objection to a reference at which the robot is not when the program begins, or None."""
-        where = self.astray(reference, q)
-        return None if where is None else f"{where} when the program began: not answered; start it anew"
+        """Return the objection if the robot is not at the reference when the program begins, else None."""
+        where = self.deviation(reference, q)
+        return None if where is None else f"{where} when the program began: it is not answered; start it anew"
 
-    def astray(self, expected: Joints, q: Joints) -> str | None:
-        """Return which axis is not where it is expected, None if all are."""
+    def deviation(self, expected: Joints, q: Joints) -> str | None:
+        """Return a text about an axis that is not at its expected position, None if there is none."""
         rows = zip(self._setup.axes, expected, q, self._setup.tolerance, strict=True)
         for axis, wanted, measured, tolerance in rows:
             if abs(wanted - measured) > tolerance:
@@ -79,8 +80,8 @@ class Agreement:
 
         Args:
             telegram: The telegram.
-            ended: True if it is the last one: the robot has moved, so that its decimals are visible even if
-                the KRC prints none that are zero.
+            ended: True if it is the last telegram that is checked: the robot has moved, so that decimals are
+                visible even if the KRC prints none that are zero.
         """
         return [*self._decimals_hint(telegram, ended), *self._unit_hints(telegram)]
 
@@ -109,4 +110,4 @@ class Agreement:
         if not _SHORTEST <= cycle / self._setup.period <= _LONGEST:
             times = f"every {1000 * cycle:.1f} ms, the cell's period is {1000 * self._setup.period:g} ms"
             return f"telegrams come {times}: expected the same"
-        return self.astray(commanded.setpoint, q)
+        return self.deviation(commanded.setpoint, q)

@@ -13,7 +13,7 @@ from armgate.links.rsi.ethernet_file import Ethernet
 from armgate.links.rsi.xml import XmlError, read_xml
 
 LIMIT = 4096
-"""Longest telegram that is read, bytes: with every value that RSI can send it has less than half of it."""
+"""Longest telegram that is read, bytes: a telegram with every value that RSI can send is not half as long."""
 LONGEST_REPLY = 1024
 """Longest reply that a KRC accepts, bytes."""
 _DIGITS = re.compile(r"\s*([0-9]{1,20})\s*")
@@ -31,7 +31,7 @@ _IPOC = re.compile(rb"<IPOC>[0-9]{1,20}</IPOC>")
 
 
 class TelegramError(Exception):
-    """Datagram that is no telegram of a KRC; the text names the reason.
+    """Datagram that is not a telegram of a KRC; the text names the reason.
 
     Attributes:
         kind: Kind of the error, for counting: ``xml``, ``root``, ``form``, ``ipoc``, ``element``, ``value``.
@@ -50,7 +50,7 @@ class Telegram:
         data: Its bytes.
         ipoc: Its number (IPOC).
         short: True for RSI 2's first frame, which holds nothing but the IPOC.
-        delay: The KRC's Delay: number of cycles so far without a reply in time.
+        delay: The KRC's Delay, the number of cycles so far without a reply in time.
         q: Measured position, rad or m, in the order of the model.
         programmed: Position that the KRC's program holds, in the same form; empty if it is not read.
     """
@@ -200,7 +200,7 @@ def _positions(groups: dict[str, dict[str, str]], tags: tuple[str, str], axes: S
 class ReplyWriter:
     """Writer of replies in the form that one KRC's file declares.
 
-    Elements of axes that are no joint of the robot are zero; the file's other elements are left to HOLDON.
+    Elements of axes without a joint of the robot are zero; other elements of the file are not sent.
 
     Args:
         ethernet: The file.

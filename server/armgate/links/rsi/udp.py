@@ -34,7 +34,7 @@ def _explained(address: Address, error: OSError) -> OSError:
 
 
 Take = Callable[[bytes, str, float], None]
-"""Takes a datagram: its bytes, the address that sent it, the time of its arrival (s)."""
+"""Function that takes a datagram: its bytes, the address that sent it, the time of its arrival (s)."""
 
 
 class _Listener(asyncio.DatagramProtocol):

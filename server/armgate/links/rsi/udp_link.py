@@ -109,7 +109,7 @@ class RsiUdpLink:
             self._arm()
 
     def _arm(self) -> None:
-        """Check again when the link may be lost; a telegram in between only moves the deadline."""
+        """Schedule the check for the loss of the link; a telegram before it only moves the deadline."""
         deadline = self.core.next_deadline()
         if self._timer is not None:
             self._timer.cancel()

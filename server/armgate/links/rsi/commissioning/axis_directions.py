@@ -1,4 +1,4 @@
-"""Directions of the axes: the flange as RIst reports it, compared with the model's flange."""
+"""Directions of the axes: comparison of the flange in RIst with the model's flange."""
 
 import math
 import re
@@ -18,7 +18,7 @@ FlangeInFoot = Callable[[ArrayLike], Placement]
 _NEAR = 2.0
 """Largest distance between RIst and the model's flange if they are the same, mm."""
 _LEVER = 100.0
-"""Lever with which a rotation of the flange counts, mm: the last axis moves nothing else."""
+"""Length by which a rotation of the flange is multiplied, mm: the last axis only rotates the flange."""
 _SAMPLES = 16
 _RIST = re.compile(rb"<RIst ([^>]*)>")
 _VALUE = re.compile(rb'([XYZABC])="([-+.0-9]{1,32})"')
@@ -52,7 +52,7 @@ class AxisDirections:
         line = f"RIst: {own:.1f} mm from the model's flange (expected 0, with $BASE and $TOOL zero)"
         if own <= _NEAR:
             alike = sum(error <= _NEAR for error in errors.values()) - 1
-            more = f"; {alike} other choice(s) of signs would fit here too: jog all axes off zero"
+            more = f"; {alike} other choice(s) of signs would fit here too: jog all axes away from zero"
             return line + (more if alike else ""), None
         return line, self._problem(turning, errors)
 

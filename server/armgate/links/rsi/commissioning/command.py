@@ -1,4 +1,4 @@
-"""``armgate rsi``: the files that a KRC needs, and a check of one that is only listened to."""
+"""``armgate rsi``: write the files that a KRC needs, and check a KRC without answering it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -100,7 +100,7 @@ def check(
     cell, found = _robot(configs, robot)
     setup = setup_of(cell, found)
     survey = Survey(setup, _flange_in_foot(found))
-    listening = f"armgate: listens on {setup.listen[0]}:{setup.listen[1]}, and never answers"
+    listening = f"armgate: listening on {setup.listen[0]}:{setup.listen[1]}; never answers"
     asyncio.run(listen(setup.listen, survey.take, seconds, wait, lambda: typer.echo(listening, err=True)))
     _report(setup, survey)
 
@@ -127,7 +127,7 @@ def _check_file(text: str) -> None:
     try:
         read_ethernet(text.encode())
     except EthernetError as error:
-        raise RsiUsageError(f"no KRC could read that file: {error}") from error
+        raise RsiUsageError(f"no KRC could read the file: {error}") from error
 
 
 def _report(setup: "Setup", survey: "Survey") -> None:
@@ -137,7 +137,7 @@ def _report(setup: "Setup", survey: "Survey") -> None:
         typer.echo(printable(f"WRONG: {problem}"))
     if survey.problems or not survey.sources:
         count = len(survey.problems)
-        raise CheckFailedError(f"{count} thing(s) do not fit" if count else "no telegram came")
+        raise CheckFailedError(f"{count} mismatch(es)" if count else "no telegram came")
     typer.echo(f"{setup.robot}: the KRC fits the cell")
 
 

@@ -1,4 +1,4 @@
-"""Files for a KRC: its RSI Ethernet file, and a KRL program that hands the axes over.
+"""Files for a KRC: its RSI Ethernet file, and a KRL program that lets armgate correct the axes.
 
 The program uses the names of public drivers and examples; it was not tried on a real controller.
 """
@@ -85,15 +85,15 @@ def _rsi3(axes: Sequence[Axis], own: RsiLinkConfig, cycle: float) -> list[str]:
     clock = "#IPO_FAST" if cycle < 0.012 else "#IPO"
     return [
         "DEF armgate_rsi( )",
-        "; Hands the axes over to armgate. Make the context armgate.rsi in RSI Visual with:",
+        "; Lets armgate correct the axes. Create the context armgate.rsi in RSI Visual with:",
         f";   ETHERNET: ConfigFile {_file(own)}, Timeout {own.timeout}, Precision {own.precision}",
         *links,
-        ";   AXISCORR: LowerLimA1, UpperLimA1, ...: as wide as the joints may go; it cuts silently",
+        ";   AXISCORR: LowerLimA1, UpperLimA1, ...: as wide as the joints may move; it limits silently",
         *external,
-        ";   AXISCORRMON: MaxA1, ...: a little wider; beyond it RSI stops. Without it 6 deg are the limit",
+        ";   AXISCORRMON: MaxA1, ...: a little wider; beyond it RSI stops. Without it the limit is 6 deg",
         "DECL INT ret, id",
         "BAS(#INITMOV, 0)",
-        "PTP $AXIS_ACT ; the robot stays where it is",
+        "PTP $AXIS_ACT ; the robot does not move",
         'ret = RSI_CREATE("armgate.rsi", id, TRUE)',
         "IF ret <> RSIOK THEN",
         "  HALT",
@@ -121,13 +121,13 @@ def _rsi2(axes: Sequence[Axis], own: RsiLinkConfig) -> list[str]:
     ]
     return [
         "DEF armgate_rsi( )",
-        f"; Hands the axes over to armgate, which reckons with {own.timeout} late cycles: set the same on",
-        "; the Ethernet object. Set the limits of ST_AXISCORR as wide as the joints may go: it cuts",
-        "; silently.",
+        f"; Lets armgate correct the axes. It expects {own.timeout} late cycles as the limit: set the same",
+        "; limit in the Ethernet object. Set the limits of ST_AXISCORR as wide as the joints may",
+        "; move: it limits corrections silently.",
         "DECL RSIERR err",
         "DECL INT hEthernet, hAxis",
         "BAS(#INITMOV, 0)",
-        "PTP $AXIS_ACT ; the robot stays where it is",
+        "PTP $AXIS_ACT ; the robot does not move",
         f'err = ST_ETHERNET(hEthernet, 0, "{_file(own)}")',
         "IF err <> #RSIOK THEN",
         "  HALT",

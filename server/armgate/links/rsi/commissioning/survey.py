@@ -1,4 +1,4 @@
-"""Survey of a KRC that is only listened to: cycle, elements, units, directions of the axes."""
+"""Survey of a KRC without answering it: cycle, elements, units, directions of the axes."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -11,7 +11,7 @@ from armgate.links.rsi.setup import Setup
 from armgate.links.rsi.telegram import Telegram, TelegramError, TelegramReader
 
 _MOVED = 0.5
-"""Least motion that counts as jogging, deg or mm."""
+"""Smallest motion that counts as jogging, deg or mm."""
 _RSI2_LINEAR = 180.0 / math.pi
 """Factor by which RSI 2 multiplies the mm of linear axes."""
 
@@ -59,7 +59,7 @@ class Survey:
         return None
 
     def report(self) -> list[str]:
-        """Return the findings, a line each; ``problems`` is complete only afterwards."""
+        """Return the findings, one per line; ``problems`` is complete only afterwards."""
         if self._first is None or self._last is None:
             return ["no telegram came"]
         lines = [*self._timing(), f"elements: {', '.join(_elements(self._first.data))}"]
@@ -86,7 +86,8 @@ class Survey:
         lines.append(f"IPOC: from {self._ipocs[0]}, in steps of {', '.join(map(str, steps[:4]))}")
         if abs(cycle - self._setup.period) > 0.25 * self._setup.period:
             self._add_problem(
-                f"the cell's period is {1000 * self._setup.period:g} ms, the cycle {1000 * cycle:.1f} ms"
+                f"the cell's period is {1000 * self._setup.period:g} ms, "
+                f"the KRC's cycle is {1000 * cycle:.1f} ms"
             )
         return lines
 

@@ -8,9 +8,9 @@ offset y, which no lag changes:
     relative: Σ y = g · Σ_k Σ_{i≤k} w_i        absolute: Σ y = 0, and y is not zero
 
 The rounds after it prove order, direction and scale. In round r axis number j moves by digit r of j + 1 in
-balanced ternary (-1, 0 or 1). No two axes have the same digits, and none has those of another one reversed,
-so that a swapped axis and a reversed one are told apart. The gain g is the area's share of what was
-commanded.
+balanced ternary (-1, 0 or 1). No two axes have the same digits, and no axis has the reversed digits of
+another, so that swapped axes and reversed axes are distinguished. The gain g is the measured area divided
+by the commanded one.
 
 ``size`` chooses amplitude and length, ``rounds`` sends the corrections, ``verdict`` evaluates the areas.
 """

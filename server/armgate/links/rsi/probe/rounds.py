@@ -1,8 +1,8 @@
-"""Rounds of the probe: when which correction is sent, and the sums of what is measured.
+"""Rounds of the probe: the schedule of the corrections, and the sums of the measured offsets.
 
-Every round begins and ends at a robot that is measured to rest. What a KRC held when replies or telegrams
-were lost depends on mode and HOLDON, so a first round that is disturbed begins anew, from where it began.
-Once the first round has proven the mode, what was held is known, and is counted instead.
+Every round begins and ends when the robot is measured to rest. If replies or telegrams are lost, the offset
+that the KRC held depends on mode and HOLDON: a first round that is disturbed returns to its start and begins
+again. Once the first round has proven the mode, the held offset is known, and is added to the sums instead.
 """
 
 import math
@@ -21,15 +21,15 @@ if TYPE_CHECKING:  # a setup is checked by the size of its probe
 _STILL = 8
 """Telegrams for which the position of a robot at rest stays the same."""
 _TAIL, _REST = 0.001, 0.1
-"""Largest motion within these telegrams at rest, and the same for noise that does not end, in amplitudes."""
+"""Largest motion within these telegrams at rest, and the same for continuous noise, in amplitudes."""
 _NOISE = 0.02
 """Largest motion of a robot at rest for which a reference is kept, in tolerances."""
 _NOISY = 128
-"""Telegrams after which motion that does not end counts as noise."""
-_PATIENCE = 30.0
+"""Telegrams after which continuous motion counts as noise."""
+_TIMEOUT = 30.0
 """Longest time of the probe, s."""
 _MOVED = 0.8
-"""Distance between the beginnings of two rounds at which a robot has not come back, in amplitudes."""
+"""Distance between the starts of two rounds above which a robot has not come back, in amplitudes."""
 _BALANCED = 3
 """Base of the numeral system in which axes are numbered, with digits -1, 0 and 1."""
 
@@ -105,7 +105,7 @@ class RestDetector:
 
         Args:
             q: Measured position.
-            learn: Whether motion at rest becomes known noise.
+            learn: True to add motion at rest to the known noise.
         """
         self._still = [*self._still[1 - _STILL :], q]
         self._waited += 1
@@ -175,7 +175,7 @@ class Probe:
             now: Time, s.
 
         Returns:
-            "" if the KRC agrees with the cell, the objection if it does not, None while that is open.
+            "" if the KRC agrees with the cell, the objection if it does not, None while undecided.
         """
         self._since = now if self._since is None else self._since
         if self.stage is Stage.WAVE:
@@ -186,7 +186,7 @@ class Probe:
             if self.stage is Stage.RESTING:
                 return self._begin_round()
             return self._end_round()
-        if now - self._since > _PATIENCE:
+        if now - self._since > _TIMEOUT:
             return (
                 "the robot does not rest, or telegrams or replies are lost too often to prove the KRC's mode"
             )
@@ -253,7 +253,7 @@ class Probe:
         return self._rest.rests(q, learn=self.stage is Stage.RESTING)
 
     def _begin_round(self) -> str | None:
-        """Begin a round, unless the robot is not measured where it was before the last one."""
+        """Begin a round if the robot is measured where it was before the last round; else object."""
         self._origin = self._rest.mean()
         self._home = self._home or self._origin
         objection = self._not_back()
@@ -268,9 +268,9 @@ class Probe:
         for axis, now, home, far in rows:
             if abs(now - home) > _MOVED * far:
                 return (
-                    f"{axis.name} is measured {axis.shown * (now - home):.3f} {axis.unit} off after its "
-                    f"correction was withdrawn: does the KRC's program call RSI_ON with another mode than "
-                    f"{'relative' if self._setup.relative else 'absolute'}, or has RECEIVE another HOLDON?"
+                    f"{axis.name} is measured {axis.shown * (now - home):.3f} {axis.unit} away from its "
+                    f"start after its correction returned to zero: check that the KRC's program calls RSI_ON "
+                    f"with mode {'relative' if self._setup.relative else 'absolute'}, and HOLDON in RECEIVE"
                 )
         return None
 

@@ -1,4 +1,4 @@
-"""Size of the probe: the shortest one that telegrams show, within tolerance, speed and acceleration."""
+"""Size of the probe: the shortest one visible in telegrams, within tolerance, speed and acceleration."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ if TYPE_CHECKING:  # a setup is checked by the size of its probe
 _EXCURSION = {False: math.radians(0.1), True: 1e-4}
 """Largest offset of a KRC of either mode (rad; m for linear axes); tolerance and resolution may change it."""
 _UNREST = {False: math.radians(1e-4), True: 1e-7}
-"""Motion of a robot at rest that no finer telegram makes visible (rad; m), assumed."""
+"""Assumed motion of a robot at rest, below which finer telegrams do not help (rad; m)."""
 _SHORTEST, _LONGEST = 4, 64
 """Telegrams in half a wave."""
 _VISIBLE, _BARELY = 25.0, 8.0
-"""Amplitude that is wanted, and the smallest one that is used, in steps of the telegrams' last decimal."""
+"""Wanted amplitude, and smallest usable one, in steps of the telegrams' last decimal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class ProbeSize:
     farthest: Joints
 
     def objection(self, axes: Sequence[Axis], precision: int) -> str | None:
-        """Return why the probe would be invisible in telegrams, None if it is visible."""
+        """Return the reason why the probe would be invisible in telegrams, None if it is visible."""
         for axis, amplitude, step in zip(axes, self.amplitude, self.resolution, strict=True):
             if amplitude < _BARELY * step:
                 at, of = axis.shown * amplitude, axis.shown * step
@@ -64,7 +64,7 @@ def probe_size(setup: "Setup") -> ProbeSize:
 
 
 def _visibility(setup: "Setup", size: ProbeSize) -> float:
-    """Return the smallest measured amplitude, in steps of telegrams or of what a robot at rest shows.
+    """Return the smallest measured amplitude, in steps of telegrams or of the motion of a robot at rest.
 
     A first-order lag T damps a wave of half-length h (both in s) to about h / (π T), at most 1.
     """
@@ -74,7 +74,7 @@ def _visibility(setup: "Setup", size: ProbeSize) -> float:
 
 
 def _sized(setup: "Setup", half: int) -> ProbeSize:
-    """Return the probe with half a wave of so many telegrams.
+    """Return the probe with half a wave of this number of telegrams.
 
     Its corrections are a·sin(π k / half); their running sum reaches a·cot(π / (2·half)).
     """

@@ -1,4 +1,4 @@
-"""Verdict of the probe: what the areas below the measured offsets say about mode, order, sign and scale."""
+"""Verdict of the probe: mode, order, sign and scale from the areas below the measured offsets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from armgate.links.rsi.axes import Axis
 if TYPE_CHECKING:  # a setup is checked by the size of its probe
     from armgate.links.rsi.setup import Setup
 
-_STIRS = 0.05
-"""Least share of the wave's extent, beyond noise, of an axis that follows."""
+_FOLLOWS = 0.05
+"""Smallest extent of an axis that follows, beyond noise, as a share of the wave's extent."""
 _ADDS = 0.3
-"""Least share of a relative KRC's area of an axis that adds up."""
+"""Smallest area of an axis that adds up, as a share of a relative KRC's area."""
 _MATCHES = 0.25
 """Largest error of a round's share, in gains."""
 _EXACT, _COARSE = 0.05, 36.0
@@ -43,13 +43,13 @@ class Measurement:
 
     Attributes:
         adds: Area in the first round, as a share of a relative KRC's.
-        stirs: Extent of the motion in the first round beyond noise, as a share of the wave's.
+        extent: Extent of the motion in the first round beyond noise, as a share of the wave's.
         shares: Area in each later round, as a share of what the cell's mode predicts.
         error: Accepted error of a share.
     """
 
     adds: float
-    stirs: float
+    extent: float
     shares: tuple[float, ...]
     error: float
 
@@ -85,13 +85,13 @@ class Evaluation:
         first, *later = sums
         return Measurement(
             adds=first.areas[number] / (amplitude * self.area),
-            stirs=first.extents[number] / (amplitude * self.extent),
+            extent=first.extents[number] / (amplitude * self.extent),
             shares=tuple(one.areas[number] / (amplitude * one.held) for one in later),
             error=_EXACT + _GAP * missed + _COARSE * noise / (amplitude * self.area),
         )
 
     def mode_objection(self, measurements: Sequence[Measurement]) -> str | None:
-        """Return what the first round proves against the cell's mode, None if it proves the mode."""
+        """Return the objection of the first round to the cell's mode, None if it proves the mode."""
         relative = self.setup.relative
         for number, (axis, found) in enumerate(zip(self.setup.axes, measurements, strict=True)):
             adds = abs(found.adds) > _ADDS
@@ -100,18 +100,18 @@ class Evaluation:
                     f"{axis.name} adds corrections up: the KRC's program calls RSI_ON(#RELATIVE), the cell "
                     f"has mode: absolute. Make them the same, and start the program anew"
                 )
-            if not adds and found.stirs < _STIRS:
+            if not adds and found.extent < _FOLLOWS:
                 return self._unmoved(number)
             if not adds and relative:
                 return (
-                    f"{axis.name} takes a correction for the whole offset: the KRC's program calls "
+                    f"{axis.name} treats a correction as the whole offset: the KRC's program calls "
                     f"RSI_ON(#ABSOLUTE), the cell has mode: relative. Make them the same, and start the "
                     f"program anew"
                 )
         return None
 
     def axis_objection(self, number: int, found: Measurement) -> str | None:
-        """Return what the later rounds prove against an axis, None if they prove it."""
+        """Return the objection of the later rounds to an axis, None if they prove it."""
         axis = self.setup.axes[number]
         gain, misfit = _fit(found.shares, self.codes[number])
         if gain > 0.0 and misfit <= _MATCHES:
@@ -134,9 +134,9 @@ class Evaluation:
     def _unmoved(self, number: int) -> str:
         axis, far = self.setup.axes[number], self.amplitude[number]
         return (
-            f"{axis.name} is not measured to follow a correction of {axis.shown * far:.2g} {axis.unit}: has "
-            f"RECEIVE on the KRC other tags, is the feedback frozen, or has it fewer decimals than "
-            f"precision: {self.setup.precision}? Then start the program anew"
+            f"{axis.name} is not measured to follow a correction of {axis.shown * far:.2g} {axis.unit}: "
+            f"check the tags in RECEIVE on the KRC, that the feedback is not frozen, and that it has at "
+            f"least {self.setup.precision} decimals (precision). Then start the program anew"
         )
 
 
