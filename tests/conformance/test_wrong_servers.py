@@ -152,22 +152,25 @@ def refusals_take_the_slot(patch):
     patch.setattr(Gate, "_command", command)
 
 
-def fence_ignored(patch):
-    def fence(self, peer, command):
-        grant = self._leases.holder(command.robot)
-        return -1 if grant is None else grant.fence
+def with_the_fence_in_force(gate, event):
+    fence = gate._of(event.robot).fence
+    return event if fence is None else replace(event, fence=fence, holder=True)
 
-    patch.setattr(Leasing, "fence", fence)
+
+def fence_ignored(patch):
+    around(
+        patch, Gate, "_command",
+        lambda right: lambda self, event: right(self, with_the_fence_in_force(self, event)),
+    )  # fmt: skip
 
 
 def any_fence_of_the_holder(patch):
-    def fence(self, peer, command):
-        grant = self._leases.holder(command.robot)
-        holds = grant is not None and grant.session == peer.client.id
-        return grant.fence if holds else right(self, peer, command)
-
-    right = Leasing.fence
-    patch.setattr(Leasing, "fence", fence)
+    around(
+        patch, Gate, "_command",
+        lambda right: lambda self, event: right(
+            self, with_the_fence_in_force(self, event) if event.holder else event
+        ),
+    )  # fmt: skip
 
 
 def acquiring(**changed):

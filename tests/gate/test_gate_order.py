@@ -92,6 +92,15 @@ def spoiled(*causes):
     return bare, bare.command(**({"based_on": tick} | command))
 
 
+def test_a_client_that_does_not_hold_the_robot_is_refused_whatever_its_fence_is():
+    bare = Bare()
+    fence = bare.gate._robots[0].fence
+    for sent in (fence, fence + 1):
+        (verdict,) = bare.gate.step(Command("A", sent, 1, 0, STEP, holder=False))
+        (reason,) = verdict.reasons
+        assert (reason.cause, reason.value, reason.bound) == (Cause.FENCE, sent, None)
+
+
 @pytest.mark.parametrize("cause", SPOILED)
 def test_every_check_before_geometry_is_named_and_leaves_the_slot_free(cause):
     bare, verdict = spoiled(cause)

@@ -36,6 +36,11 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0123))
             Cause.FENCE,
             "fence 2 is not that of the lease in force: acquire A",
         ),
+        (
+            wording.not_the_holder("A", 2),
+            Cause.FENCE,
+            "fence 2 is not that of a lease of this client: acquire A",
+        ),
         (wording.stopped("A", [3]), Cause.STOPPED, "A is stopped (stop 3): an operator must reset it"),
         (
             wording.link_not_ready("A", "waiting"),
@@ -105,6 +110,7 @@ def test_each_reason_has_its_cause_and_its_text(reason, cause, text):
     ("reason", "joint", "value", "bound"),
     [
         (wording.wrong_fence("A", 2, 5), None, 2.0, 5.0),
+        (wording.not_the_holder("A", 2), None, 2.0, None),
         (wording.ahead("A", 9, 4), None, 9.0, 4.0),
         (wording.stale(4, 5, 3), None, 5.0, 3.0),
         (wording.wrong_length("A", 3, 2), None, 3.0, 2.0),

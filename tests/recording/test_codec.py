@@ -96,6 +96,11 @@ def test_every_item_survives_a_round_trip_and_fits_its_schema(item):
     jsonschema.validate(json.loads(data), json.loads(schema))
 
 
+def test_a_command_of_an_earlier_version_has_its_refusal_in_the_fence():
+    data = b'{"event":{"robot":"A","fence":-1,"seq":2,"based_on":3,"dq":[0.1]},"outputs":[]}'
+    assert decode("/gate/command", data) == Step(e.Command("A", -1, 2, 3, (0.1,), holder=True), ())
+
+
 @pytest.mark.parametrize("topic", ["/gate/later", "/later"])
 def test_topics_of_a_later_version_are_ignored(topic):
     assert decode(topic, b"{}") is None

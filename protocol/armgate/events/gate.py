@@ -63,13 +63,24 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Requested increment ``dq`` to the setpoint at the robot's next tick."""
+    """Requested increment ``dq`` to the setpoint at the robot's next tick.
+
+    Attributes:
+        robot: Name of the robot.
+        fence: Fence that the client sent.
+        seq: Number of the command.
+        based_on: Tick that the command is based on.
+        dq: Increment, rad or m per joint.
+        holder: True if the client holds the robot; otherwise the command is refused, whatever its fence is.
+            Recordings of version 0.2.0 and earlier lack this: there such a command has fence −1.
+    """
 
     robot: str
     fence: int
     seq: int
     based_on: int
     dq: Joints
+    holder: bool = True
 
 
 @dataclass(frozen=True, slots=True)

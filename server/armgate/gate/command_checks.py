@@ -32,6 +32,8 @@ def failed_check(command: Command, state: RobotState, max_age: int) -> Reason | 
 def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.fence is None:
         return wording.no_lease(state.name, state.stops)
+    if not command.holder:
+        return wording.not_the_holder(state.name, command.fence)
     if command.fence != state.fence:
         return wording.wrong_fence(state.name, command.fence, state.fence)
     return None

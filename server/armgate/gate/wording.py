@@ -17,7 +17,7 @@ _BOUNDS = {
 
 MEANINGS: dict[Cause, str] = {
     Cause.LEASE: "No client holds the lease of the robot: acquire it first.",
-    Cause.FENCE: "The command carried the fence of a former lease; the lease in force has another one.",
+    Cause.FENCE: "The command lacked the fence of the lease in force, or its sender did not hold that lease.",
     Cause.STOPPED: "A stop is in force: an operator resets it, then the robot must be acquired again.",
     Cause.LINK: "The link to the robot was not ready.",
     Cause.STALE: "It was based on a state that is too old: the controller or the network was slow.",
@@ -45,6 +45,12 @@ def wrong_fence(robot: str, fence: int, in_force: int) -> Reason:
     """Return the reason for a command with a fence other than that of the lease in force."""
     text = f"fence {fence} is not that of the lease in force: acquire {robot}"
     return Reason(Cause.FENCE, text, value=float(fence), bound=float(in_force))
+
+
+def not_the_holder(robot: str, fence: int) -> Reason:
+    """Return the reason for a command from another client than the holder, without the holder's fence."""
+    text = f"fence {fence} is not that of a lease of this client: acquire {robot}"
+    return Reason(Cause.FENCE, text, value=float(fence))
 
 
 def stopped(robot: str, stops: Sequence[int]) -> Reason:

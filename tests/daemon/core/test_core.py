@@ -9,7 +9,6 @@ import pytest
 
 from armgate import events
 from armgate.daemon.core.interfaces import ClientRequest
-from armgate.daemon.core.leasing import NO_LEASE
 from armgate.daemon.core.rights import RIGHTS
 from armgate.gate.clearance.engines import CoalEngine
 from armgate.protocol import messages as m
@@ -92,9 +91,19 @@ def test_a_guessed_fence_gives_no_client_a_robot(bench, role):
     (verdict,) = bench.command(thief, "A", fence, 1)
     assert verdict.outcome == "refused"
     assert verdict.reasons[0].cause in ("lease", "fence")
-    assert bench.events[-1][0].fence == NO_LEASE
+    assert not bench.events[-1][0].holder
     bench.tick()
     assert bench.last("A").increment == (0.0, 0.0, 0.0)
+
+
+def test_a_refused_client_without_the_lease_receives_its_own_fence_and_not_the_holders(bench):
+    _, fence = bench.holder("wave", "A")
+    stranger = bench.client("stranger")
+    for own in (fence, fence + 6):
+        (verdict,) = bench.command(stranger, "A", own, 1)
+        (reason,) = verdict.reasons
+        assert (reason.cause, reason.value, reason.bound) == ("fence", float(own), None)
+        assert reason.text == f"fence {own} is not that of a lease of this client: acquire A"
 
 
 def test_a_former_holders_fence_is_refused(bench):

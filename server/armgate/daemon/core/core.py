@@ -2,7 +2,7 @@
 
 The core owns the gate, the leases, the signals and the states of one cell. A daemon passes it the requests
 of clients (`join`, `handle`, `leave`) and the reports of robots (`tick`, `receive`). A command takes this
-way: `handle`, `Leasing.fence`, `GateRunner.feed`, the gate, the link. The verdict goes back to its sender.
+way: `handle`, `command`, `GateRunner.feed`, the gate, the link. `_report` sends the verdict.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -176,8 +176,10 @@ class Core:
     def command(self, peer: Peer, command: m.Command) -> None:
         """Pass a command, whose robot exists, to the gate; its sender receives the verdict."""
         self.expire()
-        fence = self.leasing.fence(peer, command)
-        self._feed(events.Command(command.robot, fence, command.seq, command.tick, command.dq), peer)
+        # A guessed fence gives no client control of a robot.
+        holder = self.leasing.is_holder(peer.client.id, command.robot)
+        event = events.Command(command.robot, command.fence, command.seq, command.tick, command.dq, holder)
+        self._feed(event, peer)
 
     def _answer(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case a message)
         match request:

@@ -14,9 +14,6 @@ from armgate.events import LeaseChange
 from armgate.protocol import Denial, ErrorCode, Grant, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m
 
-NO_LEASE = -1
-"""A fence that no lease has: a command with it is refused."""
-
 
 @dataclass(frozen=True, slots=True)
 class LeaseTime:
@@ -76,12 +73,9 @@ class Leasing:
         """The sessions that hold a robot."""
         return self._leases.sessions
 
-    def fence(self, peer: Peer, command: m.Command) -> int:
-        """Return the fence by which to check a command: its own, but only if the client holds the robot.
-
-        A guessed fence gives no other client control of a robot. Call `expire` first.
-        """
-        return command.fence if command.robot in self.held_by(peer.client.id) else NO_LEASE
+    def is_holder(self, session: str, robot: str) -> bool:
+        """Return True if the session holds the robot; call `expire` first."""
+        return robot in self.held_by(session)
 
     def renew(self, peer: Peer, time: LeaseTime) -> None:
         """Renew the leases of a session: its client sent something."""
