@@ -5,7 +5,7 @@ Theory of operation: one table, ``TRANSITIONS``, states which side may send whic
 All other messages are rejected. The table is the same for client and server. Each version of
 the protocol has a table of its own: the same rules for the messages of its dialect.
 
-Use, on both sides::
+Use::
 
     connection = Connection(Side.SERVER)
     for item in connection.receive(data):        # messages and refusals, in order
@@ -14,6 +14,10 @@ Use, on both sides::
         else: ...
     write(connection.send(message))
     connection.receive_eof()
+
+``receive(data)`` is ``push(data)``, then ``pop()`` until it returns None. The daemon calls ``push`` when
+bytes arrive and ``pop`` in the turns of the session. So messages may wait in the connection; their number of
+bytes is ``buffered``, and the caller bounds it. Meanwhile ``overtake`` finds a ``stop`` among them.
 
 A client does not send refusals: the protocol has no error message from client to server.
 """
@@ -166,7 +170,7 @@ class Connection:
         return found
 
     def push(self, data: bytes) -> None:
-        """Add bytes from the peer; ``pop`` returns the messages and refusals that they complete."""
+        """Add bytes from the peer, even while messages wait; ``pop`` returns what they complete."""
         if not self._ignores_input:
             self._decoder.push(data)
 
@@ -259,7 +263,7 @@ class Connection:
 
     @property
     def buffered(self) -> int:
-        """Number of bytes of an incomplete frame in the buffer."""
+        """Number of bytes pushed and not yet popped: complete frames that wait, and an incomplete one."""
         return self._decoder.buffered
 
     @property

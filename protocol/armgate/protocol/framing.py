@@ -1,7 +1,7 @@
 """Length-prefixed frames: a 4-byte big-endian length, followed by that many bytes of payload.
 
 ``frame(payload) -> bytes`` encodes one frame; :class:`FrameDecoder` divides a stream into payloads. The
-decoder checks the length before it buffers any payload. Limits of the protocol: ``HANDSHAKE_LIMIT`` (to the
+decoder checks a length before it waits for the payload. Limits of the protocol: ``HANDSHAKE_LIMIT`` (to the
 server, before its welcome), ``INBOUND_LIMIT`` (to the server), ``OUTBOUND_LIMIT`` (to the client).
 
 This module imports nothing: the socket between the daemon and a robot server uses the same frames.
@@ -36,8 +36,8 @@ def frame(payload: bytes) -> bytes:
 class FrameDecoder:
     """Decoder of a stream of frames; the result does not depend on how the stream is divided.
 
-    Between two calls it buffers less than one frame within the limit. After an error it discards all input
-    and raises the same error again.
+    After ``feed``, less than one frame is in the buffer. With ``push`` and ``pop``, frames may wait
+    there. After an error it discards all input and raises the same error again.
 
     Attributes:
         limit: The longest payload accepted; may be changed between two frames.
@@ -55,7 +55,7 @@ class FrameDecoder:
 
     @property
     def buffered(self) -> int:
-        """Number of bytes of an incomplete frame in the buffer."""
+        """Number of bytes pushed and not yet popped: complete frames that wait, and an incomplete one."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -71,7 +71,7 @@ class FrameDecoder:
         return payloads
 
     def push(self, data: bytes) -> None:
-        """Add bytes; call ``pop`` until it returns None before the next push."""
+        """Add bytes, even while frames wait; the caller bounds ``buffered``."""
         if self._error is None:
             self._buffer += data
 
