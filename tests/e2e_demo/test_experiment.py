@@ -62,7 +62,7 @@ def test_tracking(tmp_path: Path) -> None:
     assert slow["complete"]
     assert 0.0 < predicted["moving_rms_deg"] < slow["moving_rms_deg"] / 3.0
     assert holding(found, "0.25 m/s, no lag, without prediction: angle") is True
-    assert holding(found, "0.25 m/s: RMS") is True
+    assert holding(found, "0.25 m/s: ratio") is True
     assert holding(found, "late commands") is True
     folder = tmp_path / "run" / "tracking" / "slow-7"
     assert {"path.csv", "overlay.yaml", "series.csv", "metrics.json", "logs"} <= {
