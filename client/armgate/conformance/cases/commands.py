@@ -57,8 +57,8 @@ async def verdict_repeats_robot_seq_and_tick(ctx: CaseContext) -> None:
 
 @case(
     "CMD-3/order",
-    "Send 30 commands in one write, good, bad and repeated",
-    "30 verdicts in that order",
+    "Send 30 commands in one write: valid, invalid and repeated ones",
+    "30 verdicts in the order of the commands",
     also=("CMD-1",),
 )
 async def verdicts_come_in_the_order_of_the_commands(ctx: CaseContext) -> None:

@@ -31,7 +31,9 @@ async def cell_has_robots_with_joints(ctx: CaseContext) -> None:
     check(all(robot["joints"] for robot in description["robots"]), "a robot without joints")
 
 
-@case("DSC-2/same", "Ask twice, on two connections", "The same description; lockstep as in welcome")
+@case(
+    "DSC-2/same", "Request the description on two connections", "The same description; lockstep as in welcome"
+)
 async def description_is_the_same_on_every_connection(ctx: CaseContext) -> None:
     first, second = await described(ctx), await described(ctx)
     for one in (first, second):

@@ -170,7 +170,7 @@ async def incomplete_hello_times_out(ctx: CaseContext) -> None:
 @case(
     "HEL-14/full",
     f"Open connections until one is refused, {_MANY} at most; then close them and connect again",
-    "One connection more than the limit gets too_many; others are undisturbed; closed connections do not count",
+    "One connection more than the limit gets an error too_many; other clients are unaffected; closed connections do not count",
     also=("SEC-11", "CON-9"),
 )
 async def connection_beyond_the_limit_is_refused(ctx: CaseContext) -> None:
@@ -214,8 +214,8 @@ async def connection_without_welcome_is_invisible(ctx: CaseContext) -> None:
 
 @case(
     "HEL-16/namesakes",
-    "Connect twice with the same name, and have each acquire",
-    "Both are welcomed; one gets the robot",
+    "Connect twice with the same name, and acquire the robot in both sessions",
+    "Both are welcomed; one acquires the robot",
 )
 async def clients_with_the_same_name_are_both_welcomed(ctx: CaseContext) -> None:
     first, second = await ctx.connect("first"), await ctx.connect("second")

@@ -95,7 +95,7 @@ async def concurrent_acquires_have_one_winner(ctx: CaseContext) -> None:
 @case(
     "LEA-5/again",
     "The holder acquires again, then commands with the old fence and the new",
-    "fence, then admitted; no lease lost",
+    "Refused by fence, then admitted; no lease is lost",
     also=("CMD-9", "LEA-17"),
 )
 async def acquire_by_the_holder_replaces_its_fence(ctx: CaseContext) -> None:
@@ -238,8 +238,8 @@ async def commands_renew_the_lease(ctx: CaseContext) -> None:
 Ending = Literal["close", "reset", "bye", "half-close"]
 
 _ENDS: dict[Ending, str] = {
-    "close": "closes",
-    "reset": "is reset",
+    "close": "closes its connection",
+    "reset": "resets its connection",
     "bye": "sends bye",
     "half-close": "closes its sending side",
 }

@@ -177,7 +177,7 @@ async def unusual_numbers_in_dq_are_treated_as_numbers(ctx: CaseContext, value: 
 for _slug, _value in _NUMBERS.items():
     case(
         f"PAY-13/dq-{_slug.replace('*', 'x')}",
-        f"Command with {_slug} in dq",
+        f"Send a command with {_slug} in dq",
         "It is treated as this number; the robot stays within its bounds",
         also=("CMD-25",),
     )(partial(unusual_numbers_in_dq_are_treated_as_numbers, value=_value))
@@ -279,12 +279,12 @@ async def every_seq_is_accepted(ctx: CaseContext, make: Any) -> None:
         next(holder.connection.commands.seqs)
 
 
-for _slug, _make in {
-    "same": lambda seq: [seq, seq],
-    "falling": lambda seq: [seq + 5, seq + 4, seq + 3],
-    "largest": lambda seq: [2**63 - 1, 0],
+for _slug, (_what, _make) in {
+    "same": ("repeated", lambda seq: [seq, seq]),
+    "falling": ("decreasing", lambda seq: [seq + 5, seq + 4, seq + 3]),
+    "largest": ("the largest possible, then 0", lambda seq: [2**63 - 1, 0]),
 }.items():
-    case(f"CMD-31/{_slug}", f"Send commands whose seq is {_slug}", "Each gets its verdict")(
+    case(f"CMD-31/{_slug}", f"Send commands whose seq is {_what}", "Each gets its verdict")(
         partial(every_seq_is_accepted, make=_make)
     )
 

@@ -312,7 +312,7 @@ async def name_may_hold_all_allowed_characters(ctx: CaseContext) -> None:
 @case(
     "ERR-8/token",
     "Send hello with a token that is too long and a secret",
-    "The error's text does not repeat it",
+    "The error's text does not repeat the token",
 )
 async def error_does_not_repeat_a_token(ctx: CaseContext) -> None:
     client = await ctx.connect()

@@ -118,7 +118,7 @@ async def command_based_on_a_future_tick_is_refused_by_ahead(ctx: CaseContext, a
 for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
     case(
         f"CMD-12/{_slug}",
-        f"Command based on a tick {_ahead} ahead",
+        f"Send a command based on a tick {_ahead} ahead",
         "Refused by ahead; the slot stays free",
         also=("CMD-17",),
     )(partial(command_based_on_a_future_tick_is_refused_by_ahead, ahead=_ahead))
@@ -126,7 +126,7 @@ for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
 
 @case(
     "CMD-13/stale",
-    "Command based on a tick one older than max_age_ticks allows, and on tick 0",
+    "Send a command based on a tick one older than max_age_ticks allows, and on tick 0",
     "Refused by stale; the slot stays free",
     also=("CMD-17",),
 )
@@ -145,7 +145,9 @@ async def command_based_on_an_old_tick_is_refused_by_stale(ctx: CaseContext) -> 
     check_refused(await holder.send_command(holder.make_command(0)), "stale")
 
 
-@case("CMD-13/just", "Command based on the oldest tick that max_age_ticks allows", "Not refused by stale")
+@case(
+    "CMD-13/just", "Send a command based on the oldest tick that max_age_ticks allows", "Not refused by stale"
+)
 async def command_of_the_largest_age_is_not_stale(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     await ctx.observer.until(lambda: ctx.observer.tick(ctx.robot) > ctx.server.max_age, "enough ticks")
@@ -218,7 +220,7 @@ async def command_of_another_length_is_refused_by_length(ctx: CaseContext, by: i
 for _slug, _by in _LENGTHS.items():
     case(
         f"CMD-15/{_slug}",
-        f"Command with a dq that is {_slug if _by < 64 else '64 long'}",
+        f"Send a command with a dq that is {_slug if _by < 64 else '64 long'}",
         "Refused by length; the slot stays free",
         also=("CMD-17",),
     )(partial(command_of_another_length_is_refused_by_length, by=_by))
@@ -242,7 +244,7 @@ async def command_with_a_number_not_finite_is_refused(ctx: CaseContext, value: f
 for _slug, _value in {"nan": math.nan, "infinity": math.inf, "minus-infinity": -math.inf}.items():
     case(
         f"CMD-16/{_slug}",
-        f"Command with {_value} in dq, at the first and at the last joint",
+        f"Send a command with {_value} in dq, at the first and at the last joint",
         "Refused by not_finite; the slot stays free; nothing moves",
         also=("CMD-17", "PAY-16"),
     )(partial(command_with_a_number_not_finite_is_refused, value=_value))
@@ -273,7 +275,7 @@ async def first_failed_check_names_the_cause(ctx: CaseContext, expected: str, mo
 for _slug, (_cause, _what, _more) in _PRECEDENCE.items():
     case(
         f"CMD-7/{_slug}",
-        f"Command with {_what}",
+        f"Send a command with {_what}",
         f"Refused by {_cause}, the first in the order of the checks",
         also=("CMD-17",),
     )(partial(first_failed_check_names_the_cause, expected=_cause, more=_more))
@@ -281,7 +283,7 @@ for _slug, (_cause, _what, _more) in _PRECEDENCE.items():
 
 @case(
     "CMD-7/occupied-length",
-    "Send a good command and one of wrong length for one tick",
+    "For one tick, send a valid command and then a command of wrong length",
     "The second is refused by occupied",
 )
 async def occupied_is_checked_before_the_length(ctx: CaseContext) -> None:

@@ -172,7 +172,7 @@ for _id, (_role, _kind, _what, _fields, _also) in _FORBIDDEN.items():
 @case(
     "ERR-1/fatal",
     "Provoke five different errors that are not fatal",
-    "No error is fatal, and the connection stays",
+    "No error is fatal, and the connection stays open",
     also=("ERR-2",),
 )
 async def errors_that_are_not_fatal_keep_the_connection(ctx: CaseContext) -> None:
@@ -218,7 +218,7 @@ async def unknown_robot_is_refused(ctx: CaseContext, kind: str, fields: dict[str
 for _kind, _fields in _NO_ROBOT.items():
     case(
         f"LEA-9/{_kind}",
-        f"{_kind} with a robot that the cell does not have",
+        f"Send {_kind} with a robot that the cell does not have",
         "An error unknown_robot, not fatal",
         also=("ERR-2",),
     )(partial(unknown_robot_is_refused, kind=_kind, fields=_fields))

@@ -25,7 +25,7 @@ async def hello_without_a_token_is_unauthorized(ctx: CaseContext) -> None:
 @case(
     "SEC-2/wrong",
     "Send hello with a wrong token of the right form",
-    "A fatal error unauthorized whose text does not repeat it",
+    "A fatal error unauthorized, whose text does not repeat the token",
     also=("SEC-7", "ERR-8"),
 )
 async def wrong_token_is_unauthorized_and_not_repeated(ctx: CaseContext) -> None:

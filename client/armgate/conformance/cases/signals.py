@@ -126,7 +126,7 @@ async def controller_cannot_set_an_operator_signal(ctx: CaseContext) -> None:
 @case(
     "SIG-11/all",
     f"From two sessions, set more signals than {_SIGNALS} together",
-    f"Not more than {_SIGNALS} are accepted; then too_many_signals, not fatal",
+    f"Not more than {_SIGNALS} are accepted; then an error too_many_signals, not fatal",
 )
 async def signals_of_all_sessions_are_limited(ctx: CaseContext) -> None:
     taken = 0

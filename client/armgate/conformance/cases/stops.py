@@ -280,7 +280,7 @@ async def reset_of_a_replaced_stop_resets_its_replacement(ctx: CaseContext) -> N
 @case(
     "MSG-12/overtaken",
     "Stop a robot; send many pings, a reset of that stop and the same stop again in one write",
-    "The robot is still stopped when all are answered, by the second stop",
+    "After all answers, the robot is still stopped by the second stop",
 )
 async def reset_overtaken_by_a_stop_has_no_effect(ctx: CaseContext) -> None:
     client = await ctx.operator()
