@@ -11,6 +11,7 @@ from armgate.gate import decision as decisions
 from armgate.gate.clearance import ClearanceResult
 from armgate.gate.clearance.pair_check import Binding
 from armgate.gate.joint_limits import LimitedIncrement
+from armgate.gate.occupancy import occupancy_to
 from armgate.gate.retreat import Requirements
 from gate import scenes
 from gate.rig import Rig
@@ -194,7 +195,7 @@ def test_a_new_path_extends_the_held_one_by_the_difference_of_their_ends():
     scripted.command((1e-4, 0.0))
     scripted.play()
     s, maker = scripted.gate._robots[0], scripted.gate._decisions
-    new = s.occupancy_to((-0.75, 0.25), (0.0, 0.0))
+    new = occupancy_to(s, (-0.75, 0.25), (0.0, 0.0))
     assert maker._extension(s, new) == pytest.approx([0.25 - 1e-4, 0.25])
     s.next = s.main
     assert maker._extension(s, new) is None
@@ -207,11 +208,11 @@ def test_a_faster_path_extends_the_held_one_by_the_growth_of_its_lag_tube():
     scripted.play()
     s, maker = scripted.gate._robots[0], scripted.gate._decisions
     share = s.hull_deviation.ticks + s.hull_deviation.between
-    faster = s.occupancy_to(s.end, (3e-4, 5e-4))
+    faster = occupancy_to(s, s.end, (3e-4, 5e-4))
     assert maker._extension(s, faster) == pytest.approx([2e-4 * share, 5e-4 * share])
-    farther = s.occupancy_to((s.end[0] + 0.25, s.end[1]), (3e-4, 5e-4))
+    farther = occupancy_to(s, (s.end[0] + 0.25, s.end[1]), (3e-4, 5e-4))
     assert maker._extension(s, farther) == pytest.approx([0.25 + 2e-4 * share, 5e-4 * share])
-    slower = s.occupancy_to(s.end, (0.0, 0.0))
+    slower = occupancy_to(s, s.end, (0.0, 0.0))
     assert maker._extension(s, slower) == pytest.approx([0.0, 0.0])
     assert slower.tube == pytest.approx((1e-4 * share, 0.0))
 

@@ -3,6 +3,7 @@
 import pytest
 
 from armgate.events import PlanAnswer, Rebase, Reset, ResetAnswer, Stop, Tick
+from armgate.gate.occupancy import occupancy_to
 from gate.scripted_gate import STEP, T, pair
 
 
@@ -63,7 +64,7 @@ def test_each_tick_reserves_from_the_measured_position():
     scripted.rest()
     s = in_step(scripted, 1)
     assert s.main is not before
-    assert repr(s.main.occupied) == repr(s.occupancy_to(s.end, s.brake))
+    assert repr(s.main.occupied) == repr(occupancy_to(s, s.end, s.brake))
 
 
 def test_an_accepting_answer_raises_the_kept_bounds():

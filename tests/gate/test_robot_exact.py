@@ -5,6 +5,7 @@ import math
 import pytest
 
 from armgate.events import Plan, PlanKey, Tick
+from armgate.gate.occupancy import occupancy_to
 from armgate.gate.robot import JOINT_SLACK, RobotState
 from gate import scenes
 
@@ -128,7 +129,7 @@ def test_without_a_lag_window_a_setpoint_is_kept_from_a_rebase_to_the_next_tick(
         assert list(state.history) == []
         state.rebase((x + 0.05, 0.0))
         assert list(state.history) == [(math.inf, (x, 0.0))]
-    assert state.occupancy_to((0.25, 0.0), NOT).tube == NOT
+    assert occupancy_to(state, (0.25, 0.0), NOT).tube == NOT
 
 
 def test_a_rebase_to_the_same_setpoint_leaves_nothing_to_reserve():
@@ -205,7 +206,7 @@ def test_after_a_reset_a_delayed_robot_may_still_move_to_the_old_setpoint():
     state.rebase(NOT)
     assert (state.setpoint, state.played, state.resets) == (NOT, -1, 1)
     assert (math.inf, (1.0, 0.0)) in state.history
-    assert state.occupancy_to(NOT, NOT).nodes == ((1.0, 0.0), NOT)
+    assert occupancy_to(state, NOT, NOT).nodes == ((1.0, 0.0), NOT)
     tick(state, NOT, time=0.5)
     assert (0.5, (1.0, 0.0)) in state.history  # for the window after the tick that reports the reset
 

@@ -83,7 +83,7 @@ def test_without_a_next_plan_the_old_one_runs_out(player):
 
 def test_a_rebase_drops_the_held_plan_and_refuses_earlier_ones(player):
     player.offer(plan(1))
-    player.rebase(1)
+    player.rebase(Rebase("A", (0.0,), 1))
     assert player.remaining == 0
     assert player.offer(plan(1, seq=7)).reason == "mismatch"
     assert player.play() == Played()

@@ -249,7 +249,8 @@ class Connection:
             LocalProtocolError: The message is not allowed now, or cannot be encoded within the limit; the
                 state of the connection is unchanged.
         """
-        translated = self._dialect.outward(message)
+        outward = self._dialect.outward
+        translated = message if outward is None else outward(message)
         if translated is None:
             return b""
         following = self._next_state(self.role, translated)
@@ -300,11 +301,11 @@ class Connection:
             if overtaken and isinstance(message, Reset):
                 raise RemoteProtocolError(ErrorCode.UNKNOWN_STOP, _OVERTAKEN, about=message.type)
             self._choose_version(message)
-            inward = dialect.inward(message)
+            accepted = message if dialect.inward is None else dialect.inward(message)
         except RemoteProtocolError as error:
             raise _identified(error, message) from None
         self._advance(message, following)
-        return inward
+        return accepted
 
     def _next_state(self, side: Side, message: Message) -> ConnectionState | None:
         return transitions(self._dialect).get((self.state, side, _event(message)))

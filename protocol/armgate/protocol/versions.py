@@ -11,11 +11,6 @@ from armgate.protocol.errors import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import Catalogue, Message
 
 
-def unchanged(message: Message) -> Message:
-    """Return the message itself: both forms are the same."""
-    return message
-
-
 @dataclass(frozen=True, eq=False)
 class Dialect:
     """Messages of one version.
@@ -24,16 +19,18 @@ class Dialect:
         version: Number of the version.
         client: Models of the client's messages by ``type``, in the form of the wire.
         server: Models of the server's messages by ``type``, in the form of the wire.
-        inward: Conversion from the wire's form to the program's; may raise a ``RemoteProtocolError``.
-        outward: Conversion from the program's form to the wire's; returns None if this version lacks the
-            message, which is then not sent. Hello, welcome, error and bye are the same in every version.
+        inward: Conversion from the wire's form to the program's; may raise a ``RemoteProtocolError``. None if
+            both forms are the same.
+        outward: Conversion from the program's form to the wire's; None if both forms are the same. It returns
+            None if this version lacks the message, which is then not sent. Hello, welcome, error and bye are
+            the same in every version.
     """
 
     version: int
     client: Mapping[str, type[Message]]
     server: Mapping[str, type[Message]]
-    inward: Callable[[Message], Message] = unchanged
-    outward: Callable[[Message], Message | None] = unchanged
+    inward: Callable[[Message], Message] | None = None
+    outward: Callable[[Message], Message | None] | None = None
 
 
 DIALECTS: tuple[Dialect, ...] = (Dialect(1, Catalogue.client, Catalogue.server),)

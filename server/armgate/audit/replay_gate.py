@@ -24,13 +24,14 @@ from armgate.events import (
     Stopped,
     Verdict,
 )
-from armgate.gate.braking import stop_increments
+from armgate.gate.braking import end_of, stop_increments
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.pair_check import in_pair_order
 from armgate.gate.decision import Decision
 from armgate.gate.gate import Gate
 from armgate.gate.joint_limits import limit_increment
-from armgate.gate.robot import RobotState, end_of
+from armgate.gate.occupancy import occupancy_to
+from armgate.gate.robot import RobotState
 from armgate.gate.step_bounds import StepBounds
 from armgate.gate.stops import StopCause, Stops
 
@@ -146,7 +147,7 @@ class ReplayGate(Gate):
 
     def _as_played(self, s: RobotState, plan: Plan) -> Decision:
         """Return the recorded plan as a decision, with the bounds that are known without a query."""
-        occupied = s.occupancy_to(end_of(s.setpoint, plan.increments), plan.increments[0])
+        occupied = occupancy_to(s, end_of(s.setpoint, plan.increments), plan.increments[0])
         swept = self._clearance.space.sweep(s.index, occupied)
         most = np.full_like(self._clearance.limits_of[s.index], np.inf)
         judged = self._clearance.check(s.index, swept, None, most, Budget(0))

@@ -12,7 +12,7 @@ therefore always a part of a path that is proven already.
 
 import math
 from collections.abc import Sequence
-from operator import truediv
+from operator import add, truediv
 
 from armgate.events import Joints
 
@@ -40,6 +40,13 @@ def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints,
     m = ticks_to_rest(u, decel)
     shares = [1.0] + [1.0 - k / m for k in range(1, math.floor(m) + 1)]
     return tuple(tuple(map(share.__mul__, u)) for share in shares if share > 0.0)
+
+
+def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
+    """Return the setpoint after all increments, added one by one as a link adds them."""
+    for u in increments:
+        setpoint = tuple(map(add, setpoint, u))
+    return setpoint
 
 
 def largest_stopping(room: float, decel: float) -> float:

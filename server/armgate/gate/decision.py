@@ -16,15 +16,15 @@ import numpy as np
 
 from armgate.events import Joints, Point, Reason
 from armgate.gate import wording
-from armgate.gate.braking import stop_increments
+from armgate.gate.braking import end_of, stop_increments
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.pair_check import Binding
 from armgate.gate.clearance.swept import Array, Swept
 from armgate.gate.joint_limits import LimitedIncrement, blend, first_outside, limit_increment
-from armgate.gate.occupancy import Occupancy
+from armgate.gate.occupancy import Occupancy, occupancy_to
 from armgate.gate.retreat import Requirements, Retreat
-from armgate.gate.robot import RobotState, end_of
+from armgate.gate.robot import RobotState
 
 Response = Literal["stop", "slow"]
 
@@ -124,7 +124,7 @@ class DecisionMaker:
     ) -> Decision | Binding:
         """Return the decision for ``u`` if its stop is clear, else the binding pair or joint."""
         increments = stop_increments(u, state.bounds.decel) or (state.zeros,)
-        occupied = state.occupancy_to(end_of(state.setpoint, increments), increments[0])
+        occupied = occupancy_to(state, end_of(state.setpoint, increments), increments[0])
         swept = self._clearance.space.sweep(state.index, occupied)
         step = self._extension(state, occupied)
         result = self._clearance.check(state.index, swept, step, required.need, budget)

@@ -16,8 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import add, sub
+from typing import TYPE_CHECKING
 
 from armgate.events import Joints
+from armgate.gate.lag import larger
+
+if TYPE_CHECKING:
+    from armgate.gate.robot import RobotState
 
 _ROUNDING = 1e-9
 
@@ -77,6 +82,36 @@ def occupancy(
     if lag_tube[0]:
         tube = tuple(map(add, tube, lag_tube[0]))
     return Occupancy(_without_repeats((measured, setpoint, end)), tube, *lag_tube)
+
+
+def occupancy_to(state: "RobotState", end: Joints, increment: Joints) -> Occupancy:
+    """Return the occupancy of a robot from the measured q over the setpoint to ``end``.
+
+    Args:
+        state: State of the robot.
+        end: The end of the stop.
+        increment: The first of the increments that lead there: no joint has a larger one after it.
+    """
+    return _cover(state, state.setpoint, end, [q for _, q in state.history], increment)
+
+
+def occupancy_at(state: "RobotState", setpoint: Joints) -> Occupancy:
+    """Return the occupancy of a robot after a rebase to ``setpoint``, until the link has it."""
+    past = [*(q for _, q in state.history), state.setpoint]
+    step = tuple([y - x for x, y in zip(state.setpoint, setpoint, strict=True)])
+    return _cover(state, setpoint, setpoint, past, step)
+
+
+def _cover(
+    state: "RobotState", setpoint: Joints, end: Joints, past: list[Joints], increment: Joints
+) -> Occupancy:
+    first, tolerance = state.q, state.robot.q_tolerance + state.off_path
+    if past and first == setpoint:  # a path from the farthest setpoint of the past is a tighter cover
+        first = max(past, key=lambda q: math.dist(q, setpoint))
+    if state.hull_deviation is None:
+        return occupancy(first, setpoint, end, past, tolerance)
+    lag_tube = state.hull_deviation.of(larger(state.largest.largest, increment))
+    return occupancy(first, setpoint, end, past, tolerance, lag_tube)
 
 
 def settle_measured(

@@ -11,6 +11,7 @@ from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.swept import Array
 from armgate.gate.decision import Decision
+from armgate.gate.occupancy import occupancy_at, occupancy_to
 from armgate.gate.robot import Reserved, RobotState
 
 _BUDGET = 64
@@ -29,7 +30,7 @@ class Reservations:
         """Reserve the occupancy along the held plan, and only that."""
         if self._clearance.space.ranges[s.index].levers:
             self._clearance.fit(s.index, s.reachable_points, s.reachable_margin)
-        occupied = s.occupancy_to(s.end, s.brake)
+        occupied = occupancy_to(s, s.end, s.brake)
         s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
         self._hold(s)
 
@@ -73,7 +74,7 @@ class Reservations:
         Every pair must keep its limit, or its kept bound if that is less.
         """
         c = self._clearance
-        swept = c.space.sweep(s.index, s.occupancy_at(setpoint))
+        swept = c.space.sweep(s.index, occupancy_at(s, setpoint))
         need = np.minimum(c.limits_of[s.index], c.bound.of(s.index))
         result = c.check(s.index, swept, None, need, Budget(_BUDGET))
         if result.binding is not None:

@@ -7,9 +7,10 @@ from operator import add, sub
 
 from armgate.cell.cell import Robot
 from armgate.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
+from armgate.gate.braking import end_of
 from armgate.gate.clearance.swept import Swept
 from armgate.gate.lag import HullDeviation, LargestIncrements, hull_deviation_of, larger, memory
-from armgate.gate.occupancy import Occupancy, occupancy
+from armgate.gate.occupancy import Occupancy
 from armgate.gate.standstill import STILL, StandstillDetector, within
 from armgate.gate.step_bounds import StepBounds
 
@@ -242,29 +243,6 @@ class RobotState:
             return margin
         return margin + max(self.hull_deviation.of(larger(self.largest.largest, self.bounds.speed))[0])
 
-    def occupancy_to(self, end: Joints, increment: Joints) -> Occupancy:
-        """Return the occupancy from the measured q over the setpoint to ``end``.
-
-        Args:
-            end: The end of the stop.
-            increment: The first of the increments that lead there: no joint has a larger one after it.
-        """
-        return self._cover(self.setpoint, end, [q for _, q in self.history], increment)
-
-    def occupancy_at(self, setpoint: Joints) -> Occupancy:
-        """Return the occupancy after a rebase to ``setpoint``, until the link has it."""
-        past = [*(q for _, q in self.history), self.setpoint]
-        return self._cover(setpoint, setpoint, past, _between(self.setpoint, setpoint))
-
-    def _cover(self, setpoint: Joints, end: Joints, past: list[Joints], increment: Joints) -> Occupancy:
-        first, tolerance = self.q, self.robot.q_tolerance + self.off_path
-        if past and first == setpoint:  # a path from the farthest setpoint of the past is a tighter cover
-            first = max(past, key=lambda q: math.dist(q, setpoint))
-        if self.hull_deviation is None:
-            return occupancy(first, setpoint, end, past, tolerance)
-        lag_tube = self.hull_deviation.of(larger(self.largest.largest, increment))
-        return occupancy(first, setpoint, end, past, tolerance, lag_tube)
-
     @property
     def companion_margin(self) -> Joints:
         """Largest distance from its companion from the next tick on, per joint; () if its axes lag alike."""
@@ -354,13 +332,6 @@ class RobotState:
         if self.faulted:
             self.q, self.off_path, self.outside = self.measured, 0.0, ((), ())
             self.outside = self._lowered_outside()
-
-
-def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
-    """Return the setpoint after all increments, added one by one as a link adds them."""
-    for u in increments:
-        setpoint = tuple(map(add, setpoint, u))
-    return setpoint
 
 
 def same(a: Joints, b: Joints) -> bool:

@@ -7,7 +7,7 @@ too late, the held plan runs out, and every plan ends at rest.
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from armgate.events import Joints, Plan, PlanAnswer, PlanKey
+from armgate.events import Joints, Plan, PlanAnswer, PlanKey, Rebase
 
 _REMEMBERED = 64
 """Number of answers kept for plans that are sent again; a repetition is never older than a few ticks."""
@@ -31,7 +31,7 @@ class PlanPlayer:
     """
 
     def __init__(self, robot: str, start: str) -> None:
-        self._robot = robot
+        self._name = robot
         self._start = start
         self._resets = 0
         self._tick = -1
@@ -39,6 +39,11 @@ class PlanPlayer:
         self._next: Plan | None = None
         self._last = Played()
         self._answers: OrderedDict[Plan, PlanAnswer] = OrderedDict()
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self._name
 
     @property
     def tick(self) -> int:
@@ -66,7 +71,7 @@ class PlanPlayer:
         reason = self._objection(plan.key)
         if not reason:
             self._next = plan
-        return self._remember(plan, PlanAnswer(self._robot, plan.key, not reason, reason))
+        return self._remember(plan, PlanAnswer(self._name, plan.key, not reason, reason))
 
     def play(self) -> Played:
         """Go to the next tick and play its increment, if the plan has not run out."""
@@ -81,15 +86,15 @@ class PlanPlayer:
             self._last = Played(self._held.increments[index], self._held.key, index)
         return self._last
 
-    def rebase(self, resets: int) -> None:
+    def rebase(self, rebase: Rebase) -> None:
         """Drop the plan and the next one; plans made before are refused from now on."""
-        self._resets = resets
-        self._held = self._next = None
-        self._last = Played()
+        self._resets = rebase.resets
+        self.drop()
 
     def drop(self) -> None:
         """Drop the plan and the next one: the robot was held, and rests."""
-        self.rebase(self._resets)
+        self._held = self._next = None
+        self._last = Played()
 
     def _objection(self, key: PlanKey) -> str:
         if key.start != self._start or key.resets != self._resets:

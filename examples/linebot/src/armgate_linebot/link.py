@@ -56,7 +56,7 @@ class LinebotLink:
 
     def rebase(self, rebase: Rebase) -> None:
         """Drop the plan; a robot that was lost or faulted becomes ready at its next position."""
-        self._player.rebase(rebase.resets)
+        self._player.rebase(rebase)
         self._rebased = True
         self._arming = self._state is not LinkState.READY
 

@@ -83,7 +83,7 @@ class RsiLink:
         The setpoint stays the position that the KRC holds; the next tick reports it. The difference between
         commanded and measured position does not move a robot at rest.
         """
-        self._player.rebase(rebase.resets)
+        self._player.rebase(rebase)
         if self._run is not None:
             self._run.rebased = True
         if self._states.go(Event.REARMED):
