@@ -645,5 +645,5 @@ async def test_a_hello_does_not_wait_for_messages_of_other_clients_at_its_addres
 async def test_messages_with_large_answers_count_more(line, message):
     line.hello()
     line.session._connection.push(line.client.send(message))
-    cost, _ = line.session._reader._receive_some()
+    cost, _ = line.session._receive_some()
     assert cost >= 20

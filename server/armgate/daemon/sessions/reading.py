@@ -6,9 +6,12 @@ nothing that it sent is dropped.
 """
 
 import asyncio
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
+from armgate.daemon.core.interfaces import ClientRequest, Peer, RequestHandler
+from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.rate_limits import RateLimit
 from armgate.daemon.sessions.scheduler import FairScheduler, Work
 from armgate.daemon.token_bucket import TokenBucket
@@ -43,58 +46,114 @@ _COSTS: dict[type[object], float] = {
 """Messages that count as more than one: the answer is large, goes to all clients, or takes long to write."""
 
 
-class Reader:
-    """Reads one client.
+class SessionHost(Protocol):
+    """The object to which sessions report; called by `Session`."""
+
+    @property
+    def serving(self) -> bool:
+        """True if requests of clients are processed."""
+
+    def opened(self, session: "Session") -> None:
+        """Process a new connection."""
+
+    def hello(self, session: "Session", hello: m.Hello) -> None:
+        """Process a hello: answer with welcome or a fatal error."""
+
+    def left(self, session: "Session", reason: str) -> None:
+        """Process the end of a session by a bye or the loss of its connection; called once."""
+
+    def closed(self, session: "Session") -> None:
+        """Process the end of a connection; nothing is called for it afterwards."""
+
+    def privileged(self, session: "Session") -> bool:
+        """Return True if the session is served first: it holds a robot, or is an operator by token."""
+
+    def failed(self, error: BaseException) -> None:
+        """Process a defect of the daemon."""
+
+
+class SessionReader(asyncio.BufferedProtocol, Peer):
+    """The reading side of a session: asyncio's buffer, its messages in turns, and the handler of each.
 
     Args:
-        session: The session of the client; its `receive` takes each message.
+        host: The object to report to.
+        slot: Address of the client, and whether it may stay.
         connection: Decodes its bytes.
         scheduler: Gives the turns in which the client is read.
         limit: Bounds the rate at which it is read; None: no bound.
-
-    Attributes:
-        buffer: Memory for incoming bytes.
     """
 
     def __init__(
-        self, session: "Session", connection: Connection, scheduler: FairScheduler, limit: RateLimit | None
+        self,
+        host: SessionHost,
+        slot: Slot,
+        connection: Connection,
+        scheduler: FairScheduler,
+        limit: RateLimit | None,
     ) -> None:
-        self.buffer = memoryview(bytearray(_BUFFER))
-        self._session = session
+        self.slot = slot
+        self._host = host
         self._connection = connection
         self._scheduler = scheduler
         self._limit = limit
+        self._requests: RequestHandler
         self._transport: asyncio.Transport
+        self._buffer = memoryview(bytearray(_BUFFER))
         self._bytes = 0
         self._stop_rate = TokenBucket(_STOPS, _STOPS, 0.0)
         self._reading = self._searching = self._ended = False
         self._timer: asyncio.TimerHandle | None = None
 
-    def connect(self, transport: asyncio.Transport) -> None:
-        """Read from this transport from now on."""
-        self._transport = transport
-
-    def close(self) -> None:
-        """Cancel timers: the connection is lost."""
-        if self._timer is not None:
-            self._timer.cancel()
+    # --- the session, see `Session` -----------------------------------------------------------------------
 
     @property
-    def pending(self) -> bool:
-        """True if the client's stream has ended, but messages before its end are still to be read."""
-        return self._ended and self._reading
+    @abstractmethod
+    def identity(self) -> str:
+        """Token of the client, or its address without one, by which rate limits and turns count."""
 
-    def identify(self, identity: str) -> None:
-        """Count in the rate limits of this identity from now on."""
-        if self._limit is not None:
-            self._limit.identify(identity)
+    @property
+    @abstractmethod
+    def greeted(self) -> bool:
+        """True if the client has been welcomed."""
 
-    def push(self, nbytes: int) -> None:
-        """Take bytes that arrived in ``buffer``: read them at once if the scheduler permits, else later.
+    @property
+    @abstractmethod
+    def closing(self) -> bool:
+        """True if nothing more is received or sent."""
+
+    @property
+    @abstractmethod
+    def privileged(self) -> bool:
+        """True if the session is served before all others."""
+
+    @abstractmethod
+    def _greet(self, hello: m.Hello) -> None:
+        """Pass a hello to the host."""
+
+    @abstractmethod
+    def leave(self, reason: str) -> None:
+        """Report that the session has left, unless that was reported before."""
+
+    @abstractmethod
+    def finish_stream(self) -> None:
+        """Process the end of the client's stream, before which everything has been received."""
+
+    # --- asyncio ------------------------------------------------------------------------------------------
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Return the memory for incoming bytes."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Take the bytes that arrived in the buffer: read them at once if the scheduler permits, else later.
 
         While earlier messages wait, bytes are added up to `_AHEAD`, and only searched for a stop.
         """
-        self._connection.push(bytes(self.buffer[:nbytes]))
+        if self.closing:
+            self._discard()
+            return
+        self.slot.note_data()
+        self._connection.push(bytes(self._buffer[:nbytes]))
         self._bytes += nbytes
         if self._reading:
             self._read_ahead()
@@ -102,20 +161,7 @@ class Reader:
             self._reading = True
             self._request_turn(self._scheduler.run_now)
 
-    def discard(self) -> None:
-        """Discard bytes of a connection that is closing, and read on only after a pause."""
-        if self._timer is not None:
-            self._timer.cancel()
-        if not self._transport.is_closing():
-            self._transport.pause_reading()
-            self._timer = asyncio.get_running_loop().call_later(_DISCARD, self.read_on)
-
-    def read_on(self) -> None:
-        """Read the socket again, unless the transport is closed: the transport of TLS would fail then."""
-        if not self._transport.is_closing():
-            self._transport.resume_reading()
-
-    def end(self) -> bool:
+    def eof_received(self) -> bool:
         """Process the end of the client's stream, once everything before it has been read.
 
         Returns:
@@ -126,29 +172,50 @@ class Reader:
             self._end_stream()
         return self._reading and self._transport.can_write_eof()
 
+    @property
+    def _reading_to_end(self) -> bool:
+        """True if the client's stream has ended, but messages before its end are still to be read."""
+        return self._ended and self._reading
+
+    def _discard(self) -> None:
+        """Discard bytes of a connection that is closing, and read on only after a pause."""
+        self._cancel_reading()
+        if not self._transport.is_closing():
+            self._transport.pause_reading()
+            self._timer = asyncio.get_running_loop().call_later(_DISCARD, self._read_on)
+
+    def _cancel_reading(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _read_on(self) -> None:
+        """Read the socket again, unless the transport is closed: the transport of TLS would fail then."""
+        if not self._transport.is_closing():
+            self._transport.resume_reading()
+
     # --- turns --------------------------------------------------------------------------------------------
 
     def _request_turn(self, run: Callable[[str, bool, Work], None]) -> None:
         """Read when it is this session's turn and its rate limit permits it."""
-        privileged = self._session.privileged
+        privileged = self.privileged
         # Other clients must not delay a hello: before it only the session's own allowance counts.
-        own_limit_only = privileged or not self._session.greeted
+        own_limit_only = privileged or not self.greeted
         wait = 0.0 if self._limit is None else self._limit.reserve(own_limit_only)
         if wait:
             self._read_ahead()
             self._timer = asyncio.get_running_loop().call_later(wait, self._resume)
         else:
-            run(self._session.identity, privileged, self._read)
+            run(self.identity, privileged, self._read)
 
     def _resume(self) -> None:
-        self._scheduler.run_now(self._session.identity, self._session.privileged, self._read)
+        self._scheduler.run_now(self.identity, self.privileged, self._read)
 
     def _read(self) -> None:
         """Read as much as one turn allows, and request another turn for the rest."""
-        with self._session.batch():
+        with self.batch():
             cost, more = self._receive_some()
         if self._limit is not None:
-            self._limit.spend(cost - 1.0, self._session.privileged)
+            self._limit.spend(cost - 1.0, self.privileged)
         if more:
             self._read_ahead()
             self._request_turn(self._scheduler.run_later)
@@ -157,25 +224,59 @@ class Reader:
         if self._ended:
             self._end_stream()
         else:
-            self.read_on()
+            self._read_on()
 
     def _receive_some(self) -> tuple[float, bool]:
         """Receive the messages of one turn; return what they cost, and True if there may be more."""
         cost, self._bytes = self._bytes / _BYTES, 0
         limit, before = cost + _AT_ONCE, self._connection.buffered
         while cost < limit and before - self._connection.buffered < _BYTES:
-            item = None if self._session.closing else self._connection.pop()
+            item = None if self.closing else self._connection.pop()
             if item is None:
                 return cost, False
             cost += _COSTS.get(type(item), 1.0)
-            self._session.receive(item)
+            self.receive(item)
         return cost, True
 
     def _end_stream(self) -> None:
-        if not self._session.closing:
+        if not self.closing:
             for item in self._connection.receive_eof():
-                self._session.receive(item)
-        self._session.finish_stream()
+                self.receive(item)
+        self.finish_stream()
+
+    # --- messages ------------------------------------------------------------------------------------------
+
+    def receive(self, item: m.Message | Refusal) -> None:
+        """Process a message, or bytes that are no message; a defect is reported to the host."""
+        self._guarded(self._process, item)
+
+    def _process(self, item: m.Message | Refusal) -> None:
+        match item:
+            case Refusal():
+                self._refuse(item)
+            case m.Hello():
+                self._greet(item)
+            case m.Bye():
+                self.leave(f"bye: {item.reason}" if item.reason else "bye")
+                self.close(m.Bye())
+            case _ if isinstance(item, ClientRequest):
+                if self._host.serving:
+                    self._requests.handle(self, item)
+            case _:
+                raise AssertionError(f"{item.type}: not a message of clients")
+
+    def _refuse(self, refusal: Refusal) -> None:
+        if refusal.fatal:
+            self.leave(f"{refusal.error.code}: {refusal.error.text}")
+            self.close(refusal.error)
+        else:
+            self.send(refusal.error)
+
+    def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
+        try:
+            function(*arguments)
+        except Exception as error:
+            self._host.failed(error)
 
     # --- stops first --------------------------------------------------------------------------------------
 
@@ -184,18 +285,18 @@ class Reader:
         if self._connection.buffered > (_BUFFER if self._limit is None else _AHEAD):
             self._transport.pause_reading()
         else:
-            self.read_on()
+            self._read_on()
         if not self._searching and self._limit is not None and self._connection.may_overtake:
             self._searching = True
-            self._scheduler.run_later(self._session.identity, self._session.privileged, self._search)
+            self._scheduler.run_later(self.identity, self.privileged, self._search)
 
     def _search(self) -> None:
         """Search a few of the waiting messages for a stop, and act on it."""
         self._searching = False
-        if self._session.closing or not self._stop_rate.take(asyncio.get_running_loop().time()):
+        if self.closing or not self._stop_rate.take(asyncio.get_running_loop().time()):
             return
         if (stop := self._connection.overtake()) is None:
             self._stop_rate.spend(-1.0)
         else:
-            self._session.receive(stop)
+            self.receive(stop)
         self._read_ahead()

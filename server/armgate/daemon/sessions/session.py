@@ -1,17 +1,19 @@
-"""One client's connection: messages in and out, from its first byte to its end."""
+"""One client's connection, from its first byte to its end: its client, its messages out, and its end.
+
+What the client sends is read and passed on by `SessionReader`, the base class.
+"""
 
 import asyncio
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
 from armgate.daemon.auth.tls import peer_certificate
-from armgate.daemon.core.interfaces import Batch, Client, ClientRequest, Encoded, RequestHandler
+from armgate.daemon.core.interfaces import Batch, Client, Encoded, RequestHandler
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.ending import Ending
 from armgate.daemon.sessions.listener import ConnectionProtocol
 from armgate.daemon.sessions.peer_socket import ReachabilityWatch, peer_socket
 from armgate.daemon.sessions.rate_limits import RateLimit
-from armgate.daemon.sessions.reading import Reader
+from armgate.daemon.sessions.reading import SessionHost, SessionReader
 from armgate.daemon.sessions.scheduler import FairScheduler, Work
 from armgate.daemon.sessions.writing import Overflow, Writer
 from armgate.protocol import (
@@ -21,7 +23,6 @@ from armgate.protocol import (
     Dialect,
     ErrorCode,
     LocalProtocolError,
-    Refusal,
     RemoteProtocolError,
     Side,
 )
@@ -36,33 +37,7 @@ _DELAYABLE = (m.Signaled, m.Verdict)
 _EVICTED = "no hello came while other clients waited for the place; send hello right after connecting"
 
 
-class SessionHost(Protocol):
-    """The object to which sessions report; called by `Session`."""
-
-    @property
-    def serving(self) -> bool:
-        """True if requests of clients are processed."""
-
-    def opened(self, session: "Session") -> None:
-        """Process a new connection."""
-
-    def hello(self, session: "Session", hello: m.Hello) -> None:
-        """Process a hello: answer with welcome or a fatal error."""
-
-    def left(self, session: "Session", reason: str) -> None:
-        """Process the end of a session by a bye or the loss of its connection; called once."""
-
-    def closed(self, session: "Session") -> None:
-        """Process the end of a connection; nothing is called for it afterwards."""
-
-    def privileged(self, session: "Session") -> bool:
-        """Return True if the session is served first: it holds a robot, or is an operator by token."""
-
-    def failed(self, error: BaseException) -> None:
-        """Process a defect of the daemon."""
-
-
-class Session(asyncio.BufferedProtocol, ConnectionProtocol):
+class Session(SessionReader, ConnectionProtocol):
     """A connection and, after its hello, the client behind it; a `Peer` of the core.
 
     Args:
@@ -86,18 +61,12 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         limit: RateLimit | None = None,
         dialects: Sequence[Dialect] = DIALECTS,
     ) -> None:
+        super().__init__(host, slot, Connection(Side.SERVER, dialects), scheduler, limit)
         self.number = number
-        self.slot = slot
-        self._host = host
-        self._scheduler = scheduler
-        self._connection = Connection(Side.SERVER, dialects)
-        self._reader = Reader(self, self._connection, scheduler, limit)
         self._writer = Writer(send_buffer)
         self._ending = Ending(self._report_left, self._report_closed)
-        self._transport: asyncio.Transport
         self._watch: ReachabilityWatch | None = None
         self._client: Client | None = None
-        self._requests: RequestHandler
         self._lost = False
 
     @property
@@ -161,7 +130,6 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         """Take in a connection."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        self._reader.connect(transport)
         # Data wait in the writer, not in the transport. With high=0, TLS would pause at once and for ever.
         transport.set_write_buffer_limits(high=1, low=0)
         try:
@@ -173,22 +141,6 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         self._watch = ReachabilityWatch(kernel, self._unreachable)
         self._guarded(self._host.opened, self)
 
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Return the memory for incoming bytes."""
-        return self._reader.buffer
-
-    def buffer_updated(self, nbytes: int) -> None:
-        """Take the bytes in the buffer; the reader passes their messages to `receive` in its turns."""
-        if self.closing:
-            self._reader.discard()
-        else:
-            self.slot.note_data()
-            self._reader.push(nbytes)
-
-    def eof_received(self) -> bool:
-        """Process the end of the client's stream; see `Reader.end`."""
-        return self._reader.end()
-
     def connection_lost(self, exc: Exception | None) -> None:
         """Process the loss of the connection, once everything before the end of the stream has been read."""
         self._ending.clear_deadline()
@@ -196,10 +148,10 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         if self._watch is not None:
             self._watch.cancel()
         self._lost = True
-        if exc is None and self._reader.pending and not self.closing:
+        if exc is None and self._reading_to_end and not self.closing:
             return
         self._ending.begin()
-        self._reader.close()
+        self._cancel_reading()
         self._ending.leave("connection lost" if exc is None else str(exc))
         self._ending.finish()
 
@@ -216,7 +168,11 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
     def identify(self, client: Client, requests: RequestHandler) -> None:
         """Accept the hello of a client; ``requests`` handles its requests from now on."""
         self._client, self._requests = client, requests
-        self._reader.identify(client.identity)
+        if self._limit is not None:
+            self._limit.identify(client.identity)
+
+    def _greet(self, hello: m.Hello) -> None:
+        self._host.hello(self, hello)
 
     def forget(self) -> None:
         """Take the hello back: the client cannot join."""
@@ -272,41 +228,13 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
         """Hold back states, and messages that may be delayed, until the batch closes."""
         return self._writer.batch()
 
-    # --- receiving ----------------------------------------------------------------------------------------
-
-    def receive(self, item: m.Message | Refusal) -> None:
-        """Process a message, or bytes that are no message; a defect is reported to the host."""
-        self._guarded(self._process, item)
-
-    def _process(self, item: m.Message | Refusal) -> None:
-        match item:
-            case Refusal():
-                self._refuse(item)
-            case m.Hello():
-                self._host.hello(self, item)
-            case m.Bye():
-                self._ending.leave(f"bye: {item.reason}" if item.reason else "bye")
-                self.close(m.Bye())
-            case _ if isinstance(item, ClientRequest):
-                if self._host.serving:
-                    self._requests.handle(self, item)
-            case _:
-                raise AssertionError(f"{item.type}: not a message of clients")
-
-    def _refuse(self, refusal: Refusal) -> None:
-        if refusal.fatal:
-            self._ending.leave(f"{refusal.error.code}: {refusal.error.text}")
-            self.close(refusal.error)
-        else:
-            self.send(refusal.error)
-
     # --- the end ------------------------------------------------------------------------------------------
 
     def close(self, message: m.Message) -> None:
         """Send a last message, and close once the client had time to read it."""
         self.send(message)
         if self._ending.begin():
-            self._reader.read_on()  # to notice when the client closes
+            self._read_on()  # to notice when the client closes
             self._ending.set_deadline(_LINGER, self._transport.abort)
             self._writer.finish()
 
@@ -318,6 +246,10 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
     def abort(self) -> None:
         """Close at once; unsent data are lost."""
         self._abort_because("")
+
+    def leave(self, reason: str) -> None:
+        """Report that the session has left, unless that was reported before."""
+        self._ending.leave(reason)
 
     def finish_stream(self) -> None:
         """Process the end of the client's stream, before which everything has been received."""
@@ -341,9 +273,3 @@ class Session(asyncio.BufferedProtocol, ConnectionProtocol):
 
     def _report_closed(self) -> None:
         self._guarded(self._host.closed, self)
-
-    def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
-        try:
-            function(*arguments)
-        except Exception as error:
-            self._host.failed(error)
