@@ -29,7 +29,7 @@ async def test_metrics_are_served_and_printed(tmp_path):
         await mover.stop()
     assert (status, err) == (0, "")
     for part in (
-        "Judged commands",
+        "Decided commands",
         "A admitted: ",
         "Lateness of ticks when they are processed",
         "99 % below",

@@ -286,7 +286,7 @@ async def test_an_operator_takes_over_and_resets(secured):
             await lab.acquire("A", takeover=True)
         await boss.acquire("A", takeover=True)
         stopped = await lab.stop()
-        with pytest.raises(Refused, match="not as controller"):
+        with pytest.raises(Refused, match="not allowed as controller"):
             await lab.reset(stopped.stop)
         await boss.reset(stopped.stop)
 

@@ -2,7 +2,7 @@
 
 Packages, each with one concern:
 
-- ``core``: one cell without sockets and clocks: commands to the gate, leases (what happens when one expires),
+- ``core``: one cell without sockets and clocks: commands to the gate, leases and their end,
   stops, signals, states, and the translation of gate outputs into messages.
 - ``pace``: passing of time: wall clock, lock-step, or robots that are their own clock.
 - ``sessions``: connections of clients: accepted, read in fair turns, written within bounds.

@@ -1,14 +1,14 @@
-"""Token bucket: a bound on rates. Its tokens have nothing to do with the tokens of clients."""
+"""Token bucket: a bound on rates. Its tokens are not the tokens of clients."""
 
 
 class TokenBucket:
-    """Allows a burst at once, and a rate on average.
+    """Bound that allows a burst, and a rate on average.
 
     The bucket holds tokens, up to ``burst``; it gains ``rate`` tokens per second, and each event takes one.
 
     Args:
         rate: Tokens gained per second.
-        burst: Tokens that it can hold; it begins full.
+        burst: Largest number of tokens; the bucket begins full.
         now: Time of a clock that does not go back, s.
     """
 
@@ -29,9 +29,9 @@ class TokenBucket:
         return True
 
     def reserve(self, now: float) -> float:
-        """Take one token in any case; return the time to wait until the bucket has gained it, s.
+        """Take one token, even if there is none; return the time until the bucket has gained it, s.
 
-        Waits add up, so clients that share a bucket are served one after the other.
+        Waits add up, so clients that share a bucket are served in sequence.
         """
         self._refill(now)
         self._left -= 1.0
@@ -47,7 +47,7 @@ class TokenBucket:
         return max(0.0, (1.0 - self._left) / self._rate)
 
     def full(self, now: float) -> bool:
-        """Return True if the bucket is full, and so the same as a new one."""
+        """Return True if the bucket is full, like a new one."""
         self._refill(now)
         return self._left >= self._burst
 

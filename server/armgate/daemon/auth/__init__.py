@@ -1,1 +1,1 @@
-"""Login: tokens, roles, TLS, the Unix socket, and the bounds on what failed logins may log."""
+"""Login: tokens, roles, TLS, the Unix socket, and the bounds on the log of failed logins."""

@@ -11,9 +11,9 @@ from armgate.links.log import Log
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import Hello, Role
 
-# One text for every reason: it must not reveal which part of a guess was right.
+# One text for every reason: it must not reveal which part of a guess was correct.
 _UNAUTHORIZED = (
-    "this daemon requires a token that allows what the hello asks for: use the token that was created for "
+    "this daemon requires a token that allows the requested role: use the token that was created for "
     "you, ask for a role that it allows, or create one with `armgate token`"
 )
 
@@ -34,15 +34,15 @@ class Admission:
 
 
 class Access:
-    """Decides on the role of a client.
+    """Decision on the role of a client.
 
-    A right token is accepted however many wrong ones came from the same address: the work of checking a token
+    A correct token is accepted even after many wrong ones from the same address: the work of checking a token
     is always the same.
 
     Args:
         tokens: Tokens that are accepted; None: every client is accepted, in the role that its hello names.
-        users: Roles of this machine's users, for connections on the Unix socket that bring no token.
-        wall: Unix time, s, at which tokens expire.
+        users: Roles of this machine's users, for connections on the Unix socket without a token.
+        wall: Unix time, s, which decides whether tokens have expired.
         failures: Counts the hellos that were refused, and bounds their log.
         log: Receives refused hellos, without the secrets given.
     """
@@ -67,8 +67,8 @@ class Access:
         Args:
             hello: Its hello.
             slot: Its address.
-            now: Time of a clock that does not go back, s.
-            certificate: Certificate that it has shown over TLS, in DER; counts if the hello brings no token.
+            now: Time of a monotonic clock, s.
+            certificate: Certificate that it has shown over TLS, in DER; used if the hello has no token.
 
         Raises:
             RemoteProtocolError: ``unauthorized``.
@@ -106,7 +106,7 @@ class Access:
 
 
 def _why(hello: Hello, token: Token | None) -> str:
-    """Return the reason for the log why a token was refused."""
+    """Return the reason why a token was refused, for the log."""
     if token is not None:
         return "role" if not token.allows(hello.role) else "expired"
     return "no token" if hello.token is None else "unknown token"

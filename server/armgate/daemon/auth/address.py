@@ -1,4 +1,4 @@
-"""Addresses: loopback, and the origin that a connection counts for."""
+"""Addresses: loopback, and the origin to which a connection is attributed."""
 
 import ipaddress
 
@@ -12,7 +12,7 @@ def is_loopback(host: str) -> bool:
 
 
 def origin(host: str) -> str:
-    """Return the origin of an address: the IPv4 address, or the IPv6 network of 64 bits of one host."""
+    """Return the origin of an address: the IPv4 address, or the /64 network of an IPv6 address."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

@@ -1,7 +1,7 @@
 """Log of failed logins and refused connections, bounded per origin and in all.
 
-To guess a token is hopeless (2^256 values), so failures block nothing: a right token is accepted whatever
-else comes from its address. Failures only cost lines of the log, and these are bounded here.
+A token cannot be guessed (2^256 values), so failures block nothing: a correct token is accepted after any
+number of failures from its address. Failures only add lines to the log, and these are bounded here.
 """
 
 from collections import OrderedDict
@@ -16,12 +16,12 @@ _MINUTE = 60.0
 
 
 class FailureLog:
-    """Counts failures, and logs some of them.
+    """Counter of failures, which logs some of them.
 
     Args:
-        in_all: Failures that are logged per minute, on average and at once.
-        per_origin: The same for one origin.
-        now: Time of a clock that does not go back, s.
+        in_all: Failures that are logged per minute: average rate, and largest burst.
+        per_origin: The same bound for each origin.
+        now: Time of a monotonic clock, s.
     """
 
     def __init__(self, in_all: float, per_origin: float, now: float) -> None:
@@ -31,7 +31,7 @@ class FailureLog:
         self._unlogged = 0
 
     def failed(self, origin: str, now: float) -> int | None:
-        """Count a failure; return how many before it were not logged, or None if it is not to be logged."""
+        """Count a failure; return how many before it were not logged, or None if it must not be logged."""
         bucket = self._failing.pop(origin, None) or self._new_bucket(now)
         self._failing[origin] = bucket
         while len(self._failing) > _REMEMBERED:

@@ -15,7 +15,7 @@ from armgate.protocol.messages import Role
 
 
 class InsecureError(Exception):
-    """The daemon would be open to clients that it cannot authenticate; nothing was moved."""
+    """Configuration in which clients could connect without authentication; nothing was moved."""
 
     exit_code = 2
 

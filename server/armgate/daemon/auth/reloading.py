@@ -12,7 +12,7 @@ from armgate.links.log import Log
 
 @dataclass(frozen=True, slots=True)
 class ReloadSource:
-    """A source that can be read again.
+    """Source that can be read again.
 
     Attributes:
         name: Its name in the log.
@@ -26,10 +26,10 @@ class ReloadSource:
 
 
 class Reloader:
-    """Reads sources again on request, without delaying ticks; a source that cannot be read changes nothing.
+    """Reloader of sources, which does not delay ticks; a source that cannot be read changes nothing.
 
     Args:
-        sources: Sources, read one after the other.
+        sources: Sources, in the order of reading.
         log: Receives the result of each.
     """
 
@@ -58,7 +58,7 @@ class Reloader:
         try:
             found = await asyncio.to_thread(source.read)
         except (TokenError, TlsError, OSError) as error:
-            text = f"{error}; the {source.name} read before stay in force"
+            text = f"{error}; the previous {source.name} stay in force"
             self._log.error(f"{source.name}.kept", error=text)
         else:
             self._log.info(f"{source.name}.read", **source.use(found))

@@ -16,7 +16,7 @@ _CLIENT = bytes.fromhex("2b06010505070302")
 
 
 class TlsError(Exception):
-    """A certificate or a key cannot be used; the text names the file and the reason."""
+    """Unusable certificate or key; the text names the file and the reason."""
 
     exit_code = 2
 
@@ -25,7 +25,7 @@ def server_context(certificate: Path, key: Path, client_ca: Path | None) -> ssl.
     """Return the TLS settings of the daemon's connections.
 
     Args:
-        certificate: File of the server's certificate, followed by those between it and its CA.
+        certificate: File of the server's certificate, followed by the intermediate certificates.
         key: File of its private key.
         client_ca: File of CAs; if given, clients must show a certificate that one of them has signed.
 
@@ -92,7 +92,7 @@ def is_for_clients(certificate: bytes) -> bool:
     """
     try:
         return any(oid == _CLIENT for oid in _purposes(certificate))
-    except Exception:  # bytes of a client: a certificate that cannot be parsed names no purpose
+    except Exception:  # sent by a client: a certificate that cannot be parsed names no purpose
         return False
 
 

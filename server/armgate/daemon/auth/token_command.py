@@ -16,23 +16,28 @@ if TYPE_CHECKING:
 ALL = "all"
 
 _LONGEST_CERTIFICATE = 1 << 16
-"""Largest number of characters of a certificate file that are read; a device has no end."""
+"""Largest number of characters that are read from a certificate file; a device file has no end."""
 
 _File = Annotated[Path, typer.Option(help="Token file of the daemon (server.tokens); created if missing.")]
 _Role = Annotated[
     Literal["observer", "controller", "operator"] | None,
-    typer.Option(help="Highest role that it allows; required unless --rotate is given.", show_default=False),
+    typer.Option(
+        help="Highest role that the token allows; required unless --rotate is given.", show_default=False
+    ),
 ]
 _Robots = Annotated[
     str, typer.Option(metavar="NAMES", help="Robots that its owner may command: A,B,… or all.")
 ]
 _Name = Annotated[
-    str | None, typer.Option(help="Name of its owner in the log; by default this user's name and the role.")
+    str | None, typer.Option(help="Name of its owner in the log; default: this user's name and the role.")
 ]
 _Out = Annotated[
-    Path | None, typer.Option(help="New file for the secret, readable by this user only; else it is printed.")
+    Path | None,
+    typer.Option(help="New file for the secret, readable by this user only; default: print the secret."),
 ]
-_Days = Annotated[float | None, typer.Option(min=0.0, help="Days until it expires.", show_default="never")]
+_Days = Annotated[
+    float | None, typer.Option(min=0.0, help="Days until the token expires.", show_default="never")
+]
 _Certificate = Annotated[
     Path | None,
     typer.Option(help="Bind the role to this client certificate (PEM) instead of creating a secret."),
@@ -44,7 +49,7 @@ _Overlap = Annotated[
 
 
 class CalledWronglyError(Exception):
-    """The command was called wrongly; nothing was created."""
+    """Wrong call of the command; nothing was created."""
 
     exit_code = 2
 
@@ -65,7 +70,7 @@ def token(
     _check_free(out)
     if rotate is not None:
         if role or name or certificate or days is not None or robots != ALL:
-            raise CalledWronglyError("--rotate: expected only --file, --overlap and --out beside it")
+            raise CalledWronglyError("--rotate: expected no other options than --file, --overlap and --out")
         _rotate(file, rotate, overlap, out)
         return
     if role is None:
@@ -106,7 +111,7 @@ def _rotate(file: Path, name: str, overlap: float, out: Path | None) -> None:
     from armgate.daemon.auth.tokens import rotate
 
     made = rotate(file, name, _after(hours=overlap) if overlap else None)
-    valid = f"the old one is valid for {overlap:g} h more at most"
+    valid = f"the old secret stays valid for {overlap:g} h at most"
     _report(made.token, f"has a new secret, {valid}", made.secret, out)
 
 

@@ -1,9 +1,8 @@
 """Tokens: the clients that are accepted, and their roles.
 
 A token is 256 random bits, of which the file holds only the SHA-256. A slow hash such as scrypt protects
-secrets that people choose and that can be guessed. One of 2^256 equally likely values cannot be guessed,
-however cheap a guess is, and a slow hash in the daemon would let every client that connects delay the
-ticks.
+secrets that people choose and that can be guessed. One of 2^256 equally likely values cannot be guessed, even
+if each guess is cheap. A slow hash in the daemon would also let every client that connects delay the ticks.
 
 The file has one JSON object per line. To revoke a token, delete its line. Only its owner may write the file.
 """
@@ -27,7 +26,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from armgate.protocol.messages import Hash, Name, Role
 
 PREFIX = "armgate_"
-"""Beginning of every secret, by which scanners for leaked secrets identify it."""
+"""Prefix of every secret, by which scanners for leaked secrets identify it."""
 
 _BYTES = 32
 """Random bytes of a secret."""
@@ -40,7 +39,7 @@ RANKS: dict[Role, int] = {"observer": 0, "controller": 1, "operator": 2}
 
 
 class TokenError(Exception):
-    """A token file is invalid; the text names file and line."""
+    """Invalid token file; the text names file and line."""
 
     exit_code = 2
 

@@ -1,4 +1,4 @@
-"""The daemon's Unix socket: the kernel names the user of each client, so no token is needed."""
+"""The daemon's Unix socket: the kernel reports the user of each client, so no token is needed."""
 
 import fcntl
 import os
@@ -18,7 +18,7 @@ _LOCK = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class UnixSocketError(Exception):
-    """The socket cannot be used, or a user is unknown; the text gives the reason and the remedy."""
+    """Unusable socket, or unknown user; the text gives the reason and the remedy."""
 
     exit_code = 2
 
@@ -46,7 +46,7 @@ def _uid(user: str) -> int:
 
 
 class UnixSocket:
-    """A listening Unix socket; every user may connect, and the daemon decides by the user.
+    """Listening Unix socket; every user may connect, and the daemon grants roles by user.
 
     Attributes:
         path: Its path.

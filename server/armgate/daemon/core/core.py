@@ -1,8 +1,8 @@
-"""One cell at work: every request of a client and every tick of a robot, without sockets and clocks.
+"""Core of a cell: processes the requests of clients and the ticks of robots, without sockets and clocks.
 
 The core owns the gate, the leases, the signals and the states of one cell. A daemon passes it the requests
 of clients (`join`, `handle`, `leave`) and the reports of robots (`tick`, `receive`). A command takes this
-way: `handle`, `command`, `GateRunner.feed`, the gate, the link. `_report` sends the verdict.
+path: `handle`, `command`, `GateRunner.feed`, the gate, the link. `_report` sends the verdict.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -33,12 +33,12 @@ class Core:
 
     Args:
         cell: The cell.
-        gate_runner: Feeds its gate.
+        gate_runner: Passes events to its gate.
         links: Link of each robot, in the order of the configuration.
         now: Daemon time, s.
         log: Receives events.
         lockstep: True if time passes in lock-step, for the description.
-        lease_time: The times by which leases are kept; None: both are ``now``.
+        lease_time: Times of renewal and expiry of leases; None: both are ``now``.
         defer: Calls a function in the turn of a client; see `States`.
         observers: Receive a snapshot of every instant.
 
@@ -95,18 +95,18 @@ class Core:
         self._states.publish(ticks, self.peers, self.leasing.sessions)
 
     def receive(self, event: events.LinkChange | events.PlanAnswer) -> None:
-        """Process what a link reports beside ticks."""
+        """Process an event of a link that is not a tick."""
         self._feed(event)
         if isinstance(event, events.LinkChange):  # a lost link sends no tick that would update the states
             self._update_states(tuple(self._motion.ticks.values()), None)
 
     def note(self, ticks: Iterable[events.Tick]) -> None:
-        """Follow the motion of robots without the gate, which has failed."""
+        """Track the motion of robots without the gate, after a failure of the gate or the daemon."""
         for tick in ticks:
             self._motion.note(tick)
 
     def expire(self) -> None:
-        """End the leases whose holders sent nothing for too long."""
+        """End the leases whose holders sent no message for too long."""
         self._apply(self.leasing.expire(self._lease_time()))
 
     @property
@@ -122,7 +122,7 @@ class Core:
     # --- the daemon ---------------------------------------------------------------------------------------
 
     def warn(self, about: str, text: str) -> None:
-        """Warn of something in every state from now on; a later warning about the same replaces it."""
+        """Add a warning to every state from now on; it replaces an earlier one about the same subject."""
         self._warnings[about] = text
 
     def stop_all(self, reason: str, *, again: bool = True) -> None:
@@ -138,7 +138,7 @@ class Core:
     # --- clients ------------------------------------------------------------------------------------------
 
     def join(self, peer: Peer) -> None:
-        """Take in a session after its hello."""
+        """Register a session after its hello."""
         self.peers[peer.client.id] = peer
 
     def leave(self, peer: Peer) -> None:
@@ -252,7 +252,7 @@ class Core:
                 assert_never(output)
 
     def _apply(self, effects: Iterable[Effect]) -> None:
-        """Carry out changes of leases: the gate learns of each, and the clients concerned get a notice."""
+        """Carry out changes of leases: pass each to the gate, and send notices to the clients concerned."""
         for effect in effects:
             match effect:
                 case events.LeaseChange():

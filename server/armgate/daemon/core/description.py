@@ -155,7 +155,7 @@ def _body(cell: Cell, body: Body, meshes: Mapping[Convex, str]) -> m.Body:
         return _wire_body((body.name, None, None), body.shape, body.placement, meshes)
     robot = cell.robots[body.robot]
     own = robot.model.bodies[body.index]
-    # Described in the frame of the link that the URDF names; any position of the joints gives the same.
+    # Described in the frame of the link that the URDF names; the result does not depend on the joints.
     R, t = robot.model.body_placements(robot.start)
     link = robot.model.frame(robot.start, own.link)
     in_link = link.inverse() @ Placement(R[body.index], t[body.index])
@@ -178,7 +178,7 @@ def _wire_body(
 
 
 def _containing(shape: Shape) -> m.Shape:
-    """Return a primitive in the same frame that contains a shape: the shape itself if all clients know it."""
+    """Return a primitive in the same frame that contains a shape: the shape itself if clients support it."""
     match shape:
         case Cone(radius=radius, length=length):
             return _containing(Cylinder(radius, length))

@@ -13,11 +13,11 @@ ClientOutput = Verdict | Stopped | ResetAnswer
 """Outputs of the gate that concern clients."""
 
 Tap = Callable[[GateEvent, list[GateOutput]], None]
-"""Receives every event with the gate's outputs, in order; together they suffice for a replay."""
+"""Function that receives every event with the gate's outputs, in order; they suffice for a replay."""
 
 
 class GateRunner:
-    """Feeds the gate, and hands its plans and rebases to the links, whose answers are events again.
+    """Runner of the gate, which passes plans and rebases to the links, and their answers back to the gate.
 
     Args:
         gate: The gate.
@@ -54,7 +54,7 @@ class GateRunner:
         return for_clients
 
     def view(self, robot: str) -> RobotView:
-        """Return the gate's knowledge of one robot."""
+        """Return the gate's view of one robot."""
         return self._gate.view(robot)
 
     def stops(self, robot: str) -> tuple[int, ...]:

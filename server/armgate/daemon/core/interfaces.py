@@ -1,7 +1,7 @@
-"""Interfaces between the core and its surroundings: gate, clients, log; for links see `armgate.links.link`.
+"""Interfaces of the core to gate, clients and log; for links see `armgate.links.link`.
 
-The core opens no socket, reads no clock and starts no thread. Its surroundings hand it these objects, so that
-a daemon, a test or a simulation can run the same core.
+The core opens no socket, reads no clock and starts no thread. Its caller provides these objects, so that a
+daemon, a test or a simulation can run the same core.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class Gate(Protocol):
         """Process one event; return the outputs in order."""
 
     def view(self, robot: str) -> RobotView:
-        """Return the gate's knowledge of one robot."""
+        """Return the gate's view of one robot."""
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings that concern no single robot."""
@@ -59,7 +59,7 @@ class Client:
         name: Name from its hello.
         role: Role that was granted.
         robots: Robots that it may command; None: all.
-        identity: Token, or address without one, by which rate limits and turns count.
+        identity: Token, or address without one, by which rate limits and turns are counted.
         token: Name of its token; None without one.
         known_as: Name of its token, or ``uid N`` on the Unix socket; None if only its own name is known.
         address: Address that it connects from.
@@ -89,10 +89,10 @@ class Batch(Protocol):
     """Frames to one client that are written together when the batch closes; see `Peer.batch`."""
 
     def close(self) -> None:
-        """End the batch; the last open batch of a client writes what it held back."""
+        """End the batch; the last open batch of a client writes the frames that were held back."""
 
     def flush(self) -> None:
-        """Write everything that was held back, even if another batch of the client is open."""
+        """Write all frames that were held back, even if another batch of the client is open."""
 
     def __enter__(self) -> "Batch": ...
 
@@ -128,13 +128,13 @@ class Peer(Protocol):
 
 
 class EventLog(Protocol):
-    """A structured log."""
+    """Structured log."""
 
     def info(self, event: str, **fields: Any) -> None:
         """Log a normal event."""
 
     def warning(self, event: str, **fields: Any) -> None:
-        """Log an event that an operator should look at."""
+        """Log an event that needs attention."""
 
     def error(self, event: str, **fields: Any) -> None:
         """Log a failure."""
@@ -143,13 +143,13 @@ class EventLog(Protocol):
 class RequestHandler(Protocol):
     """Receiver of the requests of all sessions.
 
-    There are two. By the wall clock and with a robot server it is the `Core` itself. In lock-step it is
-    `LockstepPace`, which keeps some requests until they count and then passes them to the core. The daemon
-    chooses (`lifecycle.daemon`), and a session calls it directly.
+    There are two receivers. By the wall clock and with a robot server it is the `Core` itself. In lock-step
+    it is `LockstepPace`, which keeps some requests until they count and then passes them to the core. The
+    daemon chooses (`lifecycle.daemon`), and a session calls it directly.
     """
 
     def join(self, peer: Peer) -> None:
-        """Take in a session after its hello.
+        """Register a session after its hello.
 
         Raises:
             RemoteProtocolError: The session cannot take part; it is to be closed with this error.

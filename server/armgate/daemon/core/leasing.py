@@ -1,8 +1,8 @@
-"""Leases in force: what happens when a lease is acquired, taken over, released, lost or expires.
+"""Leases in force: effects of a lease that is acquired, taken over, released, lost or expires.
 
-`Leases` of the protocol decides who holds which robot. This module words the result: each method returns its
-effects in order, a `LeaseChange` for the gate or a `Notice` for a client, and the core carries them out.
-A robot whose lease ends plays its plan to rest, because the gate admits no command without a lease.
+`Leases` of the protocol decides which session holds which robot. Each method here returns its effects in
+order, a `LeaseChange` for the gate or a `Notice` for a client, and the core carries them out. A robot whose
+lease ends plays its plan to rest, because the gate admits no command without a lease.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,11 +17,11 @@ from armgate.protocol import messages as m
 
 @dataclass(frozen=True, slots=True)
 class LeaseTime:
-    """The two times by which leases are kept.
+    """Times of renewal and expiry of leases.
 
     Attributes:
-        now: Daemon time, s; leases are renewed from here.
-        read: Everything that clients had sent by then has been read, s; leases expire by this.
+        now: Daemon time, s; renewed leases count from it.
+        read: Time up to which all messages of clients have been read, s; leases expire by it.
     """
 
     now: float
@@ -78,7 +78,7 @@ class Leasing:
         return robot in self.held_by(session)
 
     def renew(self, peer: Peer, time: LeaseTime) -> None:
-        """Renew the leases of a session: its client sent something."""
+        """Renew the leases of a session whose client sent a message."""
         self._leases.renew(peer.client.id, time.now, time.read)
 
     # --- changes ------------------------------------------------------------------------------------------
@@ -115,7 +115,7 @@ class Leasing:
         return [LeaseChange(request.robot, None), Notice(peer, released)]
 
     def expire(self, time: LeaseTime) -> list[Effect]:
-        """End the leases whose holders sent nothing for the time to live."""
+        """End the leases whose holders sent no message for the time to live."""
         return self._lost(self._leases.expire(time.read))
 
     def leave(self, peer: Peer) -> list[Effect]:
@@ -127,7 +127,7 @@ class Leasing:
         return self._lost(self._leases.stop(robots, reason))
 
     def resume(self, robots: Iterable[str]) -> None:
-        """Make robots available again whose last stop was reset."""
+        """Make robots available again after the reset of their last stop."""
         self._leases.resume(robots)
 
     # --- wording ------------------------------------------------------------------------------------------

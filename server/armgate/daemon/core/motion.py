@@ -1,4 +1,4 @@
-"""Last tick of each robot, and whether all robots are at rest."""
+"""Motion of robots: last tick of each robot, and detection that all robots are at rest."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,7 +29,7 @@ class Motion:
         return self._ticks
 
     def note(self, tick: Tick) -> None:
-        """Take a tick."""
+        """Process a tick."""
         before = self._ticks.get(tick.robot, tick)
         # The increment just played is measured only at the next tick. Until then it counts as motion.
         moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))

@@ -35,8 +35,8 @@ def check_rights(client: Client, request: ClientRequest) -> None:
     """
     allowed = RIGHTS[type(request)]
     if client.role not in allowed:
-        text = f"{request.type}: not as {client.role}; connect as {' or '.join(sorted(allowed))}"
+        text = f"{request.type} is not allowed as {client.role}; connect as {' or '.join(sorted(allowed))}"
         raise RemoteProtocolError(ErrorCode.FORBIDDEN, text, about=request.type)
     if isinstance(request, m.Acquire) and client.robots is not None and request.robot not in client.robots:
-        text = f"acquire: your token is not for {request.robot}; use one that names it"
+        text = f"acquire: your token does not allow {request.robot}; use a token that names this robot"
         raise RemoteProtocolError(ErrorCode.FORBIDDEN, text, about="acquire")

@@ -11,7 +11,7 @@ from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import MAX_SIGNALS, SignalValue
 
 KEPT = 16
-"""Places of the table that are reserved for names under a reserved prefix."""
+"""Number of places that are kept for names under a reserved prefix."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Reserved:
 
 
 class Signals:
-    """Latest value of every signal, one owner each.
+    """Latest value of every signal; each signal has one owner.
 
     A signal belongs to the session that set it first. It is removed when that session ends.
 
@@ -116,9 +116,9 @@ class Signals:
         own = Counter(_account(owner) for owner in self._owners.values())[_account(client)]
         free = sum(self._rule(other) is None for other in self._owners)
         if own >= self._per_client:
-            text = f"you share {own} signals already, the most that a client may; share fewer"
+            text = f"you share {own} signals already, the most that a client may; share fewer signals"
         elif len(self._owners) >= self._limit:
-            text = f"there are {self._limit} signals already; share fewer"
+            text = f"there are {self._limit} signals already; share fewer signals"
         elif self._reserved and self._rule(name) is None and free >= self._limit - KEPT:
             text = f"there are {free} signals already; the other {KEPT} places are for reserved names"
         else:

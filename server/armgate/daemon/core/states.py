@@ -1,7 +1,7 @@
 """States: the latest state of every robot, the subscriptions to states, and the order of sending.
 
-A client that holds a robot is sent a state at once, because it answers before the next tick. Every other
-client is sent it in its turn, so that a command in between does not wait for all of them. If the turn of a
+A client that holds a robot gets a state at once, because it answers before the next tick. Every other client
+gets the state in its turn, so that a command in between does not wait for all clients. If the turn of a
 client has not come when the next state of a robot is due, the newer state replaces the older one.
 """
 
@@ -18,10 +18,10 @@ from armgate.protocol import messages as m
 FIELDS: tuple[str, ...] = tuple(
     name for name in m.Entry.model_fields if name not in ("robot", "tick", "time")
 )
-"""Fields of an entry beside robot, tick and time, in the order of the message."""
+"""Fields of an entry in addition to robot, tick and time, in the order of the message."""
 
 Defer = Callable[[Peer, Callable[[], None]], None]
-"""Calls a function on behalf of a client, in the turn of that client."""
+"""Function that calls a function in the turn of a client."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +44,12 @@ class Snapshot:
 
 
 Observer = Callable[[Snapshot], None]
-"""Receives every instant, such as a recorder."""
+"""Function that receives every instant, such as a recorder's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """Every n-th state of some robots, with some fields of the entries."""
+    """Subscription to every n-th state of some robots, with some fields of the entries."""
 
     every: int
     robots: frozenset[str]
@@ -179,7 +179,7 @@ class States:
 
 
 def _state(snapshot: Snapshot, tick: Tick) -> m.State:
-    # The parts are valid already: to validate them again would cost more than everything else here.
+    # The parts are valid already: validating them again would cost more than the rest of this function.
     fields: dict[str, Any] = {} if snapshot.step is None else {"step": snapshot.step}
     return m.State.model_construct(
         robot=tick.robot,

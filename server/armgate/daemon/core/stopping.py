@@ -37,7 +37,7 @@ class Stopping:
 
     @property
     def unstopped(self) -> bool:
-        """True if no stop is in force for some robot."""
+        """True if there is a robot for which no stop is in force."""
         return any(not self._gate.stops(robot) for robot in self._robots)
 
     def refuse_resets(self) -> None:
@@ -52,14 +52,14 @@ class Stopping:
                 one and the client supports replaced stops.
         """
         if not self._resets_allowed:
-            text = "the daemon is ending: nothing is reset any more"
+            text = "the daemon is ending: no stop is reset any more"
             raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, text, fatal=False, about="reset")
         if STOP_REPLACES in peer.client.capabilities and not self._in_force(request.stop):
             # It may have been replaced by a stop that this operator has not seen yet.
             raise _unknown_stop(request.stop)
 
     def announce_stop(self, stopped: events.Stopped, asker: Peer | None, request: m.Request | None) -> str:
-        """Announce a stop to all clients; return the reason for the clients that lose a lease by it."""
+        """Announce a stop to all clients; return the reason to send to clients that lose a lease."""
         reason = to_protocol.text(stopped.reason)
         fields: dict[str, Any] = {
             "stop": stopped.id,

@@ -1,7 +1,8 @@
 """Translation of the results of gate and daemon into messages of the protocol, within the protocol's bounds.
 
 Texts and lists that may be longer than a message allows are shortened here and nowhere else: ``text``,
-``reasons``, ``stops``, ``warnings``, ``entry``. The last text that is kept counts what was left out.
+``reasons``, ``stops``, ``warnings``, ``entry``. The last text that is kept gives the number of texts left
+out.
 """
 
 import math
@@ -41,7 +42,7 @@ def verdict(given: events.Verdict) -> m.Verdict:
 
 
 def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
-    """Return everything that a state reports of one robot."""
+    """Return the entry of one robot in a state."""
     return m.Entry(
         robot=robot,
         tick=view.tick,

@@ -20,7 +20,7 @@ _FAULTS = 64
 
 REMEDY = (
     "the gate admits only motion away from these; change start or base, lower stop_distance or "
-    "self_distance, or name pairs that touch by construction in ignore_pairs"
+    "self_distance, or list pairs that touch by construction in ignore_pairs"
 )
 
 
@@ -73,7 +73,7 @@ def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
 
 
 def _lags(robot: Robot) -> str:
-    """Return the lag of a robot behind its setpoint, as the gate assumes it."""
+    """Return a line about the lag of a robot that the gate assumes."""
     low, high = (f"{1000.0 * lag:g}" for lag in (min(robot.lags), max(robot.lags)))
     lag = low if low == high else f"{low} to {high}"
     differ = f"axes differ by at most {1000.0 * robot.lag_difference:g} ms"

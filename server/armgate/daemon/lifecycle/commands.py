@@ -44,7 +44,7 @@ _RequireLogin = Annotated[
 
 
 class ServeError(Exception):
-    """The daemon cannot start with these options; nothing was moved."""
+    """Options with which the daemon cannot start; nothing was moved."""
 
     exit_code = 2
 
@@ -125,7 +125,7 @@ def _built(config: "CellConfig") -> "Cell":
 def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
     """Return the socket of the robot server, or None if the robots are emulated in this process.
 
-    They are in a robot server if one is named, or if a robot is not emulated.
+    The robots are in a robot server if its socket is given, or if a robot is not emulated.
     """
     from armgate.links.kind import needs_robot_server
     from armgate.links.robot_server.command import robot_server_path
@@ -154,21 +154,21 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
     try:
         recorder = recorder_of(cell.config, record)
         daemon = Daemon(cell, Gate, log, keys, recorder=recorder, robot_server=robot_server)
-        # Objects that exist now stay. Python's garbage collector would search all of them when many clients
-        # have come and gone, which takes as long as three ticks.
+        # Objects that exist now stay. Python's garbage collector would search all of them after many clients
+        # have disconnected, which takes as long as three ticks.
         gc.collect()
         gc.freeze()
         return asyncio.run(daemon.run(_announce))
     except OSError as error:
         where = f"{cell.config.server.host}:{cell.config.server.port}"
         text = f"cannot listen on {where}: {error.strerror or error}"
-        raise ServeError(f"{text}; stop what uses it, or give another --port") from error
+        raise ServeError(f"{text}; end the process that uses it, or give another --port") from error
     finally:
         log.close()
 
 
 def _warn(cell: "Cell", log: "Log") -> None:
-    """Log the warnings of ``armgate check``, and why the gate will refuse commands from the start."""
+    """Log the warnings of ``armgate check``, and faults of the start, for which commands are refused."""
     from armgate.cell.cell_warnings import cell_warnings
     from armgate.daemon.lifecycle.check import REMEDY, start_faults
     from armgate.gate import start_clearances

@@ -1,4 +1,4 @@
-"""A daemon from its start to its end: listens, serves, and ends with all robots at rest."""
+"""Daemon: listens, serves, and ends with all robots at rest."""
 
 import asyncio
 import secrets
@@ -37,7 +37,7 @@ from armgate.protocol import DIALECTS, Dialect, ErrorCode, RemoteProtocolError
 
 
 class Daemon:
-    """Serves one cell until a signal ends it.
+    """Daemon that serves one cell until a signal ends it.
 
     Args:
         cell: The cell.
@@ -64,7 +64,7 @@ class Daemon:
         robot_server: Path | None = None,
     ) -> None:
         lockstep = isinstance(cell.config.clock, LockstepClockConfig)
-        # In lock-step nothing that a client receives may differ between two runs.
+        # In lock-step all messages to a client must be the same in every run.
         self.start = cell.hash[:16] if lockstep else secrets.token_hex(8)
         self._cell, self._log = cell, log
         self._life = Lifetime()
@@ -108,7 +108,7 @@ class Daemon:
             pace.now,
             self._log,
             lockstep=lockstep,
-            # In lock-step the barrier notices silent participants; virtual time ends no lease.
+            # In lock-step the barrier drops silent participants; no lease expires by virtual time.
             lease_time=(lambda: _NEVER) if lockstep else (lambda: LeaseTime(pace.now(), read_time())),
             # In lock-step the messages to a client must not depend on how fast other clients are.
             defer=None if lockstep else defer,
@@ -136,7 +136,7 @@ class Daemon:
         )
 
     async def run(self, announce: Callable[[str, int], None]) -> int:
-        """Serve until a signal ends the daemon, or a failure.
+        """Serve until a signal or a failure ends the daemon.
 
         Args:
             announce: Called once with host and port when clients may connect; without TCP with
@@ -147,9 +147,9 @@ class Daemon:
 
         Raises:
             OSError: The address cannot be listened on.
-            RecorderError: Nothing can be recorded.
+            RecorderError: The run cannot be recorded.
             MetricsError: The metrics cannot be served.
-            SocketError: There is no robot server, or it refuses.
+            SocketError: There is no robot server, or it refuses the daemon.
         """
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._unexpected)
@@ -167,7 +167,7 @@ class Daemon:
     # --- start --------------------------------------------------------------------------------------------
 
     async def _open(self) -> tuple[str, int]:
-        """Get the robots, the port, the recording and the metrics, each of which may fail."""
+        """Open the robots, the port, the recording and the metrics; each may fail."""
         try:
             await self._pace.open()
             address = await self._sessions.listen()
@@ -215,7 +215,7 @@ class Daemon:
         self._sessions.stop_listening()
 
     def failed(self, error: BaseException) -> None:
-        """Process a defect: trust the gate no more, let the robots play their plans to rest, then end."""
+        """Process a defect: use the gate no more, let the robots play their plans to rest, then end."""
         trace = "".join(traceback.format_exception(error))
         self._log.error("failed", error=repr(error), traceback=trace)
         if not self._life.advance(PhaseEvent.FAIL):
@@ -249,13 +249,13 @@ class Daemon:
     def _unexpected(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Process an exception of a callback of the event loop."""
         error = context.get("exception")
-        if error is None or isinstance(error, OSError):  # trouble of a socket, no defect
+        if error is None or isinstance(error, OSError):  # error of a socket, not a defect
             self._log.warning("loop", text=str(context.get("message")), error=repr(error))
         else:
             self.failed(error)
 
     def _queues(self) -> dict[str, int]:
-        """Return what waits: records, lines of the log, bytes for clients that read slowly."""
+        """Return the lengths of queues: records, lines of the log, bytes for clients that read slowly."""
         return {**self._recording.depth, "log": self._log.depth, **self._sessions.queues()}
 
 
@@ -265,7 +265,7 @@ _NEVER = LeaseTime(0.0, 0.0)
 def _make_pace(
     cell: Cell, start: str, log: Log, robot_server: Path | None
 ) -> tuple[Pace, Sequence[Link], Sequence[SteppedLink]]:
-    """Return the pace, the link of each robot, and the links whose robots this process makes tick."""
+    """Return the pace, the link of each robot, and the links whose robots tick in this process."""
     if robot_server is not None:
         driven = RobotDrivenPace(robot_server, cell, start)
         return driven, driven.links, ()

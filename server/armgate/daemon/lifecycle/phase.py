@@ -1,8 +1,8 @@
 """Phases of a daemon's life, as a table.
 
-A daemon runs until a signal ends it or a defect is met. In both cases the robots first come to rest. When a
-signal ends the daemon, it stops them. After a defect it no longer asks the gate, and the robots play their
-plans to rest.
+A daemon runs until a signal or a defect ends it. In both cases the robots first come to rest. After a signal
+the daemon stops the robots. After a defect it no longer uses the gate, and the robots play their plans to
+rest.
 """
 
 from enum import Enum
@@ -15,7 +15,7 @@ class Phase(Enum):
     RESTING = "resting"
     """A signal ended the daemon: all robots are stopped and come to rest."""
     FAILED = "failed"
-    """A defect was met: the gate is no longer asked, and the robots play their plans to rest."""
+    """A defect occurred: the gate is no longer used, and the robots play their plans to rest."""
     OVER = "over"
 
 
@@ -25,9 +25,9 @@ class PhaseEvent(Enum):
     END = "end"
     """A signal ended the daemon."""
     FAIL = "fail"
-    """A defect was met."""
+    """A defect occurred."""
     REST = "rest"
-    """All robots rest, or have had their time to come to rest."""
+    """All robots rest, or the time to come to rest has passed."""
 
 
 TRANSITIONS: dict[tuple[Phase, PhaseEvent], Phase] = {
@@ -39,7 +39,7 @@ TRANSITIONS: dict[tuple[Phase, PhaseEvent], Phase] = {
     (Phase.FAILED, PhaseEvent.END): Phase.OVER,
     (Phase.FAILED, PhaseEvent.REST): Phase.OVER,
 }
-"""All transitions: an event that is missing here for a phase has no effect in it."""
+"""All transitions: an event without an entry for a phase has no effect."""
 
 
 class Lifetime:

@@ -16,18 +16,18 @@ _SETTLE = 5.0
 
 
 class Ticking:
-    """Takes ticks from the pace to the core; the `TickReceiver` of the daemon.
+    """`TickReceiver` of the daemon, which passes ticks from the pace to the core.
 
     Args:
         core: Processes the ticks.
         pace: Makes time pass.
         links: Links of the robots in this process, in the order of the configuration.
-        recording: Is checked at every tick.
+        recording: Recording, checked at every tick.
         life: The daemon's phase.
         log: Receives the end of motion.
         late: Called with the lateness of every tick, s; None: it is not measured.
-        rested: Called once all robots rest or their time is over; with True if the run is a success.
-        failed: Called with a defect that processing an event has met.
+        rested: Called once all robots rest or their time has passed, with True if the run is a success.
+        failed: Called with an exception raised while an event is processed.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Ticking:
         self._rest_by = 0.0
 
     def come_to_rest(self) -> None:
-        """Expect all robots at rest from now on, within the time that their plans need."""
+        """Expect all robots to come to rest within the time that their plans need."""
         self._rest_by = self._pace.now() + self._core.time_left + _SETTLE
 
     def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
@@ -91,7 +91,7 @@ class Ticking:
             self._check_rest(event.time)
 
     def idle(self, time: float) -> None:
-        """Expire leases, or give up waiting for rest, although no robot may tick."""
+        """Expire leases, or end the wait for rest, even if no robot ticks."""
         if self._life.phase is Phase.RUNNING:
             self._core.expire()
         elif self._life.phase is not Phase.OVER and time > self._rest_by:

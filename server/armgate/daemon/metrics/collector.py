@@ -45,7 +45,7 @@ class Metrics(Collector):
             "armgate_tick_lateness_seconds", "Lateness of ticks when they are processed"
         )
         self._decision = self._histogram(
-            "armgate_decision_seconds", "Time that the gate took to judge a command"
+            "armgate_decision_seconds", "Time that the gate took to decide about a command"
         )
         self._registry.register(self)
         self._server: MetricsServer | None = None
@@ -126,7 +126,9 @@ class _TimedGate:
 
 
 def _verdicts(entries: Sequence[m.Entry]) -> CounterMetricFamily:
-    family = CounterMetricFamily("armgate_verdicts", "Judged commands", labels=["robot", "outcome", "reason"])
+    family = CounterMetricFamily(
+        "armgate_verdicts", "Decided commands", labels=["robot", "outcome", "reason"]
+    )
     for entry in entries:
         for key, count in (entry.counts or {}).items():
             outcome, _, reason = key.partition(":")

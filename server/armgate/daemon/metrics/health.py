@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class MetricsError(Exception):
-    """The metrics cannot be served; nothing was moved."""
+    """Metrics that cannot be served; nothing was moved."""
 
     exit_code = 2
 
@@ -23,11 +23,11 @@ class Health:
 
     Args:
         port: Port on 127.0.0.1 to serve them on; None: off.
-        queues: Returns what waits, by name; called in the thread of the metrics.
+        queues: Returns the lengths of queues by name; called in the thread of the metrics.
         log: Receives the port.
 
     Attributes:
-        late: Takes the lateness of a tick, s; None if metrics are off.
+        late: Function that records the lateness of a tick, s; None if metrics are off.
     """
 
     def __init__(self, port: int | None, queues: Callable[[], dict[str, int]], log: Log) -> None:
@@ -57,11 +57,11 @@ class Health:
             port = self._metrics.serve(self._port)
         except OSError as error:
             text = f"metrics.port: cannot listen on 127.0.0.1:{self._port}: {error.strerror or error}"
-            raise MetricsError(f"{text}; stop what uses it, or configure another port") from error
+            raise MetricsError(f"{text}; end the process that uses it, or configure another port") from error
         self._log.info("metrics", host="127.0.0.1", port=port)
 
     async def close(self) -> None:
-        """Serve the metrics no more."""
+        """Stop serving the metrics."""
         if self._metrics is not None:
             await asyncio.to_thread(self._metrics.close)
 

@@ -1,8 +1,8 @@
 """HTTP server of the metrics: one page, on this machine only, in its own thread.
 
-Everything is bounded: connections are accepted one after the other at a bounded rate, few may be open, and
-each has a few seconds for its request and its answer. If one more connects, the oldest is closed. So idle
-or numerous connections use up no threads or descriptors that the daemon needs.
+All resources are bounded: the rate at which connections are accepted, the number of open connections, and the
+time for request and answer. If a connection exceeds the number, the oldest one is closed. Idle or numerous
+connections therefore use up no threads or descriptors that the daemon needs.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ _RETRY = 1.0
 
 
 class MetricsServer:
-    """Serves one page.
+    """HTTP server of one page.
 
     Args:
         page: Returns the page; called in the thread of the server.
@@ -144,7 +144,7 @@ class MetricsServer:
 
 
 def _is_own(headers: list[str]) -> bool:
-    """Return True if the request names this machine; a request of a foreign web page names another host."""
+    """Return True if the request names this machine; a request of another website names another host."""
     hosts = [
         value.strip() for name, _, value in (h.partition(":") for h in headers) if name.lower() == "host"
     ]

@@ -13,13 +13,13 @@ from armgate.cell.escaping import printable
 
 
 class StatusError(Exception):
-    """No metrics can be read at this address."""
+    """Address at which no metrics can be read."""
 
     exit_code = 1
 
 
 class AddressError(Exception):
-    """The address is not HOST:PORT."""
+    """Address that is not HOST:PORT."""
 
     exit_code = 2
 
@@ -88,12 +88,12 @@ def _families(place: str) -> list[Any]:
         raise StatusError(text) from error
     except OSError as error:
         why = getattr(error, "reason", error)
-        text = f"nothing answers on {place}: {why}; configure metrics.port, or give its address"
+        text = f"no answer from {place}: {why}; configure metrics.port, or give its address"
         raise StatusError(text) from error
 
 
 def _histogram(samples: Sequence[Any]) -> str:
-    """Return count, mean, and the bounds below which half and 99 % of the values are."""
+    """Return count, mean, and the bounds below which 50 % and 99 % of the values lie."""
     buckets = [(float(s[1]["le"]), s[2]) for s in samples if s[0].endswith("_bucket")]
     count = next(s[2] for s in samples if s[0].endswith("_count"))
     total = next(s[2] for s in samples if s[0].endswith("_sum"))
@@ -104,4 +104,4 @@ def _histogram(samples: Sequence[Any]) -> str:
         return next(bound for bound, seen in buckets if seen >= share * count)
 
     ms = f"mean {1e3 * total / count:.3g} ms, half below {1e3 * below(0.5):g} ms"
-    return f"{count:g} of them: {ms}, 99 % below {1e3 * below(0.99):g} ms"
+    return f"count {count:g}: {ms}, 99 % below {1e3 * below(0.99):g} ms"

@@ -1,8 +1,8 @@
-"""Barrier of lock-step: the participants that a step waits for. A pure machine, without clock or sockets.
+"""Barrier of lock-step: the participants that a step waits for. A state machine without clock or sockets.
 
 A participant is *absent* until its hello; a step waits for it without limit. From then on it is *present*,
-and a step waits for it as long as it sends something. It is *gone* after its bye or when its connection is
-closed, and *dropped* when it sent nothing for too long: no step waits for it until its next hello.
+and a step waits for it as long as it sends messages. It is *gone* after its bye or when its connection is
+closed, and *dropped* when it sent no message for too long: no step waits for it until its next hello.
 """
 
 from collections.abc import Callable, Iterable
@@ -24,14 +24,14 @@ class Presence(Enum):
 @dataclass(slots=True)
 class _Participant:
     presence: Presence = Presence.ABSENT
-    heard: float = 0.0
+    last_message: float = 0.0
     passed: bool = False
     commanded: set[str] = field(default_factory=set)
     done: bool = False
 
 
 class Barrier:
-    """Decides when a step is complete.
+    """Barrier that decides when a step is complete.
 
     Args:
         participants: Their names.
@@ -71,10 +71,10 @@ class Barrier:
         for participant in self._participants.values():
             participant.passed = participant.done = False
             participant.commanded.clear()
-            participant.heard = now
+            participant.last_message = now
 
     def join(self, name: str, now: float) -> None:
-        """Take in a participant after its hello."""
+        """Register a participant after its hello."""
         self._participants[name] = _Participant(Presence.PRESENT, now)
 
     def leave(self, name: str) -> None:
@@ -87,8 +87,8 @@ class Barrier:
         self._participants[name].presence = Presence.DROPPED
 
     def note_message(self, name: str, now: float) -> None:
-        """Note that a participant sent something."""
-        self._participants[name].heard = now
+        """Note that a participant sent a message."""
+        self._participants[name].last_message = now
 
     def command(self, name: str, robot: str) -> None:
         """Note that a participant commanded a robot in this step."""
@@ -139,5 +139,5 @@ class Barrier:
             for name, participant in self._participants.items()
             if participant.presence is Presence.PRESENT
             and not self.done(name)
-            and now - participant.heard >= self._grace
+            and now - participant.last_message >= self._grace
         ]

@@ -1,9 +1,9 @@
 """Lock-step: time is virtual, and a step ends when every participant is done with it.
 
-The messages that a client receives depend only on what participants send in which step, never on which of
-them was faster. So commands wait for the end of the step and are decided in the order of the robots, and
-whatever a participant sends after it is done with a step counts in the next one. Only pings are answered at
-once. A stop from a participant that is done waits like everything else: no time passes meanwhile.
+The messages that a client receives depend only on the messages of the participants in each step, never on
+their speed. Commands therefore wait for the end of the step and are decided in the order of the robots.
+Messages that a participant sends after it is done with a step count in the next step. Only pings are answered
+at once. A stop from a participant that is done waits, too: no time passes meanwhile.
 """
 
 import asyncio
@@ -27,14 +27,14 @@ _END_NO_STEP = (m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset)
 
 
 class LockstepPace:
-    """Makes the robots tick when the participants are done; a `Pace` and the `RequestHandler` of sessions.
+    """Pace in which the robots tick when the participants are done; also the `RequestHandler` of sessions.
 
     Args:
         periods: Periods of the robots, s, in the order of the configuration.
         participants: Names of the clients that each step waits for.
         grace: Time for which a participant may send nothing while a step waits for it, s of the wall clock.
         log: Receives events.
-        wall: The wall clock, for the grace alone, s.
+        wall: The wall clock, used only for the grace, s.
     """
 
     lockstep = True
@@ -91,7 +91,7 @@ class LockstepPace:
         self._watch_later()
 
     def let_rest(self, decide: bool) -> None:
-        """Go on without waiting for any participant, until `close`."""
+        """Continue without waiting for any participant, until `close`."""
         if not decide:
             self._commands.clear()
             for ahead in self._ahead.values():
@@ -101,7 +101,7 @@ class LockstepPace:
             asyncio.get_running_loop().call_soon(self._run_on)
 
     def close(self) -> None:
-        """End: no further instant comes."""
+        """End the pace: there is no further instant."""
         self._closed = True
         if self._watch is not None:
             self._watch.cancel()
@@ -117,7 +117,7 @@ class LockstepPace:
     # --- sessions -----------------------------------------------------------------------------------------
 
     def join(self, peer: Peer) -> None:
-        """Take in a session after its hello.
+        """Register a session after its hello.
 
         Raises:
             RemoteProtocolError: ``name_taken``: a participant of this name is connected.
@@ -125,7 +125,7 @@ class LockstepPace:
         name = peer.client.name
         if name in self._barrier:
             if self._barrier.presence(name) is Presence.PRESENT:
-                text = f"participant {name} is connected already; every name takes part once"
+                text = f"participant {name} is connected already; each name can take part once only"
                 raise RemoteProtocolError(ErrorCode.NAME_TAKEN, text, about="hello")
             self._barrier.join(name, self._wall())
             self._sessions[name] = peer
@@ -201,7 +201,7 @@ class LockstepPace:
             peer.send(error.message())
 
     def _hold_if_done(self, peer: Peer) -> None:
-        """Hold back what a participant that is done may get later: the next state wakes it only once."""
+        """Hold back messages to a participant that is done, so that the next state wakes it only once."""
         name = peer.client.name
         if name not in self._done_batches and self._barrier.done(name):
             self._done_batches[name] = peer.batch()
@@ -244,7 +244,7 @@ class LockstepPace:
                 self._hold_if_done(peer)
 
     def _end_step(self) -> None:
-        """Pass the commands to the gate, make the robots tick, then process what participants sent ahead."""
+        """Pass the commands to the gate, make the robots tick, then process messages that were sent ahead."""
         commands, self._commands = sorted(self._commands, key=self._order), []
         for peer, command in commands:
             self._core.command(peer, command)

@@ -1,7 +1,7 @@
 """Pace: the passing of time in a cell.
 
-There are three: the wall clock, lock-step, and robots that are their own clock. A pace reports ticks to the
-receiver that `Pace.start` takes.
+There are three paces: the wall clock, lock-step, and robots that are their own clock. A pace reports ticks to
+the receiver that `Pace.start` takes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from armgate.events import LinkChange, PlanAnswer, Tick
 
 
 class TickReceiver(Protocol):
-    """The part of the daemon that robots' ticks go to."""
+    """Part of the daemon that receives the robots' ticks."""
 
     def due(self, time: float, robots: Sequence[int], step: int | None) -> None:
         """Make robots of this process tick.
@@ -27,7 +27,7 @@ class TickReceiver(Protocol):
         """Process an event of a robot that is its own clock."""
 
     def idle(self, time: float) -> None:
-        """Do what must happen even if no robot ticks; called now and then with daemon time, s."""
+        """Do periodic work even if no robot ticks; called repeatedly with daemon time, s."""
 
 
 class Pace(Protocol):
@@ -48,27 +48,27 @@ class Pace(Protocol):
         """Return the id of a session from the name of its client and the number of its connection."""
 
     async def open(self) -> None:
-        """Get hold of the robots; nothing is reported before `start`.
+        """Connect to the robots; no event is reported before `start`.
 
         Raises:
-            SocketError: There is no robot server, or it refuses.
+            SocketError: There is no robot server, or it refuses the daemon.
         """
 
     def start(self, core: Core, receiver: TickReceiver) -> None:
-        """Begin: time passes from now on."""
+        """Start time."""
 
     def let_rest(self, decide: bool) -> None:
-        """Go on without waiting for any client, until `close`.
+        """Continue without waiting for any client, until `close`.
 
         Args:
             decide: True if commands that wait are still passed to the gate.
         """
 
     def close(self) -> None:
-        """End: nothing is reported any more."""
+        """End the pace: no further event is reported."""
 
     def warnings(self) -> Mapping[str, str]:
-        """Return warnings for the states, by what they are about."""
+        """Return warnings for the states, by subject."""
 
     def figures(self) -> Mapping[str, float]:
         """Return figures for the log at the end of the run."""

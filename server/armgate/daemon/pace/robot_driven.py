@@ -48,12 +48,12 @@ class RobotDrivenPace:
         """Connect to the robot server; its events wait for the start.
 
         Raises:
-            SocketError: There is no robot server, or it refuses.
+            SocketError: There is no robot server, or it refuses the daemon.
         """
         await self._client.open()
 
     def start(self, core: Core, receiver: TickReceiver) -> None:
-        """Begin: report events, first those that have arrived; links report that they are ready."""
+        """Begin to report events, first the buffered ones; links report that they are ready."""
         self._receiver = receiver
         self._client.start(receiver.received)
         self._idle()

@@ -1,4 +1,4 @@
-"""Time by the wall clock: robots tick whatever clients do, and commands are decided as they arrive."""
+"""Time by the wall clock: robots tick independently of clients; commands are decided as they arrive."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,7 @@ from armgate.emulator import Instant, WallClock
 
 
 class WallClockPace:
-    """Makes the robots of this process tick by the monotonic clock; a `Pace`.
+    """`Pace` by the monotonic clock, for the robots of this process.
 
     Args:
         periods: Periods of the robots, s, in the order of the configuration.
@@ -42,7 +42,7 @@ class WallClockPace:
         """Do nothing: the clock waits for no client."""
 
     def close(self) -> None:
-        """End: no further instant comes."""
+        """End the pace: there is no further instant."""
         self._clock.close()
 
     def warnings(self) -> Mapping[str, str]:

@@ -1,7 +1,7 @@
-"""The flight recorder of a lock-step run: it writes between two turns of the event loop, without a thread.
+"""Flight recorder of a lock-step run, which writes between two turns of the event loop, without a thread.
 
-There is time for that while the participants compute. A thread would take the interpreter from the event loop
-just when that has to answer. No record is lost to a slow disk, because the run waits for the disk.
+There is time to write while the participants compute. A thread would block the interpreter when the event
+loop has to answer. No record is lost if the disk is slow, because the run waits for the disk.
 """
 
 import asyncio
@@ -11,7 +11,7 @@ from armgate.recording import Item
 
 
 class InlineRecorder(Recorder):
-    """A `Recorder` that is begun, fed and closed in one event loop."""
+    """`Recorder` that runs in one event loop, without a thread."""
 
     _loop: asyncio.AbstractEventLoop
     _due = False

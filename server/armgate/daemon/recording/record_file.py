@@ -1,4 +1,4 @@
-"""One file of a recording, on a disk that may be full."""
+"""File of a recording; its disk may be full."""
 
 import contextlib
 import os
@@ -10,7 +10,7 @@ from armgate.recording.chain import Seal, Signer
 
 
 class _Stream:
-    """Unbuffered stream: written bytes belong to the operating system even if this process dies."""
+    """Unbuffered stream: flushed bytes are in the operating system, even if this process is killed."""
 
     def __init__(self, descriptor: int, write: Callable[[int, bytes], int] = os.write) -> None:
         self._descriptor = descriptor
@@ -40,7 +40,7 @@ class _Stream:
 
 
 class RecordFile:
-    """A file that is being written; made by `RecordFile.create`.
+    """File that is being written; made by `RecordFile.create`.
 
     Attributes:
         path: Its path.
@@ -90,7 +90,7 @@ class RecordFile:
         self._sink.put(item, at)
 
     def flush(self) -> None:
-        """Pass everything to the operating system.
+        """Write all items so far to the operating system.
 
         Raises:
             OSError: It cannot be written.

@@ -24,12 +24,12 @@ FLUSH = 0.12
 """Longest time of a run that is lost if the daemon is killed, s, in addition to the backlog of the thread."""
 
 _POLL = 0.02
-"""Time between two looks of the thread for records, s: to wake it for each would cost the event loop most."""
+"""Time between two polls of the queue by the thread, s: each wake-up costs time of the event loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateAt:
-    """States of an instant; the thread makes records of it."""
+    """States of an instant, which the thread turns into records."""
 
     ticks: Sequence[Tick]
     entries: Sequence[m.Entry]
@@ -45,22 +45,22 @@ _Queued = tuple[float, Item | StateAt] | None
 
 
 class Recorder:
-    """Records one run of a daemon.
+    """Recorder of one run of a daemon.
 
     Args:
         folder: Folder of the files; created if it does not exist.
-        required: True if robots must rest as soon as something could not be recorded.
-        rotate: Size after which the next file begins, bytes.
+        required: True if the robots must be stopped as soon as a record is lost.
+        rotate: Size of a file after which the next file begins, bytes.
         limit: Records that may wait for the disk.
         flush: Longest time between two flushes, s.
         signer: Signs each file when it is closed; None: files are not signed.
         create: Creates a file, from its path, header and signer.
-        clock: Clock of the thread, s; does not go back.
+        clock: Monotonic clock of the thread, s.
         pause: Waits for a number of seconds.
 
     Attributes:
-        folder: The same folder.
-        required: The same.
+        folder: Folder of the files.
+        required: As the argument.
         seal: End of the hash chain of the file that was closed last.
     """
 
@@ -128,7 +128,7 @@ class Recorder:
         if self._failure is not None:
             return f"recording ended: {self._failure}"
         if self._lost:
-            return f"recording has gaps: {self._lost} records were lost, the disk is too slow"
+            return f"recording has gaps: {self._lost} records were lost because the disk is too slow"
         return None
 
     @property
@@ -188,7 +188,7 @@ class Recorder:
 
     def _write(self) -> None:
         self._guarded(self._write_on)
-        while not self._ended and self._next_queued() is not None:  # it has failed: count the records
+        while not self._ended and self._next_queued() is not None:  # writing has failed: count the records
             self._lost += 1
 
     def _write_on(self) -> None:

@@ -1,4 +1,4 @@
-"""Key that signs recordings: Ed25519, by the package cryptography (extra ``sign``)."""
+"""Ed25519 key that signs recordings, from the package cryptography (extra ``sign``)."""
 
 import os
 import stat
@@ -8,11 +8,11 @@ from pathlib import Path
 from armgate.recording.chain import Signer
 
 _LONGEST = 1 << 16
-"""Largest number of bytes of a key file that are read; a device has no end."""
+"""Largest number of bytes that are read from a key file; a device file has no end."""
 
 
 class SignerError(Exception):
-    """The key cannot be used; the text gives the reason and the remedy."""
+    """Unusable key; the text gives the reason and the remedy."""
 
     exit_code = 2
 

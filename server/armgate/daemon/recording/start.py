@@ -20,13 +20,13 @@ from armgate.recording.reader import PATTERN
 
 
 class RecorderError(Exception):
-    """The run cannot be recorded; nothing was moved."""
+    """Run that cannot be recorded; nothing was moved."""
 
     exit_code = 2
 
 
 def recorder_of(config: CellConfig, folder: Path | None) -> Recorder | None:
-    """Return the recorder that is configured or asked for; None if the run is not recorded.
+    """Return the recorder that is configured or requested; None if the run is not recorded.
 
     Args:
         config: The cell's configuration.
@@ -79,7 +79,7 @@ def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool
         start: The daemon's start id.
         lockstep: True if time passes in lock-step.
         now: Daemon time, s.
-        compiled: True if the gate's kernels are compiled; None: if they can be.
+        compiled: True if the gate's kernels are compiled; None: True if compiled kernels are available.
     """
     described = CellDescription(cell, lockstep)
     return Header(

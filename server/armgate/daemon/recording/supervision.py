@@ -1,4 +1,4 @@
-"""Supervision of the flight recorder while the daemon runs: what it could not record has consequences."""
+"""Supervision of the flight recorder while the daemon runs: lost records cause warnings, or a stop."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from armgate.links.log import Log
 
 
 class Recording:
-    """Recording of one run, which may be none.
+    """Recording of one run; it may be switched off.
 
     Args:
         recorder: Records the run; None: nothing is recorded.
@@ -44,7 +44,7 @@ class Recording:
             self._log.copy_to(self._recorder.log)
 
     def check(self, core: Core, running: bool) -> None:
-        """Warn in the states of what was not recorded; stop the robots of a run that must be recorded."""
+        """Warn of lost records in the states; stop the robots if the run must be recorded."""
         recorder = self._recorder
         if recorder is None or (trouble := recorder.trouble) is None:
             return
@@ -53,7 +53,7 @@ class Recording:
             self._log.error("recording", text=trouble)
         core.warn("recording", trouble)
         if recorder.required and running:
-            core.stop_all(f"what happens cannot be recorded: {trouble}", again=False)
+            core.stop_all(f"the run cannot be recorded: {trouble}", again=False)
 
     def close(self) -> bool:
         """Close the recording; return False if it failed. Some disks report only here that they are full."""

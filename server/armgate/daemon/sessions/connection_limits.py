@@ -1,11 +1,11 @@
-"""Bounds on the number of connections, in all and from one address, and places reserved for higher roles.
+"""Bounds on the number of connections, in total and per address, and places reserved for higher roles.
 
 A connection is *waiting* until its hello is accepted; then it is a *session*. A waiting connection never
-takes the place of a session, and no number of them keeps a new connection out: if the limit is reached, a
-waiting connection is closed to make room, first one that has sent nothing, then the oldest. A part of each
-limit is reserved for operators, and another for operators and controllers, so that observers or controllers
-cannot use up all places. Observers with one token have the same limit as those of one address, wherever
-they connect from.
+takes the place of a session, and waiting connections cannot block new ones: if the limit is reached, a
+waiting connection is closed to make room, if possible one that has sent nothing, otherwise the oldest. A part
+of each limit is reserved for operators, and another for operators and controllers, so that observers or
+controllers cannot use up all places. Observers with one token have the same limit as those of one address,
+even if they connect from several addresses.
 """
 
 from collections import Counter
@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from armgate.protocol.messages import Role
 
 _RESERVED = 16
-"""One place in this many is reserved for operators, and one more for operators and controllers."""
+"""One of this number of places is reserved for operators, and one more for operators and controllers."""
 
 _BELOW: dict[Role, int] = {"operator": 0, "controller": 1, "observer": 2}
-"""Number of roles above each role: reserved shares that it may not use."""
+"""Number of roles above each role, which is the number of reserved shares that it may not use."""
 
 
 @dataclass(eq=False, slots=True)
@@ -25,11 +25,11 @@ class Slot:
     """Place of one connection.
 
     Attributes:
-        origin: Address that it counts for.
+        origin: Address to which it is attributed.
         uid: User at its other end; None if it does not use the Unix socket.
         refusal: Reason why it may not stay; empty if it may.
         silent: True until the client has sent something.
-        identity: Token that its session counts for; empty while it waits, or without a token.
+        identity: Token to which its session is attributed; empty while it waits, or without a token.
         role: Role of its session; None while it waits.
     """
 
@@ -46,7 +46,7 @@ class Slot:
 
 
 class ConnectionLimits:
-    """Counts connections.
+    """Counter of connections, with limits.
 
     Args:
         in_all: Largest number of connections.
@@ -60,7 +60,7 @@ class ConnectionLimits:
         self._sessions: set[Slot] = set()
 
     def enter(self, origin: str, uid: int | None = None) -> tuple[Slot, Slot | None]:
-        """Return the slot of a new connection, and the waiting one to close to make room for it, if any."""
+        """Return the slot of a new connection, and a waiting connection to close for it, or None."""
         slot, evicted = Slot(origin, uid), None
         if self._from(origin) >= self._per_origin:
             evicted = self._oldest(origin)
@@ -120,7 +120,7 @@ class ConnectionLimits:
         return next((slot for slot in waiting if slot.silent), waiting[0] if waiting else None)
 
     def _crowded(self) -> str:
-        """Return the origin with most waiting connections."""
+        """Return the origin with the most waiting connections."""
         counts = Counter(slot.origin for slot in self._waiting)
         return max(counts, key=counts.__getitem__, default="")
 

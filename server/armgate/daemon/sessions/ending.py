@@ -1,7 +1,7 @@
 """End of one connection: its deadline, and the reports to the host, each made once.
 
 A connection is open, then closing, then closed. While it is closing, a last message is written, and
-whatever the client still sends is discarded. The session has *left* as soon as its leases must end, which
+further messages of the client are discarded. The session has *left* as soon as its leases must end, which
 may be before the connection is closed.
 """
 
@@ -33,7 +33,7 @@ class Ending:
         """Begin to close the connection.
 
         Args:
-            reason: Reason to report when the session leaves, in place of the one given then.
+            reason: Reason to report when the session leaves; replaces the reason given to `leave`.
 
         Returns:
             False if it is closing already.

@@ -1,6 +1,6 @@
-"""Accepting of connections: a few at a time, a bounded number per second, up to a bounded number in all.
+"""Listener: accepts connections at a bounded rate, up to a bounded number.
 
-These bounds apply before TLS, whose handshake costs more than everything that follows. Connections that
+These bounds apply before TLS, because its handshake costs more than all that follows. Connections that
 cannot be accepted yet wait in the kernel's queue, so that connected clients are not delayed.
 """
 
@@ -32,14 +32,14 @@ _BURST = 32.0
 """Connections accepted at once after a quiet time."""
 
 _LEAVING = 128
-"""Refused connections that are being sent the reason; further ones are closed without a message."""
+"""Refused connections to which the reason is being sent; further ones are closed without a message."""
 
 _RETRY = 1.0
 """Time to wait if the system has no more descriptors or memory, s."""
 
 
 class ConnectionProtocol(asyncio.BaseProtocol, ABC):
-    """The asyncio protocol of one connection; made by the listener."""
+    """Asyncio protocol of one connection; made by the listener."""
 
     @abstractmethod
     def evict(self) -> None:
@@ -51,13 +51,13 @@ class ConnectionProtocol(asyncio.BaseProtocol, ABC):
 
 
 class Listener:
-    """Accepts connections on one address, and on a Unix socket.
+    """Listener on one address, and on a Unix socket.
 
     Args:
-        make: Makes the protocol of a connection, even of one that may not stay, so that its client can be
-            sent the reason; it must call `left` when the connection is closed.
+        make: Makes the protocol of a connection, also of a refused one, so that the reason can be sent to its
+            client; it must call `left` when the connection is closed.
         limits: Counts the connections.
-        rate: Connections per second on average.
+        rate: Connections accepted per second, on average.
         tls: Encrypts connections; None: they are not encrypted.
         handshake: Time that the handshake of TLS may take, s.
         log: Receives failures.

@@ -1,4 +1,4 @@
-"""Login: which clients are accepted, in which role, and for how long their token admits them."""
+"""Login: acceptance of clients, their roles, and the expiry of their tokens."""
 
 import asyncio
 from collections.abc import Callable, Iterable
@@ -25,7 +25,7 @@ _CHECK = 1.0
 
 
 class Login:
-    """Accepts hellos, and ends the sessions whose token expires, is revoked or changed.
+    """Login of clients; ends the sessions whose token expires, is revoked or changed.
 
     Args:
         settings: Bounds of failed logins.

@@ -1,4 +1,4 @@
-"""All connections of a daemon, from the listener to the last goodbye."""
+"""All connections of a daemon, from the listener to the last bye."""
 
 import asyncio
 import itertools
@@ -29,12 +29,12 @@ _CLOSE = 2.0
 
 _NOT_FOR_CLIENTS = (
     "your certificate is not for clients: its extended key usage does not name clientAuth; "
-    "have one made for a client (docs/security.md)"
+    "create a client certificate (docs/security.md)"
 )
 
 
 class SessionManager:
-    """Accepts connections, welcomes clients, and ends their sessions; the `SessionHost` of all sessions.
+    """Manager of all sessions, from the connection to its end; their `SessionHost`.
 
     Args:
         settings: Configuration of the server.
@@ -43,9 +43,9 @@ class SessionManager:
         pace: Makes time pass.
         requests: Answers the requests of clients: the core, or lock-step in front of it.
         scheduler: Gives the turns in which clients are read.
-        greeter: Words the welcomes.
+        greeter: Makes the welcomes.
         log: Receives logins and ends of sessions.
-        failed: Called with a defect that a session has met.
+        failed: Called with an exception that a session has raised.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class SessionManager:
         self._login.end_expired()
 
     def reload_sources(self) -> list[ReloadSource] | None:
-        """Return the files that SIGHUP reloads; None if SIGHUP ends the daemon as by default."""
+        """Return the files that SIGHUP reloads; None if SIGHUP ends the daemon, as is the default."""
         sources = []
         if self._keys.reread is not None:
             sources.append(ReloadSource("tokens", self._keys.reread, self._login.use_tokens))
@@ -130,21 +130,21 @@ class SessionManager:
         }
 
     def refuse_hellos(self) -> None:
-        """Accept no hello any more; sessions go on."""
+        """Accept no further hello; sessions continue."""
         self._accepting = False
 
     def stop_listening(self) -> None:
-        """Accept no connection any more; open connections stay."""
+        """Accept no further connection; open connections stay."""
         self._listener.close()
 
     def close_all(self, last: m.Message) -> None:
-        """Process no request any more, and close every connection after a last message."""
+        """Process no further request, and close every connection after a last message."""
         self.stop_serving()
         for session in tuple(self._sessions):
             session.close(last)
 
     def stop_serving(self) -> None:
-        """Process no hello and no request any more."""
+        """Process no further hello or request."""
         self._accepting = self._serving = False
 
     async def close(self) -> None:
@@ -167,7 +167,7 @@ class SessionManager:
         return self._serving
 
     def opened(self, session: Session) -> None:
-        """Take in a connection: it may stay if there is room and its hello comes in time."""
+        """Register a connection: it may stay if there is room and its hello comes in time."""
         self._sessions.add(session)
         if session.slot.refusal:
             session.close(RemoteProtocolError(ErrorCode.TOO_MANY, session.slot.refusal).message())
@@ -189,7 +189,7 @@ class SessionManager:
         except RemoteProtocolError as error:
             session.forget()
             error.re = hello.id
-            if error.code is not ErrorCode.UNAUTHORIZED:  # that is logged as login.failed
+            if error.code is not ErrorCode.UNAUTHORIZED:  # an unauthorized hello is logged as login.failed
                 self._log_refused("refused", session, name=hello.name, code=error.code)
             session.close(error.message())
             return

@@ -1,7 +1,7 @@
-"""The kernel's side of one connection: socket options, and what the kernel reports about the client.
+"""Kernel's side of one connection: socket options, and the kernel's reports about the client.
 
 A client that does not read leaves two traces. First its receive window shrinks, while sent data wait in the
-client's own kernel. Then the window is closed, and data wait in this kernel. States are sent only while the
+kernel of the client. Then the window is closed, and data wait in this kernel. States are sent only while the
 window is open by more than ``_OPEN`` of the widest window seen, so a client that pauses finds few old states.
 When the client reads again, its kernel announces the window anew once it has opened by half (RFC 1122,
 4.2.3.3). For that reason ``_OPEN`` is below one half.

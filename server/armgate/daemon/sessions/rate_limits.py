@@ -1,8 +1,8 @@
-"""Rate limits of reading: messages per second of a client, an identity, an address and all clients.
+"""Rate limits of reading: messages per second per client, per identity, per address, and in total.
 
 An identity is a token, or the address of a client without one. Each message that is read counts in every
-limit that applies to its client. A client that has used up one of them is not read for a while; nothing
-that it sent is dropped. Holders of robots, and operators with a token, count only in their own limit, so
+limit that applies to its client. A client that has used up a limit is not read for a while; none of its
+messages is dropped. Holders of robots, and operators with a token, count only in their own limit, so
 that no other client can use it up.
 """
 
@@ -15,7 +15,7 @@ _BURST = 0.25
 """Burst of a limit as a share of the messages that it allows in 1 s."""
 
 _KEPT = 1024
-"""Limits of identities and addresses that are kept; those of which nothing is used are forgotten first."""
+"""Limits of identities and addresses that are kept; unused ones are removed first."""
 
 
 @dataclass(frozen=True, slots=True)

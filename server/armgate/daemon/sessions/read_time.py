@@ -1,10 +1,10 @@
-"""Time up to which everything that clients sent has been read.
+"""Time up to which all messages of clients have been read.
 
 After a stall, the daemon finds messages in its sockets that arrived in time. It must not expire a lease
 before it has read them. In each turn of the event loop, asyncio first polls all sockets, then runs the
-callbacks of ``call_soon`` from the turn before, ahead of those that the poll found. So data that were sent
-before some moment have been passed to the sessions two turns later. They have been read when the work that
-waits then is done.
+callbacks of ``call_soon`` from the turn before, ahead of those that the poll found. Data that were sent
+before a moment have therefore been passed to the sessions two turns later. They have been read once the work
+that is queued at that time is done.
 """
 
 import asyncio
@@ -12,14 +12,14 @@ from collections.abc import Callable
 
 
 class ReadTime:
-    """Follows the time with what was read.
+    """Tracker of the time up to which messages have been read.
 
     Args:
         now: Daemon time, s.
         queued: Returns the number of the newest work that waits for privileged sessions: all
             holders are privileged.
-        waiting: Returns True while such work up to a number waits. Newer work is not waited for: the lease
-            of a session whose earlier work is done was renewed since.
+        waiting: Returns True while such work up to a number waits. Newer work does not count: the lease of
+            a session whose earlier work is done has been renewed since.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class ReadTime:
         self._following = False
 
     def __call__(self) -> float:
-        """Return the time up to which everything has been read, and begin to follow it up to now."""
+        """Return the time up to which all messages have been read, and begin to advance it to now."""
         if not self._following:
             self._following = True
             asyncio.get_running_loop().call_soon(self._polled, self._now())

@@ -1,8 +1,8 @@
-"""Reading of one client: in fair turns, within its rate limits, and its stops before its other messages.
+"""Reading of one client: in fair turns, within its rate limits, and stops ahead of other messages.
 
-A client whose allowance is used up is not read for a while. What it sends meanwhile is kept up to a bound and
-searched for a stop, which is acted on at once. Beyond the bound its socket is not read, so the client waits;
-nothing that it sent is dropped.
+A client whose allowance is used up is not read for a while. Its messages are then kept up to a bound and
+searched for a stop, which is executed at once. Beyond the bound its socket is not read, so the client waits;
+none of its messages is dropped.
 """
 
 import asyncio
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from armgate.daemon.sessions.session import Session
 
 _BUFFER = 16 * 1024
-"""Bytes that are read at once; asyncio's own 256 KiB are memory that the system allocates anew each time."""
+"""Bytes that are read at once; asyncio's own buffer of 256 KiB is allocated again by the system each time."""
 
 _DISCARD = 0.01
 """Time between two reads of a connection that is closing, s: data that a client still sends cost little."""
@@ -37,7 +37,7 @@ _AHEAD = 256 * 1024
 """Bytes of a client that are kept while it waits for its turn, to find a stop among them."""
 
 _STOPS = 20.0
-"""Stops of a client that are acted on ahead of its other messages, per second and at once."""
+"""Stops of a client that are executed ahead of its other messages: rate per second, and burst."""
 
 _COSTS: dict[type[object], float] = {
     Refusal: 2, m.Describe: 20, m.Asset: 20, m.Sessions: 20,
@@ -47,7 +47,7 @@ _COSTS: dict[type[object], float] = {
 
 
 class SessionHost(Protocol):
-    """The object to which sessions report; called by `Session`."""
+    """Receiver of the reports of sessions; called by `Session`."""
 
     @property
     def serving(self) -> bool:
@@ -73,7 +73,7 @@ class SessionHost(Protocol):
 
 
 class SessionReader(asyncio.BufferedProtocol, Peer):
-    """The reading side of a session: asyncio's buffer, its messages in turns, and the handler of each.
+    """Reading side of a session: asyncio's buffer, its messages in turns, and the handler of each.
 
     Args:
         host: The object to report to.
@@ -162,7 +162,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
             self._request_turn(self._scheduler.run_now)
 
     def eof_received(self) -> bool:
-        """Process the end of the client's stream, once everything before it has been read.
+        """Process the end of the client's stream, once all messages before it have been read.
 
         Returns:
             True if the transport must stay open until then; a transport of TLS cannot.
@@ -247,7 +247,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
     # --- messages ------------------------------------------------------------------------------------------
 
     def receive(self, item: m.Message | Refusal) -> None:
-        """Process a message, or bytes that are no message; a defect is reported to the host."""
+        """Process a message, or bytes that are not a message; a defect is reported to the host."""
         self._guarded(self._process, item)
 
     def _process(self, item: m.Message | Refusal) -> None:
@@ -281,7 +281,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
     # --- stops first --------------------------------------------------------------------------------------
 
     def _read_ahead(self) -> None:
-        """Keep what arrives, up to a bound, and act on a stop among it; beyond the bound do not read."""
+        """Keep incoming messages up to a bound, and execute a stop among them; read no more beyond it."""
         if self._connection.buffered > (_BUFFER if self._limit is None else _AHEAD):
             self._transport.pause_reading()
         else:
@@ -291,7 +291,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
             self._scheduler.run_later(self.identity, self.privileged, self._search)
 
     def _search(self) -> None:
-        """Search a few of the waiting messages for a stop, and act on it."""
+        """Search a few of the waiting messages for a stop, and execute it."""
         self._searching = False
         if self.closing or not self._stop_rate.take(asyncio.get_running_loop().time()):
             return

@@ -1,4 +1,4 @@
-"""Fair scheduling of sessions: which one is served next, and how much time of a turn serving may take.
+"""Fair scheduling of sessions: their order, and their share of each turn of the event loop.
 
 Ticks are timers of the event loop, so they wait for at most one turn. A turn is bounded by time: each lane
 has a slice of it, and work that does not fit waits for the next turn. Privileged sessions are served in their
@@ -97,7 +97,7 @@ class Lane:
 
 
 class FairScheduler:
-    """Serves sessions in two lanes on the running event loop.
+    """Scheduler of sessions in two lanes on the running event loop.
 
     Args:
         clock: A clock for durations, s.

@@ -1,6 +1,6 @@
-"""One client's connection, from its first byte to its end: its client, its messages out, and its end.
+"""Session: the connection of one client, from its first byte to its end.
 
-What the client sends is read and passed on by `SessionReader`, the base class.
+`SessionReader`, the base class, reads the messages of the client and passes them on.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ _EVICTED = "no hello came while other clients waited for the place; send hello r
 
 
 class Session(SessionReader, ConnectionProtocol):
-    """A connection and, after its hello, the client behind it; a `Peer` of the core.
+    """Connection and, after its hello, its client; a `Peer` of the core.
 
     Args:
         host: The object to report to.
@@ -82,7 +82,7 @@ class Session(SessionReader, ConnectionProtocol):
 
     @property
     def identity(self) -> str:
-        """Token of the client, or its address without one, by which rate limits and turns count."""
+        """Token of the client, or its address without one, by which rate limits and turns are counted."""
         return self.slot.origin if self._client is None else self._client.identity
 
     @property
@@ -127,7 +127,7 @@ class Session(SessionReader, ConnectionProtocol):
     # --- asyncio ------------------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take in a connection."""
+        """Register a new connection."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         # Data wait in the writer, not in the transport. With high=0, TLS would pause at once and for ever.
@@ -142,7 +142,7 @@ class Session(SessionReader, ConnectionProtocol):
         self._guarded(self._host.opened, self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Process the loss of the connection, once everything before the end of the stream has been read."""
+        """Process the loss of the connection, once all messages before the end have been read."""
         self._ending.clear_deadline()
         self._writer.close()
         if self._watch is not None:
@@ -156,11 +156,11 @@ class Session(SessionReader, ConnectionProtocol):
         self._ending.finish()
 
     def pause_writing(self) -> None:
-        """Queue everything: the kernel takes no more."""
+        """Queue all messages: the kernel accepts no more data."""
         self._writer.pause()
 
     def resume_writing(self) -> None:
-        """Write what waits: the kernel takes data again."""
+        """Write the queue: the kernel accepts data again."""
         self._writer.resume()
 
     # --- for the host -------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class Session(SessionReader, ConnectionProtocol):
         self._host.hello(self, hello)
 
     def forget(self) -> None:
-        """Take the hello back: the client cannot join."""
+        """Revoke the acceptance of the hello: the client cannot join."""
         self._client = None
 
     def allow(self, seconds: float, error: RemoteProtocolError) -> None:
@@ -252,7 +252,7 @@ class Session(SessionReader, ConnectionProtocol):
         self._ending.leave(reason)
 
     def finish_stream(self) -> None:
-        """Process the end of the client's stream, before which everything has been received."""
+        """Process the end of the client's stream; all messages before it have been received."""
         self._ending.leave("closed by the client")
         self._ending.begin()
         if self._lost:

@@ -1,4 +1,4 @@
-"""TLS of one connection: data of a client are decrypted in small pieces, each in a turn of its session.
+"""TLS of one connection: a client's data are decrypted in small pieces, each in a turn of its session.
 
 Decryption costs time before any message is complete: for handshakes, key updates (TLS 1.3) and records of one
 byte. asyncio itself would decrypt up to 256 KiB at once, of every connection in every turn of the event loop.
@@ -15,7 +15,7 @@ _PIECE = 2048
 """Bytes that are decrypted at once: up to 75 key updates, about 1 ms."""
 
 Serve = Callable[[Callable[[], None]], None]
-"""Does work in the turn of a session."""
+"""Function that does work in the turn of a session."""
 
 
 async def accept(
@@ -60,7 +60,7 @@ def _tls(
     context: ssl.SSLContext,
     over: asyncio.Future[None],
     handshake: float,
-) -> Any:  # the stub takes only whole seconds, and lacks what follows
+) -> Any:  # the stub accepts only whole seconds, and lacks the method called below
     tls: Any = _Tls
     made = tls(loop, protocol, context, over, server_side=True, ssl_handshake_timeout=handshake)
     # While the session is not read, at most this many bytes wait to be decrypted at once.
@@ -148,7 +148,7 @@ class _Pieces(asyncio.BufferedProtocol):
         return stays
 
     def pause_writing(self) -> None:
-        """Stop writing encrypted data: the transport takes no more."""
+        """Stop writing encrypted data: the transport accepts no more."""
         self._tls.pause_writing()
 
     def resume_writing(self) -> None:

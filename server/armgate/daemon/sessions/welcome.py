@@ -1,4 +1,4 @@
-"""The welcome that answers a hello."""
+"""Welcome: the answer to a hello."""
 
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -12,7 +12,7 @@ from armgate.protocol import messages as m
 
 
 class Greeter:
-    """Words the welcomes of one daemon.
+    """Factory of the welcomes of one daemon.
 
     Args:
         config: The cell's configuration.

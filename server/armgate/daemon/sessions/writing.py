@@ -1,12 +1,12 @@
-"""Writing to one client: what may not be dropped, the latest states, and batches.
+"""Writing to one client: messages that may not be dropped, the latest states, and batches.
 
 Frames pass through three stages, always in this order, and skip a stage that is not active:
 
 1. The *queue*, while the transport is paused. A message that may not be dropped is queued, in order, up to a
    bound. Of each robot's states only the latest waits, so a slow observer gets the latest state and never a
-   backlog. While the client reads, nothing waits here.
-2. The *batch*, while one is open: everything that belongs together is one packet and wakes the client once.
-   Batches may overlap: the last one that closes writes what they held back.
+   backlog. While the client reads, no frame waits here.
+2. The *batch*, while one is open: frames that belong together are one packet and wake the client once.
+   Batches may overlap: the last one that closes writes the frames that they held back.
 3. The transport.
 """
 
@@ -17,16 +17,16 @@ from types import TracebackType
 
 from armgate.daemon.sessions.peer_socket import PeerSocket
 
-_LOOK = 0.02
-"""Time between two looks at the receive window of a client for which states wait, s."""
+_POLL = 0.02
+"""Time between two checks of the receive window of a client for which states wait, s."""
 
 
 class Overflow(Exception):  # noqa: N818 (an event of the client, not a defect)
-    """The client does not read the messages that may not be dropped."""
+    """Overflow: the client does not read messages that may not be dropped."""
 
 
 class Writer:
-    """Writes frames to the transport of one client.
+    """Writer of frames to the transport of one client.
 
     Args:
         limit: Bytes of answers and verdicts that may wait in the queue.
@@ -40,7 +40,7 @@ class Writer:
         self._queue: deque[bytes] = deque()
         self._queued = 0
         self._states: dict[str, bytes] = {}
-        self._looking: asyncio.TimerHandle | None = None
+        self._polling: asyncio.TimerHandle | None = None
         self._batches = 0
         self._held: list[bytes] = []
         self._finishing = False
@@ -51,8 +51,8 @@ class Writer:
 
     def close(self) -> None:
         """Cancel timers: the connection is lost."""
-        if self._looking is not None:
-            self._looking.cancel()
+        if self._polling is not None:
+            self._polling.cancel()
 
     @property
     def size(self) -> int:
@@ -92,7 +92,7 @@ class Writer:
         self._states.clear()
 
     def pause(self) -> None:
-        """Queue everything: the kernel takes no more."""
+        """Queue all frames: the kernel accepts no more data."""
         self._paused = True
 
     def resume(self) -> None:
@@ -108,17 +108,17 @@ class Writer:
             self._write_end()
 
     def _pass_on_states(self) -> None:
-        """Pass on the states that wait, if the client reads; look again later while it does not."""
+        """Pass on the states that wait if the client reads; otherwise check again later."""
         if not self._states or self._paused:
             return
         if self._transport.is_closing() or self._socket.is_read():
             frames, self._states = self._states, {}
             self._pass_on(b"".join(frames.values()))
-        elif self._looking is None:
-            self._looking = asyncio.get_running_loop().call_later(_LOOK, self._look)
+        elif self._polling is None:
+            self._polling = asyncio.get_running_loop().call_later(_POLL, self._poll)
 
-    def _look(self) -> None:
-        self._looking = None
+    def _poll(self) -> None:
+        self._polling = None
         self._pass_on_states()
 
     # --- 2: the batch -------------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ class Writer:
             self.flush()
 
     def flush(self) -> None:
-        """Write everything that batches hold back."""
+        """Write all frames that batches hold back."""
         held, self._held = self._held, []
         if held:
             self._write(b"".join(held))
@@ -153,14 +153,14 @@ class Writer:
             self._transport.write(data)
 
     def finish(self) -> None:
-        """Write the end of the stream after everything that waits, which includes no states."""
+        """Write the end of the stream after the queue; states that wait are dropped."""
         self._finishing = True
         self._states.clear()
         self._write_end()
 
     def _write_end(self) -> None:
-        # If a socket is closed while data of the client are unread, the kernel discards what was written
-        # last. So write the end of the stream, and read on until the client closes. TLS does the same on
+        # If a socket is closed while data of the client are unread, the kernel discards the last data
+        # written. So write the end of the stream, and read on until the client closes. TLS does the same on
         # its own.
         self.flush()
         if not self._queue and not self._states and not self._transport.is_closing():
@@ -174,20 +174,20 @@ class Writer:
 
 
 class WriterBatch:
-    """An open batch of a `Writer`; a context manager that closes it."""
+    """Open batch of a `Writer`; a context manager that closes it."""
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
         self._open = True
 
     def close(self) -> None:
-        """End the batch; the last open one writes what was held back."""
+        """End the batch; the last open batch writes the frames that were held back."""
         if self._open:
             self._open = False
             self._writer.end_batch()
 
     def flush(self) -> None:
-        """Write everything that was held back, even if another batch is open."""
+        """Write all frames that were held back, even if another batch is open."""
         self._writer.flush()
 
     def __enter__(self) -> "WriterBatch":
