@@ -269,7 +269,7 @@ async def test_a_token_is_for_the_robots_that_it_names(secured):
     async with await aio.connect(
         secured.address, "lab", "controller", secured.tokens["lab"], tls=context
     ) as cell:
-        with pytest.raises(Refused, match="not for B") as caught:
+        with pytest.raises(Refused, match="does not allow B") as caught:
             await cell.acquire("B")
         assert caught.value.code == "forbidden"
         async with await cell.acquire("A") as robot:
@@ -533,7 +533,7 @@ async def test_a_rotated_token_keeps_its_sessions_while_the_old_secret_is_valid(
     async with Process.serving(config) as daemon:
         session, _ = await login(daemon.port, "controller", old)
         new, told = await token(file, "--rotate", "lab", "--overlap", "1")
-        assert "1 h more" in told
+        assert "valid for 1 h at most" in told
         await reread(daemon, "tokens.read")
         session.send(m.Ping(time=1.0))
         await session.get(m.Pong)
