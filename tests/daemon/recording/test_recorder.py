@@ -47,7 +47,7 @@ def test_files_rotate_by_size_and_each_is_complete(tmp_path):
     assert [verify(Recording.open(part.file)).last for part in recording.parts][-2:] == [False, True]
     recording.parts[-1].file.unlink()
     (missing,) = verify(Recording.open(tmp_path)).breaks
-    assert f"part {len(recording.parts)} followed" in str(missing)
+    assert f"part {len(recording.parts)} is missing" in str(missing)
 
 
 class Clock:
