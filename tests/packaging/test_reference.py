@@ -67,9 +67,14 @@ def test_the_parts_of_the_daemon_in_the_architecture_exist() -> None:
     section = text.partition("## Inside the daemon")[2].partition("\n## ")[0]
     listed = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
     assert sorted(listed) == sorted(path.parent.name for path in daemon.glob("*/__init__.py"))
-    files = re.findall(r"`(\w+/\w+\.py)`", section)
-    assert len(files) > 5
-    assert [name for name in files if not (daemon / name).is_file()] == []
+
+
+def test_the_files_on_the_path_of_an_increment_exist() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    section = text.partition("## An increment in files")[2].partition("\n## ")[0]
+    files = re.findall(r"`([\w/]+\.py)`", section)
+    assert len(files) > 20
+    assert [name for name in files if not list(ROOT.glob(f"*/armgate/{name}"))] == []
 
 
 def test_every_package_is_in_the_architecture() -> None:

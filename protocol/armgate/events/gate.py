@@ -126,7 +126,8 @@ class Verdict:
         target: Tick at which the increment is to be played; None if an admission check refused the command.
         outcome: Admitted, limited or refused.
         beta: Blend between the braking increment (0) and the requested increment (1).
-        dq: Increment at the next tick; the robot plays it unless a later command replaces it.
+        dq: Increment of the next tick by the robot's plan. The robot plays it unless a later command replaces
+            it or the plan reaches the link too late.
         setpoint: Setpoint after that increment.
         reasons: Causes that applied; empty if admitted.
     """

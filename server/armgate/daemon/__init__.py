@@ -11,7 +11,7 @@ Packages, each with one concern:
 - ``metrics``: health figures for Prometheus, and ``armgate status``.
 - ``lifecycle``: start, signals, failures and end; ``armgate serve`` and ``armgate check``.
 
-The path of a command from the socket to the link: ``sessions.reading``, ``sessions.session``, ``core.core``,
-``core.leasing``, ``core.gate_runner``, the gate, the link. Its verdict returns by ``core.core``,
-``core.to_protocol`` and ``sessions.writing``.
+The path of a command from the socket to the link: ``sessions.reading``, ``core.core``, ``core.gate_runner``,
+the gate, the link. Its verdict returns by ``core.gate_runner``, ``core.core``, ``core.to_protocol``,
+``sessions.session`` and ``sessions.writing``. docs/architecture.md lists all files.
 """
