@@ -118,7 +118,7 @@ class Peer(Protocol):
         """Drop unsent states: they belong to a subscription that has ended."""
 
     def batch(self) -> Batch:
-        """Hold back states, and answers that may be delayed, until the batch closes."""
+        """Hold back states, and messages that may be delayed, until the batch closes."""
 
     def close(self, message: Message) -> None:
         """Send a last message, then close the connection."""
