@@ -103,5 +103,5 @@ def _histogram(samples: Sequence[Any]) -> str:
     def below(share: float) -> float:
         return next(bound for bound, seen in buckets if seen >= share * count)
 
-    ms = f"mean {1e3 * total / count:.3g} ms, half below {1e3 * below(0.5):g} ms"
+    ms = f"mean {1e3 * total / count:.3g} ms, 50 % below {1e3 * below(0.5):g} ms"
     return f"count {count:g}: {ms}, 99 % below {1e3 * below(0.99):g} ms"

@@ -227,7 +227,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
             self._read_on()
 
     def _receive_some(self) -> tuple[float, bool]:
-        """Receive the messages of one turn; return what they cost, and True if there may be more."""
+        """Receive the messages of one turn; return their cost, and True if there may be more."""
         cost, self._bytes = self._bytes / _BYTES, 0
         limit, before = cost + _AT_ONCE, self._connection.buffered
         while cost < limit and before - self._connection.buffered < _BYTES:

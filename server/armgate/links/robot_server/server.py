@@ -1,4 +1,4 @@
-"""Robot server: holds the robots' links and plans, whatever happens to the daemon.
+"""Robot server: holds the robots' links and plans, independently of the daemon.
 
 A link answers its robot first. The daemon is informed afterwards, and the server never waits for it. Messages
 that the daemon does not read are buffered up to a bound. Beyond it, or after the timeout, the connection is

@@ -237,7 +237,7 @@ class Probe:
         )
 
     def _follow(self, succession: Succession) -> None:
-        """Go on with the wave, send again what was not taken, or begin anew."""
+        """Continue the wave, repeat a correction that was not taken, or begin anew."""
         disturbed = succession.late or succession.missed
         if disturbed and self._round == 0:
             self._go(Step.DISTURBED)

@@ -144,7 +144,7 @@ def _scale_objection(axis: Axis, gain: float) -> str:
     """Return the objection to an axis that moves by another factor than commanded."""
     received, sent = axis.received * gain, axis.sending / gain
     return (
-        f"{axis.name} ({axis.joint}) is measured to move by {gain:.3f} of what is commanded: expected "
+        f"{axis.name} ({axis.joint}) is measured to move by {gain:.3f} of the commanded motion: expected "
         f"axes.{axis.name}.received {received:.6g} instead of {axis.received:.6g}, or sent {sent:.6g} "
         f"instead of {axis.sending:.6g}"
     )
