@@ -12,7 +12,7 @@ import pytest
 
 from armgate import events as e
 from armgate.daemon.core import to_protocol
-from armgate.gate import braking, robot
+from armgate.gate import braking, decision
 from armgate.monitor.motion import Motion
 from armgate.monitor.tick_state import state_of_entry
 from armgate.protocol import messages as m
@@ -193,7 +193,7 @@ def test_a_link_that_plays_other_plans_is_found(name, tmp_path):
 
 def test_a_stop_distance_computed_too_short_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr(braking, "stop_share", lambda m: 0.0)
-    monkeypatch.setattr(robot, "stop_increments", lambda u, decel: (tuple(u),) if any(u) else ())
+    monkeypatch.setattr(decision, "stop_increments", lambda u, decel: (tuple(u),) if any(u) else ())
     assert driven(SCENARIOS["down"], tmp_path).findings
 
 

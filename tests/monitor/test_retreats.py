@@ -109,7 +109,7 @@ def test_a_violated_clearance_keeps_its_floor_while_states_are_missing(too_near)
     watched.rest(6)
     assert watched.monitor._floors == floors != {}
     watched.links[GANTRY] = gantry
-    gantry._player._tick = watched.tick
+    gantry._tick = watched.tick
     watched.rest(3)
     assert watched.findings == []
 
