@@ -15,7 +15,7 @@ PATIENCE = 20.0
 
 @pytest.fixture
 def port(monkeypatch):
-    monkeypatch.setattr(module, "_RATE", 1e4)  # tests do not wait for it
+    monkeypatch.setattr(module, "_RATE", 200.0)  # each connection has 40 ms before newer ones close it
     served = Exposition(lambda: b"page\n", "text/plain")
     yield served.open(0)
     served.close()
@@ -27,6 +27,14 @@ def asked(port, request):
     with socket.create_connection(("127.0.0.1", port), PATIENCE) as sock:
         sock.sendall(request)
         return b"".join(iter(lambda: sock.recv(65536), b""))
+
+
+def got(port):
+    """The answer to a request, or nothing if newer connections closed this one."""
+    try:
+        return get(port)
+    except ConnectionError:
+        return b""
 
 
 def get(port, path="/metrics", host="localhost:7412"):
@@ -69,7 +77,7 @@ def test_a_thousand_idle_connections_keep_nobody_out_and_cost_no_threads_or_desc
             sock.setblocking(False)
             sock.connect_ex(("127.0.0.1", port))
             idle.append(sock)
-        assert b"200 OK" in get(port)
+        assert any(b"200 OK" in got(port) for _ in range(8))  # a busy machine may need longer than 40 ms
         assert threading.active_count() == before
         open_ = len(list(Path("/proc/self/fd").iterdir())) - len(idle)
         assert open_ < 200

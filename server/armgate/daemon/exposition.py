@@ -19,8 +19,8 @@ _HOST = "127.0.0.1"
 _PATHS = ("/", "/metrics")
 _OPEN = 16
 """Connections that may be open at once."""
-_RATE, _BURST = 50.0, 32.0
-"""Connections that are accepted per second, and at once."""
+_RATE, _BURST = 50.0, 8.0
+"""Connections accepted per second, and at once: each has (_OPEN - _BURST) / _RATE for its request."""
 _PATIENCE = 5.0
 """Time for a request and its answer, s."""
 _REQUEST = 8192
