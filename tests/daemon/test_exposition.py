@@ -1,5 +1,6 @@
 """The port for figures: what is answered, and that idle connections do no harm."""
 
+import contextlib
 import resource
 import socket
 import threading
@@ -85,6 +86,22 @@ def test_a_thousand_idle_connections_keep_nobody_out_and_cost_no_threads_or_desc
         for sock in idle:
             sock.close()
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_connections_that_come_at_once_do_not_close_one_before_its_request_arrives(monkeypatch):
+    monkeypatch.setattr(module, "_RATE", 0.01)  # after those at once no more come while the test runs
+    served = Exposition(lambda: b"page\n", "text/plain")
+    port = served.open(0)
+    try:
+        with contextlib.ExitStack() as stack:
+            first, *_ = [
+                stack.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE))
+                for _ in range(module._OPEN + 4)
+            ]
+            first.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            assert b"200 OK" in first.recv(65536)
+    finally:
+        served.close()
 
 
 def test_a_connection_that_asks_nothing_is_closed_in_time(port, monkeypatch):
