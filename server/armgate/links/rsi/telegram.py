@@ -44,7 +44,7 @@ class TelegramError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Telegram:
-    """What a KRC said.
+    """One telegram of a KRC.
 
     Attributes:
         data: Its bytes.

@@ -49,7 +49,7 @@ class Hull:
     offsets: Array
 
     def height(self, points: Array) -> Array:
-        """How far points (k, 3) stand out of the planes, (k,): a lower bound of their distance, m."""
+        """Height of points (k, 3) above the planes, (k,): a lower bound of their distance, m."""
         block = max(1, _BLOCK // len(self.offsets))
         parts = [points[i : i + block] for i in range(0, len(points), block)]
         heights = [(part @ self.normals.T + self.offsets).max(axis=1) for part in parts]
