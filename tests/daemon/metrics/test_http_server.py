@@ -1,5 +1,6 @@
 """The metrics port: its answers, and its bounds on idle connections."""
 
+import contextlib
 import resource
 import socket
 import threading
@@ -85,6 +86,22 @@ def test_a_thousand_idle_connections_block_no_request_and_cost_no_threads_or_des
         for sock in idle:
             sock.close()
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_a_burst_of_connections_closes_none_before_its_request_arrives(monkeypatch):
+    monkeypatch.setattr(module, "_RATE", 0.01)  # after the burst no more connections come while the test runs
+    served = MetricsServer(lambda: b"page\n", "text/plain")
+    port = served.open(0)
+    try:
+        with contextlib.ExitStack() as stack:
+            first, *_ = [
+                stack.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE))
+                for _ in range(module._OPEN + 4)
+            ]
+            first.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            assert b"200 OK" in first.recv(65536)
+    finally:
+        served.close()
 
 
 def test_a_connection_without_a_request_is_closed_in_time(port, monkeypatch):
