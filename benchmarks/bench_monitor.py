@@ -75,7 +75,7 @@ def main() -> None:
             metrics, counts = demo(folder / f"with{turn}")
             late[True].append(quantile(counts, 0.99))
         run = folder / f"with{ROUNDS - 1}" / "run"
-        judged = json.loads((run / "monitor.json").read_text(encoding="utf-8"))
+        audited = json.loads((run / "monitor.json").read_text(encoding="utf-8"))
         start = time.perf_counter()
         check = [sys.executable, "-m", "armgate.apps", "monitor", str(run)]
         subprocess.run(check, check=True, stdout=subprocess.DEVNULL)
@@ -84,15 +84,15 @@ def main() -> None:
     report(
         "monitor",
         [
-            Row("demo by the clock, share of a core", 100.0 * judged["share"], "%", 20.0),
-            Row("demo by the clock, violations", judged["violations"], "1", 0.0),
-            Row("demo by the clock, states missed", sum(judged["missed"].values()), "1", 0.0),
-            Row("demo by the clock, states checked", judged["states"], "1"),
+            Row("demo by the clock, share of a core", 100.0 * audited["share"], "%", 20.0),
+            Row("demo by the clock, violations", audited["violations"], "1", 0.0),
+            Row("demo by the clock, states missed", sum(audited["missed"].values()), "1", 0.0),
+            Row("demo by the clock, states checked", audited["states"], "1"),
             Row("p99 of the ticks' lateness, increase by the monitor", with_ - without, "ms", 0.5),
             Row("p99 of the ticks' lateness, with the monitor", with_, "ms"),
             Row("p99 of the ticks' lateness, without it", without, "ms"),
             Row("late commands, with the monitor", metrics["late_commands"], "1", 0.0),
-            Row("check of the recording, per state", 1e3 * checked / judged["states"], "ms"),
+            Row("check of the recording, per state", 1e3 * checked / audited["states"], "ms"),
         ],
     )
 

@@ -293,7 +293,7 @@ def rows(link_times, echo_times, status, told) -> list[Row]:
     late, bare_late = (int(np.count_nonzero(times > LATE)) for times in (link_times, echo_times))
     missed = int(np.count_nonzero(echo_times >= CYCLE))
     eye, *movers = told
-    judged = [f"{robot}: commands {{}}" for robot in ("FR", "GR")]
+    labels = [f"{robot}: commands {{}}" for robot in ("FR", "GR")]
     return [
         *found,
         Row("echo, replies later than 3 ms", bare_late, f"of {CYCLES}"),
@@ -302,7 +302,7 @@ def rows(link_times, echo_times, status, told) -> list[Row]:
         Row("link, late cycles that the KRC counted (Delay)", status["delay"], f"of {CYCLES}", missed),
         *(
             Row(name.format(outcome), count, "")
-            for name, outcomes in zip(judged, movers, strict=True)
+            for name, outcomes in zip(labels, movers, strict=True)
             for outcome, count in outcomes.items()
         ),
         Row("states that the observer saw", eye["states"], ""),

@@ -92,11 +92,11 @@ def make_state() -> Callable[..., State]:
                 "follow.repulsion": (0.0,),
             }
         nearest = [("FR/link_5", "GR/link_6", clearance, 0.05), *near]
-        judged = {"seq": tick, "outcome": "refused", "cause": "clearance", "text": "too near"}
+        verdict = {"seq": tick, "outcome": "refused", "cause": "clearance", "text": "too near"}
         entry = {
             "tick": tick, "time": time, "setpoint": None, "holder": "follower", "link": "ready",
             "nearest": tuple({"pair": (a, b), "distance": d, "limit": limit} for a, b, d, limit in nearest),
-            "verdict": judged if near else None,
+            "verdict": verdict if near else None,
             "least_clearance": least, "counts": counts or {"admitted": tick}, "late_commands": late,
         }  # fmt: skip
         return State.model_validate(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from armgate.apps.errors import PathError, UsageError
-from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.drive import bounds_of, check_path, drive
 from armgate.apps.lead.path import RecordedPath
 from armgate.apps.lead.playback import Playback

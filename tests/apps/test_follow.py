@@ -15,7 +15,7 @@ from armgate.apps.follow.loop import FollowLoop, FollowOptions, Progress, follow
 from armgate.apps.follow.proximity import Proximity, RobotBodies
 from armgate.apps.interrupt import Interrupt, catch_interrupt
 from armgate.apps.robot_models import floor_of
-from armgate.apps.sharing import Sharing
+from armgate.apps.shared_signals import SharedSignals
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
@@ -124,7 +124,7 @@ def followed(
     robot.owner = owner
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     try:
-        sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
+        sharing = SharedSignals(cell, cell.lines.append)  # type: ignore[arg-type]
         ended = follow_leader(sharing, robot, loop, interrupt or Interrupt(), duration)  # type: ignore[arg-type]
     except AppError as error:
         ended = str(error)
@@ -266,7 +266,7 @@ def test_refused_signals_are_reported_once_and_end_no_motion(built: BuiltCell, c
     cell, robot = Connection(built), Held(built, lambda tick: None)
     cell.refusal = Refused(Error(code=code, text="no", fatal=False))
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
-    sharing = Sharing(cell, cell.lines.append)  # type: ignore[arg-type]
+    sharing = SharedSignals(cell, cell.lines.append)  # type: ignore[arg-type]
     ended = follow_leader(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
     assert ended == "duration has passed, at rest"
     (line,) = cell.lines
@@ -292,7 +292,7 @@ def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
 
 def test_only_changed_values_are_shared(built: BuiltCell) -> None:
     cell: Any = Connection(built)
-    sharing = Sharing(cell, cell.lines.append)
+    sharing = SharedSignals(cell, cell.lines.append)
     known = share_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
     share_changes(sharing, {"a": (1.0,), "b": (3.0,)}, known)
     assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]

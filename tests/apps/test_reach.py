@@ -14,7 +14,7 @@ from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import read_path
 from armgate.apps.reach.goal import GAINS, Arm, Goal, away_from_surroundings, build, target
 from armgate.apps.reach.loop import Done, Steps, Watch, drive, write_motion
-from armgate.apps.sharing import Sharing
+from armgate.apps.shared_signals import SharedSignals
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.cell.placement import Placement, rotation_from_rpy
@@ -107,7 +107,7 @@ def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, SignalLog]:
     log = SignalLog()
     options = {"tolerance": 1e-3, "duration": 30.0, **change}
     return drive(
-        Sharing(log, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
+        SharedSignals(log, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
     ), log
 
 

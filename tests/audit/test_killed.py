@@ -39,7 +39,7 @@ def killed(tmp_path_factory):
     return folder, {case["case"]: case["flushed"] for case in cases}
 
 
-def judged_again(folder):
+def replayed_events(folder):
     """Check that all remaining steps replay identically; return their number."""
     recover_recording(folder)
     recording = Recording.open(folder)
@@ -54,13 +54,13 @@ def test_flushed_events_replay_identically_after_a_kill_in_any_state_of_the_writ
     if state != "turn_closed":  # there every file was closed, and no other begun
         with pytest.raises(TruncatedError, match="armgate recover"):
             Recording.open(folder / state)
-    assert judged_again(folder / state) >= flushed[state] > 0
+    assert replayed_events(folder / state) >= flushed[state] > 0
 
 
 def test_flushed_events_replay_identically_after_kills_at_twenty_random_moments(killed):
     folder, flushed = killed
     moments = [name for name in flushed if name.isdigit()]
-    left = {name: judged_again(folder / name) for name in moments}
+    left = {name: replayed_events(folder / name) for name in moments}
     assert len(left) == 20
     assert all(left[name] >= flushed[name] for name in moments)
     assert len(set(left.values())) > 10

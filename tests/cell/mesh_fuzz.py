@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh.decomposition.cut_planes import Plane
+from armgate.cell.mesh.decomposition.choose_planes import Plane
 from armgate.cell.mesh.decomposition.decompose import DecompositionOptions, decompose
 from armgate.cell.mesh.hull import hull_of
 from armgate.cell.mesh.triangle_mesh import READERS, read_mesh

@@ -86,7 +86,7 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
 
 def test_parts_contain_everything_for_any_cuts(monkeypatch):
     """Cut at random planes: containment does not depend on the proposed ones."""
-    from armgate.cell.mesh.decomposition.cut_planes import Plane
+    from armgate.cell.mesh.decomposition.choose_planes import Plane
 
     rng = np.random.default_rng(3)
     (vertices, faces), low, size = blocks(meshes.FRAME, (0.1, 0.2, 0.1, 0.1, 0.15, 0.1, 0.2))

@@ -103,7 +103,7 @@ def test_a_command_without_a_lease_is_not_sent():
 def test_a_tick_that_already_has_a_command_is_not_returned():
     pair = Pair()
     pair.acquire("FR")
-    # A command based on tick 5 and judged at tick 6 is for tick 7.
+    # A command based on tick 5 and decided at tick 6 is for tick 7.
     pair.send(state(tick=5))
     command = m.Command(robot="FR", fence=1, seq=1, tick=5, dq=())
     pair.send(verdict(command, target=7))
@@ -119,7 +119,7 @@ def test_unread_verdicts_are_bounded():
     for seq in range(KEPT_VERDICTS + 10):
         pair.session.pending.take_verdict(verdict(command, seq=seq))
     kept = pair.session.pending.verdicts("FR")
-    assert [judged.seq for judged in kept] == list(range(10, KEPT_VERDICTS + 10))
+    assert [verdict.seq for verdict in kept] == list(range(10, KEPT_VERDICTS + 10))
 
 
 def test_an_answer_of_another_type_is_an_error():

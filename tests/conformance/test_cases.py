@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 
 from armgate.conformance.case import cases, select_cases
-from armgate.protocol.statements import Level, When, statements
+from armgate.protocol.spec_statements import Level, When, statements
 
 MUSTS = [s for s in statements().values() if s.about_server and s.level is Level.MUST]
 TRIED = {id_ for case in cases() for id_ in case.covers}

@@ -15,7 +15,7 @@ from armgate.daemon.core import description as description_module
 from armgate.daemon.core import to_protocol
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.interfaces import Client
-from armgate.daemon.core.leasing import Leasing
+from armgate.daemon.core.lease_changes import Leasing
 from armgate.daemon.core.rights import RIGHTS
 from armgate.daemon.core.signals import Signals
 from armgate.daemon.core.states import Subscription

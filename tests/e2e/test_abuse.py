@@ -27,7 +27,7 @@ MEGABYTES = 5.0
 
 @dataclass
 class Seen:
-    """Figures of a controller: commands, refused ones, ones judged for a later tick, and the latest tick."""
+    """Figures of a controller: commands, refused ones, ones decided for a later tick, and the latest tick."""
 
     commands: int = 0
     refused: int = 0

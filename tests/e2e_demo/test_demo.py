@@ -110,10 +110,10 @@ def test_lock_step_from_any_folder_writes_only_its_own_folder(tmp_path: Path) ->
     assert names == pictures | data | {"logs"}
     logs = {"daemon.log", "leader.log", "follower.log", "monitor.log"}
     assert {file.name for file in (out / "logs").iterdir()} == logs
-    judged = metrics["monitor"]
-    assert (judged["violations"], judged["missed"]) == (0, {})
-    assert judged["states"] >= sum(metrics["ticks"].values())  # every state, not only the observed ones
-    assert f"monitor: {judged['summary']}" in done.stdout
+    audited = metrics["monitor"]
+    assert (audited["violations"], audited["missed"]) == (0, {})
+    assert audited["states"] >= sum(metrics["ticks"].values())  # every state, not only the observed ones
+    assert f"monitor: {audited['summary']}" in done.stdout
     with (out / "series.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == metrics["ticks"]["FR"] + 1 - int(rows[0]["time_s"] != "0")

@@ -6,7 +6,7 @@ import pytest
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
 from armgate.gate.clearance.pair_check import PairCheck, halves, in_pair_order, middle, segments
-from armgate.gate.clearance.screen import MARGIN
+from armgate.gate.clearance.prefilter import MARGIN
 from gate import scenes
 
 LIMIT = 0.02

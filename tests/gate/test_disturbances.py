@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armgate.gate.clearance.lever_range import LeverRange
+from armgate.gate.clearance.motion_bounds_range import MotionBoundsRange
 from armgate.gate.reservations import Reservations
 from armgate.gate.retreat import Retreat
 from armgate.gate.robot import RobotState
@@ -44,7 +44,7 @@ def test_resets_that_move_the_setpoint_out_of_its_limits_are_found(monkeypatch):
 
 
 def test_motion_bounds_that_hold_only_inside_the_limits_are_found(monkeypatch):
-    monkeypatch.setattr(LeverRange, "fitted", lambda self, *given: self)
+    monkeypatch.setattr(MotionBoundsRange, "fitted", lambda self, *given: self)
     assert any("ball" in text for text in found("lever", tries=12))
 
 

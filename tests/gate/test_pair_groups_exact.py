@@ -5,7 +5,7 @@ import pytest
 
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.pair_groups import ChainGroup
-from armgate.gate.clearance.screen import MARGIN
+from armgate.gate.clearance.prefilter import MARGIN
 from armgate.gate.occupancy import Occupancy
 from gate import scenes
 from gate.oracle import Oracle

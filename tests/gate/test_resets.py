@@ -99,7 +99,7 @@ def test_a_setpoint_stays_if_the_other_one_cannot_be_proven(monkeypatch):
     scripted.rest(0, (x,), count=3)
     bounds = scripted.lowest_bound()
     clearance = scripted.gate._clearance
-    monkeypatch.setattr(clearance.screen, "run", lambda *given: (np.array([-1.0]), np.array([0])))
+    monkeypatch.setattr(clearance.prefilter, "run", lambda *given: (np.array([-1.0]), np.array([0])))
     monkeypatch.setattr(clearance, "_prove", lambda *given: type("F", (), {"lb": -1.0, "points": None}))
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     answer, rebase = scripted.gate.step(Reset(stop.id, "x"))
@@ -262,13 +262,13 @@ def test_motion_bounds_are_widened_for_a_robot_pushed_out_and_narrowed_when_it_i
 
     scripted = ScriptedGate(scenes.lever(), gate=Gate(scenes.lever(), "s", compiled))
     space, before = scripted.gate._clearance.space, scripted.gate._clearance.space.motion[0]
-    pairs = scripted.gate._clearance.screen.pairs[0]
+    pairs = scripted.gate._clearance.prefilter.pairs[0]
     (stop,) = [o for o in scripted.rest(0, (0.0, 1.3, 0.0)) if isinstance(o, Stopped)]
     wide = space.motion[0]
     assert (wide >= before).all()
     assert wide[-1, 0] >= before[-1, 0] + 0.4
-    assert (scripted.gate._clearance.screen.pairs[0].growth >= pairs.growth).all()
-    assert scripted.gate._clearance.screen.pairs[0].growth[:, 0].max() >= pairs.growth[:, 0].max() + 0.4
+    assert (scripted.gate._clearance.prefilter.pairs[0].growth >= pairs.growth).all()
+    assert scripted.gate._clearance.prefilter.pairs[0].growth[:, 0].max() >= pairs.growth[:, 0].max() + 0.4
     assert scripted.gate._robots[0].main.swept.motion is wide
     scripted.rest(0, (0.0, 1.31, 0.0), count=2)
     assert space.motion[0] is wide  # there is more room

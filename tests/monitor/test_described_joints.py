@@ -31,7 +31,7 @@ ADVICE = "start the daemon and the monitor with the same URDF and configuration"
 def described(*files: Path) -> list[str]:
     """Return the differences to the description of a daemon with the same files."""
     library = CellDescription(build_cell(load_config(files)), False)
-    return differences(build(read_files(files)), library.description, library.assets.__getitem__)
+    return differences(build(read_files(files)), library.description, library.assets.by_hash.__getitem__)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def composed(tmp_path: Path) -> tuple[str, object]:
     file = saved(tree, tmp_path / "cell.yaml")
     (robot,) = build(read_files([file])).robots
     library = CellDescription(build_cell(load_config([file])), False)
-    return library.assets[library.description.robots[0].urdf.hash].decode(), robot
+    return library.assets.by_hash[library.description.robots[0].urdf.hash].decode(), robot
 
 
 def with_origin(text: str, joint: str, origin: str) -> str:

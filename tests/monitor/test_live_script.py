@@ -21,7 +21,7 @@ class Line:
 
     def __init__(self, library: CellDescription, script) -> None:
         self.description, self.welcome = library.description, SimpleNamespace(lockstep=False)
-        self._assets = library.assets
+        self._assets = library.assets.by_hash
         self.now, self.reasons, self.fails = 100.0, [], []
         self._script = deque(script)
         self._kept, self._count = deque(maxlen=1), 0

@@ -102,4 +102,4 @@ def test_the_names_in_the_examples_exist() -> None:
     messages = (ROOT / "protocol/armgate/protocol/messages.py").read_text(encoding="utf-8")
     for name in ("class Request(", "class Answer(", "ClientMessage", "ServerMessage", "ANSWERS", "Finite"):
         assert name in messages
-    assert "MEANINGS" in (ROOT / "server/armgate/gate/wording.py").read_text(encoding="utf-8")
+    assert "MEANINGS" in (ROOT / "server/armgate/gate/verdict_wording.py").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 from armgate.events import Cause
 from armgate.protocol import CODES, HANDSHAKE_LIMIT, INBOUND_LIMIT, OUTBOUND_LIMIT, codec
 from armgate.protocol import messages as m
-from armgate.protocol.statements import spec_text, statements
+from armgate.protocol.spec_statements import spec_text, statements
 from tools.spec.__main__ import main, products
 from tools.spec.tables import BLOCKS, filled
 

@@ -13,7 +13,7 @@ from armgate.protocol import CODES, DIALECTS, Connection, Refusal, Side, decode,
 from armgate.protocol import messages as m
 from armgate.protocol.codec import MAX_ARRAY_INBOUND
 from armgate.protocol.framing import HEADER, frame
-from armgate.protocol.statements import statements
+from armgate.protocol.spec_statements import statements
 from tools.spec.vectors import from_json, to_json
 
 HOME = Path(armgate.protocol.__file__).parent

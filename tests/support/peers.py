@@ -7,7 +7,7 @@ from armgate.cell.cell import build_cell
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.interfaces import Client
-from armgate.daemon.core.leasing import LeaseTime
+from armgate.daemon.core.lease_changes import LeaseTime
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log

@@ -136,7 +136,7 @@ def explain(error: Exception) -> str | None:
 
 def _printable(error: Exception, text: str) -> str:
     """Return a text as one line, but findings in a configuration on one line each."""
-    from armgate.cell.escaping import printable, printable_lines
+    from armgate.cell.terminal_text import printable, printable_lines
     from armgate.client.errors import ClientError
 
     return printable(text) if isinstance(error, ClientError) else printable_lines(text)

@@ -9,7 +9,7 @@ from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING
 
-from armgate.protocol.statements import Level, Statement, When, statements
+from armgate.protocol.spec_statements import Level, Statement, When, statements
 
 if TYPE_CHECKING:
     from armgate.conformance.context import CaseContext

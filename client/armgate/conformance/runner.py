@@ -12,7 +12,7 @@ from armgate.conformance.command_log import CommandLog
 from armgate.conformance.context import CaseContext, reset_stop
 from armgate.conformance.observer import Observer
 from armgate.conformance.target import ServerInfo, Target
-from armgate.protocol.statements import When
+from armgate.protocol.spec_statements import When
 
 _STARVED = 0.3
 """Time without a state, s, after which the machine counts as too busy: a failed session is run again."""

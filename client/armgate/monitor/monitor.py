@@ -191,11 +191,11 @@ class Monitor:
         found = []
         measure = (state.tick + robot) % self._measured_every == 0 or robot not in self._measured
         self._measured.add(robot)
-        judged = {near.pair: near for near in self._clearances.check(robot, measure=measure)}
+        checked = {near.pair: near for near in self._clearances.check(robot, measure=measure)}
         self._note_smallest(state)
-        for pair in [pair for pair in self._floors if pair not in judged and self._concerns(pair, robot)]:
+        for pair in [pair for pair in self._floors if pair not in checked and self._concerns(pair, robot)]:
             del self._floors[pair]
-        for near in judged.values():
+        for near in checked.values():
             finding = self._check_pair(near, state, moved)
             if finding is not None:
                 found.append(finding)

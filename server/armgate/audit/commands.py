@@ -205,7 +205,7 @@ def _recovered_messages(one: "RecoveredFile") -> str:
 
 def _print(text: str) -> None:
     """Print one line, with control characters from the recording escaped."""
-    from armgate.cell.escaping import printable
+    from armgate.cell.terminal_text import printable
 
     typer.echo(printable(text))
 

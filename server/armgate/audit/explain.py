@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from armgate.audit.replay import checked_steps, gate_for, gate_outputs
 from armgate.audit.replay_gate import IntendedMotion, ReplayGate
 from armgate.cell.cell import Cell, Robot
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 from armgate.events import Command, Joints, Outcome, Point, Reason, Verdict
-from armgate.gate.wording import MEANINGS
+from armgate.gate.verdict_wording import MEANINGS
 from armgate.recording import Recording
 
 

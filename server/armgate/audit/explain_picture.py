@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from armgate.audit.explain import ExplainedCommand
 from armgate.audit.replay_gate import IntendedMotion
 from armgate.cell.cell import Body, Cell
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 from armgate.events import Joints, Reason
 from armgate.gate import support, support_table
 from armgate.recording.files import atomic_write

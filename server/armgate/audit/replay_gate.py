@@ -150,9 +150,9 @@ class ReplayGate(Gate):
         occupied = occupancy_to(s, end_of(s.setpoint, plan.increments), plan.increments[0])
         swept = self._clearance.space.sweep(s.index, occupied)
         most = np.full_like(self._clearance.limits_of[s.index], np.inf)
-        judged = self._clearance.check(s.index, swept, None, most, Budget(0))
+        checked = self._clearance.check(s.index, swept, None, most, Budget(0))
         self._clearance.mark_maybe_below()
-        return Decision(plan.increments, 1.0, (), occupied, swept, judged.lb)
+        return Decision(plan.increments, 1.0, (), occupied, swept, checked.lb)
 
     def _follow_stops(
         self, before: Stops, outputs: Sequence[GateOutput], recorded: Sequence[GateOutput]

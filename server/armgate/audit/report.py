@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, assert_never
 
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 from armgate.events import Outcome, Stopped, Verdict
 from armgate.protocol import messages as m
 from armgate.recording import CellState, Gap, Item, LogLine, Recording, RobotState, Step

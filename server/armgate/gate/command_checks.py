@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 
 from armgate.events import Command, LinkState, Reason
-from armgate.gate import wording
+from armgate.gate import verdict_wording
 from armgate.gate.robot import RobotState
 
 Check = Callable[[Command, RobotState, int], Reason | None]
@@ -31,48 +31,48 @@ def failed_check(command: Command, state: RobotState, max_age: int) -> Reason | 
 
 def _lease(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.fence is None:
-        return wording.no_lease(state.name, state.stops)
+        return verdict_wording.no_lease(state.name, state.stops)
     if not command.holder:
-        return wording.not_the_holder(state.name, command.fence)
+        return verdict_wording.not_the_holder(state.name, command.fence)
     if command.fence != state.fence:
-        return wording.wrong_fence(state.name, command.fence, state.fence)
+        return verdict_wording.wrong_fence(state.name, command.fence, state.fence)
     return None
 
 
 def _stopped(command: Command, state: RobotState, max_age: int) -> Reason | None:
-    return wording.stopped(state.name, state.stops) if state.stops else None
+    return verdict_wording.stopped(state.name, state.stops) if state.stops else None
 
 
 def _link(command: Command, state: RobotState, max_age: int) -> Reason | None:
     if state.link is LinkState.READY and state.tick >= 0:
         return None
-    return wording.link_not_ready(state.name, state.link.value)
+    return verdict_wording.link_not_ready(state.name, state.link.value)
 
 
 def _age(command: Command, state: RobotState, max_age: int) -> Reason | None:
     age = state.tick - command.based_on
     if age < 0:
-        return wording.ahead(state.name, command.based_on, state.tick)
+        return verdict_wording.ahead(state.name, command.based_on, state.tick)
     if age > max_age:
-        return wording.stale(command.based_on, age, max_age)
+        return verdict_wording.stale(command.based_on, age, max_age)
     return None
 
 
 def _one_per_tick(command: Command, state: RobotState, max_age: int) -> Reason | None:
-    return None if state.slot <= state.tick else wording.tick_taken(state.name, state.slot)
+    return None if state.slot <= state.tick else verdict_wording.tick_taken(state.name, state.slot)
 
 
 def _length(command: Command, state: RobotState, max_age: int) -> Reason | None:
     joints = state.robot.model.n
     if len(command.dq) == joints:
         return None
-    return wording.wrong_length(state.name, len(command.dq), joints)
+    return verdict_wording.wrong_length(state.name, len(command.dq), joints)
 
 
 def _finite(command: Command, state: RobotState, max_age: int) -> Reason | None:
     for name, x in zip(state.bounds.names, command.dq, strict=True):
         if not math.isfinite(x):
-            return wording.not_finite(name, x)
+            return verdict_wording.not_finite(name, x)
     return None
 
 

@@ -15,7 +15,7 @@ from typing import Literal, assert_never
 import numpy as np
 
 from armgate.events import Joints, Point, Reason
-from armgate.gate import wording
+from armgate.gate import verdict_wording
 from armgate.gate.braking import end_of, stop_increments
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import Budget
@@ -167,7 +167,7 @@ class DecisionMaker:
         if binding is _OUTSIDE_LIMITS:
             return _outside(state)
         names, limit = self._clearance.names(binding.pair), float(self._clearance.limits[binding.pair])
-        return wording.too_near(names, binding.lb, limit, self._witness_points(binding, state))
+        return verdict_wording.too_near(names, binding.lb, limit, self._witness_points(binding, state))
 
     def _witness_points(self, binding: Binding, state: RobotState) -> tuple[Point, Point] | None:
         """Return the points of the last engine query; query once if the budget ended before any query."""
@@ -178,4 +178,4 @@ def _outside(state: RobotState) -> Reason:
     """Return the reason for the first joint that is outside its limits."""
     b, (low, high) = state.bounds, state.outside
     j = next(j for j, both in enumerate(zip(low, high, strict=True)) if any(both))
-    return wording.outside_limit(b, j, state.setpoint[j], b.lower[j] if low[j] else b.upper[j])
+    return verdict_wording.outside_limit(b, j, state.setpoint[j], b.lower[j] if low[j] else b.upper[j])

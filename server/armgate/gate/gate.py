@@ -31,7 +31,7 @@ from armgate.events import (
     Tick,
     Verdict,
 )
-from armgate.gate import wording
+from armgate.gate import verdict_wording
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.nearest_pairs import NearestPairs
 from armgate.gate.command_checks import failed_check
@@ -190,7 +190,7 @@ class Gate:
 
     def _positions_unknown(self) -> Reason | None:
         missing = [r.name for r in self._robots if r.tick < 0]
-        return wording.positions_unknown(missing) if missing else None
+        return verdict_wording.positions_unknown(missing) if missing else None
 
     def _verdict(self, s: RobotState, command: Command, decision: Decision, target: int | None) -> Verdict:
         dq = decision.increments[0] if decision.increments else s.zeros

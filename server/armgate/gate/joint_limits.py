@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from armgate.events import Cause, Joints, Reason
-from armgate.gate import wording
+from armgate.gate import verdict_wording
 from armgate.gate.braking import largest_stopping, stop_share, ticks_to_rest
 from armgate.gate.step_bounds import StepBounds
 
@@ -116,7 +116,7 @@ def _clamp_each(
         y = min(max(x, low), high)
         out.append(y)
         if abs(y - x) > ROUNDING:
-            found.append(wording.clamped(cause, bounds, j, x, low if x < low else high))
+            found.append(verdict_wording.clamped(cause, bounds, j, x, low if x < low else high))
     return tuple(out), found
 
 
@@ -178,5 +178,5 @@ def _blend_into_limits(
         else:
             beyond = middle
     limit = bounds.upper[joint] if wanted[joint] > 0.0 else bounds.lower[joint]
-    reason = wording.common_stop(bounds, joint, setpoint[joint], limit)
+    reason = verdict_wording.common_stop(bounds, joint, setpoint[joint], limit)
     return blend(brake, wanted, beta), beta, [reason]

@@ -19,7 +19,7 @@ from operator import add, sub
 from typing import TYPE_CHECKING
 
 from armgate.events import Joints
-from armgate.gate.lag import larger
+from armgate.gate.tracking_lag import larger
 
 if TYPE_CHECKING:
     from armgate.gate.robot import RobotState
@@ -34,8 +34,8 @@ class Occupancy:
     Attributes:
         nodes: The polyline.
         tube: Radius of the tube, per joint.
-        lag_tube: The part of the tube for axes that lag differently, see `armgate.gate.lag`; () for none.
-        between: The part of the lag tube that counts between the ticks only.
+        lag_tube: Part of it for axes that lag differently, see `armgate.gate.tracking_lag`; () for none.
+        between: Part of the lag tube that counts between the ticks only.
     """
 
     nodes: tuple[Joints, ...]

@@ -9,10 +9,10 @@ from armgate.cell.cell import Robot
 from armgate.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
 from armgate.gate.braking import end_of
 from armgate.gate.clearance.swept import Swept
-from armgate.gate.lag import HullDeviation, LargestIncrements, hull_deviation_of, larger, memory
 from armgate.gate.occupancy import Occupancy
 from armgate.gate.standstill import STILL, StandstillDetector, within
 from armgate.gate.step_bounds import StepBounds
+from armgate.gate.tracking_lag import HullDeviation, LargestIncrements, hull_deviation_of, larger, memory
 
 _SAME_TIME = 1e-9
 """Rounding of times, s."""

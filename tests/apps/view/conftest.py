@@ -16,7 +16,7 @@ DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
 def whole(library: CellDescription, name: str) -> bytes:
     data = b""
     while True:
-        chunk = library.chunk(name, len(data), m.MAX_CHUNK)
+        chunk = library.assets.chunk(name, len(data), m.MAX_CHUNK)
         data += chunk.data
         if len(data) >= chunk.total:
             return data

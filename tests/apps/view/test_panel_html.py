@@ -20,14 +20,14 @@ def test_a_robots_state_in_words():
 
 
 def test_the_block_shows_holder_verdict_and_joints(description):
-    judged = {
+    verdict = {
         "seq": 1,
         "outcome": "refused",
         "cause": "clearance",
         "text": "FR/link_5 is 40 mm from GR/link_6",
     }
     html = panel_html.robot_html(
-        description.robots[0], entry(holder="leader", verdict=judged, least_clearance=0.123)
+        description.robots[0], entry(holder="leader", verdict=verdict, least_clearance=0.123)
     )
     for part in ("leader", "refused: FR/link_5 is 40 mm", "123 mm", "28.6°", "-166.2°"):
         assert part in html
@@ -36,8 +36,8 @@ def test_the_block_shows_holder_verdict_and_joints(description):
 
 
 def test_text_from_the_network_is_escaped(description):
-    judged = {"seq": 1, "outcome": "refused", "cause": "clearance", "text": '"><script>alert(1)</script>'}
-    html = panel_html.robot_html(description.robots[0], entry(verdict=judged))
+    verdict = {"seq": 1, "outcome": "refused", "cause": "clearance", "text": '"><script>alert(1)</script>'}
+    html = panel_html.robot_html(description.robots[0], entry(verdict=verdict))
     assert "<script>" not in html
     assert 'title="refused: &quot;&gt;&lt;script' in html
     assert "<b>" not in panel_html.note(("<b>",))

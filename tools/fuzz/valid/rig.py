@@ -13,7 +13,7 @@ from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.interfaces import Batch, ClientRequest, Encoded
 from armgate.daemon.core.interfaces import Client as CoreClient
-from armgate.daemon.core.leasing import LeaseTime
+from armgate.daemon.core.lease_changes import LeaseTime
 from armgate.daemon.core.rights import RIGHTS
 from armgate.daemon.core.to_protocol import answer
 from armgate.daemon.pace.lockstep import LockstepPace

@@ -14,7 +14,7 @@ from rich.text import Text
 from armgate.apps.stack.metrics import ANGLE_BAND, DISTANCE_BAND
 from armgate.apps.stack.observation import Observation, same_robot
 from armgate.apps.stack.run import Watch
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 from armgate.client import Description, Entry, Nearest
 
 GAUGE = 31

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 
 Robot = Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)]
 Leader = Annotated[
@@ -60,7 +60,7 @@ def follow(
     """Keep a robot's camera on another robot's tool."""
     from armgate.apps.follow.loop import FollowLoop, FollowOptions, follow_leader
     from armgate.apps.interrupt import catch_interrupt
-    from armgate.apps.sharing import Sharing
+    from armgate.apps.shared_signals import SharedSignals
     from armgate.client import connect
     from armgate.control.compiled import prepare
 
@@ -71,7 +71,7 @@ def follow(
         loop = FollowLoop.build(cell, robot, leader, options)
         cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest", "holder"])
         with cell.acquire(robot) as arm:
-            ended = follow_leader(Sharing(cell, _echo), arm, loop, interrupt, duration)
+            ended = follow_leader(SharedSignals(cell, _echo), arm, loop, interrupt, duration)
     _echo(f"{robot}: {ended}")
 
 

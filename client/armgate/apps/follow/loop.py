@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from armgate.apps.errors import AppError, UsageError
 from armgate.apps.follow.proximity import Proximity, RobotBodies
-from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.last_increment import LastIncrement
 from armgate.apps.robot_models import bounds_of, described, floor_of, model_of
-from armgate.apps.sharing import Sharing
+from armgate.apps.shared_signals import SharedSignals
 from armgate.client import Cell, Robot, RobotDescription, SignalValue, Tick
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import camera_law
@@ -191,7 +191,7 @@ class Answer:
 
 
 def follow_leader(
-    sharing: Sharing, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
+    sharing: SharedSignals, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
 ) -> str:
     """Follow until the leader has finished, the duration has passed or the process is interrupted.
 
@@ -267,7 +267,7 @@ class Progress:
 
 
 def share_changes(
-    sharing: Sharing, values: dict[str, tuple[float, ...]], shared: dict[str, tuple[float, ...]]
+    sharing: SharedSignals, values: dict[str, tuple[float, ...]], shared: dict[str, tuple[float, ...]]
 ) -> dict[str, tuple[float, ...]]:
     """Share values that changed; return all shared values."""
     for name, value in values.items():

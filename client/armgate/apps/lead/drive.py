@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from armgate.apps.errors import PathError, UsageError
-from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.path import RecordedPath
 from armgate.apps.lead.playback import REACHED, Playback
 from armgate.apps.lead.shaping import Bounds
-from armgate.apps.sharing import Sharing
+from armgate.apps.shared_signals import SharedSignals
 from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
 
 PROGRESS_EVERY = 4
@@ -84,7 +84,7 @@ def drive(
         Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The connection to the daemon was lost.
     """
-    last, settled, held, sharing = LastIncrement(), 0, False, Sharing(cell, report)
+    last, settled, held, sharing = LastIncrement(), 0, False, SharedSignals(cell, report)
     for count, tick in enumerate(robot.ticks()):
         setpoint = np.array(tick.setpoint)
         played = last.update(tick.tick, tick.setpoint)

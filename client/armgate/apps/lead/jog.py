@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armgate.apps.errors import AppError
-from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.inputs import Input
 from armgate.apps.lead.motions import Array, MotionRequest, RobotState
 from armgate.apps.lead.playback import REACHED

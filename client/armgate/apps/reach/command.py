@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 
 
 class MethodName(StrEnum):

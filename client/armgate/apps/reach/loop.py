@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.increments import LastIncrement
 from armgate.apps.interrupt import Interrupt
+from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.path import format_path
 from armgate.apps.reach.goal import Arm, Goal, build
-from armgate.apps.sharing import Sharing
+from armgate.apps.shared_signals import SharedSignals
 from armgate.client import Cell, Robot, RobotDescription, Verdict
 from armgate.control.bounds import IncrementBounds
 
@@ -148,7 +148,8 @@ def run(
     arm = build(cell, robot, goal)
     cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
     with cell.acquire(robot) as held:
-        done = drive(Sharing(cell, report), held, arm, interrupt, tolerance=tolerance, duration=duration)
+        signals = SharedSignals(cell, report)
+        done = drive(signals, held, arm, interrupt, tolerance=tolerance, duration=duration)
     if out is not None:
         write_motion(out, arm.robot, done.setpoints)
     done.check(robot)
@@ -156,7 +157,7 @@ def run(
 
 
 def drive(
-    sharing: Sharing, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
+    sharing: SharedSignals, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
 ) -> Done:
     """Drive until the target is reached and the objectives have settled, or until a failure, and to rest.
 

@@ -25,7 +25,7 @@ def sessions(
     key: Key = None,
 ) -> None:
     """List the sessions of a daemon (id, name, role, token, address, held robots), or end one (operators)."""
-    from armgate.cell.escaping import printable
+    from armgate.cell.terminal_text import printable
     from armgate.client import connect
 
     own = login(token_file, ca, cert, key)

@@ -10,7 +10,7 @@ from armgate.apps.errors import AppError
 from armgate.apps.stack.child import INTERRUPTED
 from armgate.apps.stack.monitoring import violation_error
 from armgate.apps.stack.processes import Children, Exited, Interrupted, Printed
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 
 _TOGETHER = 1.0
 """Longest time between a cause and the ends of the children that follow from it, s."""

@@ -26,7 +26,7 @@ from armgate.apps.stack.observation import Observation, completed
 from armgate.apps.stack.plan import DAEMON, ORDINARY, VIEWER, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
 from armgate.apps.stack.robot_processes import SERVER, RobotProcesses
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
 

@@ -14,7 +14,7 @@ from armgate.daemon.core import session_list, to_protocol
 from armgate.daemon.core.description import CellDescription
 from armgate.daemon.core.gate_runner import ClientOutput, GateRunner
 from armgate.daemon.core.interfaces import ClientRequest, EventLog, Peer
-from armgate.daemon.core.leasing import Effect, LeaseTime, Leasing, Notice
+from armgate.daemon.core.lease_changes import Effect, LeaseTime, Leasing, Notice
 from armgate.daemon.core.motion import Motion
 from armgate.daemon.core.rights import check_rights
 from armgate.daemon.core.signals import signals_of
@@ -205,7 +205,8 @@ class Core:
             case m.Describe():
                 peer.send(*self._description.describe(request.id))
             case m.Asset():
-                peer.send(self._description.chunk(request.hash, request.offset, request.length, request.id))
+                assets = self._description.assets
+                peer.send(assets.chunk(request.hash, request.offset, request.length, request.id))
             case m.Sessions():
                 listed = session_list.list_sessions(self.peers, self.leasing, self.robots)
                 peer.send(to_protocol.answer(m.SessionList, request, sessions=listed))

@@ -1,17 +1,13 @@
-"""Description of a cell for clients, and the assets that it names by their hash."""
+"""Description of a cell for clients."""
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
 
 from armgate.cell.cell import Body, Cell, Robot
-from armgate.cell.mesh.hull import hull_of
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
-from armgate.protocol import ErrorCode, LocalProtocolError, RemoteProtocolError, encode, with_re
+from armgate.daemon.core.assets import Assets, asset_reference, to_obj
+from armgate.protocol import LocalProtocolError, encode, with_re
 from armgate.protocol import messages as m
 
 _LARGEST_ID = 2**31 - 1
@@ -35,7 +31,7 @@ class CellDescription:
     Attributes:
         description: The description, without the ``re`` of a request.
         frame: Its frame, encoded once: a large one takes longer to encode than a tick may be delayed.
-        assets: Assets that it names, by hash.
+        assets: Assets that it names.
 
     Args:
         cell: The cell.
@@ -47,9 +43,8 @@ class CellDescription:
 
     def __init__(self, cell: Cell, lockstep: bool) -> None:
         _check_counts(cell)
-        self.assets = {_sha256(robot.urdf): robot.urdf.encode() for robot in cell.robots}
-        meshes = {body.shape: _obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
-        self.assets |= {_sha256(text): text.encode() for text in meshes.values()}
+        meshes = {body.shape: to_obj(body.shape) for body in cell.bodies if isinstance(body.shape, Convex)}
+        self.assets = Assets([*(robot.urdf for robot in cell.robots), *meshes.values()])
         self.description = m.Description(
             name=cell.name,
             hash=cell.hash,
@@ -76,21 +71,6 @@ class CellDescription:
             return self.description, self.frame
         return self.description.model_copy(update={"re": re}), with_re(self.frame, re)
 
-    def chunk(self, hash_: str, offset: int, length: int, re: int | None = None) -> m.Chunk:
-        """Return a piece of an asset, as the answer to request ``re``.
-
-        Raises:
-            RemoteProtocolError: ``unknown_asset``: no asset has this hash, or it ends before ``offset``.
-        """
-        data = self.assets.get(hash_)
-        if data is None:
-            raise _unknown(f"no asset {hash_}; the description names those that exist")
-        if offset > len(data):
-            raise _unknown(f"asset {hash_[:12]}… ends at byte {len(data)}; requested was byte {offset}")
-        fields: dict[str, Any] = {} if re is None else {"re": re}
-        piece = data[offset : offset + length]
-        return m.Chunk(hash=hash_, offset=offset, total=len(data), data=piece, **fields)
-
 
 def _check_counts(cell: Cell) -> None:
     for robot in cell.robots:
@@ -107,23 +87,11 @@ def _check_counts(cell: Cell) -> None:
         raise cell.config.error(("robots",), text)
 
 
-def _unknown(text: str) -> RemoteProtocolError:
-    return RemoteProtocolError(ErrorCode.UNKNOWN_ASSET, text, about="asset")
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _asset(text: str, media: str) -> m.AssetRef:
-    return m.AssetRef(hash=_sha256(text), size=len(text.encode()), media=media)
-
-
 def _robot(robot: Robot) -> m.RobotDescription:
     base = robot.model.base
     return m.RobotDescription(
         name=robot.name,
-        urdf=_asset(robot.urdf, "application/xml"),
+        urdf=asset_reference(robot.urdf, "application/xml"),
         joints=tuple(_joint(robot, index) for index in range(robot.model.n)),
         base_xyz=_point(base.t.tolist()),
         base_xyzw=base.xyzw(),
@@ -194,21 +162,9 @@ def _exact(shape: Shape, meshes: Mapping[Convex, str]) -> m.Exact | None:
         case Cone():
             return m.Exact(kind=shape.kind, size=shape.size)
         case Convex(radius=radius):
-            return m.Exact(kind=shape.kind, mesh=_asset(meshes[shape], "model/obj"), radius=radius)
+            return m.Exact(kind=shape.kind, mesh=asset_reference(meshes[shape], "model/obj"), radius=radius)
         case _:
             return None
-
-
-def _obj(shape: Convex) -> str:
-    """Return a convex hull as Wavefront OBJ, with its triangles wound outward."""
-    hull = hull_of(np.array(shape.vertices))
-    middle = hull.vertices.mean(axis=0)
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull.vertices.tolist()]
-    for face in hull.faces:
-        a, b, c = hull.vertices[face] - middle
-        i, j, k = (face if np.dot(np.cross(b - a, c - a), a) >= 0.0 else face[::-1]) + 1
-        lines.append(f"f {i} {j} {k}")
-    return "\n".join(lines) + "\n"
 
 
 def _point(values: Sequence[float]) -> m.Point:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import islice
 
 from armgate.daemon.core.interfaces import EventLog, Peer
-from armgate.daemon.core.leasing import Leasing
+from armgate.daemon.core.lease_changes import Leasing
 from armgate.daemon.core.to_protocol import answer
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m

@@ -15,7 +15,7 @@ from armgate.daemon.auth.reloading import Reloader
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.core.interfaces import Gate, Peer, RequestHandler
-from armgate.daemon.core.leasing import LeaseTime
+from armgate.daemon.core.lease_changes import LeaseTime
 from armgate.daemon.lifecycle.phase import Lifetime, Phase, PhaseEvent
 from armgate.daemon.lifecycle.ticking import Ticking
 from armgate.daemon.metrics.health import Health

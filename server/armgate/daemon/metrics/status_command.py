@@ -9,7 +9,7 @@ from urllib.request import urlopen
 
 import typer
 
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 
 
 class StatusError(Exception):

@@ -93,7 +93,7 @@ def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool
         machine=machine(),
         files=_texts(pack(cell.config)),
         description=described.description.model_dump(mode="json"),
-        assets=_texts(described.assets),
+        assets=_texts(described.assets.by_hash),
     )
 
 

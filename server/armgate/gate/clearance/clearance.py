@@ -21,8 +21,8 @@ import numpy as np
 from armgate.cell.cell import Cell
 from armgate.events import Joints
 from armgate.gate.clearance.certificate import Budget, Certifier
-from armgate.gate.clearance.compiled import screen_of
-from armgate.gate.clearance.kept_bounds import KeptBounds
+from armgate.gate.clearance.compiled import prefilter_of
+from armgate.gate.clearance.pair_bounds import PairBounds
 from armgate.gate.clearance.pair_check import (
     Binding,
     PairBound,
@@ -33,7 +33,7 @@ from armgate.gate.clearance.pair_check import (
     segments,
 )
 from armgate.gate.clearance.pair_groups import ChainGroup, Group, pair_groups_of, with_present_bounds
-from armgate.gate.clearance.screen import MARGIN, robot_pairs
+from armgate.gate.clearance.prefilter import MARGIN, robot_pairs
 from armgate.gate.clearance.swept import Array, Index, Space, Swept
 
 _PROVE_ALL_BUDGET = 64
@@ -53,7 +53,7 @@ class Clearance:
 
     Args:
         cell: The cell.
-        compiled: True for the compiled screen, False for numpy; by default compiled if numba is installed.
+        compiled: True for the compiled prefilter, False for numpy; by default compiled if numba is installed.
     """
 
     def __init__(self, cell: Cell, compiled: bool | None = None) -> None:
@@ -62,12 +62,12 @@ class Clearance:
         self.certifier = Certifier(cell)
         self.groups = [pair_groups_of(self.space, i) for i in range(len(cell.robots))]
         pairs = [robot_pairs(gs, r.model.n) for gs, r in zip(self.groups, cell.robots, strict=True)]
-        self.screen = screen_of(self.space, pairs, compiled)
+        self.prefilter = prefilter_of(self.space, pairs, compiled)
         self.pairs_of = tuple(own.ids for own in pairs)
         self._place = [_places(gs) for gs in self.groups]
         self.limits = np.array([p.limit for p in cell.pairs])
         self.limits_of = tuple(self.limits[ids] for ids in self.pairs_of)
-        self.bound = KeptBounds(self.pairs_of)
+        self.bound = PairBounds(self.pairs_of)
         self.mark_maybe_below()
         self.held: list[list[Swept]] = [[] for _ in cell.robots]
         self._n = np.tile(np.array([0.0, 0.0, 1.0]), (len(cell.pairs), 1))
@@ -81,11 +81,11 @@ class Clearance:
             self.groups[robot] = with_present_bounds(self.space, robot, self.groups[robot])
             self._place[robot] = _places(self.groups[robot])
             n = self.cell.robots[robot].model.n
-            self.screen.replace(robot, robot_pairs(self.groups[robot], n))
+            self.prefilter.replace(robot, robot_pairs(self.groups[robot], n))
 
     def growth(self, robot: int, step: Array) -> Array:
         """Return the largest decrease of each of a robot's distances if its joints move by ``step``."""
-        return np.asarray(self.screen.pairs[robot].growth @ step)
+        return np.asarray(self.prefilter.pairs[robot].growth @ step)
 
     def mark_maybe_below(self) -> None:
         """Record that a bound may be below its limit: all were proven anew, or a plan was staged unchecked.
@@ -108,7 +108,7 @@ class Clearance:
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Reserve these occupancies for a robot; the kept bounds must already hold for them."""
         self.held[robot] = list(swept)
-        self.screen.hold(robot, self.held[robot])
+        self.prefilter.hold(robot, self.held[robot])
 
     def prove_held(self, robot: int, pair: int, budget: Budget) -> Binding:
         """Prove one pair of the held occupancies anew, and keep the better bound."""
@@ -162,7 +162,7 @@ class Clearance:
             need: The distance that each of its P pairs must keep, m, (P,).
             budget: Engine evaluations left for this command.
         """
-        lb, left = self.screen.run(robot, new, step, need, (self.bound.of(robot), self._n))
+        lb, left = self.prefilter.run(robot, new, step, need, (self.bound.of(robot), self._n))
         for place in left.tolist():
             pair, wanted = int(self.pairs_of[robot][place]), float(need[place])
             group, k = self.find(robot, pair)

@@ -1,4 +1,4 @@
-"""Compiled form of the screen, for installations with numba (extra `fast`)."""
+"""Compiled form of the prefilter, for installations with numba (extra `fast`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.cell import Cell
 from armgate.cell.model import RobotModel
-from armgate.gate.clearance.screen import RobotPairs, Screen
+from armgate.gate.clearance.prefilter import Prefilter, RobotPairs
 from armgate.gate.clearance.support import Cornered
 from armgate.gate.clearance.swept import Array, Index, Place, Space, Swept
 
@@ -32,8 +32,8 @@ def available() -> bool:
     return True
 
 
-def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Screen:
-    """Return the screen; both forms agree up to rounding errors.
+def prefilter_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Prefilter:
+    """Return the prefilter; both forms agree up to rounding errors.
 
     Args:
         space: The cell's bodies.
@@ -44,12 +44,12 @@ def screen_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) 
         ImportError: The compiled form is requested and numba is not installed.
     """
     if compiled or (compiled is None and available()):
-        return CompiledScreen(space, pairs)
-    return Screen(space, pairs)
+        return CompiledPrefilter(space, pairs)
+    return Prefilter(space, pairs)
 
 
-class CompiledScreen(Screen):
-    """`Screen` with compiled slabs and kinematics."""
+class CompiledPrefilter(Prefilter):
+    """`Prefilter` with compiled slabs and kinematics."""
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
         prepare()
@@ -115,8 +115,8 @@ class CompiledScreen(Screen):
 def prepare() -> None:
     """Compile all kernels (some seconds), or load them from numba's cache (less than a second).
 
-    After this no call compiles: arguments of another type raise an error. The constructor of `CompiledScreen`
-    calls it, so that no tick waits for a compiler.
+    After this no call compiles: arguments of another type raise an error. The constructor of
+    `CompiledPrefilter` calls it, so that no tick waits for a compiler.
 
     Raises:
         ImportError: numba is not installed.

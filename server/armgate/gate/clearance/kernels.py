@@ -174,7 +174,7 @@ def _sweep(cell, robot, nodes, tube, out):
 
 @kernel
 def hold(cell, held, robot, row, nodes, tube):
-    """`screen._Table._write`: write a robot's held occupancy to the table's rows from ``row`` on."""
+    """`prefilter._Table._write`: write a robot's held occupancy to the table's rows from ``row`` on."""
     own = cell[0][robot]
     R, t, deviation, _ = held
     rows, mine = slice(row, row + len(nodes)), slice(own.body, own.body + own.bodies)
@@ -200,7 +200,7 @@ def _support(cell, body, v):
 
 @kernel
 def _reach(cell, body, n, R, t, deviation):
-    """`Swept.reach` and `screen._Table._reach`: the largest n·x over all nodes of one body; ∞ without nodes.
+    """`Swept.reach` and `prefilter._Table._reach`: largest n·x over all nodes of one body; ∞ without nodes.
 
     R is (m, 3, 3), t (m, 3) and deviation (m,).
     """
@@ -246,7 +246,7 @@ def _apart(cell, held, pair, n, new):
 
 @kernel
 def slabs(cell, held, own, moves, asked, lb):
-    """`Screen._slabs`: fill ``lb``, (P,), and return −1.
+    """`Prefilter._slabs`: fill ``lb``, (P,), and return −1.
 
     If the held occupancies of robot k are needed and the table is out of date there (its count is −1),
     return k.

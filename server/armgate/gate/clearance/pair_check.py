@@ -6,7 +6,7 @@ import numpy as np
 
 from armgate.events import Point
 from armgate.gate.clearance.pair_groups import ChainGroup, Group
-from armgate.gate.clearance.screen import MARGIN
+from armgate.gate.clearance.prefilter import MARGIN
 from armgate.gate.clearance.swept import Array, Index, Swept
 
 

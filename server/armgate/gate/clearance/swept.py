@@ -7,8 +7,8 @@ So for a fixed direction n and *every* position in the occupancy
     n·x ≤ max over the nodes of n·x + K/8 + Σ_j R_j e_j.
 
 R and G hold for every q if all prismatic joints are nearer to the base than the revolute ones. A prismatic
-joint behind a revolute one changes the length of a lever: for such robots R and G hold for a `LeverRange`,
-and are computed anew for a robot that is found outside of it.
+joint behind a revolute one changes the length of a lever: for such robots R and G hold for a
+`MotionBoundsRange`, and are computed anew for a robot that is found outside of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from armgate.cell.cell import Cell
 from armgate.cell.motion_bounds import bend_bounds, motion_bounds
 from armgate.events import Joints
-from armgate.gate.clearance.lever_range import LeverRange
+from armgate.gate.clearance.motion_bounds_range import MotionBoundsRange
 from armgate.gate.clearance.support import Rows, support, support_table
 from armgate.gate.occupancy import Occupancy
 
@@ -118,7 +118,7 @@ class Space:
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
         self.rows = support_table([b.shape for b in cell.bodies])
-        self.ranges = [LeverRange.of(r) for r in cell.robots]
+        self.ranges = [MotionBoundsRange.of(r) for r in cell.robots]
         self.motion = [motion_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
         self.bend = [bend_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
         self.static = self._static()

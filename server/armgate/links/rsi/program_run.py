@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 from armgate.events import Joints
-from armgate.links.rsi.accumulation import AccumulationDetector
 from armgate.links.rsi.ipoc_and_delay import Order, Succession, TelegramCounter
 from armgate.links.rsi.probe import Probe
 from armgate.links.rsi.setpoint import SetpointTracker
 from armgate.links.rsi.setup import Address, Setup
 from armgate.links.rsi.telegram import Telegram
+from armgate.links.rsi.wrong_mode_detection import AccumulationDetector
 
 NEW_RUN = 3
 """Smallest number of cycles without a telegram between two runs."""

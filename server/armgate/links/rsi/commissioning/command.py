@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from armgate.cell.escaping import printable
+from armgate.cell.terminal_text import printable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from armgate.events import Joints
 from armgate.links.rsi.ipoc_and_delay import Succession
+from armgate.links.rsi.probe.finding import Evaluation, Measurement, RoundSums
 from armgate.links.rsi.probe.size import ProbeSize, probe_size
-from armgate.links.rsi.probe.verdict import Evaluation, Measurement, RoundSums
 
 if TYPE_CHECKING:  # a setup is checked by the size of its probe
     from armgate.links.rsi.setup import Setup

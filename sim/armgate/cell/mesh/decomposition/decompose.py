@@ -17,7 +17,7 @@ from typing import Literal, assert_never
 import numpy as np
 
 from armgate.cell.errors import ModelError
-from armgate.cell.mesh.decomposition.cut_planes import hull_volume, propose_planes
+from armgate.cell.mesh.decomposition.choose_planes import hull_volume, propose_planes
 from armgate.cell.mesh.decomposition.cutting import Array, Surface
 from armgate.cell.mesh.hull import thinned
 from armgate.cell.mesh.triangle_mesh import TriangleMesh

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from armgate.cell.cell import Robot
 from armgate.cell.model import RobotModel
 from armgate.events import Joints
-from armgate.gate.lag import hull_deviation_of
+from armgate.gate.tracking_lag import hull_deviation_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _STEP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class LeverRange:
+class MotionBoundsRange:
     """Lowest and highest joint positions, (n,) each.
 
     Attributes:
@@ -42,7 +42,7 @@ class LeverRange:
     levers: tuple[int, ...]
 
     @classmethod
-    def of(cls, robot: Robot) -> "LeverRange":
+    def of(cls, robot: Robot) -> "MotionBoundsRange":
         """Return the range of a robot's limits and configured start."""
         deviation, room = hull_deviation_of(robot), _SLACK + 2.0 * robot.q_tolerance
         if deviation is not None:
@@ -50,17 +50,17 @@ class LeverRange:
         own = np.minimum(robot.lower, robot.start) - room, np.maximum(robot.upper, robot.start) + room
         return cls(own, own, _levers(robot.model))
 
-    def fitted(self, nodes: Sequence[Joints], margin: float) -> "LeverRange":
+    def fitted(self, nodes: Sequence[Joints], margin: float) -> "MotionBoundsRange":
         """Return the range for positions within ``margin`` of ``nodes``; itself if it need not change."""
         if not self.levers:
             return self
         low, high = np.min(nodes, axis=0) - margin, np.max(nodes, axis=0) + margin
         if self._holds(self.own, low, high):
-            return self if self.ends is self.own else LeverRange(self.own, self.own, self.levers)
+            return self if self.ends is self.own else MotionBoundsRange(self.own, self.own, self.levers)
         if self._holds(self.ends, low, high):
             return self
         ends = np.minimum(self.own[0], low - _STEP), np.maximum(self.own[1], high + _STEP)
-        return LeverRange(self.own, ends, self.levers)
+        return MotionBoundsRange(self.own, ends, self.levers)
 
     def _holds(self, ends: tuple[Array, Array], low: Array, high: Array) -> bool:
         lowest, highest = ends

@@ -1,4 +1,4 @@
-"""The compiled screen against the numpy screen and the slabs of the groups, over random states."""
+"""The compiled prefilter against the numpy prefilter and the slabs of the groups, over random states."""
 
 import subprocess
 import sys
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
-from armgate.gate.clearance.compiled import CompiledScreen
-from armgate.gate.clearance.screen import MARGIN, Screen, robot_pairs
+from armgate.gate.clearance.compiled import CompiledPrefilter
+from armgate.gate.clearance.prefilter import MARGIN, Prefilter, robot_pairs
 from armgate.gate.occupancy import Occupancy, occupancy
 from gate import scenes
 
@@ -57,13 +57,13 @@ def test_bounds_equal_those_of_the_groups(name, compiled):
     """Kept bound or slab, pair by pair, by the formulas of the groups."""
     cell = CELLS[name]
     clearance = Clearance(cell, compiled)
-    assert type(clearance.screen) is (CompiledScreen if compiled else Screen)
+    assert type(clearance.prefilter) is (CompiledPrefilter if compiled else Prefilter)
     tried = untouched = 0
     for occupied, robot, one, step, kept in states(cell, 12):
         held(clearance, occupied)
         new, (bound, n) = clearance.space.sweep(robot, one), kept
         ids, need = clearance.pairs_of[robot], clearance.limits_of[robot]
-        lb, left = clearance.screen.run(robot, new, step, need, (bound[ids], n))
+        lb, left = clearance.prefilter.run(robot, new, step, need, (bound[ids], n))
         lowered, proven = [], []
         for group in clearance.groups[robot]:
             lowered.append(np.full(len(group.ids), -np.inf))
@@ -95,7 +95,7 @@ def test_a_robot_of_unknown_position_leaves_its_pairs_open(compiled):
     new = clearance.space.still(0, tuple(map(float, robot.start)))
     clearance.hold(0, [new])
     none = np.full(len(clearance.pairs_of[0]), -np.inf)
-    lb, left = clearance.screen.run(0, new, None, clearance.limits_of[0], (none, clearance._n))
+    lb, left = clearance.prefilter.run(0, new, None, clearance.limits_of[0], (none, clearance._n))
     open_ = set(clearance.pairs_of[0][left].tolist())
     with_other = [p for g in clearance.groups[0] if g.other == 1 for p in g.ids]
     assert with_other
@@ -121,7 +121,7 @@ def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name)
             case _:
                 nodes[{"first node": 0, "middle node": 1, "last node": -1}[what]] = np.nan
         new = clearance.space.sweep_nodes(robot, nodes, tube)
-        _, left = clearance.screen.run(robot, new, step, np.full(len(ids), -1e300), (bound, n))
+        _, left = clearance.prefilter.run(robot, new, step, np.full(len(ids), -1e300), (bound, n))
         assert len(left) == len(ids)
 
 
@@ -145,21 +145,21 @@ def test_no_tick_compiles_anything():
     new = clearance.space.still(0, tuple(map(float, CELLS["demo"].robots[0].start)))
     new = replace(new, tube=new.tube.astype(np.float32))
     with pytest.raises(TypeError, match="No matching definition"):
-        clearance.screen.run(0, new, None, clearance.limits_of[0], (clearance.bound.of(0), clearance._n))
+        clearance.prefilter.run(0, new, None, clearance.limits_of[0], (clearance.bound.of(0), clearance._n))
 
 
 def test_without_numba_the_gate_uses_numpy():
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from armgate.gate.clearance.compiled import available, screen_of\n"
+        "from armgate.gate.clearance.compiled import available, prefilter_of\n"
         "from armgate.gate.clearance import Clearance\n"
         "from gate import scenes\n"
-        "print(available(), type(Clearance(scenes.lane()).screen).__name__)\n"
+        "print(available(), type(Clearance(scenes.lane()).prefilter).__name__)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd="tests"
     )
-    assert done.stdout.split() == ["False", "Screen"], done.stderr
+    assert done.stdout.split() == ["False", "Prefilter"], done.stderr
 
 
 @pytest.mark.parametrize("compiled", FORMS)
@@ -169,28 +169,28 @@ def test_pairs_that_will_be_open_soon_are_tried_with_open_pairs_of_their_side_on
     clearance = Clearance(cell, compiled)
     for i, r in enumerate(cell.robots):
         clearance.hold(i, [clearance.space.still(i, tuple(map(float, r.start)))])
-    own, need = clearance.screen.pairs[0], clearance.limits_of[0]
+    own, need = clearance.prefilter.pairs[0], clearance.limits_of[0]
     new, step = clearance.held[0][0], np.full(cell.robots[0].model.n, 1e-3)
     loss = own.growth @ step
     tried = []
-    slabs = clearance.screen._slabs
+    slabs = clearance.prefilter._slabs
 
     def watched(robot, new, left, n):
         tried.append(left.tolist())
         return slabs(robot, new, left, n)
 
-    clearance.screen._slabs = watched
+    clearance.prefilter._slabs = watched
     open_, soon, later, elsewhere = 0, 1, 2, int(np.flatnonzero(own.side != own.side[0])[0])
     assert own.side[later] == own.side[open_]
     bound = need + 20.0 * loss + 1e-6
     for k, steps in ((soon, 8.9), (later, 9.1), (elsewhere, 5.0)):
         bound[k] = need[k] + steps * loss[k]
-    lb, left = clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    lb, left = clearance.prefilter.run(0, new, step, need, (bound, clearance._n))
     assert tried == []
     assert len(left) == 0
     np.testing.assert_allclose(lb, bound - loss, rtol=0.0, atol=TOLERANCE)
     bound[open_] = need[open_]
-    clearance.screen.run(0, new, step, need, (bound, clearance._n))
+    clearance.prefilter.run(0, new, step, need, (bound, clearance._n))
     assert tried == [[open_, soon]]
 
 
@@ -211,9 +211,9 @@ def test_a_slab_equal_to_the_distance_needed_leaves_no_pair_open(compiled):
     clearance.prove_all(0)
     new, n = clearance.space.still(0, starts[0]), clearance._n
     count = len(clearance.pairs_of[0])
-    lb, left = clearance.screen.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))
+    lb, left = clearance.prefilter.run(0, new, None, np.full(count, np.inf), (np.zeros(count), n))
     assert len(left) == count
-    again, left = clearance.screen.run(0, new, None, lb, (np.zeros(count), n))
+    again, left = clearance.prefilter.run(0, new, None, lb, (np.zeros(count), n))
     assert np.array_equal(again, lb)
     assert len(left) == 0
 
@@ -226,9 +226,9 @@ def test_a_kept_bound_equal_to_the_distance_needed_is_not_tried_again(compiled):
         clearance.hold(i, [clearance.space.still(i, (x,))])
     clearance.prove_all(0)
     new, step, kept = clearance.held[0][0], np.array([0.25]), (np.array([1.25]), clearance._n)
-    lb, left = clearance.screen.run(0, new, step, np.array([1.0]), kept)
+    lb, left = clearance.prefilter.run(0, new, step, np.array([1.0]), kept)
     assert (lb.tolist(), left.tolist()) == ([1.0], [])
-    lb, left = clearance.screen.run(0, new, step, np.array([1.001]), kept)
+    lb, left = clearance.prefilter.run(0, new, step, np.array([1.001]), kept)
     assert (lb[0], left.tolist()) == (pytest.approx(2.0, abs=1e-8), [])
 
 
@@ -242,8 +242,8 @@ def test_an_occupancy_that_was_checked_but_not_held_does_not_count_for_other_rob
     need, step, kept = np.array([0.9]), None, (np.array([1.0]), clearance._n)
     for _ in range(2):
         new = clearance.space.sweep(0, Occupancy(((-0.55,), (0.0,)), (0.0,)))
-        assert clearance.screen.run(0, new, step, need, kept)[0] == pytest.approx([0.45], abs=1e-8)
+        assert clearance.prefilter.run(0, new, step, need, kept)[0] == pytest.approx([0.45], abs=1e-8)
         still = clearance.space.still(1, (0.55,))
-        assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([1.0], abs=1e-8)
+        assert clearance.prefilter.run(1, still, step, need, kept)[0] == pytest.approx([1.0], abs=1e-8)
     clearance.hold(0, [clearance.space.still(0, (-0.25,))])
-    assert clearance.screen.run(1, still, step, need, kept)[0] == pytest.approx([0.7], abs=1e-8)
+    assert clearance.prefilter.run(1, still, step, need, kept)[0] == pytest.approx([0.7], abs=1e-8)

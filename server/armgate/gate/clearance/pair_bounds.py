@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-class KeptBounds:
+class PairBounds:
     """One lower bound per pair, m; −∞ at first.
 
     Args:

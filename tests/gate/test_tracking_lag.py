@@ -11,7 +11,7 @@ from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.config.link import EmulatedLinkConfig
 from armgate.events import Tick
-from armgate.gate.lag import LargestIncrements, hull_deviation_of, memory
+from armgate.gate.tracking_lag import LargestIncrements, hull_deviation_of, memory
 from gate import scenes
 from gate.rig import Rig, Traffic
 from gate.scripted_gate import ScriptedGate

@@ -1,4 +1,4 @@
-"""Screen: the first two stages of clearance for all pairs of a robot at once.
+"""Prefilter: the first two stages of clearance for all pairs of a robot at once.
 
 Few pairs are left open by the kept bounds, but they belong to many groups: with each other robot, with
 static bodies, with the robot itself. The held occupancies of all robots are in one table by body, so that one
@@ -69,8 +69,8 @@ def robot_pairs(groups: Sequence[Group], n: int) -> RobotPairs:
     )
 
 
-class Screen:
-    """Numpy screen: lowers a robot's kept bounds, and tries the kept directions of pairs with low bounds.
+class Prefilter:
+    """Numpy prefilter: lowers a robot's kept bounds, and tries the kept directions of pairs with low bounds.
 
     Args:
         space: The cell's bodies.

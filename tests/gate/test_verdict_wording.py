@@ -5,7 +5,7 @@ import math
 import pytest
 
 from armgate.events import Cause
-from armgate.gate import wording
+from armgate.gate import verdict_wording as wording
 from armgate.gate.step_bounds import StepBounds
 from gate import scenes
 
@@ -41,7 +41,11 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0123))
             Cause.FENCE,
             "fence 2 is not that of a lease of this client: acquire A",
         ),
-        (wording.stopped("A", [3]), Cause.STOPPED, "A is stopped (stop 3): an operator must reset it"),
+        (
+            wording.stopped("A", [3]),
+            Cause.STOPPED,
+            "A is stopped (stop 3): an operator must reset it",
+        ),
         (
             wording.link_not_ready("A", "waiting"),
             Cause.LINK,

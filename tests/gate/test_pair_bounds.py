@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from armgate.gate.clearance.kept_bounds import KeptBounds
+from armgate.gate.clearance.pair_bounds import PairBounds
 
 
 def three():
     """Return bounds of three robots: two share pairs 3 and 1, two share 5; 0, 2 and 6 are not shared."""
-    return KeptBounds([np.array(ids, dtype=np.intp) for ids in ([0, 3, 1], [1, 5, 3, 2], [5, 6], [])])
+    return PairBounds([np.array(ids, dtype=np.intp) for ids in ([0, 3, 1], [1, 5, 3, 2], [5, 6], [])])
 
 
 def test_all_bounds_are_minus_infinity_at_first():
@@ -54,7 +54,7 @@ def test_shared_lists_the_places_of_shared_pairs():
 
 
 def test_a_robot_without_shared_pairs_writes_only_its_own_row():
-    bounds = KeptBounds([np.array(ids, dtype=np.intp) for ids in ([0, 1], [2, 3], [])])
+    bounds = PairBounds([np.array(ids, dtype=np.intp) for ids in ([0, 1], [2, 3], [])])
     bounds.put(0, np.array([0.5, 1.5]))
     bounds.put(1, np.array([2.5, 3.5]))
     bounds.put(2, np.zeros(0))

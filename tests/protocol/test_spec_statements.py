@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from armgate.protocol.statements import (
+from armgate.protocol.spec_statements import (
     Binds,
     Level,
     SpecError,

@@ -1,12 +1,14 @@
-"""Shared signals of a controller; a refused signal never ends its motion."""
+"""Signals that a controller shares; a refused signal never ends its motion."""
 
 from collections.abc import Callable
 
 from armgate.client import Cell, Refused
 
 
-class Sharing:
-    """Sharing of signals, which continues if one is refused, for example if another client owns its name.
+class SharedSignals:
+    """Signals of one controller, sent with its commands.
+
+    After a refusal, for example because another client owns the name, the other signals are still sent.
 
     Args:
         cell: The connection.

@@ -5,7 +5,7 @@ import unicodedata
 
 import pytest
 
-from armgate.cell.escaping import printable, printable_lines
+from armgate.cell.terminal_text import printable, printable_lines
 
 
 @pytest.mark.parametrize("text", ["", "plain", "A1 – 30°, δ ρ ×, 5 mm²", "ロボット", "naïve 𝕏", "\\n"])

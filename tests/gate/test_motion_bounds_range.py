@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from armgate.gate.clearance.lever_range import LeverRange
+from armgate.gate.clearance.motion_bounds_range import MotionBoundsRange
 from armgate.gate.clearance.swept import Space
-from armgate.gate.lag import hull_deviation_of
 from armgate.gate.robot import JOINT_SLACK, RobotState
+from armgate.gate.tracking_lag import hull_deviation_of
 from gate import scenes
 
 ROOM = 1e-3
@@ -38,7 +38,7 @@ def test_only_slides_behind_a_revolute_joint_count(kinds, parents, levers):
     robot = {"urdf": scenes.urdf(joints), "start": [0.0] * len(kinds)}
     around = {"far": {"shape": {"sphere": 0.1}, "xyz": [50, 0, 0]}}
     (robot,) = scenes.build({"A": robot}, surroundings=around).robots
-    assert LeverRange.of(robot).levers == levers
+    assert MotionBoundsRange.of(robot).levers == levers
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_only_slides_behind_a_revolute_joint_count(kinds, parents, levers):
     ],
 )
 def test_a_range_begins_as_the_limits_and_the_configured_start_plus_some_room(start, tolerance, low, high):
-    assert ends(LeverRange.of(slide(start, tolerance))) == pytest.approx((low, high), abs=1e-12)
+    assert ends(MotionBoundsRange.of(slide(start, tolerance))) == pytest.approx((low, high), abs=1e-12)
 
 
 def test_axes_that_lag_differently_need_more_room():
@@ -59,7 +59,7 @@ def test_axes_that_lag_differently_need_more_room():
     stray = max(hull_deviation_of(robot).of(tuple(map(float, robot.velocity * robot.period)))[0])
     assert stray > 1e-3
     more = 2.0 * robot.q_tolerance + stray
-    assert ends(LeverRange.of(robot)) == pytest.approx((-ROOM - more, 0.8 + ROOM + more), abs=1e-12)
+    assert ends(MotionBoundsRange.of(robot)) == pytest.approx((-ROOM - more, 0.8 + ROOM + more), abs=1e-12)
 
 
 def at(x, other=0.0):
@@ -68,13 +68,13 @@ def at(x, other=0.0):
 
 @pytest.mark.parametrize("x", [0.0, 0.4, 0.8, 0.8 + 0.4e-3, -0.4e-3])
 def test_a_position_inside_changes_nothing(x):
-    own = LeverRange.of(slide())
+    own = MotionBoundsRange.of(slide())
     assert own.fitted([at(x), at(0.3)], 0.5e-3) is own
 
 
 @pytest.mark.parametrize("x", [-ROOM, 0.8 + ROOM])
 def test_the_edge_is_inside(x):
-    own = LeverRange.of(slide())
+    own = MotionBoundsRange.of(slide())
     assert own.fitted([at(x)], 0.0) is own
 
 
@@ -84,13 +84,13 @@ def test_every_lever_must_be_inside():
     joints = [scenes.joint(k - 1, kind, bodies=ball) for k, kind in enumerate(kinds)]
     robot = {"urdf": scenes.urdf(joints), "start": [0.0] * 3}
     around = {"far": {"shape": {"sphere": 0.1}, "xyz": [50, 0, 0]}}
-    own = LeverRange.of(scenes.build({"A": robot}, surroundings=around).robots[0])
+    own = MotionBoundsRange.of(scenes.build({"A": robot}, surroundings=around).robots[0])
     for out in ((0.0, 3.0, 0.0), (0.0, 0.0, 3.0), (0.0, -3.0, 0.0), (0.0, 0.0, -3.0)):
         assert own.fitted([out], 0.0) is not own
 
 
 def test_only_levers_count():
-    own = LeverRange.of(slide())
+    own = MotionBoundsRange.of(slide())
     assert own.fitted([at(0.4, other=50.0)], 0.0) is own
 
 
@@ -105,13 +105,13 @@ def test_only_levers_count():
     ],
 )
 def test_outside_the_range_is_widened_by_what_is_needed_plus_a_step(places, room, low, high):
-    fitted = LeverRange.of(slide()).fitted([at(x) for x in places], room)
+    fitted = MotionBoundsRange.of(slide()).fitted([at(x) for x in places], room)
     assert ends(fitted) == pytest.approx((low, high), abs=1e-12)
     assert fitted.levers == (1,)
 
 
 def test_a_wider_range_stays_while_it_is_needed_and_sufficient():
-    own = LeverRange.of(slide())
+    own = MotionBoundsRange.of(slide())
     wide = own.fitted([at(1.0)], 0.0)
     assert wide.fitted([at(1.1)], 0.0) is wide
     assert wide.fitted([at(0.9)], 0.0) is wide
