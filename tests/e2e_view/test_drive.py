@@ -83,6 +83,14 @@ def acquire(page, robot="GR"):
     page.until(acquired, "the handles")
 
 
+def press_until_refused(page, reason, robot="GR"):
+    def refused():
+        page.pressed(f"Drive {robot}")  # again if the page is just being rebuilt
+        return reason in page.text
+
+    page.until(refused, reason)
+
+
 def release(page, operator, robot="GR"):
     page.press(f"Release {robot}")
     operator.entry(lambda entry: entry.holder is None)
@@ -159,8 +167,7 @@ def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, o
 
 def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, operator):
     with operator.cell.acquire("GR"), operator.reading():
-        page.press("Drive GR")
-        page.until(lambda: "GR is held by observer" in page.text, "the holder")
+        press_until_refused(page, "GR is held by observer")
         assert "Release GR" not in page.text
     acquire(page)
     drag_gizmo(page, operator)
@@ -175,8 +182,7 @@ def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notifi
 def test_only_one_of_two_pages_drives_a_robot(page, operator):
     acquire(page)
     other = Page(page.browser, page.url)
-    other.press("Drive GR")
-    other.until(lambda: "GR is driven from another page" in other.text, "the page that drives it")
+    press_until_refused(other, "GR is driven from another page")
     assert "Release GR" not in other.text
     other.tab.close()
     operator.entry(lambda entry: entry.holder == "view")
@@ -192,7 +198,7 @@ def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(b
         with process(*view, prints="armgate: view at ") as (url, viewer):
             with connect(found, name="observer", role="observer") as cell:
                 page = Page(browser, url)
-                assert "Reset" not in page.text  # a controller drives, an operator resets
+                assert "Reset" not in page.text.splitlines()  # a controller drives, an operator resets
                 acquire(page)
                 drag_gizmo(page, Operator(cell))
                 daemon.send_signal(signal.SIGKILL)
