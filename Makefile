@@ -32,20 +32,21 @@ install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the ce
 demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
-# Tests in these folders may share the machine; all others measure time, and have the machine to themselves.
-SHARING := $(addprefix tests/,cell control gate protocol recording)
+# Two tests run at a time, except those that depend on the time that passes (tests/conftest.py).
 PYTEST := $(BIN)/python -m pytest
+TWO := -n 2 --dist worksteal
 
 test: $(VENV)/.system $(VENV)/.tested  ## run the daily tests, some minutes; a browser is installed if there is none
 ifeq ($(strip $(ARGS)),)
-	@$(PYTEST) -m "not slow" -n 2 --dist worksteal $(SHARING)
-	@$(PYTEST) -m "not slow" $(addprefix --ignore=,$(SHARING))
+	@$(PYTEST) -m "not slow and not alone" $(TWO)
+	@$(PYTEST) -m "not slow and alone"
 else
 	@$(PYTEST) $(ARGS)
 endif
 
 test-all: test  ## run the daily tests and then the slow ones, a quarter of an hour
-	@$(PYTEST) -m slow
+	@$(PYTEST) -m "slow and not alone" $(TWO)
+	@$(PYTEST) -m "slow and alone"
 
 lint: $(VENV)/.linted  ## check style, types, import rules and English
 	@for f in $(PORTIONS:=/__init__.py); do if [ -e $$f ]; then \

@@ -1,9 +1,32 @@
-"""Fixtures of all tests."""
+"""Fixtures and marks of all tests."""
 
 import signal
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
+
+_TESTS = Path(__file__).parent
+
+_ALONE = (
+    "conformance/test_fault_injection",
+    "conformance/test_right_server",
+    "daemon/metrics/test_http_server",
+    "daemon/sessions/test_read_time",
+    "daemon/sessions/test_slow_readers",
+    "e2e/test_abuse",
+    "e2e/test_robot_server",
+    "e2e/test_rsi_faults",
+    "e2e_demo",
+    "e2e_view",
+    "emulator/krc/test_krc_process",
+    "emulator/krc/test_krc_real_time",
+    "links/rsi/test_rsi_udp",
+    "links/test_unread_ticks",
+    "monitor/test_live",
+    "packaging/test_tutorials",
+)
+"""Tests that depend on the time that passes, or use both cores: they run while no other test runs."""
 
 _WITHOUT_GATE = {"cell", "client", "control", "emulator", "protocol", "recording"}
 """Folders of tests that neither use the gate nor start a daemon."""
@@ -20,9 +43,26 @@ for _signal in (signal.SIGHUP, signal.SIGINT):
         signal.signal(_signal, _ignore)
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses by marks
+def pytest_collection_modifyitems(items):
+    """Mark tests that run alone, and, as slow, all but n parameter sets of a test marked ``daily(n)``."""
+    families = defaultdict(list)
+    for item in items:
+        if item.path.relative_to(_TESTS).as_posix().startswith(_ALONE):
+            item.add_marker("alone")
+        if item.get_closest_marker("daily"):
+            families[item.path, item.originalname].append(item)
+    for family in families.values():
+        (count,) = family[0].get_closest_marker("daily").args
+        kept = {len(family) * k // count for k in range(count)}
+        for k, item in enumerate(family):
+            if k not in kept:
+                item.add_marker("slow")
+
+
 @pytest.fixture(autouse=True)
 def _compiled_gate_if_used(request):
-    if request.path.relative_to(Path(__file__).parent).parts[0] not in _WITHOUT_GATE:
+    if request.path.relative_to(_TESTS).parts[0] not in _WITHOUT_GATE:
         request.getfixturevalue("compiled_gate")
 
 

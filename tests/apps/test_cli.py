@@ -133,6 +133,7 @@ def test_version() -> None:
 PAIR = ("--robot", "FR", "--leader", "GR")
 
 
+@pytest.mark.daily(5)
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

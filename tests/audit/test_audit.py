@@ -38,6 +38,7 @@ async def recorded(folder, **recording):
     return out, log
 
 
+@pytest.mark.slow
 async def test_the_log_contains_the_seal_of_a_run(tmp_path):
     out, log = await recorded(tmp_path)
     (closed,) = [line for line in log if line["event"] == "recording.closed"]
@@ -49,6 +50,7 @@ async def test_the_log_contains_the_seal_of_a_run(tmp_path):
     assert (status, "hash chain intact" in said) == (0, True)
 
 
+@pytest.mark.slow
 async def test_audit_and_replay_report_a_changed_run(tmp_path):
     out, _ = await recorded(tmp_path)
     file = out / part_name(1)
@@ -79,6 +81,7 @@ async def test_a_signature_is_verified_against_the_key(tmp_path):
     assert private.read_bytes() not in (out / part_name(1)).read_bytes()
 
 
+@pytest.mark.slow
 async def test_a_removed_or_changed_signature_is_an_error(tmp_path):
     private, public = keys(tmp_path, "recorder")
     out, _ = await recorded(tmp_path, sign=str(private))
@@ -141,6 +144,7 @@ def rsa():
     return subprocess.run(made, check=True, capture_output=True).stdout
 
 
+@pytest.mark.slow
 async def test_a_recovered_run_has_a_new_chain_without_a_signature(tmp_path):
     private, public = keys(tmp_path, "recorder")
     out, _ = await recorded(tmp_path, sign=str(private))

@@ -82,6 +82,7 @@ def bomb(file, told, size=1 << 32, form="zstd"):
     writer.finish()
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("told", [1 << 32, 1000, 0, (1 << 64) - 1])
 def test_a_decompression_bomb_is_rejected_within_bounded_memory(tmp_path, told):
     with (tmp_path / NAME).open("wb") as file:

@@ -48,6 +48,7 @@ def replayed_events(folder):
     return outcome.events
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", STATES)
 def test_flushed_events_replay_identically_after_a_kill_in_any_state_of_the_writer(killed, state):
     folder, flushed = killed
@@ -57,6 +58,7 @@ def test_flushed_events_replay_identically_after_a_kill_in_any_state_of_the_writ
     assert replayed_events(folder / state) >= flushed[state] > 0
 
 
+@pytest.mark.slow
 def test_flushed_events_replay_identically_after_kills_at_twenty_random_moments(killed):
     folder, flushed = killed
     moments = [name for name in flushed if name.isdigit()]

@@ -38,6 +38,7 @@ TAILS = {
 }
 
 
+@pytest.mark.daily(12)
 @pytest.mark.parametrize("tail", TAILS)
 @pytest.mark.parametrize("length", [1, 9, 40, 2000])
 @pytest.mark.parametrize("instead", [True, False], ids=["over the end", "behind the end"])

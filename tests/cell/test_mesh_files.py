@@ -242,6 +242,7 @@ def test_hulls_of_points_that_are_coplanar_up_to_rounding():
             assert set(map(tuple, hull.vertices)) <= set(map(tuple, points))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_random_files_are_read_completely_or_refused(suffix):
     """Run a short fuzz; ``make fuzz-meshes`` runs a longer one."""

@@ -157,6 +157,7 @@ def far_cell(_):
     return build_cell(config.model_copy(update={"max_age_ticks": 150, "server": server}))
 
 
+@pytest.mark.slow
 async def test_a_distant_controller_works_and_its_robot_rests_after_the_connection_is_lost():
     async with serving("", build=far_cell) as port:
         eye = await Raw.hello(port, "eye", "observer")

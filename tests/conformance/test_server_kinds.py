@@ -98,6 +98,7 @@ robots:
 """
 
 
+@pytest.mark.slow
 async def test_a_robot_whose_link_is_not_ready(tmp_path):
     """Without a KRC the robot can be held, but every command of it is refused."""
     files = [CONFIGS / "conformance.yaml", tmp_path / "far.yaml"]

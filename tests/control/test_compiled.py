@@ -48,6 +48,7 @@ def goals(pair, q, p, distance, around, **more):
     return [(law, law.goal(p, distance, law.scene(around, q), **more)) for law in pair]
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("emergency", [False, True])
 def test_f_equals_the_numpy_form(pair, fr, emergency):
     pushed = 0

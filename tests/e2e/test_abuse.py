@@ -12,6 +12,8 @@ from math import comb
 from pathlib import Path
 from time import monotonic
 
+import pytest
+
 from armgate.protocol import messages as m
 from support import abusers
 from support.cells import arms_yaml
@@ -115,6 +117,7 @@ async def abused(port, kind="mixed"):
         await process.communicate()
 
 
+@pytest.mark.slow
 async def test_bad_clients_hardly_affect_a_controller(tmp_path):
     """Blocks with and without bad clients alternate, so that the machine's own noise is in both."""
     config = tmp_path / "arms.yaml"
@@ -152,6 +155,7 @@ The rate limits count messages: 0.45 to 0.57 on a quiet machine. A daemon withou
 """
 
 
+@pytest.mark.slow
 async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
     """Its 60 connections share one rate limit, and their work waits for ticks and for holders of robots."""
     config = tmp_path / "arms.yaml"
@@ -217,6 +221,7 @@ async def guest(port, number):
     await raw.close()
 
 
+@pytest.mark.slow
 async def test_the_daemons_memory_is_flat_while_clients_come_and_go(tmp_path):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml(server="{connection_rate: 10000}"))

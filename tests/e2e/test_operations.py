@@ -107,12 +107,14 @@ async def watched(tmp_path, recording):
     return warned, after
 
 
+@pytest.mark.slow
 async def test_a_full_disk_ends_the_recording_and_is_reported(tmp_path):
     warned, after = await watched(tmp_path, "{required: false}")
     assert any("recording-0001.mcap" in warning for warning in warned.warnings)
     assert not any(entry.stops for entry in after.entries)
 
 
+@pytest.mark.slow
 async def test_robots_rest_if_a_required_recording_fails(tmp_path):
     _, after = await watched(tmp_path, "{required: true}")
     assert all(entry.stops for entry in after.entries)

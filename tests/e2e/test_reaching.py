@@ -44,6 +44,7 @@ def places(file: Path) -> np.ndarray:
     return np.array([MODEL.frame(q, "tool0").t[:2] for q in read_path(file).q])
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("method", ["pseudo", "damped", "variable", "transpose"])
 def test_every_method_brings_the_tool_to_its_target(daemon: str, tmp_path: Path, method: str) -> None:
     target = (0.3, 0.7, 0.5)
@@ -58,6 +59,7 @@ def test_every_method_brings_the_tool_to_its_target(daemon: str, tmp_path: Path,
     np.testing.assert_array_equal(q[-1], q[-2])
 
 
+@pytest.mark.slow
 def test_an_objective_moves_the_joints_and_not_the_tool(daemon: str, tmp_path: Path) -> None:
     away = reach(daemon, "--target", 0.45, 0.45, 0.5, "--out", tmp_path / "away.csv")
     assert away.returncode == 0, away.stderr
@@ -74,6 +76,7 @@ def test_an_objective_moves_the_joints_and_not_the_tool(daemon: str, tmp_path: P
     assert np.abs(np.ptp(read_path(tmp_path / "b.csv").q, axis=0)).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_refused_command_ends_reach_with_the_reason(daemon: str) -> None:
     done = reach(daemon, "--target", 0.6, 0.9, 0.5)
     assert (done.returncode, done.stdout) == (1, "")

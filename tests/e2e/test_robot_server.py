@@ -91,6 +91,7 @@ async def test_robots_of_a_killed_daemon_rest_and_its_successor_moves_none_unask
             await goes_on(daemon)
 
 
+@pytest.mark.slow
 async def test_a_recording_with_a_robot_server_replays_with_the_same_verdicts(cell, socket, tmp_path):
     """The recording of the daemon that takes over from a killed one, and of the reset, replays too."""
     async with RobotServer.running(cell, socket=socket) as robots:
@@ -111,6 +112,7 @@ async def test_a_recording_with_a_robot_server_replays_with_the_same_verdicts(ce
         assert "bit for bit" in said
 
 
+@pytest.mark.slow
 async def test_metrics_hold_the_lateness_of_ticks(cell, socket):
     cell.write_text(cell.read_text() + "metrics: {port: 0}\n")
     async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
@@ -126,6 +128,7 @@ async def test_metrics_hold_the_lateness_of_ticks(cell, socket):
     assert "unread_bytes: 0" in out
 
 
+@pytest.mark.slow
 async def test_a_stalled_daemon_is_disconnected_and_finds_its_robots_stopped(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
         mover = await Mover.start(daemon.port, "A")
@@ -143,6 +146,7 @@ async def test_a_stalled_daemon_is_disconnected_and_finds_its_robots_stopped(cel
         await goes_on(daemon)
 
 
+@pytest.mark.slow
 async def test_a_robot_server_that_is_killed_stops_the_cell_until_it_is_back_and_reset(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
         mover = await Mover.start(daemon.port, "A")
@@ -177,6 +181,7 @@ async def test_a_controller_that_is_killed_lets_its_robot_rest_and_no_other(cell
         await again.stop()
 
 
+@pytest.mark.slow
 async def test_there_is_one_daemon_at_a_time_and_one_robot_server(cell, socket):
     async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
         mover = await Mover.start(daemon.port, "A")
@@ -190,6 +195,7 @@ async def test_there_is_one_daemon_at_a_time_and_one_robot_server(cell, socket):
         await mover.stop()
 
 
+@pytest.mark.slow
 async def test_a_missing_robot_server_and_one_of_another_cell_are_errors_with_a_remedy(
     cell, socket, tmp_path
 ):

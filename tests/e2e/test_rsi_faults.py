@@ -25,6 +25,7 @@ async def stack(tmp_path_factory):
         await one.leave()
 
 
+@pytest.mark.slow
 async def test_a_controller_that_is_killed_lets_its_robot_rest_and_needs_no_reset(stack):
     mover = await stack.begin()
     mover.task.cancel()
@@ -65,6 +66,7 @@ async def test_a_stalled_daemon_is_disconnected_and_its_robot_rests(stack):
     await stack.goes_on()
 
 
+@pytest.mark.slow
 async def test_a_krc_whose_robot_server_is_killed_stops_by_itself(stack):
     await stack.begin()
     stack.robots.signal(signal.SIGKILL)
@@ -77,6 +79,7 @@ async def test_a_krc_whose_robot_server_is_killed_stops_by_itself(stack):
     await stack.goes_on()
 
 
+@pytest.mark.slow
 async def test_a_krc_whose_robot_server_stalls_stops_by_itself(stack):
     await stack.begin()
     stack.robots.signal(signal.SIGSTOP)
@@ -103,6 +106,7 @@ async def test_a_robot_server_that_halts_for_some_cycles_plays_no_missed_increme
     stack.within_bounds()
 
 
+@pytest.mark.slow
 async def test_a_krc_that_halts_for_a_moment_stops_with_a_reason_and_needs_a_new_run(stack):
     await stack.begin()
     stack.krc.process.send_signal(signal.SIGSTOP)
@@ -135,6 +139,7 @@ async def test_invalid_and_foreign_telegrams_change_nothing(stack):
     stack.within_bounds()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("way", "state"), [("to-pc", "lost"), ("to-krc", "faulted")])
 async def test_a_cable_that_is_unplugged_and_plugged_in_again(stack, way, state):
     await stack.begin()
@@ -145,6 +150,7 @@ async def test_a_cable_that_is_unplugged_and_plugged_in_again(stack, way, state)
     await stack.goes_on()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["restart", "estop", "pause"])
 async def test_a_krc_that_restarts(stack, how):
     await stack.begin()
@@ -162,6 +168,7 @@ async def test_a_krc_that_restarts(stack, how):
     await stack.goes_on()
 
 
+@pytest.mark.slow
 async def test_an_ipoc_that_jumps(stack):
     await stack.begin()
     await stack.krc.tell("ipoc 5000000001")

@@ -106,6 +106,7 @@ async def done(result):
 # --- TLS --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 async def test_a_controller_over_tls(secured, connect):
     cell = await connect(secured.address, "lab", token=secured.tokens["lab"], tls=secured.authority.file)
     assert cell.welcome.role == "controller"
@@ -158,6 +159,7 @@ async def test_an_error_without_tls_suggests_tls(secured, connect):
         await connect(secured.address, "eye", token=secured.tokens["eye"])
 
 
+@pytest.mark.daily(1)
 async def test_tls_with_a_server_without_tls_is_reported(tmp_path, connect):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
@@ -176,6 +178,7 @@ async def test_invalid_certificate_files_are_bad_arguments(secured, connect):
         tls_context(secured.authority.file, key="a.key")
 
 
+@pytest.mark.daily(1)
 async def test_clients_without_a_required_certificate_are_refused(mutual, connect):
     own = mutual.authority.issue("client")
     good = tls_context(mutual.authority.file, *own)
@@ -315,6 +318,7 @@ async def login(port, role, secret):
     return raw, await raw.get((m.Welcome, m.Error))
 
 
+@pytest.mark.slow
 async def test_no_client_can_lock_out_owners_of_tokens_at_its_address(tmp_path):
     """Silent connections, idle sessions up to their bound, and wrong tokens, all from one address."""
     config, secrets = tmp_path / "arms.yaml", {}
@@ -508,6 +512,7 @@ async def test_programs_report_the_error_of_a_login(secured):
 # --- expiry, rotation, certificates bound to a role -------------------------------------------------------
 
 
+@pytest.mark.slow
 async def test_a_session_ends_when_its_token_expires(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     soon, _ = await token(file, "--role", "controller", "--name", "soon", "--days", 10 / 86400)
@@ -526,6 +531,7 @@ async def test_a_session_ends_when_its_token_expires(tmp_path):
         assert answer.code == "unauthorized"
 
 
+@pytest.mark.slow
 async def test_a_rotated_token_keeps_its_sessions_while_the_old_secret_is_valid(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     old, _ = await token(file, "--role", "controller", "--name", "lab")
@@ -545,6 +551,7 @@ async def test_a_rotated_token_keeps_its_sessions_while_the_old_secret_is_valid(
         assert (await session.rest())[-1].code == "unauthorized"
 
 
+@pytest.mark.daily(1)
 async def test_a_certificate_gives_a_role_without_a_secret(tmp_path, connect):
     authority = Authority(tmp_path)
     authority.issue("cell", "127.0.0.1")
@@ -565,6 +572,7 @@ async def test_a_certificate_gives_a_role_without_a_secret(tmp_path, connect):
 # --- users of this machine --------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("role", "more"), [("controller", "operator"), ("observer", "controller")])
 async def test_on_a_unix_socket_the_kernel_identifies_the_user_of_a_client(tmp_path, connect, role, more):
     config = tmp_path / "arms.yaml"
@@ -589,6 +597,7 @@ async def test_on_a_unix_socket_the_kernel_identifies_the_user_of_a_client(tmp_p
         await connect(address, "me", role)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["a", "\0a", "\0abc"])
 async def test_the_name_of_a_clients_own_socket_does_no_harm(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
@@ -606,6 +615,7 @@ async def test_the_name_of_a_clients_own_socket_does_no_harm(tmp_path, monkeypat
         assert (await daemon.end())[0] == 0
 
 
+@pytest.mark.slow
 async def test_a_user_that_is_not_listed_needs_a_token(tmp_path):
     secret, _ = await token(tmp_path / "tokens", "--role", "operator")
     config = tmp_path / "arms.yaml"

@@ -21,6 +21,7 @@ def config(tmp_path, **options):
 # --- starting ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -75,6 +76,7 @@ async def test_invalid_names_of_participants_are_wrong_use(tmp_path):
 # --- ending -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 async def test_a_signal_while_robots_move_lets_them_rest_first(tmp_path, number):
     async with Process.serving(config(tmp_path, lag=0.03, max_age_ticks=1000)) as daemon:
@@ -172,6 +174,7 @@ async def lockstep_observer(port, steps):
     return bytes(raw.raw)
 
 
+@pytest.mark.slow
 async def test_two_lockstep_runs_send_the_same_bytes(tmp_path):
     file = config(tmp_path, lag=0.03)
     first = await lockstep_run(file, ["one", "two", "eye"])

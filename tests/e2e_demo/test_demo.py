@@ -129,6 +129,7 @@ def test_lock_step_from_any_folder_writes_only_its_own_folder(tmp_path: Path) ->
     assert completed(slow, tmp_path, lockstep=True) is slow
 
 
+@pytest.mark.slow
 def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
     series = []
     for name in ("a", "b"):
@@ -140,6 +141,7 @@ def test_two_runs_in_lock_step_give_the_same_series(tmp_path: Path) -> None:
     assert series[0][:shorter] == series[1][:shorter]
 
 
+@pytest.mark.slow
 def test_a_demo_by_the_wall_clock(tmp_path: Path) -> None:
     done = demo("--no-view", "--duration", "5", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -176,6 +178,7 @@ def within_bounds(run: Path, links: str, robots: tuple[str, ...], least: int) ->
         assert moved >= least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "robots"),
     [("rsi-virtual", ("FR", "GR")), ("rsi-virtual-4ms", ("FR", "GR")), ("mixed", ("FR",))],
@@ -197,6 +200,7 @@ def test_virtual_krcs_need_only_another_configuration(
     assert '"event": "ended", "resting": true' in log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "ends"), [("serve", "running"), ("robot-server", "broken_off")])
 def test_after_a_kill_in_motion_krcs_are_answered_or_stop_and_no_drive_faults(
     tmp_path: Path, command: str, ends: str
@@ -220,6 +224,7 @@ def test_after_a_kill_in_motion_krcs_are_answered_or_stop_and_no_drive_faults(
         assert '"event": "ended", "resting": true' in robots
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_all_processes_and_writes_the_observed_part(tmp_path: Path) -> None:
     with running(tmp_path, "--lockstep", "--out", "run") as child:
         started = children(child.pid)
@@ -235,6 +240,7 @@ def test_ctrl_c_ends_all_processes_and_writes_the_observed_part(tmp_path: Path) 
     assert (tmp_path / "run" / "angle_error.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "name"), [("lead", "leader"), ("follow", "follower"), ("serve", "daemon")]
 )
@@ -250,6 +256,7 @@ def test_a_failed_child_is_named_and_no_process_is_left(tmp_path: Path, command:
     assert metrics_of(tmp_path / "run")["complete"] is False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "name"), [("lead", "leader"), ("follow", "follower")])
 def test_a_run_whose_participant_is_stopped_is_not_complete(tmp_path: Path, command: str, name: str) -> None:
     with running(tmp_path, "--lockstep", "--out", "run") as child:
@@ -261,6 +268,7 @@ def test_a_run_whose_participant_is_stopped_is_not_complete(tmp_path: Path, comm
     assert metrics_of(tmp_path / "run")["complete"] is False
 
 
+@pytest.mark.slow
 def test_a_demo_that_is_killed_leaves_nothing_running(tmp_path: Path) -> None:
     with running(tmp_path, "--lockstep", "--out", "run") as child:
         started = children(child.pid)

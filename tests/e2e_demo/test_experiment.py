@@ -55,6 +55,7 @@ def holding(found: dict[str, Any], text: str) -> bool | None:
     return holds  # type: ignore[no-any-return]
 
 
+@pytest.mark.slow
 def test_tracking(tmp_path: Path) -> None:
     found = experiment("tracking", TRACKING, tmp_path)
     slow, predicted = found["entries"]
@@ -70,6 +71,7 @@ def test_tracking(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_zoom_with_an_operator_process(tmp_path: Path) -> None:
     (entry,) = experiment("zoom", ZOOM, tmp_path)["entries"]
     assert 0.9 <= entry["wanted_m"]["min"] < entry["wanted_m"]["max"] <= 1.1
@@ -77,6 +79,7 @@ def test_zoom_with_an_operator_process(tmp_path: Path) -> None:
     assert entry["quiet_distance_m"] < 0.02
 
 
+@pytest.mark.slow
 def test_collision_by_the_wall_clock(tmp_path: Path) -> None:
     found = experiment("collision", COLLISION, tmp_path, "--realtime")
     (entry,) = found["entries"]
@@ -95,6 +98,7 @@ def test_a_wrong_file_is_reported_before_any_process_starts(tmp_path: Path) -> N
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path) -> None:
     file = tmp_path / "tracking.yaml"
     file.write_text(TRACKING)

@@ -110,6 +110,7 @@ def drag_gizmo(page, operator):
     raise AssertionError("the robot does not follow the gizmo")
 
 
+@pytest.mark.slow
 def test_the_gizmo_moves_the_robot_while_it_is_held(page, operator):
     acquire(page)
     operator.entry(lambda entry: entry.holder == "view")
@@ -154,6 +155,7 @@ def test_a_stop_while_dragging_ends_the_drive_and_is_reported(page, operator):
     operator.entry(lambda entry: not entry.stops)
 
 
+@pytest.mark.slow
 def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, operator):
     acquire(page)
     drag_gizmo(page, operator)
@@ -165,6 +167,7 @@ def test_a_page_that_is_reloaded_while_dragging_leaves_the_robot_at_rest(page, o
     assert operator.resting() == pytest.approx(rest)
 
 
+@pytest.mark.slow
 def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notified(page, operator):
     with operator.cell.acquire("GR"), operator.reading():
         press_until_refused(page, "GR is held by observer")
@@ -179,6 +182,7 @@ def test_a_leased_robot_cannot_be_acquired_and_the_loser_of_a_takeover_is_notifi
     page.release_pointer()
 
 
+@pytest.mark.slow
 def test_only_one_of_two_pages_drives_a_robot(page, operator):
     acquire(page)
     other = Page(page.browser, page.url)
@@ -191,6 +195,7 @@ def test_only_one_of_two_pages_drives_a_robot(page, operator):
     release(page, operator)
 
 
+@pytest.mark.slow
 def test_a_daemon_that_ends_while_dragging_is_reported_and_the_page_reconnects(browser):
     with process("serve", CONFIG, "--port", "0", prints="armgate: listening on ") as (found, daemon):
         port = found.rpartition(":")[2]

@@ -64,6 +64,7 @@ def _tool_column(picture):
     return middle_of(picture, colours.TOOL)[0], picture.shape[1]
 
 
+@pytest.mark.slow
 def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page, address, tracking):
     before = {robot: page.joints(robot) for robot in ("FR", "GR")}
     assert {robot: len(joints) for robot, joints in before.items()} == {"FR": 6, "GR": 9}

@@ -51,6 +51,7 @@ def drag_time(page, share):
     page.release_pointer()
 
 
+@pytest.mark.slow
 def test_the_time_slider_seeks_in_the_run(page):
     assert page.time == 0.0
     assert page.length > SECONDS
@@ -75,6 +76,7 @@ def changed(page, first, window):
     return (np.abs(seen - first).max(axis=2)[y : y + height, x : x + width] > 30).sum()
 
 
+@pytest.mark.slow
 def test_a_recording_is_played_to_its_end_and_paused(page):
     page.press("Play")
     page.until(lambda: page.time > 0.2, "advancing time")

@@ -14,6 +14,7 @@ from gate.oracle import Oracle
 from gate.rig import HARSH, ROUGH, Rig, Tally, Traffic
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("number", range(len(SETTINGS)))
 def test_no_adversary_breaks_the_invariant(number):
     setting = SETTINGS[number]
@@ -25,6 +26,7 @@ def test_no_adversary_breaks_the_invariant(number):
     assert total.accepted > 0.1
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("name", sorted(ATTACKS))
 def test_no_single_attack_breaks_the_invariant(name):
     cell = scenes.duel(gap=1.2)

@@ -116,6 +116,7 @@ def test_growth_bounds_the_decrease_of_distance_by_a_step(name):
                     assert lost <= float(group.growth[k] @ np.abs(step)) + 1e-5
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_the_nearest_pair_is_the_nearest_of_all(name):
     cell, rng = CELLS[name], np.random.default_rng(4)

@@ -8,6 +8,7 @@ from gate.oracle import Oracle, rotation, segments_apart, step_faults
 from gate.solids import Solid, hull_faces, nearest_in_hull
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("name", sorted(scenes.SCENES))
 def test_kinematics_agree_with_the_model(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(0)

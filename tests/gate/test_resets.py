@@ -243,6 +243,7 @@ def creep(rig, i):
     return (0.03, -1e-6, 0.0)
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize("turned", [-1.8, -0.6, 0.0, 1.1])
 @pytest.mark.parametrize("beyond", [0.05, 0.2, 0.5])
 @pytest.mark.parametrize("configured", [True, False])

@@ -186,6 +186,7 @@ async def test_the_robot_moves_stops_at_a_fault_and_moves_again_after_a_reset(in
         assert (status, err) == (0, ""), out
 
 
+@pytest.mark.slow
 async def test_the_link_is_lost_with_its_connection_and_comes_back_at_rest(installed, cell, tmp_path):
     async with (
         RobotServer.running(*cell, socket=tmp_path / "s"),
@@ -202,6 +203,7 @@ async def test_the_link_is_lost_with_its_connection_and_comes_back_at_rest(insta
             await (await mover_of(daemon, "two")).stop()
 
 
+@pytest.mark.slow
 async def test_the_viewer_shows_the_robot(installed, cell, tmp_path):
     async with (
         virtual_robot(cell),

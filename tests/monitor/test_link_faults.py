@@ -107,6 +107,7 @@ LIES_AT_A_FAULT = {
 }  # fmt: skip
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("state", ENDED)
 @pytest.mark.parametrize("name", LIES_AT_A_FAULT)
 def test_a_wrong_second_state_of_a_tick_is_found(tmp_path, name, state):
@@ -117,6 +118,7 @@ def test_a_wrong_second_state_of_a_tick_is_found(tmp_path, name, state):
     assert kind in {finding.kind for finding in checked(watched).findings}
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "name",
     [

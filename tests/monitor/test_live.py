@@ -68,6 +68,7 @@ async def toward_the_post(port):
         raw.send(m.Command(robot="A", fence=fence, seq=state.tick, tick=state.tick, dq=dq))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_path, by):
     file = config(tmp_path)
@@ -88,6 +89,7 @@ async def test_nothing_is_found_while_robots_move_and_are_stopped_and_reset(tmp_
         assert int(lines[-1].split()[2]) > 100
 
 
+@pytest.mark.slow
 async def test_a_daemon_on_a_unix_socket_is_monitored(tmp_path):
     file = config(tmp_path, server=f"{{socket: {{path: cell.sock, users: {{{os.getuid()}: observer}}}}}}")
     async with Process.serving(file, "--require-login", host="unix"):
@@ -132,6 +134,7 @@ async def test_a_violated_clearance_stops_the_cell_and_reports_numbers_and_pair(
     assert status == 1
 
 
+@pytest.mark.slow
 async def test_missing_states_are_reported_and_a_lost_daemon_ends_the_monitor(tmp_path):
     file = config(tmp_path)
     async with Process.serving(file) as daemon, watching(daemon.port, file, silence=0.3) as monitor:

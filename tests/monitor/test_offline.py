@@ -178,6 +178,7 @@ def with_file(name, text):
     return lambda files: files | {name: base64.b64encode(text.encode()).decode()}
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize(
     ("change", "status"),
     [

@@ -71,6 +71,7 @@ def test_the_example_of_an_input_drives_a_robot(tmp_path: Path, address: str) ->
     assert "two seconds are over" in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_the_example_of_a_control_law_moves_a_robot(tmp_path: Path, address: str) -> None:
     done = armgate(installed("home", tmp_path), address, "home")
     assert done.returncode == 0, done.stdout + done.stderr

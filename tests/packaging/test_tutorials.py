@@ -133,6 +133,7 @@ def stack() -> Iterator[ExitStack]:
         yield opened
 
 
+@pytest.mark.slow
 def test_first_controller(tmp_path: Path, stack: ExitStack) -> None:
     page = Tutorial("first-controller", tmp_path, stack)
     assert page.command("make install") == ["make", "install"]
@@ -176,6 +177,7 @@ def test_your_own_robot(tmp_path: Path, stack: ExitStack) -> None:
         assert robot.send([0.001, 0.0, 0.0]).outcome == "admitted"
 
 
+@pytest.mark.slow
 def test_first_kuka_motion(tmp_path: Path, stack: ExitStack) -> None:
     page = Tutorial("first-kuka-motion", tmp_path, stack)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:

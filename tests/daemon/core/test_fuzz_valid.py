@@ -25,6 +25,7 @@ def run(folder, *, seed=0, robots=2, joints=3, lockstep=False, messages=1500, on
     rig.run(messages)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("robots", "joints", "lockstep", "messages"),
     [(1, 1, False, 1000), (2, 40, False, 1000), (3, 6, True, 1000), (32, 64, False, 150), (32, 1, True, 300)],
@@ -33,6 +34,7 @@ async def test_valid_messages_never_break_the_daemon(robots, joints, lockstep, m
     run(tmp_path, robots=robots, joints=joints, lockstep=lockstep, messages=messages)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("robots", "joints"), [(2, 6), (5, 20)])
 async def test_valid_messages_over_sockets_never_break_a_daemon(robots, joints, tmp_path):
     await Live(tmp_path, Random(robots), robots, joints).run(clients=5, messages=120)

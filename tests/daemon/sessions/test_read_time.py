@@ -5,6 +5,8 @@ import itertools
 import os
 import signal
 
+import pytest
+
 from armgate.daemon.sessions.read_time import ReadTime
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.protocol import messages as m
@@ -55,6 +57,7 @@ async def test_data_in_a_socket_are_read_before_the_time_follows():
     os.close(there)
 
 
+@pytest.mark.slow
 async def test_a_holder_that_pings_keeps_its_lease_over_a_stall_of_the_daemon(tmp_path):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml(server="{lease_ttl: 0.4}"))

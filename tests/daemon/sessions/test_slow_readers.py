@@ -125,6 +125,7 @@ async def paused(request):
     server.server.close()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("paused", [(1500, None), (1500, 4096), (9000, None)], indirect=True)
 async def test_a_client_that_paused_gets_the_latest_state_and_few_old_ones(paused):
     server, reader = paused
@@ -141,6 +142,7 @@ async def test_a_client_that_paused_gets_the_latest_state_and_few_old_ones(pause
     assert len(reader.ticks) > 25, "it reads again, and gets the states of the ticks"
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("paused", [(1500, None), (140_000, None), (140_000, 4096)], indirect=True)
 async def test_a_client_that_reads_nothing_is_not_aborted_for_unread_states(paused, monkeypatch):
     """States of 140 kB do not fit into the window of the client: it is closed, and probes are answered."""

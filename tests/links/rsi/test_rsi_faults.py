@@ -189,6 +189,7 @@ class TestTheKrc:
         assert moving.krc_state == "running"
         rearm(moving)
 
+    @pytest.mark.daily(4)
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     @pytest.mark.parametrize("silent", [5, 200])
     @pytest.mark.parametrize("jog", [0.0, -2.0, None], ids=["stays", "jogged", "led-back"])

@@ -158,6 +158,7 @@ async def test_link_check_and_krc_name_the_error_in_a_file(tmp_path, name):
     assert expected.lower() in str(caught.value).lower()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["TCP", "digit-attribute", "cp1252"])
 async def test_the_commands_refuse_the_file_with_status_2(tmp_path, name):
     data, expected = NAMED[name]
@@ -275,7 +276,7 @@ class TestValuesThatAreNeverSent:
         rig.operate("start")
         rig.cycles(3)
         assert sum("Ov.PRO" in note for note in rig.notes) == 1
-        assert any("Ov.PRO: 0 until it comes" in text for text in rig.log.texts("zero"))
+        assert any("Ov.PRO: 0 until it is received" in text for text in rig.log.texts("zero"))
 
     def test_a_value_for_which_zero_is_harmless_causes_no_warning(self, tmp_path):
         more = element("DEF_EStr", "INTERNAL", "STRING", 0) + element("RKorr.X", 20, hold=1)

@@ -51,6 +51,7 @@ def rig_of(folder, *, cell, krc, hold=1, aspos="stands", limits=WIDE, **how):
     )  # fmt: skip
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize(
     ("cell", "krc", "hold", "aspos", "limits"),
     [
@@ -110,6 +111,7 @@ def farther(shape, lost):
     return [far + lost * amplitude for far, amplitude in zip(shape.farthest, shape.amplitude, strict=True)]
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize(("cell", "krc"), list(product(MODES, MODES)))
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
@@ -129,6 +131,7 @@ def test_a_datagram_lost_in_the_probe_adds_at_most_one_amplitude(tmp_path, cell,
     assert travel.within(farther(shape, 1))
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(("cell", "krc"), list(product(MODES, MODES)))
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("count", [3, 15])
@@ -183,6 +186,7 @@ def test_axes_in_another_order_are_named(tmp_path, one, other, mode):
     assert travel.within([max(probe_size(rig.setup).farthest)] * 6)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("factor", "axis"), [(1.1, "A1"), (0.9, "A3"), (1.1, "E1"), (0.9, "E3")])
 def test_a_scale_that_is_wrong_by_a_tenth_is_named_with_the_correct_one(tmp_path, mode, factor, axis):
@@ -210,6 +214,7 @@ def test_an_axis_that_turns_the_other_way_is_named(tmp_path, axis):
     assert f"{axis} is measured to move against its correction" in rig.changes[-1].reason
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
 @pytest.mark.parametrize("precision", [3, 4, 6])
 @pytest.mark.parametrize("mode", MODES)
@@ -242,6 +247,7 @@ def test_a_new_run_in_another_mode_is_proven_anew(tmp_path):
     assert begun.within(probe_size(rig.setup).farthest)
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("share", [0.04, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("before", [0, 40, 200])

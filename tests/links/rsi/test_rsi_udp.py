@@ -105,6 +105,7 @@ async def station(folder, *options, mode, krc_mode=None, file=None, becomes="rea
         driven.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["absolute", "relative"])
 async def test_a_bad_network_holds_the_robot_and_never_faults_a_drive(tmp_path, mode):
     bad = ("--loss", "0.05", "--duplicate", "0.05", "--reorder", "0.05", "--jitter", "6", "--seed", "3")
@@ -120,6 +121,7 @@ async def test_a_bad_network_holds_the_robot_and_never_faults_a_drive(tmp_path, 
     assert one.daemon.ticks[-1].setpoint[0] - one.daemon.ticks[0].setpoint[0] > 20 * STEP[0]
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("hold", "aspos"), [(0, "moves"), (1, "stands")])
 @pytest.mark.parametrize(("mode", "krc_mode"), [("absolute", "relative"), ("relative", "absolute")])
 async def test_a_krc_of_the_other_mode_is_named_and_stays_where_it_is(tmp_path, mode, krc_mode, hold, aspos):
