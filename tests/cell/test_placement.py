@@ -84,5 +84,5 @@ def test_arrays_of_wrong_shape_are_refused():
 
 @pytest.mark.parametrize("xyzw", [(0, 0, 0, 0), (math.nan, 0, 0, 1)])
 def test_an_invalid_quaternion_is_refused(xyzw):
-    with pytest.raises(ValueError, match="expected a quaternion"):
+    with pytest.raises(ValueError, match="expected a finite quaternion other than zero"):
         Placement.from_quaternion((0, 0, 0), xyzw)

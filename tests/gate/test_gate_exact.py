@@ -142,7 +142,7 @@ def test_a_plan_played_out_of_order_is_a_fault():
     wrong = Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), plan.key, 1)
     (stopped,) = scripted.gate.step(wrong)
     assert (stopped.robots, stopped.by) == (("left",), "gate")
-    assert "has not given it" in stopped.reason
+    assert "the gate did not send" in stopped.reason
 
 
 def test_after_a_plan_played_out_of_order_the_rest_of_the_held_plan_stays_reserved():
@@ -192,7 +192,7 @@ def test_an_unknown_plan_is_a_fault():
     (stopped,) = scripted.gate.step(
         Tick("left", 1, T, scripted.q[0], (scripted.q[0][0] + STEP,), (STEP,), other.held[0].key, 0)
     )
-    assert "has not given it" in stopped.reason
+    assert "the gate did not send" in stopped.reason
 
 
 @pytest.mark.parametrize(

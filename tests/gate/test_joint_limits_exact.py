@@ -5,7 +5,7 @@ import math
 import pytest
 
 from armgate.events import Cause
-from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
+from armgate.gate.braking import largest_stoppable_increment, stop_increments, stop_share, ticks_to_rest
 from armgate.gate.joint_limits import (
     ROUNDING,
     StepBounds,
@@ -89,7 +89,7 @@ def test_rounding_is_not_reported(dq, named):
 @pytest.mark.parametrize("q", [0.0, 0.9, 0.99, 1.0, 1.5])
 def test_a_joint_alone_uses_all_the_room_that_its_stop_leaves(q, sign):
     shaped = limit_increment((sign,), (0.0,), (0.0,), (sign * q,), bounds(decel=0.02), 1.0)
-    assert shaped.u[0] == pytest.approx(sign * largest_stopping(max(1.0 - q, 0.0), 0.02), abs=1e-9)
+    assert shaped.u[0] == pytest.approx(sign * largest_stoppable_increment(max(1.0 - q, 0.0), 0.02), abs=1e-9)
     assert {r.cause for r in shaped.reasons} == {Cause.JOINT_LIMIT}
     assert (shaped.reasons[0].joint, shaped.reasons[0].value) == ("J0", sign)
 
@@ -141,7 +141,7 @@ def test_a_blend_names_the_joint_its_setpoint_and_its_limit():
     assert (reason.cause, reason.joint, reason.value, reason.bound) == (Cause.JOINT_LIMIT, "b", 0.55, 1.0)
     assert first_outside(shaped.u, (0.0, 0.55), b) is None
     wanted = (
-        largest_stopping(1.0, 0.01),
+        largest_stoppable_increment(1.0, 0.01),
         0.09,
     )  # the first joint's stop is longer, and the second shares it
     assert shaped.u == pytest.approx(blend(brake, wanted, shaped.beta))
@@ -160,9 +160,9 @@ def test_braking_increments_by_hand():
     steps = stop_increments((0.3,), (0.1,))
     assert [u for (u,) in steps] == pytest.approx([0.3, 0.2, 0.1])
     assert stop_increments((0.1,), (0.1,)) == ((0.1,),)  # m = 1: nothing remains after it, not even zeros
-    assert largest_stopping(0.5, math.inf) == 0.5
-    assert largest_stopping(0.6, 0.1) == pytest.approx(0.3)
-    assert largest_stopping(0.0, 0.1) == 0.0
+    assert largest_stoppable_increment(0.5, math.inf) == 0.5
+    assert largest_stoppable_increment(0.6, 0.1) == pytest.approx(0.3)
+    assert largest_stoppable_increment(0.0, 0.1) == 0.0
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -206,7 +206,7 @@ def test_reasons_of_prismatic_joints_are_in_millimetres():
     b = StepBounds(("slide",), (0.0,), (0.04,), (0.0016,), (1.0,), (1.0,), ("prismatic",))
     found = limit_increment((-5.12e-05,), (0.0,), (0.0,), (0.0,), b, 1.0)
     assert [reason.text for reason in found.reasons] == [
-        "slide: the joint limit with braking allows 0 mm this tick, asked for -0.0512 mm"
+        "slide: the joint limit with braking allows 0 mm this tick, but -0.0512 mm was requested"
     ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armgate.gate.braking import largest_stopping, stop_increments, stop_share, ticks_to_rest
+from armgate.gate.braking import largest_stoppable_increment, stop_increments, stop_share, ticks_to_rest
 from armgate.gate.joint_limits import StepBounds, acceleration_box, first_outside, limit_increment
 from armgate.gate.occupancy import deviation, occupancy, settle_measured
 
@@ -62,8 +62,8 @@ def test_no_deceleration_bound_means_an_immediate_stop():
 
 @settings(deadline=None)
 @given(st.floats(0.0, 2.0), st.floats(1e-3, 0.5))
-def test_the_largest_stopping_increment_just_fits(room, decel):
-    u = largest_stopping(room, decel)
+def test_the_largest_stoppable_increment_just_fits(room, decel):
+    u = largest_stoppable_increment(room, decel)
     length = sum(x for (x,) in stop_increments((u,), (decel,)))
     assert length <= room + 1e-9
     more = sum(x for (x,) in stop_increments((u + 1e-6,), (decel,)))

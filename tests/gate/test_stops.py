@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armgate.gate.stops import FAULT, LINK, MET, OF_CLIENTS, REMEMBERED, StopCause, Stops
+from armgate.gate.stops import FAULT, LINK, MAX_CLIENT_STOPS, MET, REMEMBERED, StopCause, Stops
 
 CELL = (0, 1, 2)
 STOPPED = st.sampled_from([(0,), (1,), (2,), CELL])
@@ -50,12 +50,12 @@ def test_restarts_of_a_robot_server_leave_one_stop():
 
 def test_beyond_the_bound_a_client_replaces_its_own_newest_stop_or_else_the_newest():
     stops = Stops()
-    for number in range(OF_CLIENTS - 2):
+    for number in range(MAX_CLIENT_STOPS - 2):
         stops.raise_((0,), by_client(why=f"{number}"))
     mine, last = stops.raise_((0,), by_client(by="b"))[0], stops.raise_((0,), by_client(by="c"))[0]
     again = stops.raise_((0,), by_client(by="b", why="more"))
-    assert again == (OF_CLIENTS + 1, mine)
-    assert stops.raise_((0,), by_client(by="d")) == (OF_CLIENTS + 2, again[0])
+    assert again == (MAX_CLIENT_STOPS + 1, mine)
+    assert stops.raise_((0,), by_client(by="d")) == (MAX_CLIENT_STOPS + 2, again[0])
     assert last in stops.of(0)
     assert stops.raise_((0,), FAULT)[1] is None  # the gate's own stops do not count for the clients' bound
 
@@ -93,6 +93,6 @@ def test_the_bound_holds_and_each_robot_stays_stopped_until_the_last_reset(actio
             assert model[id_][0] == robots
         for robot in CELL:
             mine = stops.of(robot)
-            assert len(mine) <= 2 * OF_CLIENTS + 3
+            assert len(mine) <= 2 * MAX_CLIENT_STOPS + 3
             assert mine == sorted(mine)
             assert bool(mine) == any(robot in kin[0] for kin in model.values())

@@ -252,7 +252,7 @@ def test_a_lagging_robot_may_be_held_at_the_setpoint_before_the_last_but_no_earl
     x, y = Carts().begun
     assert Carts().moves(first, second).report((x + 5e-4, y), rebased=True) == []
     earlier = Carts().moves(first, second, (0.0, 4.9e-4)).report((x + 5e-4, y), rebased=True)
-    assert earlier == ["fast's link reports a robot that is held where it was never sent"]
+    assert earlier == ["fast's link holds its robot at a position that the gate never commanded"]
 
 
 def test_motion_of_one_joint_is_motion_of_the_robot():

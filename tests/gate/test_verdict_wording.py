@@ -29,7 +29,7 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0123))
             wording.no_lease("A", [3, 7]),
             Cause.LEASE,
             "A is stopped (stop 7, 3) and no client has its lease: "
-            "an operator must reset it, then acquire it",
+            "an operator must reset the stop; then acquire the robot",
         ),
         (
             wording.wrong_fence("A", 2, 5),
@@ -72,17 +72,17 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0123))
         (
             wording.clamped(Cause.INCREMENT, BOUNDS, 0, math.pi, math.pi / 2),
             Cause.INCREMENT,
-            "J0: the speed bound allows 90 deg this tick, asked for 180 deg",
+            "J0: the speed bound allows 90 deg this tick, but 180 deg was requested",
         ),
         (
             wording.clamped(Cause.ACCELERATION, BOUNDS, 1, 0.002, 0.001),
             Cause.ACCELERATION,
-            "J1: the acceleration bound allows 1 mm this tick, asked for 2 mm",
+            "J1: the acceleration bound allows 1 mm this tick, but 2 mm was requested",
         ),
         (
             wording.clamped(Cause.JOINT_LIMIT, BOUNDS, 1, -0.002, -0.0),
             Cause.JOINT_LIMIT,
-            "J1: the joint limit with braking allows 0 mm this tick, asked for -2 mm",
+            "J1: the joint limit with braking allows 0 mm this tick, but -2 mm was requested",
         ),
         (
             wording.common_stop(BOUNDS, 1, 0.4, 0.5),

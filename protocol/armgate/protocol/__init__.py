@@ -2,7 +2,8 @@
 
 Modules: ``messages`` (models), ``framing`` (frames), ``codec`` (bytes to messages and back), ``connection``
 (state machine of a connection), ``versions`` (versions and their dialects), ``lease`` (state machine of the
-leases), ``errors`` (exceptions and error codes). SPEC.md in this folder is the specification; ``statements``
+leases), ``errors`` (exceptions and error codes), ``fault_location`` (place of a fault in a payload),
+``secret_file`` (files with secrets). SPEC.md in this folder is the specification; ``spec_statements``
 parses it.
 
 Use messages as ``messages.State`` etc.: their short names (``Stop``, ``Error``) are unclear alone.

@@ -63,7 +63,7 @@ class ConnectionState(Enum):
     SERVER_LEAVING = "server_leaving"
     """The server has sent ``bye``; messages that the client sent before may still arrive."""
     FAILED = "failed"
-    """The peer sent a fatal fault: nothing more is read, and the fatal error may be sent."""
+    """The peer's input was refused with a fatal error: nothing more is read, and this error may be sent."""
     CLOSED = "closed"
 
 
@@ -194,9 +194,9 @@ class Connection:
     def overtake(self) -> Stop | None:
         """Remove and return a complete ``stop`` that waits behind other messages; None if there is none.
 
-        A stop behind a ``bye`` or a fatal fault stays where it is. ``pop`` refuses each ``reset`` that the
-        stop overtook: the client sent it before the stop, so it must not lift the stop. Each call inspects a
-        bounded number of messages and bytes, and no message twice.
+        A stop behind a ``bye`` or behind malformed input stays where it is. ``pop`` refuses each ``reset``
+        that the stop overtook: the client sent it before the stop, so it must not lift the stop. Each call
+        inspects a bounded number of messages and bytes, and no message twice.
         """
         if not self.may_overtake:
             return None
@@ -216,7 +216,7 @@ class Connection:
         return None
 
     def _read_ahead(self, payload: bytes) -> Stop | None:
-        """Return the stop in a payload; record if messages behind this payload must keep their order."""
+        """Return the stop in a payload; record whether messages behind this payload must keep their order."""
         try:
             fields = unpack(payload, self._max_array)
             kind = fields.get("type")

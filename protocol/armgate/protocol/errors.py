@@ -7,7 +7,7 @@ Exceptions::
     └── RemoteProtocolError       fault of the peer
 
 ``ErrorCode`` lists every code of an :class:`~armgate.protocol.messages.Error`. ``CODES`` states for each code
-if it ends the connection, what it means, and how the peer can react.
+whether it ends the connection, what it means, and how the peer can react.
 """
 
 import re as regex

@@ -23,7 +23,7 @@ class SecretFileError(Exception):
 
 
 def check_secret_file(file: Path) -> None:
-    """Check that only its owner can read a file, and that the owner is this user or root.
+    """Check owner and permissions of a file by the rules above.
 
     Raises:
         OSError: There is no such file.
@@ -33,7 +33,7 @@ def check_secret_file(file: Path) -> None:
 
 
 def read_secret_file(file: Path) -> str:
-    """Return the text of a file that only its owner can read.
+    """Return the text of a file whose owner and permissions follow the rules above.
 
     Raises:
         OSError: The file cannot be read.

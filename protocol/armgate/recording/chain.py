@@ -1,10 +1,10 @@
-"""Hash chain of a recording: each chunk begins with the SHA-256 of all bytes before it.
+"""Hash chain of a recording: its chunks begin with SHA-256 digests that cover all bytes before them.
 
 Let s₀, s₁, … be the bytes of a file, divided before each chunk that begins with a link. Link k + 1 holds
 dₖ₊₁ = SHA-256(dₖ ‖ sₖ), with d₀ empty. The seal, written when the file is closed, holds the last digest. The
-header of a later part contains the seal of the previous part, and the last bytes before a seal state if
-another part follows. Therefore no byte can be changed, removed or inserted, and no part removed, without
-changing all later links and the seal. A signature of the seal identifies the writer.
+header of a later part contains the seal of the previous part, and a record just before the seal states
+whether another part follows. Therefore no byte can be changed, removed or inserted, and no part removed,
+without changing all later links and the seal. A signature of the seal identifies the writer.
 """
 
 import json

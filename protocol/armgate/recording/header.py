@@ -24,7 +24,7 @@ SEAL = "armgate.seal"
 """Name of the metadata record that ends the hash chain of a closed file."""
 
 END = "armgate.end"
-"""Name of the metadata record before the seal; it states if another part follows."""
+"""Name of the metadata record before the seal; it states whether another part follows."""
 
 _LATEST_NS = 253_402_300_799 * 10**9
 """End of the year 9999, ns since 1970."""
@@ -111,7 +111,7 @@ def header_record(header: Header) -> dict[str, str]:
 
 
 def end_record(last: bool) -> dict[str, str]:
-    """Return the metadata record that states if a file ends the recording or another part follows."""
+    """Return the metadata record that states whether a file ends the recording or another part follows."""
     return {"last": "true" if last else "false"}
 
 

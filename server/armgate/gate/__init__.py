@@ -6,8 +6,8 @@ verdicts, plans and answers to stops and resets. In the literature it is called 
 The path of a command through the package: ``gate`` → ``command_checks`` (lease, stop, link, age) →
 ``decision``. It calls ``joint_limits`` (speed, acceleration, position), ``retreat`` (ways out of a violated
 limit), ``braking`` (the increments of the stop), ``occupancy`` (what the robot can reach until rest) and
-``clearance``. ``gate`` then makes the plan, and ``reservations`` keeps what was proven for it. ``wording``
-has the texts of all verdicts.
+``clearance``. ``gate`` then makes the plan, and ``reservations`` keeps what was proven for it.
+``verdict_wording`` contains the texts of all verdicts.
 """
 
 from armgate.gate.clearance.nearest_pairs import start_clearances

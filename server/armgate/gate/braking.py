@@ -1,13 +1,13 @@
 """Braking along an increment: the straight stop that belongs to every admitted increment.
 
-A robot that moves by ``u`` in one tick stops along the direction of ``u``. The increment shrinks by the same
-share each tick, as fast as the most demanding joint may decelerate:
+A robot that moves by ``u`` in one tick stops along the direction of ``u``. The increment decreases by the
+same amount each tick, as fast as the most demanding joint may decelerate:
 
     m = max_j |u_j| / (d_j T²),   n = ⌊m⌋,   increments u, u(1 − 1/m), …, u(1 − n/m),
 
 so that the whole stop is the straight segment q_ref → q_ref + (1 + S)·u with S = n − n(n + 1)/(2m).
-After k of these increments, the remaining ones are the stop of the next increment. The rest of a stop is
-therefore always a part of a path that is proven already.
+After k of these increments, the remaining ones are the straight stop of the next increment. The remainder of
+a stop is therefore always part of a path that is already proven.
 """
 
 import math
@@ -49,7 +49,7 @@ def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:
     return setpoint
 
 
-def largest_stopping(room: float, decel: float) -> float:
+def largest_stoppable_increment(room: float, decel: float) -> float:
     """Return the largest increment of one joint whose whole stop, u(1 + S), fits into ``room``.
 
     For n ≤ u/d < n + 1 the stop is (n + 1)u − n(n + 1)d/2; n is the largest for which n(n + 1)d/2 ≤ room.

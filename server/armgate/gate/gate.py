@@ -33,6 +33,7 @@ from armgate.events import (
 )
 from armgate.gate import verdict_wording
 from armgate.gate.clearance import Clearance
+from armgate.gate.clearance.certificate import GAP
 from armgate.gate.clearance.nearest_pairs import NearestPairs
 from armgate.gate.command_checks import failed_check
 from armgate.gate.decision import Decision, DecisionMaker
@@ -107,7 +108,8 @@ class Gate:
         queries, gaps = self._clearance.certifier.queries, self._clearance.certifier.gaps
         if gaps * _GAP_RATE <= queries:
             return ()
-        return (f"distance engine: {gaps} of {queries} answers fell short of their proof",)
+        text = f"distance engine: {gaps} of {queries} distances differ from the proven bound by more than"
+        return (f"{text} {1000.0 * GAP:g} mm",)
 
     # --- ticks ---------------------------------------------------------------------------------------------
 

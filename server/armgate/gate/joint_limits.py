@@ -3,7 +3,7 @@
 The increment is first clamped joint by joint, so that one joint at its limit does not freeze the arm. If the
 common stop of all joints still leaves the limits, the increment is blended toward u_b, the held path's next
 braking increment: u = u_b + β(u_wanted − u_b) with the largest β found for which the whole stop stays inside.
-u_b itself is always possible: its stop is the rest of a stop that was proven before.
+u_b itself is always possible: its stop is the remainder of a stop that was proven before.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from armgate.events import Cause, Joints, Reason
 from armgate.gate import verdict_wording
-from armgate.gate.braking import largest_stopping, stop_share, ticks_to_rest
+from armgate.gate.braking import largest_stoppable_increment, stop_share, ticks_to_rest
 from armgate.gate.step_bounds import StepBounds
 
 ROUNDING = 1e-12
@@ -146,7 +146,11 @@ def _clamp_limits(
     def alone(j: int) -> tuple[float, float]:
         up = max(bounds.upper[j] - setpoint[j], 0.0)
         down = max(setpoint[j] - bounds.lower[j], 0.0)
-        return within(j, -largest_stopping(down, bounds.decel[j]), largest_stopping(up, bounds.decel[j]))
+        return within(
+            j,
+            -largest_stoppable_increment(down, bounds.decel[j]),
+            largest_stoppable_increment(up, bounds.decel[j]),
+        )
 
     def within(j: int, low: float, high: float) -> tuple[float, float]:
         least, most = _acceleration_within_speed(j, last, bounds)

@@ -120,10 +120,11 @@ def settle_measured(
     """Return the measured position to continue with; None if the measurement fits no held occupancy.
 
     The robot is inside the proven cover (which begins at a measurement too), and the measurement differs from
-    its position by at most the rounding. A position is admissible if each of its joints is within
-    ``lag_tube`` and ``tolerance`` of every position that the robot can then have. Of these, the one nearest
-    to the middle of the polyline's stretch that fits ``q`` is returned. So a measurement at the cover's edge
-    is moved inside the cover, and a robot that creeps away a little each tick is noticed.
+    its position by at most the rounding. A measurement that is inside the cover by ``lag_tube`` plus
+    ``tolerance`` is returned unchanged. Otherwise, a position is admissible if no joint of it differs by more
+    than that sum from any position that the robot can have, given this measurement. The admissible position
+    nearest to the middle of the polyline's stretch that fits ``q`` is returned. So a measurement at the
+    cover's edge is moved inside the cover, and a slow drift of a little each tick is noticed.
 
     Args:
         q: The measured position.

@@ -23,7 +23,7 @@ class Reservations:
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
-        # Bounds proven of the pairs of robots whose links have not answered their plans yet.
+        # Bounds proven for pairs of robots whose links have not answered their plans yet.
         self._staged: dict[int, Array] = {}
 
     def reserve_held_plan(self, s: RobotState) -> None:
@@ -38,7 +38,7 @@ class Reservations:
         """Reserve a new plan's occupancy beside the old one until the link has answered."""
         s.pending = plan
         if decision.occupied is None or decision.swept is None or decision.lb is None:
-            return  # the plan is the rest of the held one: reserved already
+            return  # the plan is the remainder of the held one, which is already reserved
         self._lower_staged(s.index, decision.lb)
         self._staged[s.index] = decision.lb
         self._clearance.bound.lower(s.index, decision.lb)

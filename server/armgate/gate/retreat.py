@@ -1,7 +1,7 @@
 """Retreat of a robot that starts too near to something: floors that only rise.
 
 A pair whose certified bound is below its limit has a floor, the best value that it has reached. An increment
-is a retreat if no violated pair is proven to fall below its floor by more than 0.2 mm in total, at least one
+is a retreat if every violated pair is proven to fall at most 0.2 mm below its floor in total, at least one
 margin is proven to widen, and nothing new is violated. A retreat begins at rest, when only the setpoint in
 force counts: the first floor is the value at the place where the robot stands.
 
@@ -53,7 +53,7 @@ class Retreat:
         self._clearance = clearance
         self._floor: dict[int, float] = {}
         self._turn: dict[int, int] = {}
-        """Tick at which a robot last had a way out for its command, or only waited for another robot."""
+        """Tick at which a robot last found a way out, or was refused only because of another robot's turn."""
 
     def requirements(self, state: RobotState, states: list[RobotState]) -> Requirements:
         """Prove a robot's violated pairs anew, raise their floors, and return the distances to keep."""
@@ -79,7 +79,7 @@ class Retreat:
         return Requirements(need, tuple(violated), forbidden)
 
     def note_result(self, state: RobotState, admitted: bool) -> None:
-        """Record if a way out was found for a robot: then it keeps its turn, otherwise it loses it."""
+        """Update a robot's turn after a decision: keep it if a way out was found, end it otherwise."""
         if admitted:
             self._turn[state.index] = state.tick
         else:

@@ -215,7 +215,7 @@ class RobotState:
 
     @property
     def _delay(self) -> int:
-        """Lag window in ticks, and one more, because time stamps jitter."""
+        """Lag window in ticks, rounded up; `_remember` keeps one tick more, because time stamps jitter."""
         return math.ceil(self.robot.lag_window / self.robot.period - _SAME_TIME)
 
     # --- limits and reachable positions --------------------------------------------------------------------
@@ -310,7 +310,7 @@ class RobotState:
     def _inside(self, q: Joints, tolerance: float) -> Joints:
         """Return ``q`` with joints beyond their limits moved back to the limit, or to a setpoint beyond it.
 
-        After a fault, only joints that are beyond by at most the tolerance: the robot may be anywhere.
+        After a fault the robot may be anywhere: only joints beyond by at most the tolerance are moved back.
         """
         inside = []
         for x, s, lower, upper in zip(q, self.setpoint, self.bounds.lower, self.bounds.upper, strict=True):

@@ -3,8 +3,8 @@
 Two measurements of a standing robot differ by up to twice the tolerance. A robot rests if it has *arrived*:
 all setpoints that it may still follow are equal, and it is measured there. A robot that stands elsewhere
 (pushed, held by a brake) rests if its measurements have stayed within twice the tolerance of one of them for
-long enough. Over k ticks it then moved by no more than four tolerances, so k is chosen for a speed of 1e-6
-rad or m per tick, and for half a second at most.
+long enough. Over k ticks it then moved by no more than four tolerances. k is the number of ticks for which
+that is a speed of 1e-6 rad or m per tick, and it is limited to half a second.
 """
 
 from armgate.events import Joints

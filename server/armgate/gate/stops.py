@@ -2,15 +2,16 @@
 
 Each stop has an id of its own, larger than all earlier ids. A stop of the same robots for the same cause as
 one in force replaces it: only the newer id is in force then, and a reset of either id lifts it. Clients may
-stop the same robots for ``OF_CLIENTS`` different causes; one more replaces the newest of them, if possible
-one of the same client. The gate itself has three causes per robot. So at most 2 · ``OF_CLIENTS`` + 3 stops,
-of one robot or of the cell, are in force for a robot, for any behaviour of clients and links.
+stop the same robots for ``MAX_CLIENT_STOPS`` different causes. A further stop replaces the newest one of the
+same client, or the newest of all if that client has none. The gate itself has three causes per robot. So at
+most 2 · ``MAX_CLIENT_STOPS`` + 3 stops are in force for a robot (its own stops and those of the cell),
+for any behaviour of clients and links.
 """
 
 from collections import OrderedDict
 from dataclasses import dataclass
 
-OF_CLIENTS = 16
+MAX_CLIENT_STOPS = 16
 """Largest number of stops of the same robots that clients may have in force."""
 
 REMEMBERED = 4096
@@ -105,6 +106,6 @@ class Stops:
         if equal:
             return equal[0]
         of_clients = [stop for stop in same if not stop.cause.own]
-        if cause.own or len(of_clients) < OF_CLIENTS:
+        if cause.own or len(of_clients) < MAX_CLIENT_STOPS:
             return None
         return max(of_clients, key=lambda stop: (stop.cause.by == cause.by, stop.id)).id

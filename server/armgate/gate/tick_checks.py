@@ -38,7 +38,7 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
         if any(s.brake):
             return f"{s.name}'s link ends its plan before the robot is at rest"
     elif s.held is None or event.plan != s.held.key or event.index != s.played + 1 or not s.remaining:
-        return f"{s.name}'s link plays a plan that the gate has not given it"
+        return f"{s.name}'s link plays a plan that the gate did not send"
     if not _close(event.increment, s.brake):
         return f"{s.name}'s link plays an increment that its plan does not have"
     return _wrong_sum(s, event)
@@ -66,12 +66,12 @@ def _wrong_rebase(s: RobotState, event: Tick) -> str | None:
     again at another position.
     """
     if _plays(event):
-        return f"{s.name}'s link reports a robot that is held and moves"
+        return f"{s.name}'s link reports a robot that is held and moves at the same time"
     if s.link is not LinkState.READY or any(same(one, event.setpoint) for one in (s.setpoint, s.before)):
         return None
     occupied = [r.occupied for r in s.reserved]
     if settle_measured(event.setpoint, occupied, s.robot.q_tolerance) is None:
-        return f"{s.name}'s link reports a robot that is held where it was never sent"
+        return f"{s.name}'s link holds its robot at a position that the gate never commanded"
     return None
 
 

@@ -11,8 +11,8 @@ so at the next, because |1/(1 − λ_j(T)) − 1/(1 − λ(T))| ≤ Δ/T. Betwee
 
     M·min(Δ/T·(x/(1 − e⁻ˣ) − 1), 1/(1 − e⁻ˣ)),   x = T/τ_j for the shortest lag.
 
-The companion is only known to the tolerance r of the measurement. Of each tick's 2r the share λ(T) is left at
-the next tick, so that their sum is at most 2r/(1 − λ(T)).
+The companion is only known to the tolerance r of the measurement. Each tick adds at most 2r, of which the
+share λ(T) remains after one tick. The sum of all contributions is at most 2r/(1 − λ(T)).
 """
 
 import math

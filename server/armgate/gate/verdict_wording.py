@@ -37,7 +37,7 @@ def no_lease(robot: str, stops: Sequence[int]) -> Reason:
     """Return the reason for a robot that is not leased, with its stops in force."""
     if stops:
         text = f"{robot} is stopped ({_stops(stops)}) and no client has its lease"
-        return Reason(Cause.LEASE, f"{text}: an operator must reset it, then acquire it")
+        return Reason(Cause.LEASE, f"{text}: an operator must reset the stop; then acquire the robot")
     return Reason(Cause.LEASE, f"no client has the lease of {robot}: acquire it first")
 
 
@@ -48,7 +48,7 @@ def wrong_fence(robot: str, fence: int, in_force: int) -> Reason:
 
 
 def not_the_holder(robot: str, fence: int) -> Reason:
-    """Return the reason for a command from another client than the holder, without the holder's fence."""
+    """Return the reason for a command from a client other than the holder; it omits the holder's fence."""
     text = f"fence {fence} is not that of a lease of this client: acquire {robot}"
     return Reason(Cause.FENCE, text, value=float(fence))
 
@@ -104,7 +104,7 @@ def not_finite(joint: str, value: float) -> Reason:
 def clamped(cause: Cause, bounds: StepBounds, joint: int, requested: float, allowed: float) -> Reason:
     """Return the reason for a joint whose increment was clamped to ``allowed``, rad or m."""
     text = f"{bounds.names[joint]}: {_BOUNDS[cause]} allows {bounds.amount(joint, allowed)} this tick, "
-    text += f"asked for {bounds.amount(joint, requested)}"
+    text += f"but {bounds.amount(joint, requested)} was requested"
     return Reason(cause, text, joint=bounds.names[joint], value=requested, bound=allowed)
 
 

@@ -3,8 +3,8 @@
 A point of body b moves by its distance from the axis of joint j for each rad of j. To bound that distance,
 walk the chain from b back to j. Seen from the parent of the body's own joint, the points of the body lie on
 circles around that joint's axis (or on a segment along it), whose farthest distance has a closed form. From
-there on, any joint may turn the rest anywhere, so the offsets between joints add up as lengths. Of the first
-offset, which is fixed in the frame of j, only the component perpendicular to j's axis counts.
+there on, each joint may point the remaining offset in any direction, so the lengths of the offsets add up. Of
+the first offset, which is fixed in the frame of j, only the component perpendicular to j's axis counts.
 """
 
 import numpy as np

@@ -39,8 +39,8 @@ def collect_pairs(
     or on neighbouring joints, because they overlap at the joint, and the pairs of ``ignore_pairs``.
 
     Raises:
-        ConfigError: A name in ``ignore_pairs`` is not that of a link or body, or (as the second of a pair)
-            not in the surroundings.
+        ConfigError: A name in ``ignore_pairs`` is neither that of a link or body of the robot nor (as the
+            second of a pair) in the surroundings.
     """
     ignored: set[frozenset[str]] = set()
     for name, model in zip(config.robots, models, strict=True):
@@ -99,7 +99,7 @@ def _ignored(
 def _bodies_named(
     config: CellConfig, at: tuple[str, int, int], name: str, model: RobotModel, bodies: Sequence[Body]
 ) -> list[str]:
-    """Return the cell's names of the bodies of the link or body of this name."""
+    """Return the full names of the bodies that a name in ``ignore_pairs`` selects."""
     robot, number, i = at
     found = [f"{robot}/{body.name}" for body in model.bodies if name in (whole_name(body.name), body.link)]
     if not found and i == 1 and name in config.surroundings:

@@ -65,7 +65,7 @@ class Placement:
         """
         norm = float(np.linalg.norm(xyzw))
         if not np.isfinite(norm) or norm < 1e-12:
-            raise ValueError(f"expected a quaternion of length 1, got {tuple(xyzw)}")
+            raise ValueError(f"expected a finite quaternion other than zero, got {tuple(xyzw)}")
         x, y, z, w = (float(c) / norm for c in xyzw)
         R = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

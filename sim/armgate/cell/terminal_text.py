@@ -10,7 +10,7 @@ def printable(text: object) -> str:
     r"""Return a text in one line, with control characters and other invisible characters escaped.
 
     A terminal executes control characters, and directional characters reorder the text around them.
-    ``\x1b[2J`` becomes the six visible characters ``\\x1b[2J``, and a line break becomes ``\\n``.
+    The text ESC ``[2J`` becomes the seven visible characters ``\x1b[2J``, and a line break becomes ``\n``.
     """
     given = str(text)
     if given.isascii() and given.isprintable():

@@ -441,7 +441,8 @@ def test_a_wrong_distance_engine_is_reported_in_the_state(config, monkeypatch):
     bench.tick()
     bench.core.handle(eye, m.Subscribe(robots=("A",)))
     (warning,) = eye.last(m.State).warnings
-    assert re.fullmatch(r"distance engine: (\d+) of \1 answers fell short of their proof", warning)
+    expected = r"distance engine: (\d+) of \1 distances differ from the proven bound by more than 0\.1 mm"
+    assert re.fullmatch(expected, warning)
 
 
 # --- the rest ---------------------------------------------------------------------------------------------

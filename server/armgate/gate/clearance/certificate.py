@@ -19,7 +19,7 @@ GAP = 1e-4
 """Difference between bound and engine distance above which the second engine is queried, m."""
 
 _GAIN = 1e-9
-"""Smallest gain of the bound for which a direction of an overlap is replaced, m; above rounding errors."""
+"""Smallest increase of the bound for which another direction replaces the engine's, m; above rounding."""
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Certificate:
 
 
 class Certifier:
-    """Certifier: queries the engines and proves lower bounds with their directions."""
+    """Prover of lower bounds, with directions that the engines suggest."""
 
     def __init__(self, cell: Cell) -> None:
         shapes = tuple(b.shape for b in cell.bodies)
@@ -73,7 +73,7 @@ class Certifier:
         lb = _slab(a, b, suggestion.normal)
         if (
             abs(suggestion.distance - lb) > GAP
-        ):  # below lb: coal ended early, which happens for overlapping bodies
+        ):  # a distance below lb: coal ended early, as it may for overlapping bodies
             self.gaps += 1
             other = self._second.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
             second = _slab(a, b, other.normal)
@@ -96,7 +96,7 @@ class _Posed(NamedTuple):
 
 
 def _overlap(a: _Posed, b: _Posed, n: Array, lb: float, claimed: float) -> tuple[Array, float]:
-    """Return a better direction of overlapping bodies, with its bound, or else the given one."""
+    """Return a better direction for overlapping bodies and its bound, or else the given ones."""
     one, two = (a.row, a.R, a.t), (b.row, b.R, b.t)
     better, found = tried_direction(one, two, n)
     if claimed - max(found, lb) > GAP or _has_corners(a) or _has_corners(b):

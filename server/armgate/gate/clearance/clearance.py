@@ -90,8 +90,8 @@ class Clearance:
     def mark_maybe_below(self) -> None:
         """Record that a bound may be below its limit: all were proven anew, or a plan was staged unchecked.
 
-        A check keeps all limits that are kept already. So once no bound of a robot is below its limit,
-        `below` need not compare until the next call of this method.
+        An occupancy that passes the check brings no further bound below its limit. So once no bound of a
+        robot is below its limit, `below` need not compare until the next call of this method.
         """
         self._maybe_below = [True] * len(self.groups)
 
@@ -236,7 +236,7 @@ class Clearance:
                 check.group, check.k, *self._part(check, side, middle(a), middle(b)), (0, 0)
             )
             if not certificate.lb - check.loss(side) >= check.need:
-                return False  # too near at this position: smaller parts would be too
+                return False  # too near at this position, so smaller parts are too near as well
             lb, _, _ = check.group.slab(*self._part(check, side, a, b), check.sel, certificate.n[None, :])
             if not lb[0] - MARGIN >= check.need:
                 stack.extend(self._halve(check, a, b))

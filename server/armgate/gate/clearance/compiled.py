@@ -81,7 +81,7 @@ class CompiledPrefilter(Prefilter):
         lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
         own, slabs = self._own[robot], self._kernels.slabs
         while (other := slabs(self._cell, self._nodes, own, moves, asked, lb)) >= 0:
-            self._write(other)  # this robot has moved, and an open pair needs it
+            self._write(other)  # an open pair needs the rows of this robot, which are out of date
         return lb
 
     def _write(self, robot: int) -> None:

@@ -65,7 +65,7 @@ class CoalEngine:
 
 
 class FclEngine:
-    """python-fcl: unsigned distance only, queried for a second opinion on separated bodies."""
+    """python-fcl: second engine, for separated bodies; its distance is unsigned."""
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
         self._shapes = [_engine_shape(fcl, s, _fcl_hull) for s in shapes]
@@ -91,7 +91,7 @@ def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
 
 
 def _radius(shape: Shape) -> float:
-    """Return the radius of a body around the shape that the engine receives, m."""
+    """Return the thickness of a body around the hull that the engine receives, m."""
     return shape.radius if isinstance(shape, Convex) else 0.0
 
 
@@ -103,7 +103,7 @@ def _thickened(found: Suggestion, radius_a: float, radius_b: float) -> Suggestio
 
 
 def _engine_shape(engine: ModuleType, shape: Shape, hull: Callable[[Convex], Any]) -> Any:
-    """Return a shape of an engine; both engines use the same names and arguments for primitives."""
+    """Return the engine's object for a shape; both engines name primitives and their arguments alike."""
     match shape:
         case Sphere(radius=r):
             return engine.Sphere(r)

@@ -1,8 +1,8 @@
 """Kinematics and slabs compiled by numba: the same formulas as in the numpy modules, as loops.
 
 Each kernel names the numpy function that it repeats; that function explains the formula and names the kernel.
-`tests/gate/test_screen.py` compares the two forms. All kernels are in one file, because numba's cache checks
-only the file of the function that it compiled: a change in this file compiles everything anew.
+`tests/gate/test_prefilter.py` compares the two forms. All kernels are in one file, because numba's cache
+checks only the file of the function that it compiled: a change in this file compiles everything anew.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class MotionBoundsRange:
         return cls(own, own, _levers(robot.model))
 
     def fitted(self, nodes: Sequence[Joints], margin: float) -> "MotionBoundsRange":
-        """Return the range for positions within ``margin`` of ``nodes``; itself if it need not change."""
+        """Return the range for positions within ``margin`` of ``nodes``; this range if it need not change."""
         if not self.levers:
             return self
         low, high = np.min(nodes, axis=0) - margin, np.max(nodes, axis=0) + margin

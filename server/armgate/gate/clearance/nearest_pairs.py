@@ -25,7 +25,7 @@ _REFRESHES = 64
 
 
 class NearestPairs:
-    """Nearest pairs of one robot at a time; the directions that are found are kept."""
+    """Search for the nearest pairs of a robot; keeps the directions that it finds."""
 
     def __init__(self, clearance: Clearance) -> None:
         self._clearance = clearance
@@ -56,7 +56,7 @@ class NearestPairs:
             stale = [k for k in self._lowest(robot, margin) if k not in certificates]
             if not stale:
                 break
-            if query % _FEW == 0:  # many moved far: one slab for all is cheaper than the engine for each
+            if query % _FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
                 self._measure(robot, _first(margin, _MANY), margin)
                 continue
             k = stale[0]
@@ -136,7 +136,10 @@ class NearestPairs:
         return certificate
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
-        """Return the places of the lowest known margins: of all pairs, and of those with other bodies."""
+        """Return the places of the lowest known margins.
+
+        The first is that of all pairs; the second is that of pairs with another robot or the surroundings.
+        """
         lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
         if len(others):
@@ -163,7 +166,9 @@ def _first(margin: Array, count: int) -> Index:
 
 
 def start_clearances(cell: Cell, count: int = 16) -> list[Nearest]:
-    """Return true distances at the start positions, by margin: all pairs below their limits, and the nearest.
+    """Return the pairs below their limits and the nearest pairs at the start positions, sorted by margin.
+
+    Their distances are tight bounds, without the motion that occupancies allow.
 
     Args:
         cell: The cell.

@@ -1,6 +1,6 @@
 """Pairs of one robot, grouped by the other side: another robot, static bodies, or the robot itself.
 
-The two sides of a pair move independently in time, so for one direction each is bounded alone. Only two
+The two sides of a pair move independently in time, so for one direction each is bounded separately. Only two
 bodies of one chain move together: their pair is described in the frame of the nearer body, where only the
 joints between them move.
 """

@@ -2,8 +2,9 @@
 
 In penetration the signed distance is max over n of n·(t_b − t_a) − h_a(n) − h_b(−n), a function with many
 local maxima, and engines stop at poor ones: for two crossing capsules the result was up to 184 mm too low.
-The maximum of primitives is nearly always at an axis of one body, or across an axis of each. So these are
-tried, and the best ones are rotated in small steps until no rotation is better. Any direction gives a bound.
+For primitives, the maximum is nearly always at an axis of one body, or perpendicular to an axis of each. So
+these are tried, and the best ones are rotated in small steps until no rotation is better. Any direction gives
+a bound.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ Posed = tuple[Rows, Array, Array]
 
 
 def tried_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
-    """Return the best of ``n``, the bodies' axes and the directions across two of them, with its bound, m."""
+    """Return the best of ``n``, the bodies' axes and the perpendiculars to two of them, with its bound, m."""
     n = _candidates(a, b, n)
     separation = separations(a, b, n)
     best = _first(separation)

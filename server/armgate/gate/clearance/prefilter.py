@@ -38,7 +38,7 @@ class RobotPairs:
         mine, theirs: The two bodies' indices in the cell, (P,).
         sign: +1 if ``mine`` is the pair's first body, else −1, (P,).
         growth: Largest decrease of the distance per unit of each joint of the robot, (P, n).
-        side: Numbers of their groups, (P,).
+        side: Index of each pair's group, (P,).
         chain: The group of pairs whose bodies move together, None if there is none.
         chained: Number of these pairs; they come first.
     """

@@ -8,7 +8,7 @@ certificate, however it was found. Most primitives share one form,
 
 the Minkowski sum of a box with half sides h, a segment (hz), a disk and a ball: sphere (radius), capsule (hz
 + radius), cylinder (disk + hz), box (hx, hy, hz). A body with corners p_k, each with a disk of radius d_k
-across z,
+perpendicular to z,
 
     h(v) = max_k (p_k·v + d_k·√(vx² + vy²)) + radius·|v|,
 

@@ -48,7 +48,7 @@ class CellConfig(ConfigModel):
     """The whole cell."""
 
     armgate: Annotated[int, AfterValidator(_known_version)]
-    """Version of the configuration's form: 1."""
+    """Version of the configuration format: 1."""
     name: Name
     """Name of the cell."""
     stop_distance: Size = 0.05

@@ -70,7 +70,7 @@ class ServerConfig(ConfigModel):
     host: str = "127.0.0.1"
     """Address to listen on; addresses other than loopback need ``tls`` and ``tokens``."""
     port: Annotated[int, Field(ge=0, le=65535)] = 7411
-    """Port to listen on; 0 takes any free port."""
+    """Port to listen on; 0 selects a free port."""
     tls: TlsConfig | None = None
     """Certificate and key; absent: no encryption."""
     tokens: str | None = None
@@ -108,7 +108,7 @@ class ServerConfig(ConfigModel):
     login_failures_per_address: Annotated[float, Field(ge=1.0)] = 10.0
     """Wrong tokens from one address that are logged one by one, on average [1/min]."""
     handshake_timeout: Period = 5.0
-    """Time that a new connection may take for TLS, and again until its hello [s]."""
+    """Timeout of the TLS handshake, and of the wait for the hello after it [s]."""
     send_buffer: Annotated[int, Field(ge=1 << 20)] = 1 << 22
     """Answers and verdicts that may wait for a client that does not read before it is disconnected [bytes].
 
@@ -139,4 +139,4 @@ class MetricsConfig(ConfigModel):
     """Metrics for Prometheus, served on 127.0.0.1 only."""
 
     port: Annotated[int, Field(ge=0, le=65535)] | None = None
-    """Port of the metrics; 0 takes any free port, absent: no metrics."""
+    """Port of the metrics; 0 selects a free port; absent: no metrics."""

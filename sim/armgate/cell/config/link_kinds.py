@@ -33,7 +33,7 @@ class VirtualRobot:
     """Process that replaces a real robot.
 
     Attributes:
-        name: Name of the process; its log is called the same.
+        name: Name of the process and of its log.
         command: Words of its command line, after ``armgate``.
     """
 
@@ -42,7 +42,7 @@ class VirtualRobot:
 
 
 class ConfiguredKind(Protocol):
-    """Part of a kind that is used without making links; `armgate.links.kind.LinkKind` implements it."""
+    """Interface of a kind for code that makes no links; `armgate.links.kind.LinkKind` implements it."""
 
     config: type[Any]
     """Model of the ``link`` section."""

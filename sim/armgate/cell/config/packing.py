@@ -44,7 +44,7 @@ def unpack(files: Mapping[str, bytes], folder: Path) -> Path:
             raise ModelError(f"a packed file is called {name[:60]!r}; expected a plain name")
         (folder / name).write_bytes(data)
     if CONFIG not in files:
-        raise ModelError(f"the packed files hold no {CONFIG}")
+        raise ModelError(f"the packed files do not include {CONFIG}")
     return folder / CONFIG
 
 

@@ -107,7 +107,7 @@ class JointConfig(SparseModel):
     acceleration: JointValue | None = None
     """Largest acceleration [rad/s² or m/s²]; absent: velocity / 0.25 s."""
     deceleration: JointValue | None = None
-    """Deceleration that is always reached [rad/s² or m/s²]; absent: velocity / 0.25 s; null: no bound."""
+    """Guaranteed deceleration [rad/s² or m/s²]; absent: velocity / 0.25 s; null: no bound."""
 
 
 class RobotConfig(ConfigModel):
@@ -148,4 +148,4 @@ class RobotConfig(ConfigModel):
     q_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-6
     """Rounding of the measured position [rad or m]."""
     link: Annotated[SerializeAsAny[LinkConfig], BeforeValidator(read_link)] = EmulatedLinkConfig()
-    """Connection to the robot, of the kind ``kind``; armgate or another package provides the kind."""
+    """Connection to the robot; ``kind`` selects its type, which armgate or another package provides."""

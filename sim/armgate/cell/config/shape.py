@@ -32,7 +32,7 @@ class MeshOptions(ConfigModel):
     """Options of the convex decomposition: how a mesh becomes convex bodies that together contain it."""
 
     method: Literal["parts", "hull"] = "parts"
-    """``parts`` cuts the mesh into convex parts that follow its form; ``hull`` takes its convex hull."""
+    """``parts`` cuts the mesh into convex parts that follow its form; ``hull`` uses its convex hull."""
     threshold: Annotated[float, Field(ge=0.01, le=10.0)] = 0.1
     """Excess volume at which cutting ends: volume of all parts beyond that of the mesh, as a share of it."""
     max_parts: Annotated[int, Field(ge=1, le=256)] = 16

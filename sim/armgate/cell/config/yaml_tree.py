@@ -1,7 +1,7 @@
 """YAML files as one tree that keeps the file and line of every value for error messages.
 
-Later files overlay earlier ones: mappings are merged key by key; all other values, lists and mappings with
-another ``kind`` included, are replaced. Scalars follow YAML 1.2's core schema: ``1e-4`` is a number, and
+Later files overlay earlier ones: mappings are merged key by key. All other values are replaced, including
+lists and mappings with another ``kind``. Scalars follow YAML 1.2's core schema: ``1e-4`` is a number, and
 ``on`` is a text.
 """
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _SHARE = 8
-"""Corners present per corner added in one round: the farthest points may be neighbours."""
+"""Present corners for each corner that one round adds: more at once would add neighbours of each other."""
 
 QHULL = "QJ"
 """Options of qhull: joggle, see above."""
@@ -29,7 +29,7 @@ JOGGLE = 1e-9
 """Largest error of the planes, as a share of the extent of the points."""
 
 _BLOCK = 1 << 18
-"""Largest number of distances computed at once, of a point to a face or a point: bounds memory."""
+"""Largest number of distances from points to faces or points that are computed at once; bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def _unjoggled(corners: Array, points: Array) -> Array:
 
 
 def thinned(points: Array, most: int) -> tuple[Hull, float]:
-    """Return a hull of at most ``most`` of points (k, 3), and a bound of the distance [m] of any left out.
+    """Return the hull of at most ``most`` of the points (k, 3), and a bound of all points' distance to it, m.
 
     The hull of all points lies within that distance of the thinned one: the distance to a convex body is a
     convex function, so it is largest at a corner. The thinned hull starts with the extreme points along 26
@@ -124,7 +124,9 @@ def thinned(points: Array, most: int) -> tuple[Hull, float]:
 
 
 def _extreme(points: Array) -> list[int]:
-    """Return indices of the extreme points along the axes, edges and corners of a cube in the principal axes.
+    """Return the indices of the extreme points in 26 directions, relative to the principal axes.
+
+    The directions point to the middles of the faces and edges, and to the corners, of a cube.
 
     Both ends of all three principal axes come first, so the points found are not flat if ``points`` are not.
     """

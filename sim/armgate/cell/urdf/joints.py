@@ -21,7 +21,7 @@ def read_joint(element: ET.Element, links: Sequence[str]) -> UrdfJoint:
     where = f"joint {name!r}"
     kind = _kind(element, where)
     if element.find("mimic") is not None:
-        raise ModelError(f"{where}: <mimic> joints are not supported; make it fixed or a joint of its own")
+        raise ModelError(f"{where}: <mimic> joints are not supported; make it fixed or independent")
     parent, child = (_link(element, end, links, where) for end in ("parent", "child"))
     origin = placement_of(element, where)
     if kind == "fixed":

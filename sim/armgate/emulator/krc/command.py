@@ -11,14 +11,14 @@ To = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="Address of the PC.", show_default="as in the file")
 ]
 Port = Annotated[
-    int, typer.Option(min=0, max=65535, help="UDP port of this KRC; 0 takes another one for each run.")
+    int, typer.Option(min=0, max=65535, help="UDP port of this KRC; 0 selects a free port for each run.")
 ]
 Robot = Annotated[str, typer.Option(help="kr16, a URDF file, or a robot of --cell.")]
 Cell = Annotated[list[Path] | None, typer.Option(help="Configuration files of the cell.")]
 Start = Annotated[
     str | None, typer.Option(metavar="A1,A2,…", help="Initial position, deg and mm: A axes, then E axes.")
 ]
-Cycle = Annotated[float | None, typer.Option(metavar="MS", help="Cycle; 12 for #IPO on KRC4 and later.")]
+Cycle = Annotated[float | None, typer.Option(metavar="MS", help="Cycle, ms; 12 for #IPO on KRC4 and later.")]
 Lag = Annotated[
     str | None,
     typer.Option(
@@ -34,13 +34,23 @@ Aspos = Annotated[
 Precision = Annotated[int, typer.Option(min=0, max=9, help="Decimals in telegrams.")]
 Timeout = Annotated[int, typer.Option(min=0, help="Tolerated number of late cycles.")]
 Axiscorr = Annotated[
-    str, typer.Option(help="Correction at which values are cut, deg or mm: 5, or A=170,E=2000.")
+    str, typer.Option(help="Largest correction, deg or mm; larger ones are limited: 5, or A=170,E=2000.")
 ]
 Axiscorrmon = Annotated[str, typer.Option(help="Correction beyond which RSI stops, deg or mm.")]
 FirstIpoc = Annotated[int | None, typer.Option(min=0, help="First IPOC.", show_default="random, by the seed")]
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers.")]
-Share = Annotated[str, typer.Option(metavar="P", help="Share of datagrams, or to-pc=P,to-krc=P.")]
-Time = Annotated[str, typer.Option(metavar="MS", help="Milliseconds, or to-pc=MS,to-krc=MS.")]
+Loss = Annotated[str, typer.Option(metavar="P", help="Share of lost datagrams, or to-pc=P,to-krc=P.")]
+Duplicate = Annotated[
+    str, typer.Option(metavar="P", help="Share of datagrams that arrive twice, or to-pc=P,to-krc=P.")
+]
+Reorder = Annotated[
+    str,
+    typer.Option(metavar="P", help="Share of datagrams that arrive after the next, or to-pc=P,to-krc=P."),
+]
+Delay = Annotated[str, typer.Option(metavar="MS", help="Delay of all datagrams, ms, or to-pc=MS,to-krc=MS.")]
+Jitter = Annotated[
+    str, typer.Option(metavar="MS", help="Largest additional delay, ms, or to-pc=MS,to-krc=MS.")
+]
 Stopped = Annotated[bool, typer.Option("--stopped", help="Wait for the command start on stdin.")]
 LogFile = Annotated[Path | None, typer.Option(help="File for the log.", show_default="stderr")]
 TraceFile = Annotated[
@@ -67,11 +77,11 @@ def krc(
     axiscorrmon: Axiscorrmon = "6",
     ipoc: FirstIpoc = None,
     seed: Seed = 0,
-    loss: Share = "0",
-    duplicate: Share = "0",
-    reorder: Share = "0",
-    delay: Time = "0",
-    jitter: Time = "0",
+    loss: Loss = "0",
+    duplicate: Duplicate = "0",
+    reorder: Reorder = "0",
+    delay: Delay = "0",
+    jitter: Jitter = "0",
     stopped: Stopped = False,
     log: LogFile = None,
     trace: TraceFile = None,

@@ -83,7 +83,7 @@ class Context:
         mode: ABSOLUTE: a value is the whole offset. RELATIVE: a value is added in every cycle.
         precision: Decimals in telegrams; KUKA's default is one.
         timeout: Tolerated number of late cycles since the start.
-        limits: AXISCORR: corrections beyond it are cut without notice.
+        limits: AXISCORR: corrections beyond it are limited without notice.
         monitor: AXISCORRMON: beyond it RSI stops.
         aspos_moves: True if ASPos, ESPos and RSol follow the correction. On a real KR 16-2 they keep the
             programmed position; some simulators move them.

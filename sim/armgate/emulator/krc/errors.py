@@ -2,7 +2,7 @@
 
 KrcError       the KRC's file, its context or its robot cannot be used; nothing was sent
 XmlError       a text is not XML that a KRC accepts
-ReplyError     a datagram is not the reply of a cycle; the KRC continues as without it
+ReplyError     a datagram is not the reply of a cycle; the KRC logs it and does not use it
 ConsoleError   a command on stdin has no effect
 """
 
@@ -16,7 +16,7 @@ class KrcError(Exception):
 
 
 class XmlError(Exception):
-    """Text that is not XML for a KRC; the text of the error gives the reason."""
+    """Text that a KRC does not accept as XML; the error's text gives the reason."""
 
 
 class Fault(StrEnum):

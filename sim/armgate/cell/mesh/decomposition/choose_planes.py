@@ -2,7 +2,7 @@
 
 The choice affects only the closeness: any planes give bodies that contain the mesh. It works on a coarse copy
 of the mesh. The piece whose hull has the most empty volume is cut next, at the plane that leaves the smallest
-hulls after one more cut of each half through its middle (the first cut of a ring alone gains nothing).
+hulls after one more cut of each half through its middle: a single cut of a ring does not reduce its hulls.
 """
 
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ def _filled(piece: Piece) -> float:
     """Return the volume of the mesh in a box, m³; it sums signed volumes, so it needs consistent winding."""
     height = piece.high[2] - piece.low[2]
     below_top, above_top = split(piece.column, 2, float(piece.high[2]))
-    above_top = above_top[above_top[:, :, 2].max(axis=1) > piece.high[2]]  # split gives the plane to both
+    above_top = above_top[above_top[:, :, 2].max(axis=1) > piece.high[2]]  # both contain the plane
     inside = split(below_top, 2, float(piece.low[2]))[1]
     full = _level_area(above_top).sum() * height
     part = (_level_area(inside) * (inside[:, :, 2].mean(axis=1) - piece.low[2])).sum()

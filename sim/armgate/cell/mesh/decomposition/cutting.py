@@ -6,9 +6,9 @@ crossing the surface. Let closed boxes cover S. Then
     S ∩ box ⊂ hull( surface ∩ box  ∪  { corners of the box in S } )
 
 because S ∩ box is compact, so it lies in the hull of its extreme points, and each extreme point is of one of
-both kinds. A point of S off the surface has a ball around it in S. Inside the box, and inside its faces and
-edges, such a point is the middle of two other points; only at a corner of the box it need not be. The union
-of all such hulls therefore contains S for any choice of planes. The surface need not be closed or
+these two kinds. A point of S off the surface has a ball around it in S. Inside the box, and inside its faces
+and edges, such a point is the middle of two other points; only at a corner of the box it need not be. The
+union of all such hulls therefore contains S for any choice of planes. The surface need not be closed or
 consistently wound.
 
 A corner is left out only if a ray from it is proven to miss the surface: then a path to

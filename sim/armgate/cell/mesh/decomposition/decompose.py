@@ -1,9 +1,9 @@
 """Decomposition of a surface into convex bodies that together contain it and everything that it encloses.
 
 Space is cut into boxes, and each body is the hull of the part of the mesh in one box. The bodies contain
-everything for any choice of cuts (proof in ``cutting``). The choice (``cut_planes``) affects only how closely
-the bodies follow the mesh. Two pieces are merged if their common hull, which contains both, is hardly larger
-than the two hulls.
+everything for any choice of cuts (proof in ``cutting``). The choice (``choose_planes``) affects only how
+closely the bodies follow the mesh. Two pieces are merged if their common hull, which contains both, is hardly
+larger than the two hulls.
 
 Bodies with too many corners are thinned, and thickened by the loss: hull ⊂ thinned hull ⊕ loss, with ⊕
 for "thickened by". The slack of polygons that are not quite flat, and ``ROUNDING`` for floating-point errors,

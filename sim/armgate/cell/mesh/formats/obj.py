@@ -70,8 +70,8 @@ def _statements(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
             first = line
         begun += words
         if continued and begun and begun[0] in _IGNORED:
-            # A name that ends in a backslash, as of a folder, must not hide the next statement.
-            raise ModelError(f"line {line}: a name that ends in a backslash; expected another end: rename it")
+            # A name that ends in a backslash, such as a Windows folder, must not hide the next statement.
+            raise ModelError(f"line {line}: a name that ends in a backslash; expected none there: rename it")
         if begun and not continued:
             yield first, begun
             begun = []

@@ -19,7 +19,7 @@ from armgate.emulator.krc.rsi.ethernet_file import LIMIT, read_ethernet
 DIRECTIONS = ("to-pc", "to-krc")
 """Directions of the network: telegrams, replies."""
 ASPOS = ("stands", "moves")
-"""Behaviours of the programmed position under correction."""
+"""Options for the programmed position while a correction is in force."""
 _MS = 1e-3
 
 

@@ -47,7 +47,7 @@ class Chain:
         for segment in self._segments:
             x, y, z = times(R, segment.origin)
             t = (t[0] + x, t[1] + y, t[2] + z)
-            if segment.rotation != IDENTITY:  # most frames are parallel at zero
+            if segment.rotation != IDENTITY:  # most frames have the orientation of the one before
                 R = product(R, segment.rotation)
             if segment.axis is not None:
                 R = product(R, about(segment.axis, math.radians(next(turning))))

@@ -24,7 +24,7 @@ class TelegramValues:
     Args:
         arm: The robot.
         linear: Factor on the mm of linear external axes.
-        needed: Tags for which the file asks.
+        needed: Tags that the file declares.
         moves: True if the programmed position follows the correction; that of a real robot does not.
     """
 
@@ -37,7 +37,7 @@ class TelegramValues:
         self._programmed_pose: tuple[tuple[float, ...], Pose] | None = None
 
     def of(self, run: "RsiRun", measured: Sequence[float]) -> Groups:
-        """Return all values for which a file can ask, in the units of telegrams."""
+        """Return all values that a file can declare, in the units of telegrams."""
         shown = [scale * one for scale, one in zip(self._scales, measured, strict=True)]
         programmed = run.drives.setpoint if self._moves else run.programmed
         wanted = [scale * one for scale, one in zip(self._scales, programmed, strict=True)]
@@ -85,7 +85,7 @@ class TelegramWriter:
             groups.setdefault(element.tag, []).append(element)
         self._groups = list(groups.items())
         self.needed = frozenset(groups)
-        """Tags for which the file asks."""
+        """Tags that the file declares."""
 
     def write(self, values: Groups, ipoc: int) -> bytes:
         """Return a telegram."""
