@@ -114,7 +114,7 @@ def case(
 
     def register(body: Body) -> Body:
         if id_ in _CASES:
-            raise ValueError(f"two cases {id_}")
+            raise ValueError(f"two cases have the id {id_}")
         _CASES[id_] = Case(id_, description, expectation, body, also)
         return body
 

@@ -35,7 +35,7 @@ def pack(fields: Fields) -> bytes:
 
 
 class FrameReader:
-    """Splits the server's bytes into payloads."""
+    """Decoder of frames: splits the server's bytes into payloads."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -95,7 +95,7 @@ def _check_limits(value: Any, levels: int) -> None:
             limit, kind = (MAP, "map") if isinstance(value, dict) else (ARRAY, "array")
             if len(value) > limit or not levels:
                 raise Malformed(
-                    f"the server sent a {kind} of {len(value)}, or one nested deeper than {DEPTH}"
+                    f"the server sent a {kind} of {len(value)} items, or nested deeper than {DEPTH} levels"
                 )
             for item in value.values() if isinstance(value, dict) else value:
                 _check_limits(item, levels - 1)

@@ -25,7 +25,11 @@ Participants = Annotated[
     str, typer.Option(metavar="A,B", help="Names of two participants of a server in lock-step.")
 ]
 TokenFile = Annotated[
-    Path | None, typer.Option(help="Lines `ROLE TOKEN`; ROLE: operator, controller, observer, elsewhere.")
+    Path | None,
+    typer.Option(
+        help="File with one token per line: `ROLE TOKEN`. ROLE is operator, controller, observer, or "
+        "elsewhere: a token that allows only other robots."
+    ),
 ]
 Ca = Annotated[Path | None, typer.Option(help="Use TLS, and trust this certificate.")]
 Cert = Annotated[
@@ -65,7 +69,7 @@ def conformance(
     out: Out = None,
     list_: ListCases = False,
 ) -> None:
-    """Test if a server conforms to the specification of the protocol. It moves robots: never use real ones.
+    """Test whether a server conforms to the protocol's specification. It moves robots: never use real ones.
 
     Each case has two outcomes: safety (no robot made a forbidden motion) and session (the conversation
     followed the specification).

@@ -34,7 +34,7 @@ class CommandLog:
 
 
 class VerdictTracker:
-    """Checks that the commands of one connection are answered once, in order, before they are applied."""
+    """Checker of one connection's commands: each must be answered once, in order, before it is applied."""
 
     def __init__(self, log: CommandLog) -> None:
         self._log = log

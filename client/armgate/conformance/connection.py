@@ -31,7 +31,7 @@ class Connection(asyncio.Protocol):
         violations: Errors in the server's messages, independent of the case.
         inbox: Messages that were received and not yet consumed.
         ended: True if the server has closed the connection.
-        lost: The exception that broke the connection; None without one.
+        lost: The exception that broke the connection, or None.
         welcome: The server's welcome; empty before it comes.
     """
 
@@ -153,7 +153,7 @@ class Connection(asyncio.Protocol):
     # --- receiving ----------------------------------------------------------------------------------------
 
     def shrink_receive_buffer(self) -> None:
-        """Limit what the kernel keeps of bytes that this side does not read."""
+        """Shrink the kernel's receive buffer, so that unread bytes soon fill it."""
         sock = self._transport.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
 
@@ -242,13 +242,13 @@ class Connection(asyncio.Protocol):
         return last
 
     async def request(self, kind: str, **fields: Any) -> Fields:
-        """Send a request and return its answer, of whatever type, whose ``re`` is the id of the request."""
+        """Send a request and return its answer of any type, whose ``re`` is the id of the request."""
         number = next(self._ids)
         self.send({"type": kind, "id": number, **fields})
         return await self.answer_to(number)
 
     async def answer_to(self, number: int) -> Fields:
-        """Return the answer to the request with this id, of whatever type."""
+        """Return the answer of any type to the request with this id."""
         return await self.receive(lambda m: m.get("re") == number, f"the answer to request {number}")
 
     async def call(self, kind: str, answer_kind: str, **fields: Any) -> Fields:
@@ -284,10 +284,10 @@ class Connection(asyncio.Protocol):
         return found
 
     async def sync(self) -> None:
-        """Wait until all messages sent before have been answered: the server processes them in order.
+        """Wait until the server has processed all earlier messages: it answers a ping after them.
 
         Raises:
-            Violation: A command has no answer by then.
+            Violation: The ping is not answered by a pong.
         """
         await self.call("ping", "pong", time=0.0)
 

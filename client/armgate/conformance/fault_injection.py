@@ -94,7 +94,7 @@ def _unit(name: str, unit: str | None) -> str:
 
 
 class Proxy:
-    """Listens on loopback and forwards connections to a server, with faults.
+    """Proxy that listens on loopback and forwards connections to a server, with faults.
 
     Args:
         host: Host of the server.
@@ -205,7 +205,7 @@ class Proxy:
 
 
 class _ByteLimit:
-    """Counts the bytes to the server, and ends the connection after as many as the faults specify."""
+    """Limit of the bytes to the server, from the faults; the connection ends when it is reached."""
 
     def __init__(self, faults: Faults, client: asyncio.StreamWriter) -> None:
         self._faults = faults

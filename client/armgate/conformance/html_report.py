@@ -1,4 +1,4 @@
-"""Report of a run as one self-contained HTML page: no scripts, and no fonts or pictures from elsewhere."""
+"""Report of a run as one self-contained HTML page: no scripts, and no external fonts or pictures."""
 
 import re
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ def html_page(results: Sequence[Result], server: ServerInfo, where: str, strict:
         results: All results of the run.
         server: Welcome and cell of the server.
         where: Its address.
-        strict: True if a SHOULD counts.
+        strict: True if a violated SHOULD counts as failed.
         arguments: The command line of the kit.
     """
     style = resources.files(__package__).joinpath("html_report.css").read_text(encoding="utf-8")

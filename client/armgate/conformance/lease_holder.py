@@ -12,7 +12,7 @@ _ATTEMPTS = 40
 """Number of attempts of a command that comes too late on a busy machine."""
 
 _ATTEMPTS_TOGETHER = 20
-"""Number of attempts of commands of one write, if a tick passes between them."""
+"""Number of attempts to send commands in one write without a tick between them."""
 
 _LATE = {"stale", "occupied"}
 _GENTLE = 0.4
@@ -41,7 +41,7 @@ class LeaseHolder:
         self._seen = -1
 
     async def next_state(self) -> Fields:
-        """Return the newest state at a tick of the robot that was not returned before; drop older ones."""
+        """Return the newest state of a tick of the robot; wait for a newer one if it was returned before."""
         kept: list[Fields] = []
         newest: Fields | None = None
         while newest is None or any(m["type"] == "state" for m in self.connection.inbox):
@@ -54,7 +54,7 @@ class LeaseHolder:
         return newest
 
     def small_increment(self, share: float = 1.0, joint: int | None = None) -> list[float]:
-        """Return a small increment of the joint with most room, away from its nearer limit."""
+        """Return a small increment of ``joint`` (default: with most room), away from its nearer limit."""
         setpoint = self._observer.entries[self.robot]["setpoint"]
         rooms = [max(j["upper"] - q, q - j["lower"]) for j, q in zip(self._joints, setpoint, strict=True)]
         chosen = rooms.index(max(rooms)) if joint is None else joint
@@ -83,7 +83,7 @@ class LeaseHolder:
 
         Args:
             dq: Its increment; None: a small one.
-            forbidden: Why the robot must not execute it; "" if it may.
+            forbidden: Reason why the robot must not execute it; "" if it may.
             more: Other fields.
 
         Raises:

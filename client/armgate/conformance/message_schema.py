@@ -64,7 +64,8 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 def schema_errors(message: Fields) -> Iterator[str]:
     """Yield the deviations of a message of the server from its schema.
 
-    The kit announces no capability that exists, so a type that version 1 does not have must not come (EVO-4).
+    The kit announces no capability that adds message types, so a type that is not in ``MESSAGES`` must not
+    come (EVO-4).
     """
     kind = message.get("type")
     if not isinstance(kind, str):

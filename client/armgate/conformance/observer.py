@@ -18,7 +18,7 @@ _FIRST = 2.0
 
 
 class Observer:
-    """Receives every state of every robot.
+    """Client that receives every state of every robot.
 
     Args:
         connection: A connection after the welcome.
@@ -47,7 +47,7 @@ class Observer:
         """
         await self.connection.call("subscribe", "subscribed", every=1)
         self._task = asyncio.create_task(self._receive_states())
-        # In lock-step no tick happens before the participants are there, but the newest states come at once.
+        # In lock-step no tick happens before all participants are connected; the newest states come at once.
         with suppress(Violation):  # A robot whose link is not ready may never tick, and has no entry.
             await self.until(lambda: len(self.entries) == len(self._bounds), "every robot's entry", _FIRST)
         await self.until(lambda: bool(self.entries), "a state")
@@ -100,7 +100,7 @@ class Observer:
             raise Violation(f"the observer waited {seconds:g} s for {what}") from None
 
     async def ticks(self, robot: str, count: int) -> None:
-        """Wait until a robot has ticked this often from now."""
+        """Wait until a robot has ticked ``count`` more times."""
         goal = self.tick(robot) + count
         await self.until(lambda: self.tick(robot) >= goal, f"{count} ticks of {robot}")
 
@@ -113,7 +113,7 @@ class Observer:
         return is_at_rest(self._seen[robot])
 
     def disturbances(self) -> Iterator[str]:
-        """Yield what a case has left behind: leases held, and robots that move."""
+        """Yield the leases that are still held after a case, and the robots that still move."""
         for robot, entry in self.entries.items():
             if entry["holder"] is not None:
                 yield f"{robot} is still held by {entry['holder']}"

@@ -41,7 +41,7 @@ class Options:
     wire_logs: Path | None = None
 
     def set_reports(self, junit: Path | None, html: Path | None, out: Path | None) -> None:
-        """Set the files of the reports; those in the folder ``out`` unless they are given.
+        """Set the files of the reports: those given, otherwise those in the folder ``out`` if it is given.
 
         Raises:
             UsageError: The folder of a file does not exist.
@@ -112,7 +112,7 @@ def tls_context(authority: Path | None, certificate: Path | None, key: Path | No
 
 
 def tokens_of(file: Path | None) -> dict[str, str]:
-    """Return the tokens of a file by role; a line with a token alone is an operator's.
+    """Return the tokens of a file by role; a line with only a token is for the operator.
 
     Raises:
         UsageError: Other users can read the file, or a line has another form.

@@ -48,7 +48,7 @@ def failure(result: Result) -> str:
 
 
 def skip_reasons(results: Sequence[Result]) -> list[str]:
-    """Return the reasons for which cases were skipped, each once, with the number of cases."""
+    """Return the reasons why cases were skipped, each once, with the number of cases."""
     counted = Counter(
         r.findings[0].removeprefix("session: ") for r in results if r.outcome is Outcome.SKIPPED
     )

@@ -19,7 +19,7 @@ async def run(options: Options, echo: Callable[[str], object]) -> int:
     """Run the cases, print each result, write the reports.
 
     Args:
-        options: What to do.
+        options: Options of the run.
         echo: Prints a line.
 
     Returns:
@@ -43,13 +43,13 @@ async def run(options: Options, echo: Callable[[str], object]) -> int:
         echo(f"{soft} NON-STRICT: a SHOULD was violated")
     echo(report.last_line(results, options.strict))
     if all(result.outcome is Outcome.SKIPPED for result in results):
-        return 2  # so that a server on which nothing was tested is not taken for one that passed
+        return 2  # a server on which nothing was tested must not count as passed
     return int(any(result.failed(options.strict) for result in results))
 
 
 @asynccontextmanager
 async def connected(options: Options) -> AsyncIterator[tuple[Target, ServerInfo]]:
-    """Connect to the server of a run, and start and end it if the options require that."""
+    """Connect to the server of a run; if the options name a command, start the server and end it."""
     async with AsyncExitStack() as stack:
         if options.address is not None:
             host, port = options.address

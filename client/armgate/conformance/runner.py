@@ -1,4 +1,4 @@
-"""Runs cases one after the other, and brings all robots back to rest after each."""
+"""Runner of cases, one after the other; after each case all robots come to rest again."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
@@ -46,7 +46,7 @@ class Result:
 
     @property
     def outcome(self) -> Outcome:
-        """The worse of both outcomes."""
+        """The worse of the two outcomes."""
         return max(self.safety, self.session, key=lambda outcome: outcome.severity)
 
     def failed(self, strict: bool) -> bool:
@@ -55,7 +55,7 @@ class Result:
 
 
 class Runner:
-    """Runs cases against one server.
+    """Runner of cases against one server.
 
     Args:
         target: The server.
@@ -150,7 +150,7 @@ class Runner:
                 await connection.sync()
                 if left := connection.verdicts.unanswered:
                     raise Violation(
-                        f"{connection.name}: no answer to the commands {left}, but to a later ping"
+                        f"{connection.name}: a later ping was answered, but the commands {left} were not"
                     )
 
     async def _clean_up(self, context: CaseContext) -> list[str]:
@@ -197,7 +197,7 @@ class Runner:
             connection = await self._target.own_client(name, "observer")
             self._observer = Observer(connection, self._server.description)
             await self._observer.start()
-            if not self._server.lockstep:  # a robot's next motion is compared with its motion before
+            if not self._server.lockstep:  # the checks compare each motion with the previous one
                 await self._observer.ticks(self._server.robot["name"], 3)
             applied = [e["applied_seq"] or 0 for e in self._observer.entries.values()]
             self._commands.seqs = count(max([*applied, next(self._commands.seqs)]) + 1)

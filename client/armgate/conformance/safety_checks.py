@@ -127,8 +127,8 @@ def _uncommanded(robot: str, samples: Sequence[Sample]) -> Iterator[str]:
         if b.applied == c.applied and (gain > _SAME or reversal > _SAME):
             why = ", while stopped" if b.stops else ", while no client holds it" if b.holder is None else ""
             yield (
-                f"{robot}: at tick {c.tick} joint {j} speeds up from {before:.6f} to {now:.6f} a tick "
-                f"without a command applied{why}"
+                f"{robot}: at tick {c.tick} joint {j} speeds up from {before:.6f} to {now:.6f} per tick, "
+                f"although no new command is applied{why}"
             )
 
 
@@ -143,7 +143,7 @@ def _changes(robot: str, samples: Sequence[Sample], bounds: JointBounds) -> Iter
         if gain / bounds.change[j] + loss / bounds.brake[j] > 1 + 1e-6:
             how = "turns" if gain and loss else "accelerates" if gain else "brakes"
             yield (
-                f"{robot}: at tick {c.tick} joint {j} {how} from {before:.6f} to {now:.6f} a tick, "
+                f"{robot}: at tick {c.tick} joint {j} {how} from {before:.6f} to {now:.6f} per tick, "
                 "faster than its bounds allow"
             )
 

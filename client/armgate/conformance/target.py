@@ -162,8 +162,7 @@ async def query_server(target: Target, robot: str | None, participants: tuple[st
     client.close()
     robots = {each["name"]: each for each in description["robots"]}
     if not robots or (robot is not None and robot not in robots):
-        raise Unreachable(
-            f"the cell at {where} has no robot {robot or ''}; it has {', '.join(robots) or 'none'}"
-        )
+        missing = f"no robot {robot}; it has {', '.join(robots)}" if robots else "no robots"
+        raise Unreachable(f"the cell at {where} has {missing}")
     chosen = robots[robot] if robot else next(iter(robots.values()))
     return ServerInfo(client.welcome, description, chosen, participants)

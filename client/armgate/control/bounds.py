@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike
 
 from armgate.control.weights import Vector
 
-# Relative margin to the gate's own bounds, which it computes from the same values.
+# Relative margin to the bounds of the gate, which the gate computes from the same values.
 SLACK = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class IncrementBounds:
     """Bounds on the increments of one robot, each (n,), rad or m.
+
+    A straight stop brakes along the direction of the last increment: each increment is a smaller multiple of
+    it. The quickest straight stop is the one that uses the whole allowed change of at least one joint.
 
     Attributes:
         step: largest |dq|.
@@ -51,9 +54,9 @@ class IncrementBounds:
             velocity: rad/s or m/s.
             acceleration: rad/s² or m/s².
             period: period of the robot's clock, s.
-            deceleration: rad/s² or m/s²; without a bound if None, or infinite for a joint. If it is tighter
-                than the acceleration, it also bounds that, so that the robot can brake from every speed that
-                it reaches.
+            deceleration: rad/s² or m/s²; None: unlimited for all joints; inf: unlimited for that joint. If a
+                joint's deceleration is smaller than its acceleration, it also limits the acceleration, so
+                that the robot can brake from every speed that it reaches.
             speed: share of the velocity that the lease allows.
             margin: distance kept from the joint limits, rad or m, because they also apply to the measured
                 position.
@@ -66,7 +69,7 @@ class IncrementBounds:
         rows = (lower, upper, velocity, acceleration, deceleration)
         low, high, rate, gain, shed = (np.array(row, dtype=np.float64) for row in rows)
         if any(row.shape != low.shape or row.ndim != 1 for row in (low, high, rate, gain, shed)):
-            raise ValueError("expected limits, velocity and accelerations of one length")
+            raise ValueError("expected limits, velocity and accelerations of equal length")
         positive = all((row > 0.0).all() for row in (rate, gain, shed))
         if not (positive and period > 0.0 and 0.0 < speed <= 1.0):
             raise ValueError("expected a positive period, rates and accelerations, and a speed in (0, 1]")
@@ -88,11 +91,11 @@ class IncrementBounds:
         return float((away / (0.5 * (self.upper - self.lower))).max())
 
     def braked(self, dq: Vector) -> Vector:
-        """Return the increment after `dq` on the quickest straight stop: `dq`, shortened."""
+        """Return the first increment of the quickest straight stop after `dq`: a share of `dq`."""
         return dq * max(0.0, 1.0 - self._decay(dq))
 
     def stop(self, dq: Vector) -> float:
-        """Return S: on the quickest straight stop the robot moves S · dq further after the increment `dq`."""
+        """Return S: in the quickest straight stop after the increment `dq` the robot moves by S · dq."""
         decay = self._decay(dq)
         if decay >= 1.0:
             return 0.0
@@ -110,10 +113,11 @@ class IncrementBounds:
         return bool((np.abs(way) <= np.maximum(ahead, 0.0) + 1e-12).all())
 
     def box(self, wanted: Vector, last: Vector, setpoint: Vector) -> tuple[Vector, Vector]:
-        """Return bounds (n,), (n,) on an increment about as long as `wanted`, after `last` at `setpoint`.
+        """Return lower and upper bounds (n,) of the increment that follows `last` at `setpoint`.
 
-        They combine the largest step and the room that the joint limits leave for braking. If the allowed
-        change from `last` is tighter, it takes precedence.
+        They combine the largest step and the room that the joint limits leave for the increment and the stop
+        after it; the stop is that of an increment as long as `wanted`. If the allowed change from `last` is
+        tighter, it takes precedence.
         """
         share = 1.0 / (1.0 + self.stop(wanted))
         down, up = np.minimum(self.lower - setpoint, 0.0), np.maximum(self.upper - setpoint, 0.0)
@@ -126,8 +130,8 @@ class IncrementBounds:
         """Return the increment nearest to `wanted` that may follow `last` at `setpoint`, (n,).
 
         Each joint is limited to the step, to the room that the limits leave with braking, and to the change
-        that the acceleration allows. If that leaves no stop within the limits, the result is a blend with the
-        braking increment, which always has one.
+        that the acceleration allows. If the robot could then not stop within the limits, the increment is
+        blended with the braking increment, after which it can.
         """
         low, high = self.box(np.clip(wanted, -self.step, self.step), last, setpoint)
         u: Vector = np.clip(wanted, low, high)

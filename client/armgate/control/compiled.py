@@ -51,7 +51,7 @@ def camera_law(model: RobotModel, frame: str, gains: Gains | None = None) -> Cam
 def prepare() -> None:
     """Compile all kernels, or load them from numba's cache: about 20 s the first time, then about 1 s.
 
-    Call it before anything waits for an increment; a `CompiledLaw` calls it when it is made. It does nothing
+    Call it before the first increment is due; the constructor of `CompiledLaw` calls it. It does nothing
     if numba is not installed.
     """
     if not available():
@@ -76,11 +76,11 @@ def prepare() -> None:
 
 
 def _kernels() -> ModuleType:
-    return import_module("armgate.control.kernels")  # late: importing numba is slow
+    return import_module("armgate.control.kernels")  # imported only when needed: numba loads slowly
 
 
 def _pack(parts: Sequence[NDArray[Any]]) -> Packed:
-    """Return records of all kinds, one after the other, behind a head with their offsets."""
+    """Return records of all kinds, one after the other, after a header with their offsets."""
     head = np.empty(1, _kernels().HEAD)
     head[0] = tuple(np.cumsum([head.nbytes, *(part.nbytes for part in parts)]))
     return np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in (head, *parts)])
@@ -161,7 +161,7 @@ class CompiledLaw(CameraLaw):
 
     def __call__(self, q: Vector, goal: Goal) -> Vector:
         """Return f(q, p, d_r); see `CameraLaw.__call__`."""
-        # Written out because this is the shortest of all calls: each function call would add 5 %.
+        # Written without helpers: this call is so short that each further function call would add 5 %.
         if not isinstance(goal, PackedGoal):
             raise TypeError(NOT_OURS)
         qd: Vector = np.array(q, dtype=np.float64)
@@ -202,7 +202,7 @@ class CompiledLaw(CameraLaw):
         return _pack((*self._own_parts, obstacles))
 
     def _goal_in(self, packed: Packed) -> tuple[Records, Vector]:
-        """Return the goal's record and its rows (3, n), to be written into."""
+        """Return the goal's record and its rows (3, n), as writable views."""
         head = packed[: self._kernels.HEAD.itemsize].view(self._kernels.HEAD)[0]
         goal, rows = packed[head["goals"] : head["joints"]], packed[head["rows"] : head["spheres"]]
         return goal.view(self._kernels.GOAL), rows.view(np.float64).reshape(3, -1)
@@ -260,7 +260,7 @@ class CompiledLaw(CameraLaw):
 
 
 def _own(values: Vector) -> Vector:
-    """Return a copy of the kind that the kernels are compiled for: contiguous, writable, of floats."""
+    """Return a copy of the type for which the kernels are compiled: contiguous, writable, of floats."""
     return np.array(values, dtype=np.float64)
 
 

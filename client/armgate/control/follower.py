@@ -20,10 +20,10 @@ from armgate.control.weights import Vector
 
 # Largest difference of increments that count as equal, rad or m.
 SHORT = 1e-9
-# The chord is as long as the distance needed to brake after this many ticks of accelerating. A longer chord
-# turns the view more, and joints that brake and accelerate at once cannot always correct that: with chords
-# for full speed, the angle rose again in 2 of 520 approaches, by up to 0.24°. With one tick the robot hardly
-# accelerates.
+# The chord (see `shaping`) ends at the latest where a joint has covered its braking distance from the speed
+# that it can reach in this many ticks. A longer chord turns the view more, and joints that must brake or
+# accelerate at the same time cannot always correct that: with the braking distance from full speed the angle
+# rose again in 2 of 520 approaches, by up to 0.24°. With one tick the robot hardly accelerates.
 SOON = 5
 
 
@@ -58,7 +58,16 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """Target of one increment: focus at the time at which dq takes effect, obstacles, mode, bounds."""
+    """Goal of one increment: target at the time at which dq takes effect, its velocity, obstacles, bounds.
+
+    Attributes:
+        focus: predicted target, (3,), m.
+        velocity: its velocity, (3,), m/s.
+        scene: the obstacles.
+        emergency: True to use (13) instead of (9).
+        bounds: bounds of the increment.
+        ways: see `law.Goal`.
+    """
 
     focus: Vector
     velocity: Vector
@@ -69,8 +78,8 @@ class Aim:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """Path of the law in a tick: its start, the motion induced by the target, and its end."""
+class LawPath:
+    """Path of the law in a tick: its start, the increment induced by the target's motion, and its end."""
 
     start: Vector
     induced: Vector
@@ -184,7 +193,7 @@ class Follower:
         return self._predictor.predict(0.0)[0], np.zeros(3)
 
     def _near_body_bounds(self, now: Situation) -> tuple[IncrementBounds, Vector | None]:
-        """Return the bounds and each joint's remaining share near other bodies, or the usual bounds."""
+        """Return bounds and `ways` (see `law.Goal`) near other bodies, else the usual bounds and None."""
         if now.stop_end is None or not now.near:
             return self._bounds, None
         lower, upper = limits_near_bodies(self._law.model, now.q, now.setpoint, now.stop_end, now.near)
@@ -204,25 +213,25 @@ class Follower:
         dq = bounds.within(wanted, now.last, now.setpoint)
         bounded = bool(np.abs(dq - wanted).max() > SHORT)
         if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
-            dq = self._with_kept_view(dq, Way(q, induced, run.q), goal, now, bounds)
+            dq = self._with_kept_view(dq, LawPath(q, induced, run.q), goal, now, bounds)
         return dq, _reason(run.ended, aim.emergency, bounded), run.steps
 
     def _reference_reach(self, last: Vector, induced: Vector) -> Vector:
-        """Return the reach of the reference, (n,): the braking distance from the speed after `SOON` ticks."""
+        """Return the reach of the reference, (n,): the braking distance from the speed in `SOON` ticks."""
         bounds = self._bounds
         soon = np.minimum(np.abs(last) + SOON * bounds.change, bounds.step)
         far: Vector = np.minimum(braking_way(soon, RESERVE * bounds.change) + np.abs(induced), self._reach)
         return far
 
     def _with_kept_view(
-        self, dq: Vector, way: Way, goal: Goal, now: Situation, bounds: IncrementBounds
+        self, dq: Vector, path: LawPath, goal: Goal, now: Situation, bounds: IncrementBounds
     ) -> Vector:
-        """Return `dq`, corrected to the view along the law's path, from which its straight chord deviates."""
+        """Return `dq`, corrected to keep the view of the law's path; the straight chord would turn it."""
         law = self._law
-        psi, J_t = law.task(way.start + way.induced, goal)
-        start, end = view_vector(psi), view_vector(law.task(way.end, goal)[0])
-        dq = bounds.within(slowed(dq, way.induced, psi, J_t, bounds.change), now.last, now.setpoint)
-        psi, J_t = law.task(way.start + dq, goal)
+        psi, J_t = law.task(path.start + path.induced, goal)
+        start, end = view_vector(psi), view_vector(law.task(path.end, goal)[0])
+        dq = bounds.within(slowed(dq, path.induced, psi, J_t, bounds.change), now.last, now.setpoint)
+        psi, J_t = law.task(path.start + dq, goal)
         v = view_vector(psi)
         if (allowed := drawn_in(v, start, end)) == v:
             return dq
@@ -232,7 +241,7 @@ class Follower:
         return bounds.within(dq, now.last, now.setpoint)
 
     def _drift(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
-        """Return the increment of one real-time period with P ṗ, for the target in the middle of it."""
+        """Return the increment of one period in real time with P ṗ, for the target at mid-period."""
         law, q = self._law, now.q if self._measured else now.setpoint
         goal = law.goal(
             aim.focus - 0.5 * self._period * aim.velocity,

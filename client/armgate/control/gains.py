@@ -12,25 +12,25 @@ from armgate.control.weights import LimitRule
 class Gains:
     """Gains and ranges of the camera law; the letters are the paper's.
 
-    Time in the law is virtual: it is integrated on line as far as the increment bound allows, so only the
-    ratios of the gains matter, not their size.
+    Time in the law is virtual: in each tick the law is integrated as far as the increment bound allows, so
+    only the ratios of the gains matter, not their size.
 
     Attributes:
         task: k_p of (9), 1/s.
-        distance: k of (14), 1/(m·s)·rad, per metre of distance error and metre of lever.
+        distance: k of (14), joint speed per metre of distance error and per m/rad of lever, rad²/(s·m²).
         roll: k_c of (15), 1/s.
-        repulsion: η, the strength of (12). The paper leaves it at 1, with other radii.
+        repulsion: η, the strength of (12). The paper uses 1, with other radii.
         reach: ρ0 of (12), m. Bounding spheres further apart than this do not repel.
         own_repulsion: η between spheres of the robot's own segments.
         own_reach: ρ0 between them, m.
         contact: lower bound of d in (12), m: a pair that touches or overlaps is pushed apart by a finite
             force.
-        push: largest force of a pair of spheres.
+        push: largest force of a pair of spheres, in the unit of φ(d) in (12).
         limits: rule that weights joints near their limits.
         limit: c of the unit-free rule.
         roll_fade: the roll control fades out between these angles of the view axis from the vertical, rad.
-        emergency_on: (13) replaces (9) when a pair of spheres is nearer than this, m …
-        emergency_off: … and (9) comes back when all are farther than this, m.
+        emergency_on: (13) replaces (9) when an obstacle or the floor is nearer to a sphere than this, m.
+        emergency_off: (9) is used again when all obstacles and the floor are farther away than this, m.
     """
 
     task: float = 5.0

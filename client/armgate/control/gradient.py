@@ -2,9 +2,10 @@
 
     q̇ = −k_p J_w⁺ Ψ + (I − J_w⁺ J_t) W⁻¹ F,   J_w⁺ = W⁻¹ J_tᵀ S⁻¹,   S = J_t W⁻¹ J_tᵀ        (9), (7)
 
-needs no explicit projector and no explicit pseudoinverse: collecting terms, q̇ = W⁻¹ (F + J_tᵀ λ) with the two
-unknowns λ = S⁻¹ (Ψ̇ − J_t W⁻¹ F) and the wanted Ψ̇ = −k_p Ψ. With J_t and F stacked as M = [J_t; F], the
-one product M W⁻¹ Mᵀ holds both S and J_t W⁻¹ F, and q̇ = [λ; 1]ᵀ M W⁻¹.
+The law needs neither an explicit projector nor an explicit pseudoinverse. Collecting terms gives
+q̇ = W⁻¹ (F + J_tᵀ λ), where λ = S⁻¹ (Ψ̇ − J_t W⁻¹ F) has two components and Ψ̇ = −k_p Ψ is the wanted rate.
+With J_t and F stacked as M = [J_t; F], the single product M W⁻¹ Mᵀ contains both S and J_t W⁻¹ F, and
+q̇ = [λ; 1]ᵀ M W⁻¹.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ DAMPING = 0.02
 def weighted_gradient(M: Vector, rate: tuple[float, float], w: Vector, steepness: float) -> Vector:
     """Return q̇ of (9), (n,), rad/s.
 
-    If the smallest eigenvalue of S is below (DAMPING · steepness)², S gets μ²I that raises it to that value:
-    the result is exact elsewhere, continuous, and bounded if the joint limits make the task's weights small.
+    If the smallest eigenvalue of S is below (DAMPING · steepness)², a term μ²I is added to S that raises it
+    to this value. So the result is exact otherwise, continuous, and bounded if the joint limits make the
+    weights of the task small.
 
     Args:
         M: the task Jacobian ∂Ψ/∂q in the first two rows, the field F of the sub-tasks in the third, (3, n).
@@ -46,9 +48,9 @@ def limited_gradient(
 ) -> Vector:
     """Return q̇ of (9) with weights by direction: near a limit only the motion towards it is weighted.
 
-    The directions of the joints follow from the law, so it is solved first with the larger weights, then with
-    those of the actual directions. If weighting them makes other joints take a weighted direction (rare), it
-    is solved again. As a joint's q̇ passes zero its weight has no effect, so the switch is continuous.
+    The directions of the joints follow from the law, so it is solved first with the larger weight of each
+    joint, then with the weights of the actual directions. If other joints then take a weighted direction
+    (rare), it is solved again. At q̇ = 0 the weight of a joint has no effect, so the switch is continuous.
 
     Args:
         M: as in `weighted_gradient`.

@@ -1,9 +1,10 @@
 """On-line scheme (16), (17): within a tick the law is integrated as far as is useful.
 
-The reference q^r starts at the robot's position (17), or where the target's known motion moves it within the
-tick, and follows q̇^r = f(q^r) (16) in virtual time by the explicit Runge-Kutta method of 4th order. It ends
-when a joint has left its reach (the increment bound, or the distance needed to brake for it), when the budget
-of steps is used up, or, to save time, when the remaining distance is not worth a step.
+The reference q^r starts at the robot's position (17). If the motion of the target is known, it starts at the
+position to which this motion takes the robot within the tick. It follows q̇^r = f(q^r) (16) in virtual time
+by the explicit Runge-Kutta method of 4th order. The integration ends when a joint is farther from the robot's
+position than its reach (the increment bound, or a braking distance), when the budget of steps is used up, or,
+to save time, when the remaining distance is too small for a step.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ class Scheme:
             accurate to 2 %.
         budget: largest number of steps.
         split: largest share of its reach by which a step moves a joint.
-        resolution: remaining distance below which no step is made, rad or m …
-        tolerance: … and as a share of the distance covered.
-        turn: longest step in units of the field's own time, h ‖∂f/∂q‖/2. The field is stiff where repulsion
-            opposes a pull, and with longer steps the reference would oscillate.
+        resolution: remaining distance below which the integration ends, rad or m.
+        tolerance: the same, as a share of the distance covered; the larger of both applies.
+        turn: largest h ‖∂f/∂q‖/2 of a step h. The field is stiff where repulsion opposes an attraction, and
+            with longer steps the reference would oscillate.
     """
 
     step: float = 0.2
@@ -92,7 +93,7 @@ def rk4_turn(f: Field, q: Vector, h: float, k1: Vector) -> tuple[Vector, float]:
 def integrate(
     f: Field, start: Vector, reach: Vector, scheme: Scheme, origin: Vector | None = None
 ) -> Integration:
-    """Integrate (16) from `start` until a joint is its `reach` (n,) away, or the scheme ends it.
+    """Integrate (16) from `start` until a joint is `reach` (n,) away from `origin`, or the scheme ends.
 
     Args:
         f: the law.

@@ -80,8 +80,8 @@ _HEAD = HEAD.itemsize
 def kernel(function: F) -> F:
     """Compile a function at its first call, or load it from numba's cache if that is writable.
 
-    numba caches beside this file, else in the user's cache folder. If neither is writable (a read-only
-    installation without a home), each process compiles for itself.
+    numba writes its cache beside this file, or else to the user's cache folder. If neither is writable (a
+    read-only installation without a home), each process compiles the kernels again.
     """
     try:
         return cast("F", numba.njit(cache=True, error_model="numpy")(function))
@@ -91,7 +91,7 @@ def kernel(function: F) -> F:
 
 @kernel
 def _scene(packed):
-    """Return the robot; the goal; rows: the position of the scene, and `ways`; the obstacles."""
+    """Return records of the robot and goal, rows (position of the scene, `ways`) and obstacles."""
     head = packed[:_HEAD].view(HEAD)[0]
     cameras = packed[head.cameras : head.goals].view(CAMERA)
     goals = packed[head.goals : head.joints].view(GOAL)
@@ -319,7 +319,7 @@ def _from_itself(F, scene, J, centres):
 
 @kernel
 def _terms(q, scene, M, F_rep):
-    """Compute `CameraLaw.terms`: M (4, n) gets ∂Ψ/∂q, ∂‖x − p‖/∂q and F; returns Ψ, P ṗ and ray · ṗ."""
+    """Write ∂Ψ/∂q, ∂‖x − p‖/∂q and F of `CameraLaw.terms` to M (4, n); return Ψ, P ṗ and ray · ṗ."""
     (joints, _, _, cameras), goals, _, _ = scene
     camera, goal = cameras[0], goals[0]
     n = len(joints)
@@ -351,7 +351,7 @@ def _terms(q, scene, M, F_rep):
 
 @kernel
 def _weights(q, scene, directed):
-    """Compute `CameraLaw._directed`, into `directed` (2, n)."""
+    """Write the result of `CameraLaw._directed` to `directed` (2, n)."""
     (joints, _, _, cameras), _, rows, _ = scene
     for i in range(len(joints)):
         directed[0, i], directed[1, i] = rows[1, i], rows[2, i]

@@ -1,6 +1,6 @@
 """Fast kinematics of a robot's camera and bounding spheres.
 
-pinocchio computes fast, but each separate request of a result costs time. So each sphere becomes a frame of a
+pinocchio is fast, but each call that requests a result takes time. So each sphere becomes a frame of a
 copy of the model, one call places all frames, and the arrays that pinocchio writes into are bound once and
 remain valid.
 """
@@ -32,7 +32,7 @@ class CameraArm:
         spin: ∂φ/∂q of the last joint, φ being the roll angle of (15).
         mount: placement of the camera in the frame of that joint.
         moves: True for spheres whose centres a joint moves, (k,); a sphere on the axis of the first joint
-            stays.
+            does not move.
         sinks: True for spheres whose height can change, (k,).
         lever: no sphere's centre moves further than lever · |Δq|, (n,), m/rad, in the world or relative to
             another sphere.

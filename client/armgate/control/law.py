@@ -23,17 +23,19 @@ from armgate.control.subtasks import distance_pull, roll_rate
 from armgate.control.vectors import V3, dot, vector, wrench
 from armgate.control.weights import LimitWeights, Vector
 
-# (m or rad)² per rad²: bounds `induced` where the view distance cannot be kept, for example with a straight
+# (m or rad)² per rad²: bounds `induced` if the view distance cannot be kept, for example with a straight
 # elbow.
 INDUCED_DAMPING = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Obstacles as they act on the robot's spheres around one position; each law has its own representation.
+    """Obstacles, and their distances from the robot's spheres at one position.
+
+    `CameraLaw` and `CompiledLaw` each use a subclass of their own.
 
     Attributes:
-        around: the position, (n,).
+        around: this position, (n,).
         gap: smallest distance to an obstacle there, m; inf without obstacles.
         own_gap: smallest distance between own spheres that can meet, m.
     """
@@ -62,11 +64,11 @@ class Goal:
         p: the target, world, m.
         distance: d_r, the wanted view distance, m.
         scene: the obstacles; None for none.
-        emergency: (13) instead of (9).
+        emergency: True to use (13) instead of (9).
         velocity: ṗ, m/s, for the term P ṗ of (4). Only a law that integrates real time may use it: in the
             virtual time of (16) the target stands still.
-        ways: share of each joint's motion down and up that is left, (2, n), each in [0, 1], in addition to
-            the limit weights; None for all.
+        ways: factors of the limit weights for motion down and up, (2, n), each in [0, 1]: 0 if a near body
+            leaves the joint no room in this direction, 1 if it has its full room; None for 1 everywhere.
     """
 
     p: V3
@@ -135,7 +137,7 @@ class CameraLaw:
         self._nothing = np.zeros(model.n)
 
     def scene(self, obstacles: Obstacles, q: Vector) -> Scene:
-        """Return the obstacles as they act around q, (n,); the law accepts the result at every position."""
+        """Return the scene with its distances at q, (n,); it is valid for evaluations at every position."""
         self._arm.place(q)
         repulsion = Repulsion(self.spheres.radii, self._arm.moves, self._arm.sinks, obstacles, self.gains)
         centres = self._arm.centres()
@@ -157,7 +159,7 @@ class CameraLaw:
             p: the target, (3,), world, m.
             distance: d_r, m.
             scene: the obstacles; None for none.
-            emergency: (13) instead of (9).
+            emergency: True to use (13) instead of (9).
             velocity: ṗ, (3,), m/s; see `Goal`.
             ways: (2, n); see `Goal`.
         """
@@ -196,8 +198,8 @@ class CameraLaw:
         e1, e2, e3 = arm.camera_axes()
         x = arm.camera_point()
         psi, g1, g2, ray, distance = camera_error(e1, e2, e3, (p[0] - x[0], p[1] - x[1], p[2] - x[2]))
-        # The minus signs: what the camera sees moves opposite to the camera, and the distance shrinks along
-        # the ray.
+        # The minus signs: the target in the picture moves opposite to the camera, and the distance decreases
+        # if the camera moves along the ray.
         rows = np.array((wrench(g1, p), wrench(g2, p), wrench(ray, x)))
         J = (rows @ arm.J) * -arm.camera_moved
         F = distance_pull(distance, goal.distance, gains.distance) * J[2]
@@ -211,7 +213,8 @@ class CameraLaw:
         if not isinstance(scene, PushingScene):
             raise TypeError("expected a scene made by this law")
         arm, F = self._arm, self._nothing
-        # Usually everything is far away, and the motion since then cannot have changed that.
+        # Usually nothing is within reach at the position of the scene, and the motion from there is too short
+        # to change that.
         way = float(np.abs(q - scene.around) @ arm.lever)
         others, own = way >= scene.gap - self.gains.reach, way >= scene.own_gap - self.gains.own_reach
         if not (others or own):
@@ -250,11 +253,11 @@ class CameraLaw:
         return (down, up) if ways is None else (down * ways[0], up * ways[1])
 
     def induced(self, q: Vector, goal: Goal, velocity: ArrayLike) -> Vector:
-        """Return the joint velocity that keeps angle and distance for a target at `velocity` (3,), m/s.
+        """Return the joint velocity, (n,), rad/s, that keeps angle and distance for a moving target.
 
-        The solution of J_t q̇ = −P ṗ (4) and J_d q̇ = −ray · ṗ with the least weighted norm; (n,), rad/s. It
-        is the expected motion of the optimum in real time; in the virtual time of (16) the term P ṗ of (4)
-        would be wrong.
+        The target moves at `velocity` (3,), m/s. The result is the solution of J_t q̇ = −P ṗ (4) and
+        J_d q̇ = −ray · ṗ with the least weighted norm. It is the expected motion of the optimum in real time;
+        in the virtual time of (16) the term P ṗ of (4) would be wrong.
         """
         terms = self.terms(q, goal)
         v = vector(np.asarray(velocity, dtype=np.float64))

@@ -28,8 +28,8 @@ class NearPair:
     """Pair of a body of the robot and another body, at the measured positions.
 
     Attributes:
-        points: witness points of our body and the other one, (2, 3), world, m.
-        joint: joint that carries our body.
+        points: witness points of the robot's body and of the other one, (2, 3), world, m.
+        joint: joint that carries the robot's body.
         room: their distance, less the margin and the approach of the other body during its stop, m.
     """
 
@@ -39,7 +39,7 @@ class NearPair:
 
 
 def opening(model: RobotModel, q: Vector, pair: NearPair) -> tuple[Vector, Vector]:
-    """Return the effect of joints on a pair's distance at q (n,), and on our witness point.
+    """Return the effect of joints on a pair's distance at q (n,), and on the robot's witness point.
 
     Returns:
         ∂d/∂q (n,), and the norm of ∂x/∂q for each joint, (n,), m per rad or m.

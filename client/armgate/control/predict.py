@@ -11,9 +11,10 @@ from armgate.control.weights import Vector
 
 
 def ramp_lag(lag: float, period: float) -> float:
-    """Return by how much a first-order lag, q ← q + (1 − e^(−T/τ)) (q_ref − q) each T, trails a ramp, s.
+    """Return the delay, s, with which a first-order lag follows a ramp.
 
-    T / (e^(T/τ) − 1), which is about τ − T/2; 0 without lag.
+    The lag is q ← q + (1 − e^(−T/τ)) (q_ref − q) in each period T. The delay is T / (e^(T/τ) − 1), which is
+    about τ − T/2; 0 without lag.
 
     Args:
         lag: time constant τ, s.
@@ -25,7 +26,8 @@ def ramp_lag(lag: float, period: float) -> float:
 class Predictor:
     """Estimator and extrapolator of position, velocity and acceleration of a point.
 
-    With the residual e of a new position against the one predicted for its time, dt after the one before,
+    Let e be the difference of a new position from the position predicted for its time, and dt the time since
+    the previous position. Then
 
         p ← p + α e,      v ← v + β e / dt,      a ← a + γ e / dt²
 

@@ -2,9 +2,9 @@
 
     F_rep = Σ J_oᵀ φ(d) n,      φ(d) = η (1/d − 1/ρ0) / d²,   d = ‖o − b‖ − r_o − r_b,   n = (o − b)/‖o − b‖
 
-is (12) with the unit vector n and d² for the printed (o − b)/d³: the same for points, and for spheres the
-negative gradient of the potential η/2 (1/d − 1/ρ0)². As printed, (12) changes sign with d and would pull
-overlapping bodies together: d is bounded below by a contact distance, and φ is bounded above.
+This is (12) with n/d² instead of the printed (o − b)/d³. For points both are equal; for spheres this form is
+the negative gradient of the potential η/2 (1/d − 1/ρ0)². As printed, (12) changes sign with d and would pull
+overlapping bodies together. So d is bounded below by a contact distance, and φ is bounded above.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Obstacles:
     def __post_init__(self) -> None:
         if self.centres.shape != (len(self.radii), 3):
             raise ValueError(
-                f"expected one centre (m, 3) a radius (m,), got {self.centres.shape} and {self.radii.shape}"
+                f"expected one centre (m, 3) per radius (m,), got {self.centres.shape} and {self.radii.shape}"
             )
 
 
@@ -54,7 +54,7 @@ class Repulsion:
 
     Args:
         radii: radii of the robot's spheres, (k,), m.
-        moves: True for spheres that a joint moves, (k,): others cannot evade.
+        moves: True for spheres that a joint moves, (k,); the others cannot evade an obstacle.
         sinks: True for spheres whose height can change, (k,).
         obstacles: the obstacles.
         gains: see `Gains`.
@@ -78,7 +78,7 @@ class Repulsion:
         self._resting = np.where(sinks, radii + floor, -np.inf)
 
     def least_gap(self, centres: Vector) -> float:
-        """Return the smallest distance of sphere centres (k, 3) to an obstacle, m; inf without obstacles."""
+        """Return the smallest distance of spheres at centres (k, 3) to an obstacle, m; inf without any."""
         apart = np.linalg.norm(centres[:, None] - self._centres, axis=2) - self._touching
         above = centres[:, 2] - self._resting
         return float(min(np.min(apart, initial=np.inf), np.min(above, initial=np.inf)))
@@ -122,7 +122,7 @@ class Emergency:
         self.active = False
 
     def update(self, least_gap: float) -> bool:
-        """Return True if the emergency mode is active at this smallest distance between spheres, m."""
+        """Return True if the emergency mode is active at this smallest distance to an obstacle, m."""
         threshold = self._gains.emergency_off if self.active else self._gains.emergency_on
         self.active = least_gap < threshold
         return self.active

@@ -2,12 +2,14 @@
 
 The integrated law gives the chord D = q^r − q from the setpoint to the end of the reference. Robots with
 bounded acceleration that take the largest step towards the optimum in each tick overshoot it and oscillate. A
-joint that is D away and loses at most a per tick arrives at rest if its increment is at most
+joint at the distance D from its goal, whose increment can decrease by at most a in each tick, arrives at rest
+if its increment is at most
 
     u(D) = ½ (−a + √(a² + 8 a D)),
 
-since braking from u in steps of a takes u (u + a) / 2a. The chord is scaled as a whole, so that every joint
-obeys. A moving target moves the optimum by u_ff per tick: then the chord less u_ff is used.
+since braking from u in steps of a takes u (u + a) / 2a. The chord is scaled as a whole, so that every
+joint stays within its u(D). A moving target moves the optimum by u_ff per tick: then only the rest of the
+chord, D − u_ff, is scaled.
 """
 
 from __future__ import annotations

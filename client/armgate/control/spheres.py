@@ -14,10 +14,10 @@ from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sph
 from armgate.control.vectors import V3
 from armgate.control.weights import Vector
 
-# Radius of a row's spheres over the radius of the body: larger spheres keep the row short. With this ratio a
-# row has a sphere every 1.5 radii.
+# Ratio of the radius of a row's spheres to the radius of the body: larger spheres need fewer in a row. With
+# this ratio a row has a sphere every 1.5 radii of the body.
 STRETCH = 1.25
-# Largest number of spheres of a body; a long thin body gets larger ones.
+# Largest number of spheres of a body; those of a long thin body are larger instead.
 MOST = 8
 
 
@@ -82,8 +82,9 @@ def cover(shape: Shape) -> Iterator[tuple[V3, float]]:
     """Yield spheres (centre in the shape's frame, radius) that together contain the shape.
 
     The spheres form a row along the longest axis. Between two centres 2h apart, spheres of radius √(c² + h²)
-    cover a cross section of radius c. Round ends need a sphere in their own centre, flat ones have the outer
-    centres h inside. A cone is covered as a cylinder, a convex body as its box.
+    cover a cross section of radius c. If the ends are round, the outer spheres are centred at the centres of
+    the ends; if they are flat, at the distance h inside of them. A cone is covered as a cylinder, a convex
+    body as its box.
     """
     match shape:
         case Sphere(radius):

@@ -1,6 +1,6 @@
 """Direction error of the camera by stereographic projection, equations (3) and (4).
 
-With the camera's axes e1, e2, e3 (e3 looks along the view) and the ray r = p − x to the target,
+With the camera's axes e1, e2, e3 (e3 points along the view) and the ray r = p − x to the target,
 
     y = [e1·r, e2·r, e3·r] / ‖r‖,        Ψ = [y1, y2] / (1 + y3)                                        (3)
 
@@ -8,9 +8,9 @@ With the camera's axes e1, e2, e3 (e3 looks along the view) and the ray r = p �
 
     g_i = ∂Ψ_i/∂r = (e_i − Ψ_i (r/‖r‖ + e3)) / s
 
-The rows of P = ∂Ψ/∂p in (4) are the g_i. Turning the camera by ω and moving it by v changes what it sees as
-moving the target p by −(v + ω × p) does, hence J_t = ∂Ψ/∂q has the rows −[g_i; p × g_i]ᵀ J, with the target
-p, in world axes, and the camera's spatial Jacobian J at the world's origin.
+The rows of P = ∂Ψ/∂p in (4) are the g_i. If the camera moves by v and turns by ω, Ψ changes as if the
+target p moved by −(v + ω × p) in front of a fixed camera. So J_t = ∂Ψ/∂q has the rows −[g_i; p × g_i]ᵀ J. All
+are in world axes, and J is the camera's spatial Jacobian at the world's origin.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import NamedTuple
 
 from armgate.control.vectors import V3, dot, norm
 
-# Within this angle of the exact antipode the error is taken at this angle: Ψ and J_t stay finite, and the
-# unstable equilibrium at the antipode, where both ways round are equally long, is left along e1.
+# Within this angle of the exact antipode, rad, the error is computed at this angle. So Ψ and J_t stay finite.
+# The antipode is an unstable equilibrium, from which all ways to the target are equally long: there the
+# direction of e1 is chosen.
 ANTIPODE_GUARD = 1e-4
 # Distance from the lens below which a target has no direction, m: it counts as straight ahead.
 LENS_GUARD = 1e-6
@@ -31,7 +32,7 @@ class CameraError(NamedTuple):
     """Error of the task for a camera pose and a target, in world axes.
 
     Attributes:
-        psi: Ψ, (3).
+        psi: Ψ of (3), two components.
         g1: ∂Ψ_1/∂r, 1/m, the first row of P in (4).
         g2: ∂Ψ_2/∂r, 1/m, the second row.
         ray: unit vector from the lens to the target.
@@ -46,7 +47,7 @@ class CameraError(NamedTuple):
 
 
 def camera_error(e1: V3, e2: V3, e3: V3, r: V3) -> CameraError:
-    """Return Ψ (3) and its gradient (4) for camera axes e1, e2, e3 and the ray r = p − x to the target, m.
+    """Return Ψ of (3) and its gradient of (4) for camera axes e1, e2, e3 and the ray r, m.
 
     The result is finite everywhere: at the antipode and with the target in the lens the guards above apply.
     """

@@ -32,11 +32,11 @@ def roll_rate(e1: V3, e2: V3, spin: float, fade: tuple[float, float], k_c: float
     Args:
         e1: the camera's up-vector, world axes.
         e2: the camera's second axis.
-        spin: ∂φ/∂q of the last joint, −(axis · e3): 1 if the joint turns against the view axis, as A6 of a
-            KR16 with its camera looking along the flange does, and the printed sign of (15) holds; −1
-            otherwise.
+        spin: ∂φ/∂q of the last joint, −(axis · e3). It is 1 if the joint's axis is opposite to the view axis,
+            as for A6 of a KR16 with a camera that points along the flange; then the printed sign of (15)
+            holds. It is −1 if the axes are parallel.
         fade: angles of the view axis from the vertical, rad, between which the control fades in: with a
-            vertical view there is no "up" in the picture, and near it a small motion turns φ fast.
+            vertical view there is no "up" in the picture, and near it a small motion changes φ fast.
         k_c: gain.
     """
     off_vertical = asin(min(hypot(e1[2], e2[2]), 1.0))

@@ -1,15 +1,15 @@
 """Correction of the view for increments that differ from the path of the law.
 
-Null-space motion is exact only along the integrated path (16). An increment that covers a part of the chord
-to its end, or that bounded accelerations bend away from it, turns the view. So the task is solved again at
-the end of the increment. With the view vector
+Null-space motion is exact only along the integrated path (16). The view turns if an increment covers only a
+part of the chord from the start to the end of this path, or if bounded accelerations change its direction. So
+the task is solved again at the end of the increment. With the view vector
 
     v = θ Ψ / ‖Ψ‖,   θ = 2 arctan ‖Ψ‖,
 
-the increment must not end at a wider angle than the nearest point of the straight line of v from its start to
-the end of the law's path; otherwise it is corrected. So an approach may turn the view differently as long as
-the angle falls, and a correct view stays correct. The angle is braked like a joint, since no bounded
-correction could catch a view that sweeps past the target.
+consider the straight line from v at the start of the law's path to v at its end. The increment is corrected
+if its view angle θ at its end is wider than at the nearest point of this line. So an approach may turn the
+view in another direction as long as the angle falls, and a correct view stays correct. The angle is braked
+like a joint, because no bounded correction could stop a view that turns past the target too fast.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ V2 = tuple[float, float]
 
 # Largest number of rounds; in each round more joints reach their bounds.
 ROUNDS = 4
-# Damping against tasks that the free joints hardly move: per largest joint mobility, relative to Ψ.
+# Damping of the least squares, as a share of the trace of J_t diag(mobility) J_tᵀ: for tasks that the free
+# joints hardly move.
 DAMPING = 1e-6
 
 
-# Share of the combined effect of all joints with which the angle is braked; the joints must meet limits of
-# their own. With 0.7, as for each joint, 1 of 80 approaches overshot the target; with 0.35, 0 of 160.
+# Share of the combined effect of all joints' acceleration bounds with which the angle is braked; the rest is
+# for the limits of single joints. With 0.7, as for each joint, 1 of 80 approaches overshot the target; with
+# 0.35, 0 of 160.
 RESERVE = 0.35
 
 
@@ -86,7 +88,7 @@ def corrected(dq: Vector, missing: V2, J_t: Vector, low: Vector, high: Vector) -
     """Return the increment in [`low`, `high`], near `dq`, that changes Ψ by `missing` more than `dq`.
 
     Least squares, with joints weighted by their room; joints at their bounds are left out and the others take
-    over their part. If all joints together cannot reach the change, the result is as near as they can.
+    over their part. If all joints together cannot reach the change, the result is as near to it as possible.
 
     Args:
         dq: within the bounds, (n,).

@@ -42,7 +42,7 @@ class LimitRule(Enum):
         return self in (LimitRule.PAPER_RADIANS, LimitRule.PAPER_DEGREES)
 
     def strengths(self, model: RobotModel, c: float) -> Vector:
-        """Return c_j, (n,); `c` is that of UNIT_FREE. Prismatic joints count in m under every rule."""
+        """Return c_j, (n,); only UNIT_FREE uses `c`. Ranges of prismatic joints are in m under every rule."""
         span = model.upper - model.lower
         if self is LimitRule.UNIT_FREE:
             return np.full(model.n, c)
@@ -60,7 +60,7 @@ class LimitWeights:
         lower: lower joint limits.
         upper: upper joint limits.
         c: strength, one number or (n,).
-        squared: 1/(1 + H²) as (10) has it; False: 1/(1 + |H|).
+        squared: True for 1/(1 + H²) as in (10), False for 1/(1 + |H|).
 
     Raises:
         ValueError: if a joint has no range (upper ≤ lower), or c ≤ 0.

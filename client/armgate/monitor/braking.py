@@ -1,7 +1,7 @@
 """Braking by the rule of the protocol: along the increment, with all joints in proportion (CMD-28).
 
-For the increment u, decelerations d and period T, let m = max_j |u_j| / (d_j T²). The increments u·(1 − k/m),
-k = 1 … ⌊m⌋, follow. Their sum is S·u with S = n − n (n + 1) / (2 m), n = ⌊m⌋ (0 if m < 1).
+For the increment u, decelerations d and period T, let m = max_j |u_j| / (d_j T²). The next increments are
+u·(1 − k/m), k = 1 … ⌊m⌋. Their sum is S·u with S = n − n (n + 1) / (2 m), n = ⌊m⌋ (0 if m < 1).
 """
 
 import numpy as np

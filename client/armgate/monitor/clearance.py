@@ -5,8 +5,8 @@ of its robots. The distance at other poses q is at least d₀ − Σ_j L_j |q_j 
 ``Reach``. If this bound does not suffice, two more steps follow: the last separating plane at the new poses,
 which also renews the kept bound; then GJK for each combination of poses.
 
-One plane serves all combinations of poses of two robots at once, because its room is a sum of one term per
-robot: D = −max h_A(n) − max h_B(−n).
+One plane serves all combinations of poses of two robots at once, because the room that it leaves is a sum of
+one term per robot: D = −max h_A(n) − max h_B(−n).
 """
 
 from collections.abc import Sequence
@@ -28,11 +28,11 @@ CORNERS = 8
 RESOLUTION = 1e-4
 """Accuracy of the smallest clearances, m."""
 
-_REFRESHED = 2
-"""Factor for the number of pairs per state that are considered for a new plane while theirs suffices."""
+_CANDIDATES = 8
+"""Number of pairs with the smallest margins, of which at most one per state gets a new plane in advance."""
 
 _AGE = 64
-"""Number of uses of a plane before it is searched again."""
+"""Number of uses of a plane after which a new one may be computed in advance."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Clearances:
         if not len(pairs):
             return []
         rooms = self._planes(pairs)
-        self._search_plane(pairs, rooms - self._need(pairs))
+        self._renew_plane(pairs, rooms - self._need(pairs))
         found = []
         for k in np.argsort(rooms).tolist():
             pair = int(pairs[k])
@@ -200,7 +200,7 @@ class Clearances:
                 self._rows[robot].keep(pairs, poses, self._used)
 
     def _set_first_normals(self, pairs: NDArray[np.intp], A: Array, B: Array) -> None:
-        """Set the first normals: the directions from middle to middle."""
+        """Set the first normals: the directions from the middle of one body to that of the other."""
         middles = [self._bodies.middles(self._a[pairs], A), self._bodies.middles(self._b[pairs], B)]
         n = middles[1] - middles[0]
         n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
@@ -225,9 +225,9 @@ class Clearances:
             normals[:, own] = np.einsum("mkij,kj->mki", R, self._normal[pairs[own]])
         return normals
 
-    def _search_plane(self, pairs: NDArray[np.intp], spare: Array) -> None:
-        """Search a new plane for one of the pairs with the smallest margin."""
-        for k in np.argsort(spare)[: 4 * _REFRESHED]:
+    def _renew_plane(self, pairs: NDArray[np.intp], spare: Array) -> None:
+        """Compute a new plane for one of the pairs with the smallest margins, if its plane is old."""
+        for k in np.argsort(spare)[:_CANDIDATES]:
             pair = int(pairs[k])
             if self._age[pair] >= _AGE and spare[k] > 0.0:
                 self._measure_distance(pair, SETPOINT, SETPOINT, float(self.limits[pair]))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from armgate.monitor.findings import Summary
 
 SILENCE = 1.0
-"""Default of ``--silence``, s; repeats ``tolerances.SILENCE``, which the help does not load."""
+"""Default of ``--silence``, s; repeats ``tolerances.SILENCE``, so that ``--help`` need not import it."""
 
 
 def monitor(
@@ -63,7 +63,7 @@ def monitor(
         _end(summary, json_)
         return
     if not configs:
-        raise DescriptionError("no configuration given; a daemon is checked against one: CONFIG…")
+        raise DescriptionError("no configuration given; give the configuration of the cell after the address")
     _watch(source, configs, silence, json_, name, login(token_file, ca, cert, key))
 
 

@@ -27,7 +27,7 @@ def si(given: object, where: str, dimension: str, rate: int = 0) -> float:
     Args:
         given: Value in the file.
         where: Its place, for the error.
-        dimension: ``angle``, ``length`` or ``time``; a bare number fits each.
+        dimension: ``angle``, ``length`` or ``time``; a bare number is valid for each.
         rate: 0 for a position, 1 for a value per second, 2 for one per second squared.
 
     Raises:

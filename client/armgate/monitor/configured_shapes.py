@@ -62,10 +62,11 @@ def mesh_solids(file: Path, scale: Sequence[float], method: str) -> list[Solid]:
 def locate(file: Located, packages: Mapping[str, Path]) -> Path:
     """Return the file that a path, ``file://…`` or ``package://NAME/…`` refers to.
 
-    Packages are searched in the configuration, in ROS_PACKAGE_PATH, and in the folder and those above it.
+    A package is looked up in the configuration, then in ROS_PACKAGE_PATH, then among the folder of the file
+    that refers to it and its parent folders.
 
     Raises:
-        DescriptionError: There is no such package, or the URI is of another kind.
+        DescriptionError: There is no such package, or the scheme of the URI is not supported.
     """
     uri = file.text
     scheme, mark, rest = uri.partition("://")

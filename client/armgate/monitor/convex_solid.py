@@ -1,4 +1,4 @@
-"""Convex solids by their support function: hull of points or of discs across z, thickened by a radius.
+"""Convex solids by their support function: hull of points or of discs normal to z, thickened by a radius.
 
     h(d) = max_i (p_i·d + ρ_i·√(d_x² + d_y²)) + r·|d|
 
@@ -29,7 +29,7 @@ class Solid:
 
     Attributes:
         points: (k, 3), m.
-        discs: Radius of the disc across z around each point, (k,), m.
+        discs: Radius of the disc around each point, normal to z, (k,), m.
         radius: Thickness all around, m.
         opened: Returns the solids inside, if this one is only a box around them.
     """
@@ -64,7 +64,7 @@ def primitive(kind: str, size: Sequence[float], where: str) -> Solid:
     if SIZES.get(kind) != len(size):
         raise DescriptionError(f"{where}: no support for the shape {kind!r} with {len(size)} sizes")
     if min(size) <= 0.0:
-        raise DescriptionError(f"{where}: a {kind} with the sizes {list(size)}; expected positive ones")
+        raise DescriptionError(f"{where}: a {kind} with the sizes {list(size)}; expected positive sizes")
     if kind == "box":
         return hull(np.array(list(product(*((-s / 2.0, s / 2.0) for s in size)))))
     if kind == "sphere":

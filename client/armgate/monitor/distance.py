@@ -5,8 +5,9 @@ D(n) = −h_A(n) − h_B(−n), and the signed distance is the largest D over al
 Upper bound: the distance of two points, one inside each solid, is at least that of the solids.
 
 GJK (Gilbert, Johnson, Keerthi 1988) finds both at once: the point v of the difference A − B nearest to the
-origin, which is a convex combination of support points, and n = −v/|v|. Thicknesses are subtracted at the
-end. If the cores overlap, n is searched directly, and the upper bound only shows that they overlap.
+origin, which is a convex combination of support points, and n = −v/|v|. It works on the cores, which are the
+solids without their thickness; the thicknesses are subtracted at the end. If the cores overlap, the best n is
+searched for directly, and the upper bound only shows that they overlap.
 """
 
 import math
@@ -78,9 +79,8 @@ class PlacedSolid:
         a, b, c = self._axis
         along = x * a + y * b + z * c
         u, v, w = x - along * a, y - along * b, z - along * c
-        again = (
-            u * a + v * b + w * c
-        )  # the rounding error of the first subtraction, large for an axial direction
+        # The rounding error of the subtraction above, which is large for an axial direction.
+        again = u * a + v * b + w * c
         u, v, w = u - again * a, v - again * b, w - again * c
         across = math.sqrt(u * u + v * v + w * w)
         best, found = -math.inf, (0.0, 0.0, 0.0)
@@ -233,13 +233,13 @@ def _in_tetrahedron(simplex: Simplex) -> tuple[Simplex, Vector]:
 
 
 def _overlapping(a: PlacedSolid, b: PlacedSolid, thick: float, normal: Vector) -> DistanceBounds:
-    """Search the plane that leaves the most room, which is negative because the cores overlap."""
+    """Search for the plane that leaves the most room; the room is negative, because the cores overlap."""
     low, n = deepest(a, b, normal)
     return DistanceBounds(low - thick - ROUNDING, max(low, 0.0) - thick, n)
 
 
 def deepest(a: PlacedSolid, b: PlacedSolid, normal: Vector) -> tuple[float, Vector]:
-    """Return the largest room between the cores and its normal, found by turning many planes step by step."""
+    """Return the largest room between the cores and its normal, by turning many planes step by step."""
     tries = [normal, *a.where[:3, :3].T, *b.where[:3, :3].T, b.middle - a.middle]
     tries += [np.cross(p, q) for p in a.where[:3, :3].T for q in b.where[:3, :3].T]
     n = np.array(tries, dtype=np.float64)

@@ -34,7 +34,7 @@ class Finding:
         tick: Its tick.
         time: Daemon time, s.
         text: One sentence with the numbers.
-        value: Value that was found, m, rad or per s.
+        value: Value that was found, in m, rad or s.
         bound: Value that it was compared with.
         pair: Names of the bodies, for a clearance.
         joint: Name of the joint, for a rule about joints.

@@ -19,7 +19,7 @@ _GAP = 0.1
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of a gantry, m: height of the rails' underside, distance of the rails, edges of the sections."""
+    """Sizes of a gantry, m: height below the rails, distance of the rails, widths of beams and column."""
 
     height: float
     span: float

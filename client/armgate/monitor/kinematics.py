@@ -58,7 +58,7 @@ class Reach:
     that the joint carries directly. A prismatic joint moves each point by the distance that it moves itself.
 
     Attributes:
-        travel: The range of positions, either sign, for which the bounds hold, (n,).
+        travel: Largest absolute positions for which the bounds hold, (n,).
         lever: Bound per body and joint, (bodies, n), m per rad or m per m; 0 if the joint does not move it.
     """
 

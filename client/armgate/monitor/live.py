@@ -125,16 +125,16 @@ class LiveMonitor:
             self._connection.ping()
 
     def _note_unseen(self) -> None:
-        """Print once the robots without any state that already count as silent."""
+        """Print the robots that have sent no state, once the silence time has passed since the start."""
         if self._unseen_noted or time.monotonic() - self._start <= self._silence:
             return
         self._unseen_noted = True
         if self.summary.unseen:
             names = ", ".join(self.summary.unseen)
-            self._echo(f"note: no state yet of {names}; they are not checked until they tick")
+            self._echo(f"note: no state yet of {names}; they are not checked until a state is received")
 
     def _new_states(self) -> Iterator[State]:
-        """Yield new states; the connection begins with those that it has kept, some already checked."""
+        """Yield new states; the connection begins with kept states, some of which may be checked already."""
         states = self._connection.states(timeout=WAIT, backlog=BACKLOG)
         state = next(states)
         if any(state is one for one in self._checked):
@@ -185,7 +185,7 @@ class LiveMonitor:
 
 
 class StateAge:
-    """Delay of the checks of states, relative to the least delay between the clocks of daemon and monitor.
+    """Delay from the time of a state to its check, in excess of the least delay observed.
 
     Attributes:
         seconds: Age of the newest state.
@@ -208,7 +208,7 @@ class StateAge:
 
 @contextmanager
 def end_requests() -> Iterator[Callable[[], bool]]:
-    """Return a function that is True after SIGINT or SIGTERM; a second signal ends the process at once."""
+    """Yield a function that returns True after SIGINT or SIGTERM; a second signal ends the process."""
     requested = False
 
     def request(_signum: int, _frame: object) -> None:

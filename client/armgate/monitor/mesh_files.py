@@ -29,7 +29,7 @@ _PLY_TYPES = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Vertices (v, 3) as in the file, and triangles as indices of them, (t, 3)."""
+    """Vertices (v, 3) as in the file, and triangles as rows of vertex indices, (t, 3)."""
 
     vertices: Array
     triangles: NDArray[np.int64]
@@ -59,7 +59,7 @@ def _checked(vertices: Array, faces: Sequence[Sequence[int]]) -> Mesh:
         raise ValueError(f"{len(triangles)} triangles; expected 1 to {MAX_TRIANGLES}")
     indices = np.array(triangles, dtype=np.int64)
     if indices.min() < 0 or indices.max() >= len(vertices):
-        raise ValueError("a face names a vertex that does not exist")
+        raise ValueError("a face refers to a vertex that does not exist")
     used = np.unique(indices)
     if not np.all(np.isfinite(vertices[used])):
         raise ValueError("a coordinate is not finite")
@@ -108,7 +108,7 @@ def _stl_text(data: bytes) -> Array:
         closed += word == "endsolid"
         at += 1
     if not closed or opened != facets or len(corners) != 3 * facets:
-        raise ValueError("text STL without its last lines")
+        raise ValueError("an incomplete text STL")
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 
 
@@ -137,10 +137,10 @@ def _obj_statements(data: bytes) -> Iterator[list[str]]:
 
 
 def _obj_index(part: str, known: int) -> int:
-    """Return the index from 0 of a face's corner; a negative one counts back from the last vertex so far."""
+    """Return the zero-based index of a face's corner; a negative one counts back from the newest vertex."""
     index = int(part.split("/", 1)[0])
     if index == 0 or index < -known:
-        raise ValueError(f"a face names the vertex {index}")
+        raise ValueError(f"a face refers to the vertex {index}")
     return index - 1 if index > 0 else known + index
 
 
@@ -202,7 +202,7 @@ def _ply_header(rows: list[list[str]]) -> tuple[str, list[tuple[str, int, list[P
             case ["comment" | "obj_info", *_] | []:
                 pass
             case _:
-                raise ValueError(f"the header line {' '.join(row):.60}")
+                raise ValueError(f"unknown header line {' '.join(row):.60}")
     if not form or sum(count for _, count, _ in elements) > 4 * MAX_TRIANGLES:
         raise ValueError("no format, or too many elements")
     return form, elements

@@ -63,7 +63,10 @@ class CellBody:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two bodies, by index, with the required distance ``limit`` [m]; on one robot the inner one is first."""
+    """Two bodies, by index, and their required distance ``limit`` [m].
+
+    For two bodies of one robot, ``a`` is the one whose joint has the lower index.
+    """
 
     a: int
     b: int
@@ -188,7 +191,7 @@ class _Mount:
 
 
 class _Builder:
-    """Builds one robot: arm, gantry, frames and bodies."""
+    """Builder of one robot: arm, gantry, frames and bodies."""
 
     def __init__(self, index: int, name: str, own: Section, order: Sequence[str] | None) -> None:
         self._index, self._name, self._own, self._order = index, name, own, order

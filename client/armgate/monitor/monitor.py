@@ -19,7 +19,7 @@ _RECOMPUTED_EVERY = 8
 
 
 class Monitor:
-    """Checks a cell from the states of its robots.
+    """Monitor of a cell, which checks the states of its robots.
 
     Args:
         cell: The cell.
@@ -101,7 +101,7 @@ class Monitor:
         return self._new_findings(state, found, all_rules=False)
 
     def add_differences(self, texts: Iterable[str]) -> list[Finding]:
-        """Add the differences between described cell and configuration; return the findings."""
+        """Add the differences between the described cell and the configuration; return the findings."""
         found = [Finding("cell", "", 0, 0.0, text) for text in texts]
         self._add(found)
         return found
@@ -114,7 +114,7 @@ class Monitor:
         return found
 
     def set_link(self, robot: str, *, ended: bool) -> None:
-        """Note if the link of a robot has ended: its states may then stop."""
+        """Store whether the link of a robot has ended, because its states may then stop."""
         if not ended:
             self._ready.add(robot)
         if (index := self._index.get(robot)) is not None:
@@ -160,7 +160,7 @@ class Monitor:
         n = 0 if robot is None else self.cell.robots[robot].n
         if robot is not None and all(len(x) == n for x in (state.q, state.setpoint, state.stop_end)):
             return None
-        text = f"a state with another number of joints than the configuration ({n})"
+        text = f"a state with another number of joints than in the configuration ({n})"
         return Finding("form", state.robot, state.tick, state.time, text)
 
     def _count(self, motion: Motion, state: TickState) -> None:
@@ -173,7 +173,7 @@ class Monitor:
             self.summary.missed[state.robot] = self.summary.missed.get(state.robot, 0) + missed
 
     def _silent_robots(self, state: TickState) -> list[Finding]:
-        """Return a finding for each robot whose newest state is old by the daemon's own time."""
+        """Return a finding for each robot whose newest state is too old by the times of the states."""
         found = []
         for index, motion in enumerate(self._motions):
             last = motion.last
@@ -270,7 +270,7 @@ class Monitor:
             return []
         a, b, distance = state.nearest[turn % len(state.nearest)]
         if a not in self._bodies or b not in self._bodies:
-            return []  # parts of a mesh, or a body of the daemon only, which the description check reports
+            return []  # parts of a mesh, or a body that only the daemon has: the description check reports it
         if self._robots_named(a, b) != {self._index[state.robot]}:
             return []  # other robots may have moved since
         found = self._clearances.at_measured(self._bodies[a], self._bodies[b])
@@ -298,7 +298,7 @@ class Monitor:
     # --- findings -----------------------------------------------------------------------------------------
 
     def _reopen(self, state: TickState) -> None:
-        """Report a rule that is still violated again after a stop of the robot was reset."""
+        """After a reset of a stop of the robot, let violations that still exist be reported once more."""
         before = self._stops.get(state.robot, frozenset())
         if before > state.stops:
             self._ongoing = {key for key in self._ongoing if key[0] != state.robot}

@@ -27,7 +27,7 @@ class Motion:
         lockstep: True if each tick must have its exact time.
         last: Its newest state.
         step: Its newest increment; None if it is not known.
-        outside: How far the joints may be beyond their limits, (2, n): below, above.
+        outside: Allowed excess of the joints beyond their limits, (2, n): below, above.
         moved: True if the newest state follows a reset that adopted a position to which the robot was moved.
     """
 
@@ -96,7 +96,7 @@ class Motion:
             yield from self._check_exact_time(before, state)
         elif state.ready and (ahead := self._rate.check(state.tick, state.time)) is not None:
             text = (
-                f"its ticks are early by {ahead.gain:.3f} s, {ahead.bound:.3f} s are allowed: "
+                f"its ticks are early by {ahead.gain:.3f} s; {ahead.bound:.3f} s are allowed: "
                 f"{ahead.ticks} ticks of {1e3 * self.robot.period:g} ms arrived in {ahead.elapsed:.3f} s"
             )
             yield self._finding(state, "pace", text, value=ahead.gain, bound=ahead.bound)
@@ -205,7 +205,7 @@ class Motion:
     # --- ends of stops ------------------------------------------------------------------------------------
 
     def _poses(self, state: TickState) -> Array:
-        """Return q, setpoint, reported end, own end; the reported end twice if the own one is unknown."""
+        """Return q, setpoint, reported stop end and computed stop end, or the reported one again."""
         own = state.stop_end if self.step is None else state.setpoint + rest_of(self.step, self._decel)
         return np.stack([state.q, state.setpoint, state.stop_end, own])
 

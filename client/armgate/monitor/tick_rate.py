@@ -4,7 +4,8 @@ Tick k of a clock with the period T has the time t = k·T + o. A tick can be lat
 in a burst until they are on time again; a lost tick or a pause delays all later ticks. So the offset o can
 rise at any time, and falls back to the offset of ticks on time, but never below it. Only a clock that is
 faster than T makes the offset fall further. The least offset of a block of ticks is that of ticks on time,
-unless one delay spans the whole block; so the floor is the least offset of three blocks in a row.
+unless one delay spans the whole block. So the least offset of three blocks in a row is used, and the floor is
+the largest of these over the newest blocks. A tick whose offset is too far below the floor is too early.
 """
 
 import math
@@ -14,10 +15,10 @@ from dataclasses import dataclass
 from armgate.monitor import tolerances as tol
 
 _ROW = 3
-"""Number of blocks in a row whose least offset is the floor: no burst is as long."""
+"""Number of blocks in a row of which the least offset is used: no delay or burst is as long."""
 
 _KEPT = 16
-"""Number of blocks that count: a lost tick delays all later ticks, so the floor must be able to rise."""
+"""Number of newest blocks for the floor; older ones are forgotten, so that clock drift raises no alarm."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Ahead:
 
 
 class TickRate:
-    """Compares ticks with time.
+    """Comparison of one robot's ticks with time.
 
     Args:
         period: Period of the robot's clock, s.

@@ -34,7 +34,7 @@ REBASED = 3.0
 """A reset that moves the setpoint by more than this many measurement errors adopts a new position."""
 
 MEASURED_TICKS = 8
-"""Number of ticks over which the speed of measured positions is computed; one tick's share is tolerated."""
+"""Number of ticks over which the speed of measured positions is computed; one tick more is tolerated."""
 
 STALE = 2.5
 """Age of the newest state, in periods, from which the position of a robot counts as unknown."""

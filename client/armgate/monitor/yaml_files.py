@@ -21,7 +21,7 @@ MAX_DEPTH = 32
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _EMPTY = object()
-"""Value of an empty node, without even ``null``; it leaves a mapping of an earlier file unchanged."""
+"""Value of a node without any text, even ``null``; it leaves a mapping of an earlier file unchanged."""
 
 _WORDS: dict[str, object] = {
     "": _EMPTY, "~": None, "null": None, "Null": None, "NULL": None,

@@ -52,7 +52,7 @@ async def verdict_repeats_robot_seq_and_tick(ctx: CaseContext) -> None:
         command = holder.make_command(tick, **more)
         verdict = await holder.send_command(command)
         for key in ("robot", "seq", "tick"):
-            check(verdict[key] == command[key], f"{key} is {verdict[key]}, the command has {command[key]}")
+            check(verdict[key] == command[key], f"{key} is {verdict[key]}; the command has {command[key]}")
 
 
 @case(
@@ -130,7 +130,7 @@ async def unreadable_command_is_an_error_with_its_seq(ctx: CaseContext, more: di
         error = await holder.connection.expect("error", code="invalid_message", fatal=False, about="command")
         check(
             error.get("seq") == bad["seq"],
-            f"the error names seq {error.get('seq')}, the command has {bad['seq']}",
+            f"the error names seq {error.get('seq')}; the command has {bad['seq']}",
         )
         verdict = await holder.connection.expect("verdict", seq=good["seq"])
         if cause_of(verdict) != "stale":

@@ -103,7 +103,7 @@ async def bodies_belong_to_a_link_of_a_robot_or_to_the_surroundings(ctx: CaseCon
 @case(
     "DSC-8/shapes", "Check sizes and poses", "As many positive sizes as the kind requires; unit quaternions"
 )
-async def shapes_have_positive_sizes_and_poses_unit_quaternions(ctx: CaseContext) -> None:
+async def shapes_have_positive_sizes_and_poses_have_unit_quaternions(ctx: CaseContext) -> None:
     description = await described(ctx)
     for body in description["bodies"]:
         sizes = body["shape"]["size"]

@@ -41,9 +41,7 @@ async def hello_in_one_frame_is_welcomed(ctx: CaseContext) -> None:
     await client.sync()
 
 
-@case(
-    "FRM-2/split", "Send hello in two packets, cut in turn after every one of its first 12 bytes", "A welcome"
-)
+@case("FRM-2/split", "Send hello in two packets, 12 times: split after byte 1, 2, … 12", "A welcome")
 async def hello_split_at_any_byte_is_welcomed(ctx: CaseContext) -> None:
     for cut in range(1, 13):
         client = await ctx.connect()

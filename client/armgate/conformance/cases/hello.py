@@ -276,7 +276,7 @@ async def unknown_capabilities_are_ignored(ctx: CaseContext) -> None:
 @case(
     "EVO-4/unnamed",
     "Send hello without capabilities; describe, subscribe to all, hold, move, signal, stop and reset",
-    "Version 1 has every received message type, shape, outcome and condition",
+    "All types of messages, shapes, outcomes and link states that are received belong to version 1",
     also=("EVO-5",),
 )
 async def client_without_capabilities_gets_version_1_only(ctx: CaseContext) -> None:

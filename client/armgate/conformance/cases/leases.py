@@ -124,7 +124,7 @@ async def controller_cannot_take_over(ctx: CaseContext) -> None:
 @case(
     "LEA-8/takeover",
     "An operator takes the robot over while it moves",
-    "The holder receives lost with its own fence; its commands are refused by fence, the operator's admitted",
+    "The holder receives lost with its own fence; its commands are refused by fence, and those of the operator are admitted",
     also=("LEA-17", "CMD-9", "CMD-35", "LEA-21"),
 )
 async def operator_takes_over_a_moving_robot(ctx: CaseContext) -> None:
@@ -214,7 +214,7 @@ async def any_message_renews_the_lease(ctx: CaseContext, kind: str, fields: Fiel
 for _slug, _fields in _MESSAGES.items():
     case(
         f"LEA-14/{_slug}",
-        f"Hold the robot for twice the ttl of its lease, sending {_slug} at every quarter of it",
+        f"Hold the robot for twice the ttl of its lease, sending {_slug} every quarter of the ttl",
         "The lease stays in force, with the same fence",
     )(partial(any_message_renews_the_lease, kind=_slug, fields=_fields))
 

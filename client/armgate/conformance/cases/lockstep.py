@@ -39,7 +39,7 @@ class Participant:
         return participant
 
     async def wait_step(self, least: int) -> Fields:
-        """Return the next state of a step that is not before ``least``."""
+        """Return the next state whose step is ``least`` or later."""
 
         def newer(message: Fields) -> bool:
             self._update(message)
@@ -53,7 +53,7 @@ class Participant:
             self.ticks |= {entry["robot"]: entry["tick"] for entry in message["entries"]}
 
     async def receive_until_step(self, least: int) -> list[Fields]:
-        """Return all messages up to and including the states of a step that is not before ``least``."""
+        """Return all messages up to and including the states of the first step that is ``least`` or later."""
         found: list[Fields] = []
         while not any(m["type"] == "state" and m["step"] >= least for m in found):
             found.append(await self.connection.receive(lambda m: True, f"a state of step {least}"))
@@ -110,7 +110,7 @@ async def step_ends_when_all_participants_have_passed(ctx: CaseContext) -> None:
 
 @case(
     "LCK-2/command",
-    "One participant holds a robot and commands it, the other passes",
+    "One participant holds a robot and commands it; the other passes",
     "The command ends the step; the state of the next step shows its seq as applied",
     also=("LCK-4",),
 )
@@ -458,7 +458,7 @@ async def order_of_the_participants_messages_has_no_effect(ctx: CaseContext) -> 
             check(
                 a == b, f"{name} received {a} if the first participant sent first, {b} if the second one did"
             )
-        check(len(here) == len(there) > _STEPS, f"{name} received {len(here)} and {len(there)} of them")
+        check(len(here) == len(there) > _STEPS, f"{name} received {len(here)} and {len(there)} messages")
 
 
 async def _conversation(ctx: CaseContext, target: Target, order: tuple[int, int]) -> list[list[Fields]]:
@@ -475,9 +475,8 @@ async def _conversation(ctx: CaseContext, target: Target, order: tuple[int, int]
     for step in range(_STEPS):
         first, last = order
         _act(participants[first], held.get(first), step)
-        received[first] += await participants[
-            first
-        ].connection.drain()  # processed before the other one sends
+        # The server has processed these before the other participant sends.
+        received[first] += await participants[first].connection.drain()
         _act(participants[last], held.get(last), step)
         for number, participant in enumerate(participants):
             received[number] += await participant.receive_until_step(participant.step + 1)
@@ -485,7 +484,7 @@ async def _conversation(ctx: CaseContext, target: Target, order: tuple[int, int]
 
 
 def _act(participant: Participant, holder: LeaseHolder | None, step: int) -> None:
-    """Send a signal, and a command of the held robot, or ``pass`` without one."""
+    """Send a signal, and a command for the held robot, or ``pass`` if no robot is held."""
     participant.connection.send(
         {"type": "signal", "name": f"kit/{participant.connection.name}", "value": [float(step)]}
     )

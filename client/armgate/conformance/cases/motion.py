@@ -102,7 +102,7 @@ async def every_limiting_joint_is_named(ctx: CaseContext) -> None:
         reasons = (await holder.command([wanted] * holder.n)).get("reasons") or []
         if len(reasons) < _MOST_REASONS:
             missing = names - {reason.get("joint") for reason in reasons}
-            check(not missing, f"no reason names {sorted(missing)}, although it cannot move so fast")
+            check(not missing, f"no reason names {sorted(missing)}, although no joint can move so fast")
         else:
             check(len(reasons) == _MOST_REASONS, f"a verdict has {len(reasons)} reasons")
             text = reasons[-1]["text"]
@@ -185,7 +185,7 @@ for _slug, _value in _NUMBERS.items():
 
 @case(
     "CMD-22/refused",
-    "Provoke every refusal that precedes the gate's decision",
+    "Provoke refusals by fence, ahead, length and not_finite",
     "Outcome refused, beta 0, one reason, and dq of the plan that the robot plays",
     also=("CMD-17", "CMD-29"),
 )

@@ -34,7 +34,7 @@ def key(text: str) -> bytes:
 
 
 def with_x(value: bytes) -> bytes:
-    """Return a ping with a packed value of an unknown key."""
+    """Return a ping with an unknown key that holds a packed value."""
     return raw_map((key("type"), key("ping")), (key("time"), msgpack.packb(1.0)), (key("x"), value))
 
 
@@ -311,7 +311,7 @@ async def name_may_hold_all_allowed_characters(ctx: CaseContext) -> None:
 
 @case(
     "ERR-8/token",
-    "Send hello with a token that is too long and a secret",
+    "Send hello with a secret token that is too long",
     "The error's text does not repeat the token",
 )
 async def error_does_not_repeat_a_token(ctx: CaseContext) -> None:

@@ -126,7 +126,7 @@ for _slug, _ahead in {"next": 1, "far": 1000, "huge": 2**62}.items():
 
 @case(
     "CMD-13/stale",
-    "Send a command based on a tick one older than max_age_ticks allows, and on tick 0",
+    "Send a command based on a tick that is one older than max_age_ticks allows, and one based on tick 0",
     "Refused by stale; the slot stays free",
     also=("CMD-17",),
 )
@@ -201,6 +201,12 @@ async def command_after_a_limited_one_is_refused_by_occupied(ctx: CaseContext) -
 
 
 _LENGTHS: dict[str, int] = {"short": -1, "long": 1, "empty": -64, "64": 64}
+_DQS = {
+    "short": "a dq that is one number too short",
+    "long": "a dq that is one number too long",
+    "empty": "an empty dq",
+    "64": "a dq of 64 numbers",
+}
 
 
 async def command_of_another_length_is_refused_by_length(ctx: CaseContext, by: int) -> None:
@@ -220,13 +226,13 @@ async def command_of_another_length_is_refused_by_length(ctx: CaseContext, by: i
 for _slug, _by in _LENGTHS.items():
     case(
         f"CMD-15/{_slug}",
-        f"Send a command with a dq that is {_slug if _by < 64 else '64 long'}",
+        f"Send a command with {_DQS[_slug]}",
         "Refused by length; the slot stays free",
         also=("CMD-17",),
     )(partial(command_of_another_length_is_refused_by_length, by=_by))
 
 
-async def command_with_a_number_not_finite_is_refused(ctx: CaseContext, value: float) -> None:
+async def command_with_a_non_finite_number_is_refused(ctx: CaseContext, value: float) -> None:
     holder = await ctx.holder()
 
     def with_value(joint: int, tick: int) -> Fields:
@@ -247,7 +253,7 @@ for _slug, _value in {"nan": math.nan, "infinity": math.inf, "minus-infinity": -
         f"Send a command with {_value} in dq, at the first and at the last joint",
         "Refused by not_finite; the slot stays free; nothing moves",
         also=("CMD-17", "PAY-16"),
-    )(partial(command_with_a_number_not_finite_is_refused, value=_value))
+    )(partial(command_with_a_non_finite_number_is_refused, value=_value))
 
 
 _PRECEDENCE: dict[str, tuple[str, str, dict[str, Any]]] = {
@@ -256,7 +262,7 @@ _PRECEDENCE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "ahead-length": ("ahead", "a tick ahead and a wrong length", {"tick": 2**40, "dq": [0.0] * 60}),
     "stale-length": ("stale", "tick 0 and a wrong length", {"tick": 0, "dq": [0.0] * 60}),
     "stale-nan": ("stale", "tick 0 and NaN", {"tick": 0, "dq": "nan"}),
-    "length-nan": ("length", "a wrong length, of NaN", {"dq": [math.nan] * 60}),
+    "length-nan": ("length", "a wrong length and NaN", {"dq": [math.nan] * 60}),
 }
 
 

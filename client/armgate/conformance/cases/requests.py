@@ -224,7 +224,7 @@ for _kind, _fields in _NO_ROBOT.items():
     )(partial(unknown_robot_is_refused, kind=_kind, fields=_fields))
 
 
-@case("LCK-13/pass", "Send pass to a server by the wall clock", "An error no_lockstep, not fatal")
+@case("LCK-13/pass", "Send pass to a server that runs by the wall clock", "An error no_lockstep, not fatal")
 async def pass_without_lockstep_is_refused(ctx: CaseContext) -> None:
     client = await ctx.client()
     client.send({"type": "pass", "step": 1})
@@ -234,7 +234,7 @@ async def pass_without_lockstep_is_refused(ctx: CaseContext) -> None:
 
 @case(
     "LCK-1/clock",
-    "On a server by the wall clock, check welcome and a state",
+    "On a server that runs by the wall clock, check welcome and three states",
     "lockstep is not true, and states have no step",
 )
 async def states_without_lockstep_have_no_step(ctx: CaseContext) -> None:

@@ -117,7 +117,7 @@ for _every in (1, 3):
     "Each replaces the previous subscription; after the last, no state comes",
     also=("SUB-4",),
 )
-async def subscription_replaces_the_one_before(ctx: CaseContext) -> None:
+async def subscription_replaces_the_previous_one(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
     await client.call("subscribe", "subscribed")
     await client.call("subscribe", "subscribed", fields=["q"], robots=[ctx.robot])
@@ -138,7 +138,7 @@ async def subscription_replaces_the_one_before(ctx: CaseContext) -> None:
     "Errors unknown_field and unknown_robot; the first subscription stays",
     also=("ERR-2",),
 )
-async def invalid_subscription_leaves_the_one_before(ctx: CaseContext) -> None:
+async def invalid_subscription_keeps_the_previous_one(ctx: CaseContext) -> None:
     client = await ctx.client("observer")
     await client.call("subscribe", "subscribed", fields=["holder"])
     await client.expect_refusal("subscribe", "unknown_field", fields=["q", "colour"])
@@ -173,7 +173,7 @@ async def no_states_come_without_a_subscription(ctx: CaseContext) -> None:
     "Two sessions subscribe differently",
     "Each session receives the fields that it subscribed to",
 )
-async def sessions_have_subscriptions_of_their_own(ctx: CaseContext) -> None:
+async def each_session_has_its_own_subscription(ctx: CaseContext) -> None:
     one, two = await ctx.client("observer", "one"), await ctx.client("observer", "two")
     await one.call("subscribe", "subscribed", fields=["q"])
     await two.call("subscribe", "subscribed", every=2, fields=["holder", "stops"])
@@ -369,10 +369,10 @@ async def states_show_the_newest_verdict_and_the_counts(ctx: CaseContext) -> Non
 @case(
     "STA-13/witness",
     "Move twenty ticks; check the nearest pairs",
-    "No distance exceeds that of its two points; the limit is one of the description",
+    "No distance exceeds that of its two witness points; the limit is one of those in the description",
 )
 async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
-    # The true distance is at most that of any two points of the bodies, so of these two.
+    # The true distance is at most that of any two points of the bodies, and so of these two.
     holder = await ctx.holder()
     limits = {ctx.server.description[key] for key in ("stop_distance", "self_distance")}
     seen = 0
@@ -394,7 +394,7 @@ async def distances_are_consistent_with_their_points(ctx: CaseContext) -> None:
 @case(
     "STA-12/late",
     "Move twenty ticks; check late_commands",
-    "It counts no command whose state showed it applied",
+    "It does not count commands that a state showed as applied",
 )
 async def late_commands_are_not_applied(ctx: CaseContext) -> None:
     holder = await ctx.holder()

@@ -26,7 +26,7 @@ async def every_role_may_stop_the_cell(ctx: CaseContext, role: str) -> None:
     client = await ctx.client(role, "stopper")
     answer = await client.call("stop", "stopped", reason="a case of the kit")
     names = [robot["name"] for robot in ctx.server.description["robots"]]
-    check(sorted(answer["robots"]) == sorted(names), f"the stop is of {answer['robots']}")
+    check(sorted(answer["robots"]) == sorted(names), f"the stop is for {answer['robots']}")
     check((answer["by"], answer["reason"]) == (ctx.name("stopper"), "a case of the kit"), f"{answer}")
     await ctx.wait_at_rest()
     await ctx.observer.ticks(ctx.robot, 5)
@@ -94,9 +94,8 @@ async def stop_is_announced_before_the_lost_lease(ctx: CaseContext) -> None:
 async def refusals_by_a_stop_name_its_id(ctx: CaseContext) -> None:
     holder = await ctx.holder()
     other = await ctx.client(name="other")
-    for number in range(
-        12
-    ):  # so that the id has two digits, which no other number in the texts is likely to have
+    # Twelve stops, so that the id has two digits, which no other number in the texts is likely to have.
+    for number in range(12):
         stop = (await other.call("stop", "stopped", robot=ctx.robot, reason=f"{number}"))["stop"]
     verdict = await holder.command(forbidden="the robot is stopped")
     text = " ".join(reason["text"] for reason in verdict["reasons"])
@@ -116,7 +115,7 @@ async def stop_of_one_robot_leaves_others(ctx: CaseContext) -> None:
     await holder.move()
     client = await ctx.client(name="stopper")
     answer = await client.call("stop", "stopped", robot=ctx.robot)
-    check(answer["robots"] == [ctx.robot], f"the stop is of {answer['robots']}")
+    check(answer["robots"] == [ctx.robot], f"the stop is for {answer['robots']}")
     await holder.move()
     await holder.move()
 
@@ -231,7 +230,7 @@ async def robot_is_acquired_again_after_a_reset(ctx: CaseContext) -> None:
     "Stop a robot twice with one reason, and once with another",
     "The second stop replaces the first, and the third replaces none; states list the second and the third",
 )
-async def stop_with_the_same_reason_replaces_the_one_before(ctx: CaseContext) -> None:
+async def stop_with_the_same_reason_replaces_the_previous_one(ctx: CaseContext) -> None:
     client = await ctx.client()
     answers = [await client.call("stop", "stopped", robot=ctx.robot, reason=reason) for reason in "aab"]
     first, second, third = (one["stop"] for one in answers)

@@ -1,8 +1,8 @@
 """Redundancy toolbox: properties of a Jacobian, and uses of redundant joints.
 
-After the lecture "Kinematic Redundancy" (R. Platt, Northeastern University; slide numbers in this package are
-its), for any robot with a URDF and any task rows. Functions that need only a Jacobian take a matrix J (m, n),
-the others a task.
+It follows the lecture "Kinematic Redundancy" (R. Platt, Northeastern University; slide numbers in this
+package refer to it), for any robot with a URDF and any task rows. Functions that need only a Jacobian take a
+matrix J (m, n), the others a task.
 
     spaces          range and null spaces, rank, singular directions                slides 3-9, 28-33
     inverses        pseudoinverse, weighted, damped with fixed or variable damping  slides 10-13

@@ -83,7 +83,7 @@ def _from_corner(beyond: Array) -> tuple[Array, Array]:
 
 
 def _units(ways: Array, length: Array) -> Array:
-    """Return displacements of these lengths as unit vectors; x for length 0."""
+    """Return displacements of these lengths as unit vectors; the x axis for length 0."""
     none = length == 0.0
     units: Array = ways / np.where(none, 1.0, length)[:, None]
     units[none] = (1.0, 0.0, 0.0)

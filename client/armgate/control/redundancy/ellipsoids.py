@@ -42,7 +42,7 @@ class Ellipsoid:
         return ball * float(np.prod(self.lengths))
 
     def map(self, directions: ArrayLike) -> Array:
-        """Return the surface points that belong to unit vectors (m, k), (m, k)."""
+        """Return the surface points (m, k) to which the unit vectors (m, k) are mapped."""
         points: Array = self.semi_axes @ (self.axes.T @ np.asarray(directions, dtype=np.float64))
         return points
 
@@ -50,7 +50,7 @@ class Ellipsoid:
         """Return the projection of a bounded ellipsoid by a linear map (k, m), k ≤ m.
 
         Raises:
-            ValueError: if the ellipsoid is unbounded, or the map has another shape.
+            ValueError: if the ellipsoid is unbounded, or the shape of the map does not fit.
         """
         P = matrix(rows)
         if not np.isfinite(self.lengths).all():

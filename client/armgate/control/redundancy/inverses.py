@@ -2,7 +2,7 @@
 
     pseudoinverse           J⁺ = Jᵀ(JJᵀ)⁻¹                 exact, the shortest q̇; ‖q̇‖ ≤ ‖ẋ‖ / σ_min
     weighted                J_w⁺ = W⁻¹Jᵀ(JW⁻¹Jᵀ)⁻¹         exact, the least q̇ᵀWq̇
-    transpose               Jᵀ                             right in direction only; ‖q̇‖ ≤ σ_max ‖ẋ‖
+    transpose               Jᵀ                             not exact: reduces the error; ‖q̇‖ ≤ σ_max ‖ẋ‖
     damped least squares    J* = Jᵀ(JJᵀ + k²I)⁻¹           nearly exact; ‖q̇‖ ≤ ‖ẋ‖ / 2k
 
 All are J's singular value decomposition with mapped singular values, σ ↦ 1/σ, σ, σ/(σ² + k²): damping adds k²
@@ -79,7 +79,7 @@ def damped_inverse(J: ArrayLike, k: float) -> Array:
 
 
 def variable_damping(sigma_min: float, threshold: float, most: float) -> float:
-    """Return the damping k for a smallest singular value: 0 from `threshold` on, `most` in a singularity.
+    """Return the damping k for a smallest singular value: 0 from `threshold` up, `most` in a singularity.
 
         k² = (1 − (σ_min / ε)²) k_max²   for σ_min < ε, else 0
 

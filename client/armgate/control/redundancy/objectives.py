@@ -49,8 +49,8 @@ class AwayFromSingularities:
 
         ∂w/∂q_k = Σ_i (Π_{j≠i} σ_j) u_iᵀ(∂J/∂q_k)v_i = w tr(J⁺ ∂J/∂q_k),
 
-    the first form without a division by a vanishing number. The lecture takes the gradient of det(JJᵀ) = w²:
-    2w ∂w/∂q, the same direction, but vanishing in the singularity. In a singularity w has a kink, and this is
+    where the first form needs no division by a number near zero. The lecture takes the gradient 2w ∂w/∂q of
+    det(JJᵀ) = w²: the same direction, but zero in the singularity. In a singularity w has a kink, and this is
     the gradient on one of its two sides, which also leads away.
     """
 

@@ -65,7 +65,7 @@ class Tuning:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class ReachVelocity:
     """Result of the controller at one position.
 
     Attributes:
@@ -103,7 +103,7 @@ class Reach(Generic[P]):
         self._inverse = _inverse(self.tuning)
         self._lower, self._upper = limits or (task.model.lower, task.model.upper)
 
-    def velocity(self, q: ArrayLike) -> Answer:
+    def velocity(self, q: ArrayLike) -> ReachVelocity:
         """Return q̇ at q (n,)."""
         q = np.asarray(q, dtype=np.float64)
         J = self.task.jacobian(q)
@@ -118,7 +118,7 @@ class Reach(Generic[P]):
             qd = np.where(free, self._resolve(J * free, xd, wanted * free), 0.0)
             pushed = (low & (qd < 0.0)) | (high & (qd > 0.0))
             if not pushed.any():
-                return Answer(qd, error)
+                return ReachVelocity(qd, error)
             free &= ~pushed
 
     def _resolve(self, J: Array, xd: Array, wanted: Array) -> Array:

@@ -29,7 +29,7 @@ EXACT = 1e-12
 """Error at which the corrector ends, m and rad."""
 CORRECTIONS = 8
 SHORTEST = 2.0**-12
-"""Smallest share of the step to which it is halved where the curve bends too much."""
+"""Smallest share to which the step is halved if the curve bends too much."""
 STRAIGHT = 0.9
 """Cosine of the largest angle between the directions of two neighbouring points."""
 
@@ -110,7 +110,7 @@ class _Curve(Generic[P]):
         J = self._task.jacobian(q)
         null = spaces(J).null
         if not null.shape[1]:
-            raise ValueError(f"there is no self-motion at {q}: J has rank {len(q)}, as many as joints")
+            raise ValueError(f"there is no self-motion at {q}: J has rank {len(q)}, the number of joints")
         if along is None:
             return np.asarray(null[:, 0])
         direction = self._unit(null_space_part(J, vector(along, len(q), "along")))

@@ -71,7 +71,7 @@ class Spaces:
 
     @property
     def degree_of_redundancy(self) -> int:
-        """Dimension of N(J); with the degree of manipulability its sum is n (slide 32)."""
+        """Dimension of N(J); this and the degree of manipulability add up to n (slide 32)."""
         return len(self.V) - self.rank
 
     @property
@@ -84,8 +84,8 @@ def spaces(J: ArrayLike, tolerance: float = TOLERANCE) -> Spaces:
     """Decompose J (m, n).
 
     Args:
-        J: the Jacobian. Its rows, and its columns, should have the same unit: rank and bases do not depend on
-            it, but the distance to a singularity depends on the ratio of m and rad.
+        J: the Jacobian. Its rows, and its columns, should have the same unit: the rank does not depend on the
+            units, but the singular values, and so the distance to a singularity, depend on them.
         tolerance: singular values below this share of the largest one are zero.
 
     Raises:
@@ -114,7 +114,7 @@ def vector(values: ArrayLike, length: int, what: str) -> Array:
     """Return values as an array (length,).
 
     Raises:
-        ValueError: if there are more or fewer; the text names `what`.
+        ValueError: if there are more or fewer values; the text names `what`.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (length,):

@@ -1,6 +1,6 @@
 """Tasks: rows of the Jacobians of frames, errors to a target, and derivatives of the rows.
 
-Rows belong to the velocity [v; ω] of a frame: linear at its origin, then angular, world axes.
+Rows are those of the velocity [v; ω] of a frame: linear velocity of its origin, then angular, world axes.
 """
 
 from collections.abc import Sequence
