@@ -334,7 +334,7 @@ def test_a_damaged_mesh_is_rejected_or_read_completely(tmp_path, name):
         ("x.obj", b"v 0 0 0\nf 1 2 3\n", "does not exist"),
         ("x.off", b"NOFF 1", "OFF"),
         ("x.ply", b"ply\nformat ascii 2.0\nelement vertex nope\nend_header\n", "damaged"),
-        ("x.stl", b"solid x\nfacet\nvertex 0 0 0\n", "without its last lines"),
+        ("x.stl", b"solid x\nfacet\nvertex 0 0 0\n", "an incomplete text STL"),
     ],
 )
 def test_an_unreadable_mesh_is_rejected_with_its_name(tmp_path, name, data, said):

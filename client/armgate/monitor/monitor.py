@@ -298,7 +298,7 @@ class Monitor:
     # --- findings -----------------------------------------------------------------------------------------
 
     def _reopen(self, state: TickState) -> None:
-        """After a reset of a stop of the robot, let violations that still exist be reported once more."""
+        """After a stop of the robot was reset, treat violations that still exist as new findings."""
         before = self._stops.get(state.robot, frozenset())
         if before > state.stops:
             self._ongoing = {key for key in self._ongoing if key[0] != state.robot}

@@ -283,7 +283,7 @@ class Motion:
 
 
 _TEXTS: dict[FindingKind, str] = {
-    "speed": "{joint} moves {value:.6g} {unit} in this time; {bound:.6g} {unit} is allowed",
+    "speed": "{joint} moves {value:.6g} {unit} between the compared states; {bound:.6g} {unit} is allowed",
     "acceleration": "the increment of {joint} changes by {value:.6g} {unit}; {bound:.6g} {unit} is allowed",
     "stop_end": "the stop of {joint} is reported to end at {value:.6f} {unit}; by its increment it ends at "
     "{bound:.6f} {unit}",
