@@ -13,7 +13,7 @@ from armgate.apps.errors import AppError, UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import read_path
 from armgate.apps.reach.goal import GAINS, Arm, Goal, away_from_surroundings, build, target
-from armgate.apps.reach.loop import Done, Steps, Watch, drive, write_motion
+from armgate.apps.reach.loop import Done, EndCriteria, Steps, drive, write_motion
 from armgate.apps.shared_signals import SharedSignals
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
@@ -173,17 +173,17 @@ def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(conne
 
 
 def test_the_motion_continues_until_the_objectives_settle() -> None:
-    watch = Watch(tolerance=1e-3, duration=60.0)
-    assert [watch.update(0.1 * k, 0.0, 0.5) for k in range(100)] == [None] * 100
-    ends = [watch.update(10.0 + 0.1 * k, 0.0, 0.0) for k in range(5)]
+    criteria = EndCriteria(tolerance=1e-3, duration=60.0)
+    assert [criteria.update(0.1 * k, 0.0, 0.5) for k in range(100)] == [None] * 100
+    ends = [criteria.update(10.0 + 0.1 * k, 0.0, 0.0) for k in range(5)]
     assert ends[0] is None
     assert ends[-1] == ("target reached in 10.40 s, 0.0e+00 left", True)
 
 
 def test_slow_progress_continues_and_no_progress_is_stuck() -> None:
-    watch = Watch(tolerance=1e-3, duration=1000.0)
-    assert all(watch.update(2.9 * k, 1.0 - 2e-3 * k, 0.5) is None for k in range(100))
-    stuck = [watch.update(2.9 * 99 + t, 0.8015, 0.5) for t in (2.9, 3.1)]
+    criteria = EndCriteria(tolerance=1e-3, duration=1000.0)
+    assert all(criteria.update(2.9 * k, 1.0 - 2e-3 * k, 0.5) is None for k in range(100))
+    stuck = [criteria.update(2.9 * 99 + t, 0.8015, 0.5) for t in (2.9, 3.1)]
     assert stuck == [None, ("stuck 0.8015 from the target after 290.20 s", False)]
 
 

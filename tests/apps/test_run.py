@@ -249,7 +249,7 @@ def test_the_demo_refuses_to_move_a_real_robot(tmp_path: Path) -> None:
     real = tmp_path / "real.yaml"
     real.write_text("armgate: 1\nrobots: {GR: {link: {virtual: null}}}\n")
     files = [LINKS.parents[1] / "demo.yaml", LINKS, real]
-    with pytest.raises(UsageError, match="GR is a real one"):
+    with pytest.raises(UsageError, match="GR is a real robot"):
         robots_of(load_config(files), files, tmp_path)
 
 

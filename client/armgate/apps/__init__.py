@@ -1,1 +1,1 @@
-"""Command line of armgate, and its programs, such as lead, follow and view: clients of the daemon."""
+"""Command line of armgate, and the clients that it starts, such as lead, follow and view."""

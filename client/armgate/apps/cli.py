@@ -1,11 +1,12 @@
 """The root of the command line: ``armgate COMMAND …``.
 
-A command is a function with typer annotations, or a group of them, that its package registers in the entry
-point group ``armgate.commands``. It is imported only when it is called, or listed by ``armgate --help``.
+A command is a function with typer annotations, or a ``typer.Typer`` with subcommands. Its package registers
+it in the entry point group ``armgate.commands``. It is imported only when it is called, or listed by
+``armgate --help``.
 
 Exit status: 0 success, 1 failure, 2 wrong usage (options, configuration, files). An error of armgate or of
-the operating system is printed as one line on stderr. Any other exception is a defect; its traceback is
-printed.
+the operating system is printed on stderr, usually as one line. Any other exception is a defect; its traceback
+is printed.
 """
 
 import sys
@@ -135,7 +136,7 @@ def explain(error: Exception) -> str | None:
 
 
 def _printable(error: Exception, text: str) -> str:
-    """Return a text as one line, but findings in a configuration on one line each."""
+    """Return a text without control characters; that of an error of the SDK as one line."""
     from armgate.cell.terminal_text import printable, printable_lines
     from armgate.client.errors import ClientError
 

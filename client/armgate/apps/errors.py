@@ -1,4 +1,4 @@
-"""Exceptions of the commands; the command line prints them as one line.
+"""Exceptions of the commands; the command line prints their texts.
 
 Tree::
 
@@ -11,19 +11,19 @@ from pathlib import Path
 
 
 class AppError(Exception):
-    """The command failed; the text gives the reason and the remedy."""
+    """Failure of a command; the text gives the reason and the remedy."""
 
     exit_code = 1
 
 
 class UsageError(AppError):
-    """The command was called incorrectly; no robot was moved."""
+    """Incorrect call of a command; no robot was moved."""
 
     exit_code = 2
 
 
 class PathError(UsageError):
-    """A path file is malformed.
+    """Malformed path file.
 
     Attributes:
         file: The path file.

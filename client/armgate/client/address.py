@@ -9,7 +9,7 @@ def parse_address(text: str) -> tuple[str, int]:
     """Return host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
 
     Raises:
-        BadArgument: The address has another form; the text states the fault.
+        BadArgument: The address has another form; the text states what is wrong.
     """
     host, colon, port = text.rpartition(":")
     if not colon or "]" in port:

@@ -8,7 +8,7 @@ from typing import Any
 
 from armgate.client.address import parse_address, socket_path
 from armgate.client.blocking_stream import RETRY
-from armgate.client.security import no_tls_on
+from armgate.client.security import check_no_tls
 from armgate.client.session import Session
 
 
@@ -34,7 +34,7 @@ class Stream(asyncio.Protocol):
         if path is None:
             await loop.create_connection(lambda: self, *parse_address(address), ssl=tls)
         else:
-            no_tls_on(address, tls)
+            check_no_tls(address, tls)
             await loop.create_unix_connection(lambda: self, sock=await _unix(path))
 
     @property

@@ -44,7 +44,7 @@ from armgate.protocol.messages import (
 )
 
 _ROUNDS = 64
-"""Number of reads after which received messages are handled first: a flood must not delay a tick."""
+"""Largest number of reads in a row; then waiting calls check for their result, so a flood delays no tick."""
 
 T = TypeVar("T")
 A = TypeVar("A", bound=Answer)

@@ -8,7 +8,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from armgate.client.address import parse_address, socket_path
-from armgate.client.security import no_tls_on
+from armgate.client.security import check_no_tls
 
 _CHUNK = 64 * 1024
 """Size of one read: for larger reads the allocator requests new memory from the system each time."""
@@ -46,7 +46,7 @@ class Stream:
         path = socket_path(address)
         if path is None:
             return cls(_tcp(*parse_address(address), timeout, tls))
-        no_tls_on(address, tls)
+        check_no_tls(address, tls)
         return cls(_unix(path, timeout))
 
     @property

@@ -27,10 +27,10 @@ class HeldLeases:
         return lease is not None and lease.fence == fence and (robot, fence) not in self._lost
 
     def check(self, robot: str, fence: int) -> None:
-        """Raise the reason for which this lease is not in force, if it is not.
+        """Check that this lease is in force.
 
         Raises:
-            Lost: ``RobotStopped`` or ``LeaseLost``.
+            Lost: It is not; ``RobotStopped`` or ``LeaseLost`` with the reason.
         """
         if (lost := self._lost.get((robot, fence))) is not None:
             raise lost

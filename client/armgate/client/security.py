@@ -114,7 +114,7 @@ def _is_local(peer: Any) -> bool:
     return isinstance(peer, str | bytes) or ipaddress.ip_address(peer[0].partition("%")[0]).is_loopback
 
 
-def no_tls_on(address: str, tls: ssl.SSLContext | None) -> None:
+def check_no_tls(address: str, tls: ssl.SSLContext | None) -> None:
     """Check that TLS is not requested on a Unix socket.
 
     Raises:

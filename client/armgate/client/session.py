@@ -37,7 +37,7 @@ from armgate.protocol.messages import (
 )
 
 KEEPALIVE_SHARE = 1 / 3
-"""Share of a lease's time to live after which a ping is sent if nothing else was."""
+"""Share of a lease's time to live after which a ping is sent if nothing else was sent."""
 
 _CAPABILITIES = ("stop.replaces",)
 """Capabilities in hello: this client resets a stop only by the id that is in force."""
@@ -53,7 +53,7 @@ class Session:
         state: The newest state of any robot; None before the first.
         states: Number of states received.
         subscription: The subscription in force; None if there is none.
-        closed: Reason for which the connection ended; None while it is open.
+        closed: Exception with the reason for which the connection ended; None while it is open.
     """
 
     def __init__(self, dialects: Sequence[Dialect] = DIALECTS) -> None:
@@ -195,12 +195,12 @@ class Session:
         self._close(ConnectionLost(text))
 
     def check(self) -> None:
-        """Raise the reason for which the connection ended, if it has."""
+        """Raise the exception in ``closed`` if the connection has ended."""
         if self.closed is not None:
             raise self.closed
 
     def check_silence(self, now: float, timeout: float) -> None:
-        """Raise ``TimedOut`` if the server has sent nothing since a ping longer than ``timeout`` ago."""
+        """Raise ``TimedOut`` if the server has sent nothing for longer than ``timeout`` after a ping."""
         if self._pinged is not None and now - self._pinged > timeout:
             raise TimedOut(f"the server has been silent for {timeout:g} s; close and connect again")
 
@@ -218,8 +218,8 @@ class Session:
     def next_tick(self, robot: str, fence: int, after: int) -> Tick | None:
         """Return the newest tick of a held robot if it is later than ``after`` and still lacks a command.
 
-        If an earlier state arrived late, the command based on it may already have been decided for the tick
-        after this one. A further command would be refused.
+        A command that was based on an earlier state and arrived late may already have its verdict for the
+        next tick. A second command for that tick would be refused.
 
         Raises:
             Lost: The robot is no longer held with this fence.
@@ -231,7 +231,7 @@ class Session:
             return None
         return Tick(robot, state)
 
-    # --- one handler per message; messages without a handler are answers, or of a later version ------------
+    # --- one handler per message; a message without one is an answer, or belongs to a later version --------
 
     def _take(self, message: Message) -> None:
         handler = self._HANDLERS.get(type(message))

@@ -20,7 +20,7 @@ class Tick:
     state: State
 
     def entry(self, robot: str) -> Entry:
-        """Return the entry of any robot of the cell; its ``time`` states its age.
+        """Return the entry of any robot of the cell; ``entry.time`` is the daemon time of its own tick.
 
         Raises:
             BadArgument: The state has no such robot.

@@ -41,7 +41,7 @@ class Options:
 
 
 @dataclass
-class Course:
+class ExperimentRuns:
     """Runs of one experiment so far.
 
     Attributes:
@@ -88,14 +88,14 @@ class Campaign:
         """Run the experiments; return the reason why runs are missing, or ""."""
         fork_server = ForkServer()
         fork_server.warm()
-        course = Course(0)
+        runs = ExperimentRuns(0)
         with progress() as bar:
             for name, setup in setups.items():
-                course = self._experiment(name, setup, fork_server, bar)
-                if not course.complete:
+                runs = self._experiment(name, setup, fork_server, bar)
+                if not runs.complete:
                     break
-        self._sum_up(course.ended)
-        return course.ended
+        self._sum_up(runs.ended)
+        return runs.ended
 
     def _sum_up(self, ended: str) -> None:
         rows = [{"experiment": name, **claim.row()} for name, rows in self.found.items() for claim in rows]
@@ -103,22 +103,24 @@ class Campaign:
         holds = False if broken else None if ended else True
         write_metrics(self.folder, {"complete": not ended, "ended": ended, "holds": holds, "claims": rows})
 
-    def _experiment(self, name: str, setup: Experiment, fork_server: ForkServer, bar: Progress) -> Course:
+    def _experiment(
+        self, name: str, setup: Experiment, fork_server: ForkServer, bar: Progress
+    ) -> ExperimentRuns:
         todo = trials(setup, self.scene, self.options.seeds)
-        course = Course(len(todo))
+        runs = ExperimentRuns(len(todo))
         bar.begin(name, len(todo))
         try:
-            self._play(name, todo, course, fork_server, bar)
+            self._play(name, todo, runs, fork_server, bar)
         except AppError as error:
-            course.failed = error
+            runs.failed = error
         except KeyboardInterrupt:  # between two runs; during a run it is an event
             pass
-        self.found[name] = claims(name, course.entries)
-        self._write(name, setup, course)
-        return course
+        self.found[name] = claims(name, runs.entries)
+        self._write(name, setup, runs)
+        return runs
 
     def _play(
-        self, name: str, todo: Sequence[Trial], course: Course, fork_server: ForkServer, bar: Progress
+        self, name: str, todo: Sequence[Trial], runs: ExperimentRuns, fork_server: ForkServer, bar: Progress
     ) -> None:
         for trial in todo:
             folder = self.folder / name / trial.name
@@ -127,23 +129,23 @@ class Campaign:
             )
             if entry is None:
                 return
-            course.entries.append(entry)
+            runs.entries.append(entry)
             bar.done(trial.name, entry)
 
-    def _write(self, name: str, setup: Experiment, course: Course) -> None:
+    def _write(self, name: str, setup: Experiment, runs: ExperimentRuns) -> None:
         folder = self.folder / name
         folder.mkdir(exist_ok=True)
-        sums, found = aggregate(course.entries), self.found[name]
+        sums, found = aggregate(runs.entries), self.found[name]
         write_metrics(
             folder,
             {
-                "experiment": name, "realtime": self.options.realtime, "ended": course.ended,
-                "setup": setup.model_dump(mode="json"), "entries": course.entries,
+                "experiment": name, "realtime": self.options.realtime, "ended": runs.ended,
+                "setup": setup.model_dump(mode="json"), "entries": runs.entries,
                 "aggregate": sums, "claims": [claim.row() for claim in found],
             },
         )  # fmt: skip
-        pictures = list(_pictures(folder, course.entries))
-        text = page(name, found, sums, pictures, ended=course.ended)
+        pictures = list(_pictures(folder, runs.entries))
+        text = page(name, found, sums, pictures, ended=runs.ended)
         (folder / "report.html").write_text(text, encoding="utf-8")
 
     def tables(self) -> list[Table]:
@@ -173,7 +175,7 @@ def read_series(folder: Path) -> dict[str, Array]:
 
 def _table(name: str, rows: Sequence[Claim]) -> Table:
     table = Table(title=name, title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0))
-    for head in ("claim", "goal", "ours", ""):
+    for head in ("claim", "goal", "armgate", ""):
         table.add_column(head, header_style="dim")
     for claim in rows:
         table.add_row(claim.claim, claim.goal, claim.text, Text(*_WORDS[claim.holds]))

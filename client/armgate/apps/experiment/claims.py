@@ -153,8 +153,8 @@ def _collision(entries: Sequence[Entry]) -> Iterable[Claim]:
             refused = _share(own, "follower_refused")
             yield at_most(f"{text}: share of runs in which the follower is refused", [refused], 0.1, "")
             free = [e["free_angle_deg"] for e in own]
-            words = f"{text}: angle, except while (13) or the gate acts and for 2 s afterwards"
-            yield at_most(words, free, 1.0, "°", "kept while (13) is inactive")
+            words = f"{text}: angle, except while equation (13) or the gate acts, and 2 s afterwards"
+            yield at_most(words, free, 1.0, "°", "kept while equation (13) is inactive")
         else:
             yield _reported(
                 own, f"{text}: share of runs in which the follower is refused", "follower_refused"

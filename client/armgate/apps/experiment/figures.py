@@ -16,9 +16,9 @@ Mask = NDArray[np.bool_]
 SETTLED = (0.1, 2e-3)
 """Angle, degrees, and distance error, m, below which an approach has settled."""
 QUIET = 2.0
-"""Time after an event during which it still counts, s."""
+"""Time after the start, repulsion, emergency mode or a limit of the gate that the figures exclude, s."""
 LAST = 1.0
-"""Length of the last section of a run, s."""
+"""Length of the end of a run, over which the final errors and motion are taken, s."""
 
 
 def evaluate(trial: Trial, seen: Observation) -> dict[str, Any]:

@@ -10,13 +10,13 @@ SMOOTH = 0.3
 TURN = (0.4, 1.4)
 """Time for which the stick stays at one position, s: minimum and maximum."""
 TRIES = 2_000
-"""Number of directions that are tried before a dash may end further behind its target."""
+"""Number of random directions that are tried for each distance of a dash's end behind its target."""
 RELEASE_TIME = 2.0
 """Time before the end at which the stick is released, s: a path ends at rest."""
 FINER = 3
 """Integration steps per sample."""
 FULL = 0.999
-"""Share of the largest speed that is reached; the rest allows for rounding in the file."""
+"""Share of the largest speed that a path reaches; the remainder allows for rounding in the file."""
 RELEASED = 0.15
 """Probability that the stick is released."""
 
@@ -29,7 +29,7 @@ def joystick(seed: int, speed: float, middle: Array, half: Array, *, seconds: fl
 
     Args:
         seed: Seed of the random numbers.
-        speed: Largest speed, m/s; it is reached.
+        speed: Largest speed, m/s; the path reaches 99.9 % of it.
         middle: Centre of the box (3,), m; the path begins there.
         half: Half sides of the box (3,), m.
         seconds: Approximate duration; the path is scaled in time as a whole to reach its speed.

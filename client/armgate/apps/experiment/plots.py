@@ -16,8 +16,12 @@ _STYLE = {
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left",
     "axes.titleweight": "bold", "legend.frameon": False,
 }  # fmt: skip
-BEGINNING, LEAST_ANGLE, HIDES = 2.0, 0.05, 2.0
-"""End of the initial phase, s; smallest angle that is enlarged, degrees; ratio from which it is enlarged."""
+BEGINNING = 2.0
+"""End of the initial phase, s."""
+LEAST_ANGLE = 0.05
+"""Smallest angle for which the axis is scaled, degrees."""
+HIDES = 2.0
+"""Ratio by which the largest angle must exceed the scaled axis for the axis to be scaled."""
 MARKERS = (
     ("near_limit", 0.5, "joint near its limit", "#8e6bbf"),
     ("repulsion", 0.5, "repulsion", "#d9a520"),
@@ -68,7 +72,7 @@ def _angle(axes: Any, run: Series) -> None:
 
 
 def _enlarge(axes: Any, run: Series) -> None:
-    """Scale the axis for the angle after the initial phase, and print the initial maximum as text."""
+    """Scale the axis to the later angles if the initial one is far larger; print the latter as text."""
     angle = np.degrees(run["angle_error_rad"])
     later = angle[(run["time_s"] >= BEGINNING) & np.isfinite(angle)]
     top = 1.4 * max(float(later.max(initial=0.0)), LEAST_ANGLE)

@@ -12,7 +12,9 @@ PAPER = {
     "approach": "Three approaches; the angle falls monotonically, the distance does not always (figure 8).",
     "tracking": "Angle within ± 1°, distance within ± 2 cm, leader by gamepad (figure 9).",
     "zoom": "The wanted distance is not reached while repulsion acts; the angle is unaffected (figure 10).",
-    "collision": "The focus is kept while (13) is inactive; repulsion has priority over distance (fig. 11).",
+    "collision": (
+        "The focus is kept while equation (13) is inactive; repulsion has priority over distance (figure 11)."
+    ),
 }
 """Results that the paper reports for each experiment."""
 SOURCE = (
@@ -74,7 +76,7 @@ def _claims(claims: Sequence[Claim]) -> str:
         for c in claims
     ]  # fmt: skip
     note = "<p>Figures of armgate are the worst of all runs; a share counts all runs together.</p>"
-    return _table(("claim", "paper", "goal", "ours", ""), rows) + note
+    return _table(("claim", "paper", "goal", "armgate", ""), rows) + note
 
 
 def _cases(aggregate: Mapping[str, Any]) -> str:

@@ -16,15 +16,15 @@ from armgate.control.view_errors import view_errors
 Array = NDArray[np.float64]
 
 SPREAD = (2.6, 0.7, 0.8, 2.5, 1.6, 2.5)
-"""Largest distance of a start from the configured one, rad per joint."""
+"""Largest distance of a start from the configured one, by joint, rad."""
 CLEAR = 0.08
-"""Smallest distance of a start's bounding spheres from the leader and the floor, m …"""
+"""Smallest distance of the follower's bounding spheres from the leader and the floor at a start, m."""
 CLEAR_ITSELF = 0.025
-"""… and from each other."""
+"""Smallest distance of the follower's bounding spheres from each other at a start, m."""
 TRIES = 20_000
-"""Number of positions that are tried for a start, from near the configured one to anywhere."""
+"""Number of positions that are tried for a start at a joint limit, ever farther from the configured one."""
 NEIGHBOURS = 3
-"""Largest number of joints between spheres that touch by construction or cannot meet."""
+"""Largest number of joints between two spheres that are not checked: they touch anyway, or cannot meet."""
 _CARRIAGE = 3
 
 
@@ -110,9 +110,9 @@ def off_axis_start(scene: Scene, seed: int) -> Array:
 
 
 def limit_starts(scene: Scene, share: float) -> list[Array]:
-    """Return starts of the follower (n,), one at each limit of each joint, the others as configured.
+    """Return starts of the follower (n,): for each limit of each joint, one with that joint near the limit.
 
-    If that is not collision-free, the other joints are moved randomly until it is.
+    The other joints are as configured. If that is not collision-free, they are moved randomly until it is.
     """
     return [
         _limit_start(scene, joint, sign * share)
@@ -130,7 +130,9 @@ def _limit_start(scene: Scene, joint: int, share: float) -> Array:
         q[joint] = middle[joint] + share * half[joint]
         if clear(scene, q):
             return q
-    raise UsageError(f"no start of {robot.name} at {share:g} of the range of joint {joint} is clear")
+    raise UsageError(
+        f"no clear start of {robot.name} was found with joint {joint} at {share:g} of its half range"
+    )
 
 
 def _off_axis(scene: Scene, q: Array) -> float:

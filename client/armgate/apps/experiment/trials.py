@@ -16,7 +16,7 @@ from armgate.control.spheres import Spheres
 Array = NDArray[np.float64]
 
 LIMIT_SECONDS = 10.0
-"""Time limit of a run from a joint limit, s."""
+"""Duration of a run that starts at a joint limit, s."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Trial:
         follow: Options of ``armgate follow``.
         start: Start of the follower (n,); None for the configured start.
         path: Path of the leader's tool (k, 3), world, one sample per tick; None if it rests.
-        pursue: Options of ``armgate lead`` to pursue the follower from the beginning of the path; None to
-            play the path.
+        pursue: Options of ``armgate lead`` with which the leader starts at the beginning of ``path`` and
+            pursues the follower; None if it plays ``path``.
         zoom: Options of ``armgate zoom``; None without zoom.
-        seconds: Duration of the follower; None until the leader has finished.
+        seconds: Time for which the follower runs; None if it runs until the leader has finished.
     """
 
     case: str
@@ -145,7 +145,7 @@ def _fixed_focus(experiment: Collision) -> tuple[str, ...]:
 
 
 def _attack(experiment: Collision, scene: Scene, seed: int) -> tuple[str, Array, Array]:
-    """Return the link at which the leader moves with this seed, and the start and end of its tool."""
+    """Return the link towards which the leader moves with this seed, and the start and end of its tool."""
     spheres = Spheres.of(scene.follower.model)
     links = sorted(set(spheres.bodies))
     link = links[seed % len(links)]

@@ -22,7 +22,7 @@ from armgate.control.spheres import Spheres
 Array = NDArray[np.float64]
 
 LOOP_TICKS = 2
-"""Ticks from a measured position to the measured effect of the increment that responds to it."""
+"""Ticks from a measurement until the effect of the increment based on it is measured."""
 AT_REST = 1e-9
 """Increment below which the robot is at rest, rad or m."""
 DISTANCES = (0.05, 100.0)
@@ -80,7 +80,7 @@ class FollowLoop:
         """Build the loop from the daemon's description.
 
         Raises:
-            UsageError: A robot is unknown, or the follower's robot has no camera.
+            UsageError: A robot is unknown, both are the same, or the follower's robot has no camera.
         """
         own, other = described(cell.description, robot), described(cell.description, leader)
         if own.camera is None:
@@ -101,8 +101,8 @@ class FollowLoop:
             own, other, proximity, Spheres.of(target), follower, bounds, options, floor_of(cell.description)
         )
 
-    def step(self, tick: Tick) -> "Answer":
-        """Return the answer to a tick."""
+    def step(self, tick: Tick) -> "FollowOutput":
+        """Return the output for a tick."""
         own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
         played = self._last.update(tick.tick, tick.setpoint)
         distance = self._distance(tick)
@@ -123,7 +123,7 @@ class FollowLoop:
         )
         near = self.bounds.share(q) > NEAR_LIMIT
         tool = None if self.options.focus is None else self._tool(leader)
-        return Answer(self.follower.step(now), played, distance, focus, near, tool)
+        return FollowOutput(self.follower.step(now), played, distance, focus, near, tool)
 
     def leader_progress(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
         """Return the signal of the leader's progress, and the name of the client that holds its robot."""
@@ -154,8 +154,8 @@ class FollowLoop:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """Answer of the follower to a tick.
+class FollowOutput:
+    """Output of the follower for one tick: increment, errors and signals.
 
     Attributes:
         step: Output of the control law, with the errors at the measured positions.
@@ -209,10 +209,10 @@ def follow_leader(
     shared: dict[str, tuple[float, ...]] = {}
     for tick in robot.ticks():
         begin = tick.time if begin is None else begin
-        answer = loop.step(tick)
-        if ending is not None and np.all(np.abs(answer.played) < AT_REST):
+        output = loop.step(tick)
+        if ending is not None and np.all(np.abs(output.played) < AT_REST):
             break
-        shared = share_changes(sharing, answer.signals(), shared)
+        shared = share_changes(sharing, output.signals(), shared)
         if ending is None:
             over = duration is not None and tick.time - begin >= duration
             ending = (
@@ -222,7 +222,7 @@ def follow_leader(
                 if over
                 else watched.ending(*loop.leader_progress(tick))
             )
-        robot.send((answer.step.dq if ending is None else loop.bounds.braked(answer.played)).tolist())
+        robot.send((output.step.dq if ending is None else loop.bounds.braked(output.played)).tolist())
     if watched.left:
         raise AppError(
             f"{loop.robot.name} is at rest: the leader disconnected at {100 * watched.value:.0f} % "
@@ -248,7 +248,7 @@ class Progress:
     _owner: str | None = None
 
     def ending(self, signal: SignalValue | None, holder: str | None) -> str | None:
-        """Return the reason to end; None to continue, and if the leader has never shared its progress.
+        """Return the reason to end; None to continue, also if the leader has never shared its progress.
 
         Args:
             signal: Signal of the progress.

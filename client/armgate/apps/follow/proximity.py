@@ -15,7 +15,7 @@ NEAR = 0.15
 
 @dataclass(frozen=True)
 class RobotBodies:
-    """One of the two robots.
+    """Model of one of the two robots, and its bodies by name.
 
     Attributes:
         model: Model of the robot.
@@ -44,7 +44,7 @@ class Proximity:
     other: RobotBodies
 
     def pairs(self, own: Entry, other: Entry) -> tuple[NearPair, ...]:
-        """Return the near pairs, with the room that the leader's stop leaves; () if positions are unknown."""
+        """Return the near pairs, with the margins after a stop of the leader; () if positions are unknown."""
         if other.q is None or not other.stop_end or own.nearest is None:
             return ()
         q, end = np.array(other.q), np.array(other.stop_end)
@@ -52,7 +52,7 @@ class Proximity:
         return tuple(pair for pair in found if pair is not None)
 
     def _pair(self, near: Nearest, q: np.ndarray, end: np.ndarray) -> NearPair | None:
-        """Return None unless the pair has witness points and joins a moving body with one of the leader's."""
+        """Return the pair; None unless it has witness points, a moving own body and one of the leader's."""
         if near.points is None:
             return None
         (first, second), points = near.pair, np.array(near.points)

@@ -65,7 +65,7 @@ def lead(
     cert: Cert = None,
     key: Key = None,
 ) -> None:
-    """Drive a robot along a recorded path (--path), by hand (--input), or towards another (--pursue)."""
+    """Drive a robot along a path (--path), by hand (--input), or towards another robot (--pursue)."""
     from armgate.apps.errors import UsageError
     from armgate.apps.interrupt import catch_interrupt
     from armgate.client import connect

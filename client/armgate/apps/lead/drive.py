@@ -16,7 +16,7 @@ from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
 PROGRESS_EVERY = 4
 """Ticks between two updates of ``lead.progress``."""
 SETTLE = 0.3
-"""Wait after the last increment, s: the robot arrives, and other clients see the path end."""
+"""Wait after the last increment, s, until the robot has arrived and other clients have received the end."""
 
 
 def check_path(path: RecordedPath, cell: Description, robot: str) -> RobotDescription:

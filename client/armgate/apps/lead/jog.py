@@ -66,7 +66,7 @@ def _outcome(robot: Robot, ended: MotionRequest) -> str:
 
 @dataclass
 class _ObstructionReporter:
-    """Report once what obstructs the robot, and once that it is no longer obstructed."""
+    """Reporter of obstructions: one report when the gate obstructs the robot, one when it no longer does."""
 
     report: Callable[[str], object]
     _cause: str = field(default="", init=False)

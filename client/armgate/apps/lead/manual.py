@@ -8,7 +8,7 @@ import numpy as np
 from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.drive import bounds_of
-from armgate.apps.lead.inputs import Input, Maker, Mode, Setting
+from armgate.apps.lead.inputs import Input, InputFactory, Mode, Setting
 from armgate.apps.lead.jog import jog
 from armgate.apps.lead.steering import Steering, Tool
 from armgate.client import Cell, Description, RobotDescription
@@ -19,13 +19,13 @@ class ManualDrive:
     """Options of manual driving.
 
     Attributes:
-        make: Makes the input.
+        make: Factory of the input.
         robot: Name of the robot; None if the cell has only one.
         mode: Initial mode of the input.
         speed: Largest share of the robot's speeds.
     """
 
-    make: Maker
+    make: InputFactory
     robot: str | None
     mode: Mode
     speed: float
@@ -96,6 +96,6 @@ def described_in(cell: Description, robot: str | None) -> RobotDescription:
     if robot is None and len(known) == 1:
         return next(iter(known.values()))
     if robot not in known:
-        wanted = "name the robot to drive (--robot)" if robot is None else f"cell has no robot {robot!r}"
-        raise UsageError(f"{wanted}; it has {', '.join(known)}")
+        wanted = "several robots; name the one to drive (--robot)" if robot is None else f"no robot {robot!r}"
+        raise UsageError(f"cell {cell.name!r} has {wanted}; expected one of {', '.join(known)}")
     return known[robot]

@@ -1,4 +1,4 @@
-"""Bounds of the leader's own increments, which its robot can follow and stop. The gate bounds them again."""
+"""Bounds of a leader's increments, so that its robot can follow them and stop; the gate adds its own."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,9 +49,9 @@ class Bounds:
     def approach(self, distance: Array, share: float = 1.0) -> Array:
         """Return the increment towards a position at rest, ``distance`` (n,) away, on a straight line.
 
-        Each joint obeys u ≤ ½(−a + √(a² + 8aD)) = 4aD / (a + √(a² + 8aD)), the largest first step of a
-        sequence u, u − a, u − 2a, … that covers no more than D, and ``share`` of its largest increment; the
-        slowest joint sets the pace.
+        Each joint obeys two bounds: ``share`` of its largest increment, and u ≤ ½(−a + √(a² + 8aD)) =
+        4aD / (a + √(a² + 8aD)). With the latter, u + (u − a) + (u − 2a) + … = D if u is a multiple of a,
+        otherwise at most a/8 more. The increment is scaled as a whole by the tightest bound of all joints.
         """
         D = np.abs(distance)
         a = self.loss
@@ -63,7 +63,7 @@ class Bounds:
         """Return the largest increments (n,) from which each joint can stop within ``room`` (n,) ≥ 0.
 
         With an integer k and 0 ≤ f < 1, u = (k + f)·a is followed by u − a, u − 2a, … f·a: the sum is
-        ½a(k + 1)(k + 2f), which is solved for f. (The formula of ``approach`` exceeds the room by up to a/8.)
+        ½a(k + 1)(k + 2f), which is solved for f. (``approach`` can exceed the room by up to a/8.)
         """
         D = room / self.loss
         k = np.floor((np.sqrt(1.0 + 8.0 * D) - 1.0) / 2.0)

@@ -12,7 +12,7 @@ from armgate.cell.placement import Placement
 from armgate.control.redundancy.inverses import variably_damped_inverse
 
 TOOL_SPEED = 0.25
-"""Largest speed of the tool, m/s: the limit of ISO 10218-1 for people nearby."""
+"""Largest speed of the tool, m/s: the limit of ISO 10218-1 for manual operation at reduced speed."""
 TOOL_TURN = 0.5
 """Largest angular speed of the tool, rad/s."""
 _GAIN = 3.0
@@ -66,8 +66,8 @@ class Steering:
         Raises:
             AppError: A tool motion is requested but the robot's tool cannot be moved.
         """
-        # Each joint also brakes independently: a straight stop is as long as the slowest joint needs, too far
-        # for others.
+        # Each joint brakes independently. In a straight stop all joints would brake as long as the slowest
+        # one, and others could pass their limits.
         wanted = np.zeros_like(last) if motion is None else self._wanted(motion, setpoint)
         return self.bounds.towards(wanted, last)
 

@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 AT_REST = 1e-9
 """Increment below which the robot is at rest, rad or m."""
 SETTLED = 1e-3
-"""Share of the largest joint speeds below which a robot counts as settled …"""
+"""Share of the largest joint speeds below which a robot counts as settling."""
 SETTLE = 0.25
-"""… if it stays below for this time, s."""
+"""Time below that speed after which a robot counts as settled, s."""
 STALL = 3.0
-"""Time without an improvement by the tolerance after which the motion is stuck, s."""
+"""Time after which the motion counts as stuck if the error has not fallen by the tolerance, s."""
 
 
 @dataclass
@@ -53,13 +53,13 @@ class Done:
 
 
 @dataclass
-class Watch:
+class EndCriteria:
     """Criteria for the end of the motion.
 
     Attributes:
         tolerance: Convergence tolerance, m and rad.
         duration: Timeout, s.
-        limit: Reason for which the gate last limited or refused a command.
+        limit: Reason for which the gate limited or refused the newest command; "" if it was admitted.
     """
 
     tolerance: float
@@ -94,7 +94,7 @@ class Watch:
         return None
 
     def take(self, verdict: Verdict) -> None:
-        """Store the reason for which the gate did not admit a command unchanged."""
+        """Store the reason for which the gate limited or refused the newest command, if it did."""
         self.limit = "" if verdict.outcome == "admitted" or not verdict.reasons else verdict.reasons[0].text
 
     def _why(self) -> str:
@@ -165,7 +165,7 @@ def drive(
         Lost: The lease was lost or the robot was stopped.
         ConnectionLost: The connection to the daemon was lost.
     """
-    steps, watch = Steps(arm.bounds, arm.robot.period), Watch(tolerance, duration)
+    steps, criteria = Steps(arm.bounds, arm.robot.period), EndCriteria(tolerance, duration)
     setpoints: list[Array] = []
     controller = None
     ended: tuple[str, bool | None] | None = None
@@ -185,10 +185,10 @@ def drive(
         ended = (
             ("interrupted", None)
             if interrupt.requested
-            else watch.update(tick.time, error, steps.pace(played))
+            else criteria.update(tick.time, error, steps.pace(played))
         )
         dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
-        watch.take(robot.send(dq.tolist()))
+        criteria.take(robot.send(dq.tolist()))
     assert ended is not None  # ticks end only by an exception
     return Done(f"{ended[0]}, at rest", ended[1], np.array(setpoints))
 

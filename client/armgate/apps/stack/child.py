@@ -1,4 +1,6 @@
-"""``python -m armgate.apps.stack.child PID PRIORITY …`` runs ``armgate …`` and ends with its parent PID.
+"""``python -m armgate.apps.stack.child PID PRIORITY …`` runs ``armgate …`` as a child process.
+
+The process also ends when its parent PID ends.
 
 PRIORITY is the real-time priority (SCHED_RR), if the system allows it; 0 means an ordinary process.
 
@@ -30,7 +32,7 @@ def end_with(parent: int) -> None:
 
 
 def set_priority(priority: int) -> None:
-    """Become a real-time process if the system allows it; priority 0 changes nothing.
+    """Make this process real-time if the system allows it; priority 0 changes nothing.
 
     The tick of a robot must not wait for ordinary programs.
     """

@@ -13,7 +13,7 @@ from armgate.apps.stack.processes import Children, Exited, Interrupted, Printed
 from armgate.cell.terminal_text import printable
 
 _TOGETHER = 1.0
-"""Longest time between a cause and the ends of the children that follow from it, s."""
+"""Longest time from a cause until all children that fail because of it have ended, s."""
 _MOST = 3
 """Largest number of stops that are reported."""
 
@@ -21,8 +21,8 @@ _MOST = 3
 def failure_of(children: Children, event: Exited) -> AppError:
     """Return the error that explains the end of a child, from the events around it.
 
-    A violation that the monitor reports has stopped the robots. A child that a signal ended is the cause of
-    the errors of the others.
+    If the monitor has reported a violation, that is the cause, because the monitor then stops the robots.
+    Otherwise, if a signal ended one of the children, that is the cause of the errors of all others.
     """
     deadline = time.monotonic() + _TOGETHER
     while not _by_signal(event) and (left := deadline - time.monotonic()) > 0.0:

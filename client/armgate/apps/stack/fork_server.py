@@ -38,7 +38,7 @@ class ForkServer:
         """Start ``armgate ARGUMENTS`` with its stdout piped here and its stderr appended to a file."""
         ours, theirs = self._context.Pipe(duplex=False)
         child = self._context.Process(
-            target=_live, args=(list(arguments), log, theirs, priority), name=arguments[0], daemon=True
+            target=_run_child, args=(list(arguments), log, theirs, priority), name=arguments[0], daemon=True
         )
         child.start()
         theirs.close()
@@ -79,10 +79,10 @@ class Fork:
 
 
 def _nothing() -> None:
-    """Do nothing: the child only shows that everything is loaded."""
+    """Do nothing: the start of a child waits until everything is loaded."""
 
 
-def _live(arguments: list[str], log: Path, stdout: Connection, priority: int) -> None:
+def _run_child(arguments: list[str], log: Path, stdout: Connection, priority: int) -> None:
     """Run a command in the child."""
     os.setpgid(0, 0)
     end_with(os.getppid())  # the fork server ends with the process that started it

@@ -1,6 +1,6 @@
 """Monitor of a run: ``armgate monitor``, live by the wall clock, or an audit of the recording in lock-step.
 
-In lock-step, time waits for the participants only: an observer could miss states, and its stop would arrive
+In lock-step, the clock waits only for participants: an observer could miss states, and its stop would arrive
 at a different step each time. The recording holds every state.
 """
 

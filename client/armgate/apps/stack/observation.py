@@ -70,7 +70,7 @@ class Observation:
         return list(self._warnings.values())
 
     @property
-    def lacks(self) -> int:
+    def missing(self) -> int:
         """Number of missing states of all robots."""
         return sum(self.missed.values())
 
@@ -173,7 +173,7 @@ def completed(seen: Observation, recording: Path, lockstep: bool) -> Observation
                 found.take(state)
     except RecordingError:
         return seen
-    return found if found.rows and found.lacks <= seen.lacks else seen
+    return found if found.rows and found.missing <= seen.missing else seen
 
 
 def same_robot(pair: tuple[str, str]) -> bool:

@@ -8,7 +8,7 @@ from armgate.apps.stack.robot_processes import RobotProcesses
 
 DAEMON, LEADER, FOLLOWER, VIEWER = "daemon", "leader", "follower", "viewer"
 PRIORITIES = {"monitor": 9, "controller": 10, "daemon": 11, "robots": 12}
-"""Priorities of real-time processes by the wall clock: the nearer to the robots, the higher.
+"""Real-time priorities by the wall clock; a process closer to the robots has a higher one.
 
 Participants that load their libraries would block a KRC of the same priority for 0.1 s.
 """

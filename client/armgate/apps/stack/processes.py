@@ -50,7 +50,7 @@ Event = Printed | Exited | Interrupted
 
 
 Child = subprocess.Popen[str] | Fork
-"""Child of either kind."""
+"""Child process, started as a program or forked."""
 
 
 class Children:

@@ -36,7 +36,7 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> RobotProc
     Args:
         cell: The configuration.
         configs: Files of the configuration.
-        run: The run's folder. Its ``logs`` hold the robot server's socket and what virtual robots write.
+        run: The run's folder. Its ``logs`` hold the robot server's socket and the traces of virtual robots.
 
     Raises:
         UsageError: A robot is real; this command must not move it.
@@ -52,8 +52,8 @@ def robots_of(cell: CellConfig, configs: Sequence[Path], run: Path) -> RobotProc
         process = kind.virtual(link, cell, name, configs, run / "logs")
         if process is None:
             raise UsageError(
-                f"robot {name} is a real one (its link is of kind {link.kind}); this command moves only "
-                "robots whose link names a virtual robot in their place"
+                f"robot {name} is a real robot (its link is of kind {link.kind}); this command moves "
+                "a robot only if its link names a virtual robot that replaces it"
             )
         virtual[process.name] = process.command
     return RobotProcesses(socket_in(run), virtual)

@@ -36,7 +36,7 @@ LISTENING = re.compile(r"^armgate: listening on (\S+)$")
 HOLDING = re.compile(r"^armgate: robot server at (.+)$")
 VIEW_OPTIONS = ("--role", "operator", "--port", "0", "--open")
 START_TIME = 60.0
-"""Timeout for each process that the start waits for, s."""
+"""Timeout for a started process, or for all robots, to be ready, s."""
 _LOOK = 0.02
 """Period of checks for which there is no event, s."""
 _ASKED = (0, INTERRUPTED, -signal.SIGINT)
@@ -133,7 +133,7 @@ def _start_daemon(children: Children, plan: Plan) -> str:
     if plan.robots is not None:
         _start_robots(children, plan, plan.robots)
     children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
-    # The first run after an installation compiles the law. Do it here, not while the leader is moving.
+    # The first run after an installation compiles the control law: now, and not while the leader is moving.
     prepare()
     return _printed(children, DAEMON, LISTENING)
 

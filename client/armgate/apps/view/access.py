@@ -46,7 +46,7 @@ class Headers(Protocol):
 
 
 class RefusedError(Exception):
-    """The request is refused with status 403; the text gives the reason and the remedy."""
+    """Refusal of a request with status 403; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class Access:
         return self._has_secret(path) or not self._tickets.isdisjoint(_tokens(path))
 
     def cookies(self, headers: Headers) -> list[str]:
-        """Return the cookies to set for a request with the token: the secret, and expired old ones."""
+        """Return the cookies to set for a request with the token: the secret, and deletions of old ones."""
         others = [name for name in _cookies(headers) if name.startswith(_COOKIE) and name != self.cookie]
         ended = [f"{name}=; Path=/; Max-Age=0" for name in others[:-_OTHERS]]
         return [f"{self.cookie}={self.secret}; Path=/; HttpOnly; SameSite=Lax", *ended]

@@ -5,7 +5,7 @@ from time import monotonic
 
 
 class FrameTimer:
-    """Time to the next frame, so that the mean rate is kept.
+    """Timer of a drawing loop that keeps the mean rate of frames.
 
     Args:
         rate: Frames per s.
@@ -17,7 +17,7 @@ class FrameTimer:
         self._due = now()
 
     def remaining(self) -> float:
-        """Return the time to the next frame, s; 0 if it is late."""
+        """Advance to the next frame, and return the time until it is due, s; 0 if it is late."""
         now = self._now()
         self._due = max(self._due + self._period, now - self._period)
         return max(0.0, self._due - now)

@@ -1,6 +1,6 @@
 """Running daemon as a source of states: one connection in a thread with an event loop of its own.
 
-Callers in other threads wait here for a response and never delay the states.
+A caller in another thread can wait for a response without delaying the states.
 """
 
 import asyncio
@@ -136,7 +136,7 @@ class Live:
                     async for state in self._cell.states():
                         self._state = state
                 except TimedOut as error:
-                    # No robot ticks. If the connection is lost, this request raises the error.
+                    # No robot's clock advances. If the connection is lost, this request raises the error.
                     await self._cell.ping()
                     self._problem = str(error)
         except ClientError as error:

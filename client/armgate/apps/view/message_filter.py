@@ -1,4 +1,6 @@
-"""Filter for the messages of pages: viser lets a page replace callbacks of shared buttons and upload files.
+"""Filter for the messages of pages.
+
+viser itself lets a page replace callbacks of shared buttons and upload files.
 
 Only messages of controls on the viewer's page are admitted, with the fields and values that these controls
 send.
@@ -23,7 +25,7 @@ _LENGTHS = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
 
 
 class ViolationError(Exception):
-    """The viewer's page never sends this message; the text gives the reason."""
+    """Message that the viewer's page never sends; the text gives the reason."""
 
 
 class MessageFilter:

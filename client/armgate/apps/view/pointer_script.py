@@ -5,9 +5,9 @@ presses ``hold`` ten times a second. It presses ``release`` once when the pointe
 leaves the window. So a page that hangs or is closed stops reporting; a page that hung sends the missed
 events when it recovers.
 
-Of several events in its panel within 50 ms viser sends only the last one, and a slow browser may press
-``hold`` again before it sends. Therefore any other button, STOP first of all, ends the hold, and for
-a moment movements of the pointer are ignored: nothing may follow such a button.
+If several events occur in viser's panel within 50 ms, viser sends only the last one. In a slow browser, a
+further ``hold`` could thus replace a press of another button, such as STOP. Therefore any other button ends
+the presses of ``hold``, and movements of the pointer are ignored for a moment.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from typing import Any
 
 EVERY = 100
 """Period of the presses of ``hold``, ms."""
-DEAF = 500
+IGNORED = 500
 """Time for which movements of the pointer are ignored after another button was pressed, ms."""
 
 _SCRIPT = """
@@ -46,15 +46,15 @@ _SCRIPT = """
     timer = setInterval(tick, EVERY);
     held();
   };
-  let deaf = 0;
+  let ignoredUntil = 0;
   const pressed = event => {
     const button = event.target.closest('button');
     if (!button || ['HOLD', 'RELEASE'].includes(button.id)) return;
     clearInterval(timer);
     timer = 0;
-    deaf = performance.now() + DEAF;
+    ignoredUntil = performance.now() + IGNORED;
   };
-  const moved = event => performance.now() > deaf || event.stopImmediatePropagation();
+  const moved = event => performance.now() > ignoredUntil || event.stopImmediatePropagation();
   const on = (target, kind, act, capture) =>
     target.addEventListener(kind, act, {capture, signal: gone.signal});
   gone.signal.addEventListener('abort', () => clearInterval(timer));
@@ -91,7 +91,7 @@ def add_pointer_buttons(gui: Any, held: Callable[[], None], released: Callable[[
 
     hold.on_click(pressed)
     release.on_click(release_pressed)
-    names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY), "DEAF": str(DEAF)}
+    names = {"HOLD": _id(hold), "RELEASE": _id(release), "EVERY": str(EVERY), "IGNORED": str(IGNORED)}
     gui.add_html(_filled(_HIDDEN + _RUN.replace("SCRIPT", " ".join(_SCRIPT.split())), names))
 
 

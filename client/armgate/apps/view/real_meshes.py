@@ -21,9 +21,9 @@ Found = dict[str, list[tuple[colours.RGB | None, Mesh]]]
 Joints = dict[str, tuple[float, ...]]
 
 SAME = 1e-3
-"""Largest difference of the origins and axes of equal joints, m and unit of direction."""
+"""Distance of origin (m, rad) and axis (unit vector) below which two joints count as equal."""
 BLACK = 40
-"""Parts whose colour components are all at most this are drawn black; the others are the arm's paint."""
+"""Colour components below which a part is drawn black; other parts are drawn in the colour of the arm."""
 _ARM = Path("xacro", "kuka_description", "kuka_kr16")
 
 

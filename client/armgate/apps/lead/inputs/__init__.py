@@ -2,11 +2,13 @@
 
     gamepad     a game controller with a deadman button
     keyboard    the terminal that the command runs in
-    mailbox     motions from another thread, such as that of a web page
 
-An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs. It is
-called at each tick of the robot and must return without waiting, because that would delay the robot. The
-leader bounds its motions in speed and acceleration before it sends them, and the gate bounds them again.
+An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs. The
+module ``mailbox`` serves inputs whose motions come from another thread, such as that of a web page.
+
+An input is called at each tick of the robot and must return without waiting, because that would delay the
+robot. The leader bounds its motions in speed and acceleration before it sends them, and the gate bounds them
+again.
 """
 
 from collections.abc import Callable
@@ -69,7 +71,7 @@ class SpeedShare:
         self._set(min(1.0, 2.0 * self.share))
 
     def slower(self) -> None:
-        """Halve the share."""
+        """Halve the share, down to 1/16."""
         self._set(max(_LEAST, 0.5 * self.share))
 
     def _set(self, share: float) -> None:
@@ -77,10 +79,10 @@ class SpeedShare:
         self._report(f"{share:.0%} of the speed")
 
 
-Maker = Callable[[Setting], Input]
+InputFactory = Callable[[Setting], Input]
 
 
-def find(name: str) -> Maker:
+def find(name: str) -> InputFactory:
     """Return the factory of the named input.
 
     Raises:
@@ -89,5 +91,5 @@ def find(name: str) -> Maker:
     known = {point.name: point for point in entry_points(group=GROUP)}
     if name not in known:
         raise UsageError(f"no input {name!r}; there are {', '.join(sorted(known))}")
-    made: Maker = known[name].load()
+    made: InputFactory = known[name].load()
     return made

@@ -3,7 +3,7 @@
     left shoulder         hold to move, release to come to rest
     right stick button    joints or tool
     D-pad up, down        faster, slower
-    start                 end
+    start button          end driving
 
     tool:   left stick x and y, right trigger up, left trigger down;
             right stick turns about y and z, A and B about x

@@ -3,7 +3,7 @@
     1 … 9, 0        choose a joint (0 for the 10th)   ↑ ↓ or + -      move it
     w s, a d, r f   move the tool along x, y, z       i k, j l, u o   turn the tool about y, z, x
     m               joints or tool                    ] [             faster, slower
-    space           come to rest at once              q               end
+    space           come to rest at once              q               end driving
 
 A terminal reports key presses, never releases; a held key repeats. So one press moves the robot only for a
 moment, and a released key, a hung terminal and a cut connection have the same effect: the robot comes to
