@@ -3,8 +3,8 @@
     gamepad     a game controller with a deadman button
     keyboard    the terminal that the command runs in
 
-An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs. The
-module ``mailbox`` serves inputs whose motions come from another thread, such as that of a web page.
+An input is registered by an entry point of the group ``armgate.inputs``; any package may add inputs.
+``mailbox.Mailbox`` is an input, not registered, for motions from another thread, such as that of a web page.
 
 An input is called at each tick of the robot and must return without waiting, because that would delay the
 robot. The leader bounds its motions in speed and acceleration before it sends them, and the gate bounds them
