@@ -186,7 +186,7 @@ for _slug, _value in _NUMBERS.items():
 @case(
     "CMD-22/refused",
     "Provoke refusals by fence, ahead, length and not_finite",
-    "Outcome refused, beta 0, one reason, and dq of the plan that the robot plays",
+    "Outcome refused, beta 0, one reason, and dq of the plan that the robot plays: zeros, as it rests",
     also=("CMD-17", "CMD-29"),
 )
 async def refused_command_has_beta_zero_and_a_reason(ctx: CaseContext) -> None:
@@ -200,6 +200,7 @@ async def refused_command_has_beta_zero_and_a_reason(ctx: CaseContext) -> None:
             f"{verdict['outcome']} with beta {verdict['beta']}",
         )
         check(len(verdict.get("reasons", ())) == 1, f"reasons: {verdict.get('reasons')}")
+        check(list(verdict["dq"]) == [0.0] * holder.n, f"the plan of a resting robot has dq {verdict['dq']}")
 
 
 @case(
