@@ -150,8 +150,8 @@ def test_directions_are_turned_if_the_proof_falls_short_or_a_body_has_corners(
     shapes, claimed, lb, tried, turned, monkeypatch
 ):
     turns = []
-    monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), tried))
-    monkeypatch.setattr(certificate, "turned_direction", lambda *_: turns.append(1) or (np.array(X), 5.0))
+    monkeypatch.setattr(certificate, "best_candidate_direction", lambda *_: (np.array(X), tried))
+    monkeypatch.setattr(certificate, "rotated_direction", lambda *_: turns.append(1) or (np.array(X), 5.0))
     n, found = certificate._overlap(*map(posed, shapes), np.array((0.0, 1.0, 0.0)), lb, claimed)
     assert len(turns) == turned
     assert found == (5.0 if turned else max(tried, lb))
@@ -163,7 +163,7 @@ def test_directions_are_turned_if_the_proof_falls_short_or_a_body_has_corners(
 )
 def test_a_direction_is_replaced_by_one_that_proves_more_than_rounding(more, replaced, monkeypatch):
     found = -0.1 + more
-    monkeypatch.setattr(certificate, "tried_direction", lambda *_: (np.array(X), found))
+    monkeypatch.setattr(certificate, "best_candidate_direction", lambda *_: (np.array(X), found))
     n, lb = certificate._overlap(posed("box"), posed("box"), np.array((0.0, 1.0, 0.0)), -0.1, -0.1)
     assert (lb, tuple(n)) == ((found, X) if replaced else (-0.1, (0.0, 1.0, 0.0)))
 

@@ -6,7 +6,7 @@ import pytest
 from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Sphere
 from armgate.gate.clearance.certificate import _overlap, _Posed, _slab
 from armgate.gate.clearance.engines import CoalEngine
-from armgate.gate.clearance.penetration import separations, tried_direction, turned_direction
+from armgate.gate.clearance.penetration import best_candidate_direction, rotated_direction, separations
 from armgate.gate.clearance.support import support, support_table
 
 PAIRS = 191
@@ -97,7 +97,7 @@ def test_crossing_capsules_come_apart_across_both_axes(angle, off):
     c, s = np.cos(angle), np.sin(angle)
     turned = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     a, b = (rows[0], np.eye(3), np.zeros(3)), (rows[1], turned, np.array([off, 0.01, 0.02]))
-    for direction in (tried_direction, turned_direction):
+    for direction in (best_candidate_direction, rotated_direction):
         n, found = direction(a, b, np.array([0.0, 0.0, 1.0]))
         assert found == pytest.approx(off - 0.1, abs=1e-9)
         assert abs(n[0]) == pytest.approx(1.0)
@@ -114,7 +114,7 @@ def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
     rows = support_table((Sphere(0.3), Sphere(0.2)))
     a, b = (rows[0], np.eye(3), shift), (rows[1], np.eye(3), shift + np.array([0.03, 0.0, -0.04]))
     assert separations(a, b, np.array([UP, -UP])) == pytest.approx([-0.54, -0.46])
-    for direction in (tried_direction, turned_direction):
+    for direction in (best_candidate_direction, rotated_direction):
         n, found = direction(a, b, UP)
         assert found == pytest.approx(-0.45)
         assert n == pytest.approx([0.6, 0.0, -0.8])
@@ -130,7 +130,7 @@ def test_a_ball_leaves_a_box_to_either_side(axis, sign, first):
     pair = [(rows[0], np.eye(3), SHIFT), (rows[1], FIRST, SHIFT + off)]
     a, b = pair if first else pair[::-1]
     for n in np.eye(3):
-        found, room = tried_direction(a, b, n)
+        found, room = best_candidate_direction(a, b, n)
         assert room == pytest.approx(-0.2)
         assert found == pytest.approx((sign if first else -sign) * np.eye(3)[axis])
 
@@ -138,7 +138,7 @@ def test_a_ball_leaves_a_box_to_either_side(axis, sign, first):
 def test_of_directions_with_equal_proofs_the_given_one_is_kept():
     rows = support_table((Sphere(0.3), Sphere(0.2)))
     a, b = (rows[0], np.eye(3), SHIFT), (rows[1], np.eye(3), SHIFT)
-    for direction in (tried_direction, turned_direction):
+    for direction in (best_candidate_direction, rotated_direction):
         for n in (UP, -UP):
             kept, found = direction(a, b, n)
             assert tuple(kept) == tuple(n)
@@ -157,9 +157,9 @@ def test_turning_finds_the_side_of_a_cone_to_hundredths_of_a_millimetre(cone, ba
     normal, centre = (length * out + radius * UP) / side, 0.04 * out - 0.02 * UP
     truth = normal @ (centre - 0.5 * length * UP) - of_ball
     a, b = (rows[0], cone, SHIFT), (rows[1], ball, SHIFT + cone @ centre)
-    _, found = turned_direction(a, b, cone @ UP)
+    _, found = rotated_direction(a, b, cone @ UP)
     assert truth - 5e-5 < found <= truth + 1e-12
-    assert tried_direction(a, b, cone @ UP)[1] < truth - 5e-3
+    assert best_candidate_direction(a, b, cone @ UP)[1] < truth - 5e-3
 
 
 def test_turning_finds_directions_that_are_no_axis():
@@ -169,7 +169,7 @@ def test_turning_finds_directions_that_are_no_axis():
     rows = support_table([Convex(x, 0.0) for x in corners])
     a, b = (rows[0], np.eye(3), np.zeros(3)), (rows[1], rotation(rng), np.array([0.05, 0.02, 0.0]))
     n = np.array([0.0, 0.0, 1.0])
-    tried, turned = tried_direction(a, b, n)[1], turned_direction(a, b, n)[1]
+    tried, turned = best_candidate_direction(a, b, n)[1], rotated_direction(a, b, n)[1]
     posed = [_Posed(0, *a), _Posed(1, *b)]
     truth = searched(*posed, rng)
     assert tried < turned - 1e-3

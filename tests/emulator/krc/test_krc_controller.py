@@ -211,7 +211,7 @@ def test_timeout_counts_all_late_cycles_and_ends_the_run():
     assert rig.silent() is None
     assert rig.state == "broken_off"
     assert rig.status["message"] == (
-        "KSS29002 RSI: 11 late cycles since the start, Timeout is 10; the program stops"
+        "KSS29002 RSI: 11 late cycles since the start exceed Timeout 10; the program stops"
     )
     assert rig.setpoint[0] == 0.05
 

@@ -78,7 +78,7 @@ def test_all_late_cycles_count_not_only_consecutive_ones():
     for _ in range(3):
         assert delay.add(True) is None
         assert delay.add(False) is None
-    assert delay.add(True) == "4 late cycles since the start, Timeout is 3"
+    assert delay.add(True) == "4 late cycles since the start exceed Timeout 3"
     assert delay.count == 4
 
 
@@ -88,7 +88,7 @@ def test_krc2_tolerates_ten_late_cycles_in_a_row():
     assert delay.add(False) is None
     for _ in range(10):
         assert delay.add(True) is None
-    assert delay.add(True) == "11 late cycles in a row, this controller tolerates 10"
+    assert delay.add(True) == "11 late cycles in a row exceed the limit of this controller, 10"
 
 
 def test_krc2_tolerates_a_quarter_of_late_cycles():

@@ -11,7 +11,7 @@ from armgate.cell.cell import Cell
 from armgate.events import Point
 from armgate.gate.clearance.engines import CoalEngine, Engine, FclEngine
 from armgate.gate.clearance.pair_groups import ChainGroup, Group
-from armgate.gate.clearance.penetration import tried_direction, turned_direction
+from armgate.gate.clearance.penetration import best_candidate_direction, rotated_direction
 from armgate.gate.clearance.support import Cornered, Rows, support_of_one
 from armgate.gate.clearance.swept import Array, Swept
 
@@ -98,9 +98,9 @@ class _Posed(NamedTuple):
 def _overlap(a: _Posed, b: _Posed, n: Array, lb: float, claimed: float) -> tuple[Array, float]:
     """Return a better direction for overlapping bodies and its bound, or else the given ones."""
     one, two = (a.row, a.R, a.t), (b.row, b.R, b.t)
-    better, found = tried_direction(one, two, n)
+    better, found = best_candidate_direction(one, two, n)
     if claimed - max(found, lb) > GAP or _has_corners(a) or _has_corners(b):
-        better, found = turned_direction(one, two, n)
+        better, found = rotated_direction(one, two, n)
     return (better, found) if found > lb + _GAIN else (n, lb)
 
 

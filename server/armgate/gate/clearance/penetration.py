@@ -23,7 +23,7 @@ Posed = tuple[Rows, Array, Array]
 """Support parameters of a body, R (3, 3) and t (3,)."""
 
 
-def tried_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
+def best_candidate_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
     """Return the best of ``n``, the bodies' axes and the perpendiculars to two of them, with its bound, m."""
     n = _candidates(a, b, n)
     separation = separations(a, b, n)
@@ -31,8 +31,8 @@ def tried_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
     return n[best], float(separation[best])
 
 
-def turned_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
-    """Return the best direction after rotations of the best ones of `tried_direction`, and its bound, m."""
+def rotated_direction(a: Posed, b: Posed, n: Array) -> tuple[Array, float]:
+    """Return the best direction after rotations of the best candidates, and its bound, m."""
     n = _candidates(a, b, n)
     n = n[np.argsort(-separations(a, b, n), kind="stable")[:_STARTS]]
     best, step = separations(a, b, n), np.full(len(n), _FIRST)

@@ -106,7 +106,7 @@ def _empty(piece: Piece) -> float:
 
 
 def _filled(piece: Piece) -> float:
-    """Return the volume of the mesh in a box, m³; it sums signed volumes, so it needs consistent winding."""
+    """Return the volume of the mesh in a box, m³, as a sum of signed volumes (consistent winding)."""
     height = piece.high[2] - piece.low[2]
     below_top, above_top = split(piece.column, 2, float(piece.high[2]))
     above_top = above_top[above_top[:, :, 2].max(axis=1) > piece.high[2]]  # both contain the plane

@@ -30,9 +30,9 @@ class DelayCounter:
         self.count += late
         self._window.append(late)
         if self.count > self._timeout:
-            return f"{self.count} late cycles since the start, Timeout is {self._timeout}"
+            return f"{self.count} late cycles since the start exceed Timeout {self._timeout}"
         if self._in_a_row is not None and self._row > self._in_a_row:
-            return f"{self._row} late cycles in a row, this controller tolerates {self._in_a_row}"
+            return f"{self._row} late cycles in a row exceed the limit of this controller, {self._in_a_row}"
         if len(self._window) == _WINDOW and sum(self._window) > self._share * _WINDOW:
             return f"{sum(self._window)} of the last {_WINDOW} cycles were late"
         return None
