@@ -100,6 +100,10 @@ def test_the_names_in_the_examples_exist() -> None:
     checks = (ROOT / "server/armgate/gate/command_checks.py").read_text(encoding="utf-8")
     (table,) = re.findall(r"^_CHECKS: .*$", checks, re.MULTILINE)
     assert table.removesuffix(")") in TEXT
+    for name in re.findall(r"In `(\w+\.py)`", TEXT):
+        assert any(ROOT.glob(f"*/armgate/*/{name}")), f"{name} does not exist"
+    for module in re.findall(r"return (\w+)\.reversal\(", TEXT):
+        assert f"from armgate.gate import {module}\n" in checks
     messages = (ROOT / "protocol/armgate/protocol/messages.py").read_text(encoding="utf-8")
     for name in ("class Request(", "class Answer(", "ClientMessage", "ServerMessage", "ANSWERS", "Finite"):
         assert name in messages

@@ -34,6 +34,17 @@ def test_every_option_has_a_meaning() -> None:
     assert [name for name, meaning in rows if not meaning.strip()] == []
 
 
+def test_an_option_with_three_values_is_not_called_repeatable() -> None:
+    (row,) = re.findall(r"^\| `--focus` .*$", PAGES[ROOT / "docs" / "cli.md"], re.MULTILINE)
+    assert "`X Y Z`" in row
+    assert "repeatable" not in row
+
+
+def test_a_default_in_words_is_shown() -> None:
+    (row,) = re.findall(r"^\| `--days` .*$", PAGES[ROOT / "docs" / "cli.md"], re.MULTILINE)
+    assert row.split("|")[3].strip() == "never"
+
+
 def test_every_key_of_the_configuration_has_a_meaning() -> None:
     text = PAGES[ROOT / "docs" / "configuration-reference.md"]
     rows = re.findall(r"^\| (`\w+`) \|.*\| ([^|]*) \|$", text, re.MULTILINE)

@@ -83,23 +83,27 @@ def _parameters(command: Command) -> Iterator[tuple[str, Any, ArgumentInfo | Opt
 
 def _row(name: str, kind: Any, info: ArgumentInfo | OptionInfo, default: Any) -> tuple[str, str, str, str]:
     option = isinstance(info, OptionInfo)
-    plain, several = _plain(kind)
+    plain, repeatable = _plain(kind)
     flag = option and plain is bool
     shown = _names(name, info, both=flag and default is True) if option else [info.metavar or name.upper()]
     value = "" if flag else _value(plain, info) if option else _choices(plain)
-    if several and option:
+    if repeatable and option:
         value += ", repeatable"
-    usual = f"`{shown[0]}`" if flag and default is True else "" if flag else _default(default)
+    if isinstance(info.show_default, str):
+        usual = info.show_default
+    else:
+        usual = f"`{shown[0]}`" if flag and default is True else "" if flag else _default(default)
     names = ", ".join(f"`{each}`" for each in shown)
     return names, value, usual, re.sub(r"\s+", " ", info.help or "")
 
 
 def _plain(kind: Any) -> tuple[Any, bool]:
-    """Return the type of one value, and True if the parameter takes several."""
+    """Return the type of one value, and True if the parameter can be repeated."""
     if get_origin(kind) in {Union, UnionType}:
         (kind,) = (each for each in get_args(kind) if each is not NoneType)
-    if get_origin(kind) in {list, tuple}:
-        return get_args(kind)[0], True
+    origin = get_origin(kind)
+    if origin in {list, tuple}:  # a tuple is several values of one option, such as X Y Z
+        return get_args(kind)[0], origin is list
     return kind, False
 
 

@@ -10,13 +10,13 @@ from armgate.cell.terminal_text import printable
 Robot = Annotated[str, typer.Option(help="Robot that carries the camera.", show_default=False)]
 Leader = Annotated[
     str,
-    typer.Option(help="Robot whose tool the camera is kept on; it is also an obstacle.", show_default=False),
+    typer.Option(help="Robot whose tool the camera points at; it is also an obstacle.", show_default=False),
 ]
 Focus = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         metavar="X Y Z",
-        help="Fixed point to keep the camera on instead of the tool, world, m.",
+        help="Fixed target of the camera instead of the tool, in the world, m.",
         show_default=False,
     ),
 ]

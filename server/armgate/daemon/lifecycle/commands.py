@@ -36,7 +36,7 @@ _Lockstep = Annotated[
 ]
 _Record = Annotated[Path | None, typer.Option(metavar="DIR", help="Record the run into this folder.")]
 _RobotServer = Annotated[
-    Path | None, typer.Option(metavar="PATH", help="Socket of the robot server that holds the robots.")
+    Path | None, typer.Option(metavar="PATH", help="Socket of the robot server that runs the links.")
 ]
 _RequireLogin = Annotated[
     bool, typer.Option("--require-login", help="Refuse to start without tokens or a Unix socket.")

@@ -33,7 +33,7 @@ def robot_server(
         ),
     ] = None,
 ) -> None:
-    """Hold the robots of a cell for its daemon until SIGTERM or Ctrl-C."""
+    """Run the links of a cell's robots for its daemon until SIGTERM or Ctrl-C."""
     from armgate.cell.cell import build_cell
     from armgate.cell.config import load_config
 

@@ -114,9 +114,9 @@ class ServerConfig(ConfigModel):
 
     States are not counted."""
     robot_server: str | None = None
-    """Socket of the robot server that holds the robots, relative to the file that contains the key.
+    """Socket of the robot server that runs the links, relative to the file that contains the key.
 
-    Absent: the default socket if a robot is not emulated; otherwise the daemon itself holds the robots."""
+    Absent: the default socket if a robot is not emulated; otherwise the daemon itself runs the links."""
 
 
 class RecordingConfig(ConfigModel):

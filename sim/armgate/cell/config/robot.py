@@ -146,6 +146,6 @@ class RobotConfig(ConfigModel):
 
     Absent: that of the emulated joints, or 10 % of ``link.lag`` for a real robot."""
     q_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-6
-    """Rounding of the measured position [rad or m]."""
+    """Largest rounding error of the measured position [rad or m]."""
     link: Annotated[SerializeAsAny[LinkConfig], BeforeValidator(read_link)] = EmulatedLinkConfig()
     """Connection to the robot; ``kind`` selects its type, which armgate or another package provides."""

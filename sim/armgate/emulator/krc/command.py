@@ -51,7 +51,7 @@ Delay = Annotated[str, typer.Option(metavar="MS", help="Delay of all datagrams, 
 Jitter = Annotated[
     str, typer.Option(metavar="MS", help="Largest additional delay, ms, or to-pc=MS,to-krc=MS.")
 ]
-Stopped = Annotated[bool, typer.Option("--stopped", help="Wait for the command start on stdin.")]
+Stopped = Annotated[bool, typer.Option("--stopped", help="Wait for the command 'start' on stdin.")]
 LogFile = Annotated[Path | None, typer.Option(help="File for the log.", show_default="stderr")]
 TraceFile = Annotated[
     Path | None, typer.Option(metavar="FILE.csv", help="File for the setpoint of every cycle.")
