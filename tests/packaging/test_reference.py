@@ -88,6 +88,15 @@ def test_the_files_on_the_path_of_an_increment_exist() -> None:
     assert [name for name in files if not list(ROOT.glob(f"*/armgate/{name}"))] == []
 
 
+def test_the_modules_in_the_page_about_the_gate_exist() -> None:
+    text = (ROOT / "docs" / "gate.md").read_text(encoding="utf-8")
+    table = text.split("| question | module of `armgate.gate` |\n")[1].split("\n\n")[0]
+    named = set(re.findall(r"`(\w+)`", table))
+    assert len(named) > 10
+    gate = ROOT / "server" / "armgate" / "gate"
+    assert named <= {path.stem for path in gate.iterdir()}
+
+
 def test_every_package_is_in_the_architecture() -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\| `armgate\.(\w+)` \|", text)) == set(packages.owners())
