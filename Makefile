@@ -129,10 +129,10 @@ bench-view: $(VENV)/.system $(VENV)/.tested  ## measure the cost of a viewer wit
 bench-control: $(VENV)/.benched  ## measure the camera law against a step of pink
 	@$(BIN)/python benchmarks/bench_control.py $(ARGS)
 
-bench-monitor: $(VENV)/.installed  ## measure the cost of the monitor, and the delay of ticks by it
+bench-monitor: $(VENV)/.installed  ## measure the cost of the monitor, and its effect on the lateness of ticks
 	@$(BIN)/python benchmarks/bench_monitor.py $(ARGS)
 
-bench-demo: $(VENV)/.installed  ## measure the pace of the whole stack in lock-step
+bench-demo: $(VENV)/.installed  ## measure the speed of the whole stack in lock-step
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
 
 lock: $(VENV)/.locking  ## renew the lock files: exact versions and hashes for services, development and site
@@ -149,7 +149,7 @@ clean:  ## remove .venv, caches and build products (runs/ stays)
 	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
 	find $(PORTIONS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# A stamp says that a step was finished, so an interrupted one is done again.
+# A stamp file marks a finished step; an interrupted step is repeated.
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
@@ -172,7 +172,7 @@ $(VENV)/.viewed: $(VENV)/.installed
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
-	@echo "armgate: installing what the tests need"
+	@echo "armgate: installing the requirements of the tests"
 	@$(PIP) install --editable ".[cell,plots,test]"
 	@touch $@
 
@@ -181,7 +181,7 @@ $(VENV)/.system: $(VENV)/.made
 	@touch $@
 
 $(VENV)/.fuzzed: $(VENV)/.tested
-	@echo "armgate: installing what searches"
+	@echo "armgate: installing the fuzzer"
 	@$(PIP) install --editable ".[cell,plots,test,fuzz]" || \
 		echo "armgate: no atheris for this Python; hypothesis searches blindly" >&2
 	@touch $@
@@ -192,18 +192,18 @@ $(VENV)/.linted: $(VENV)/.installed
 	@touch $@
 
 $(VENV)/.locking: $(VENV)/.made
-	@echo "armgate: installing what resolves requirements"
+	@echo "armgate: installing uv, which resolves requirements"
 	@$(BIN)/python -m venv $(VENV)/lock
 	@$(VENV)/lock/bin/python -m pip --quiet --disable-pip-version-check --no-input install "uv>=0.9,<1"
 	@touch $@
 
 $(VENV)/.documented: $(VENV)/.made tools/site/requirements.lock
-	@echo "armgate: installing what builds the site"
+	@echo "armgate: installing MkDocs, which builds the site"
 	@$(BIN)/python -m venv $(VENV)/docs
 	@$(VENV)/docs/bin/python -m pip --quiet --disable-pip-version-check --no-input install --require-hashes -r tools/site/requirements.lock
 	@touch $@
 
 $(VENV)/.benched: $(VENV)/.installed
-	@echo "armgate: installing what the benchmarks measure against"
+	@echo "armgate: installing the references of the benchmarks"
 	@$(PIP) install --editable ".[cell,plots,bench]"
 	@touch $@

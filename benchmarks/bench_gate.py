@@ -2,7 +2,7 @@
 
 Both forms of the gate, in numpy and compiled, decide about the same commands one after the other, and the
 unit is measured in the same process, interleaved with them. A control, the same loop without a decision,
-shows the noise of the machine. The tail is that of many decisions in the demo cell.
+shows the noise of the machine. The tail (p99.9) is measured over many decisions in the demo cell.
 
     bench_gate.py [DECISIONS [DECISIONS OF THE TAIL]]
 """
@@ -120,7 +120,7 @@ class Rig:
 
 
 def wander(rig: Rig, speed: float, spread: float) -> Callable[[], list[np.ndarray]]:
-    """Return a controller that moves every robot smoothly around its start: sines of its own per joint."""
+    """Return a controller that moves every robot smoothly around its start: a different sine per joint."""
     rng = np.random.default_rng(3)
     waves = [(rng.uniform(0.2, 0.5, r.model.n), rng.uniform(0, 6.3, r.model.n)) for r in rig.cell.robots]
 

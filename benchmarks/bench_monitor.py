@@ -18,14 +18,14 @@ from report import Row, report
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
 ROUNDS = 2
-"""Number of runs with and without the monitor; the smaller lateness counts: other programs only add to it."""
+"""Number of runs with and without the monitor; the smallest lateness counts: other programs only add."""
 
 PORT = 7493
 BUCKET = re.compile(r'^armgate_tick_lateness_seconds_bucket\{.*le="([^"]+)".*\} (\S+)$', re.MULTILINE)
 
 
 def scrape() -> dict[float, float]:
-    """Return the number of ticks by upper bound of their lateness, s; empty while nothing is served."""
+    """Return the number of ticks by upper bound of their lateness, s; empty before the port is served."""
     try:
         with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/metrics", timeout=1.0) as page:
             text = page.read().decode()

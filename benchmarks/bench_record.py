@@ -63,7 +63,7 @@ def rows(period, seconds):
         spent, lost, per_hour, gap = measure(period, seconds, Path(folder))
     ms = f"{1000 * period:g} ms"
     us = {kind: 1e6 * np.array(times) for kind, times in spent.items()}
-    # A robot tick is a tick, a command, its plan's answer and a share of the state.
+    # A robot tick costs a tick, a command, the link's answer to its plan, and a share of the state.
     total = sum(float(np.median(us[kind])) for kind in ("tick", "command", "answer", "state"))
     late = sum(float(np.percentile(us[kind], 99)) for kind in ("tick", "command", "answer", "state"))
     unit = float(np.median(us["append"]))

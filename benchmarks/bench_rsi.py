@@ -50,7 +50,7 @@ START = 60.0
 # --- the other processes ----------------------------------------------------------------------------------
 
 
-def hurry(priority: int, pid: int = 0) -> bool:
+def set_real_time_priority(priority: int, pid: int = 0) -> bool:
     """Run a process, by default this one, before ordinary programs. Return True if that is allowed."""
     try:
         os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(priority))
@@ -126,7 +126,7 @@ robots:
       {{kind: rsi, ethernet: {rsi}/gantry-correction.xml, krc: 127.0.0.1, listen: 127.0.0.1:{GR}, {late}}}
 """
 TOLERANCE = "timeout: 1000000, late_in_a_row: 1000, silence: 4 s"
-"""Tolerance of a busy moment of this machine: it must not end the run, and shows in the figures."""
+"""Large timeouts: a busy machine must not end the run; late replies appear in the figures."""
 
 
 def krc(cell) -> Controller:
@@ -147,9 +147,9 @@ def sleep_until(moment: float) -> None:
 
 
 def ask(own: socket.socket, data: bytes, port: int, until: float) -> tuple[bytes | None, float]:
-    """Sends, waits for the answer, at most until then; what came, and after how long."""
+    """Send data, wait for an answer until a time; return it (None if there is none) and its delay, s."""
     own.setblocking(False)
-    with contextlib.suppress(BlockingIOError):  # what came too late
+    with contextlib.suppress(BlockingIOError):  # drop answers that came too late
         while own.recv(4096):
             pass
     begun = time.perf_counter()
@@ -193,17 +193,17 @@ class Crew(contextlib.ExitStack):
         self.pids: dict[str, int] = {}
 
     def start(self, priority: int, *words: object, ready: str | None = "") -> tuple[subprocess.Popen, str]:
-        """Start a process; return it and its first line, which begins with ``ready`` (None: not awaited)."""
+        """Start a process; return it and its first line, which begins with ``ready`` (None: do not wait)."""
         child = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.PIPE, text=True)
-        hurry(priority, child.pid)
-        # A role of this file is called by its name and its robot, a command of armgate by its own.
+        set_real_time_priority(priority, child.pid)
+        # The name is the role of this file with its robot, or the command of armgate.
         self.pids[str(words[2]) if words[0] == "-m" else " ".join((words[1], *words[3:]))] = child.pid
         self.callback(child.wait)
         self.callback(child.kill)
         return child, "" if ready is None else self.line(child, ready)
 
     def cpu(self) -> dict[str, float]:
-        """Time on a core of each process so far, s."""
+        """Return the processor time that each process has used so far, s."""
         found = {}
         for name, pid in self.pids.items():
             fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
@@ -226,10 +226,10 @@ def free_ports(count: int) -> list[int]:
 
 
 def stack(crew: Crew, folder: Path, ports: list[int]):
-    """Robot server, GR's KRC, daemon, observer and controllers; the last three end with a line to be read."""
+    """Start robot server, GR's KRC, daemon, observer and controllers; return observer and controllers."""
     armgate = ("-m", "armgate.apps")
     configs = [CONFIGS / "demo.yaml", folder / "links.yaml"]
-    urgent = ("--priority", PRIORITY) if hurry(KRC_PRIORITY) else ()
+    urgent = ("--priority", PRIORITY) if set_real_time_priority(KRC_PRIORITY) else ()
     robots = ("robot-server", *configs, "--socket", folder / "s", *urgent)
     crew.start(PRIORITY, *armgate, *robots, ready="armgate: robot server")
     other = (
@@ -305,7 +305,7 @@ def rows(link_times, echo_times, status, told) -> list[Row]:
             for name, outcomes in zip(labels, movers, strict=True)
             for outcome, count in outcomes.items()
         ),
-        Row("states that the observer saw", eye["states"], ""),
+        Row("states that the observer received", eye["states"], ""),
         *(Row(f"{name}: share of a core", share, "") for name, share in status["busy"].items()),
     ]
 

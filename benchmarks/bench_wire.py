@@ -1,9 +1,8 @@
 """Cost of the wire: command to verdict compared with a bare asyncio msgpack echo, and 50 observers with none.
 
-Usage: bench_wire.py [TICKS]. Daemon, echo and observers are separate processes; this one is the controller,
-    and
-calls the echo. Both calls are made at every tick, each first in turn. The time that the gate took to decide
-is measured in the daemon and subtracted command by command. Blocks of ticks with and without observers
+Usage: bench_wire.py [TICKS]. Daemon, echo and observers are separate processes; this one is the controller
+and calls the echo. Both calls are made at every tick, each first in turn. The time that the gate took to
+decide is measured in the daemon and subtracted command by command. Blocks of ticks with and without observers
 alternate.
 """
 
@@ -39,7 +38,7 @@ SETTLE = 25
 """Ticks at the start of a block that do not count."""
 
 
-# --- frames, as bare as can be ----------------------------------------------------------------------------
+# --- frames without a protocol library --------------------------------------------------------------------
 
 
 def framed(message) -> bytes:
@@ -73,7 +72,7 @@ class Framed(asyncio.Protocol):
 
 
 async def echo() -> None:
-    """Answer every message after the first with the first: unpacked and packed again."""
+    """Answer every message but the first with the first, which is packed anew each time."""
     answers = {}
 
     def take(wire: Framed, message) -> None:

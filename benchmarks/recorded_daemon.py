@@ -1,4 +1,4 @@
-"""``armgate serve …`` that measures the cost of recording in its event loop, for the file FIGURES."""
+"""``armgate serve …`` that measures the cost of recording in its event loop and writes it to $FIGURES."""
 
 import json
 import os
@@ -22,7 +22,7 @@ class Timed(recorder.Recorder):
         if kind:
             spent[kind].append(end - start)
         row = []
-        start = perf_counter()  # the unit: the least that recording can cost
+        start = perf_counter()  # the unit: the smallest possible cost of recording
         row.append((event, outputs))
         spent["append"].append(perf_counter() - start)
 

@@ -13,7 +13,7 @@ OUT = Path(__file__).parent / "out"
 
 @dataclass(frozen=True)
 class Row:
-    """Figure with its goal: an upper bound, with ``at_least`` a lower one; None if only reported."""
+    """Figure with its goal: an upper bound, or a lower bound if ``at_least``; None if it has no goal."""
 
     case: str
     value: float

@@ -16,7 +16,7 @@ _OPTIONS = ("--quiet", "--generate-hashes", "--no-header", "--no-annotate")
 
 @dataclass(frozen=True)
 class Lock:
-    """Lock file, and what it is made from."""
+    """Lock file, and its sources."""
 
     file: str
     purpose: str
@@ -38,19 +38,19 @@ class Lock:
 
 SERVICE = Lock(
     "requirements.lock",
-    "What a service of this release runs with",
+    "Requirements of a service of this release",
     "pip install --require-hashes -r requirements.lock && pip install --no-deps armgate",
     extras=("cell", "fast", "plots", "sign", "view"),
 )
 DEVELOPMENT = Lock(
     "requirements-dev.lock",
-    "What this release was developed and tested with",
+    "Requirements for development and tests of this release",
     "pip install --require-hashes -r requirements-dev.lock && pip install --no-deps --editable .",
     extras=("bench", "cell", "fast", "gamepad", "lint", "plots", "sign", "test", "view"),
 )
 SITE = Lock(
     "tools/site/requirements.lock",
-    "What builds the documentation's site",
+    "Requirements to build the documentation's site",
     "make docs",
     source="tools/site/requirements.in",
 )

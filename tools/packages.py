@@ -1,7 +1,7 @@
 """Picture of the packages and their imports, drawn from the sources: ``python -m tools.packages [--check]``.
 
 Each package is a box in the colour of its folder. A box stands above everything that it imports, so all
-arrows point down. An arrow that follows from others is left out. Imports for type checking only count, too.
+arrows point down. An arrow that follows from others is left out. Imports under ``TYPE_CHECKING`` count, too.
 """
 
 import ast
@@ -52,7 +52,7 @@ def reduced(graph: Graph) -> Graph:
     """Return the graph without edges that follow from others.
 
     Raises:
-        ValueError: Packages import each other in a circle.
+        ValueError: The imports of packages contain a cycle.
     """
     below = {name: _below(name, graph, (name,)) for name in graph}
     return {
@@ -86,7 +86,7 @@ def floors(graph: Graph) -> list[list[str]]:
 
 
 def _routed(graph: Graph, rows: list[list[str]]) -> dict[tuple[str, str], list[str]]:
-    """Give every arrow that skips floors a place of its own on each of them, and return the arrows' ways."""
+    """Reserve a place on each floor that an arrow skips, and return the path of each arrow."""
     level = {name: at for at, row in enumerate(rows) for name in row}
     ways = {}
     for name in sorted(graph):

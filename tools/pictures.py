@@ -39,7 +39,7 @@ from armgate.recording import Recording, StateSeries
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, FINE = 640, 360, 2
-"""Size of the experiments' animation in pixels; it is drawn so many times finer."""
+"""Size of the experiments' animation in pixels; it is drawn FINE times as large."""
 RATE = 10
 """Pictures per s of that animation."""
 EYE, AT = (0.9, -3.5, 2.2), (1.35, 0.0, 1.15)
@@ -51,9 +51,9 @@ WORK = 9.0
 FILM, SMALL = 64, (980, 630)
 """Number of pictures of the page in motion, and their size in pixels."""
 FILM_BEGIN, FILM_STEP, FILM_SHOWN = 0.5, 0.4, 120
-"""Time in the run of the first picture and between two [s], and time for which each is shown [ms]."""
+"""Time of the first picture in the run, time between two pictures [s], and display time of each [ms]."""
 SETTLE = 1.5
-"""Time that the page gets to draw another moment of a recording, s."""
+"""Time for the page to draw the state at another time of a recording, s."""
 _SEEK = """time => {
     const label = [...document.querySelectorAll('label')].find(each => each.textContent === 'Time [s]');
     const input = label.closest('.mantine-Flex-root').querySelector('input[inputmode]');

@@ -1,7 +1,7 @@
 """Writer of software bills of materials, CycloneDX in JSON: ``python -m tools.sbom FOLDER``.
 
-Each is made from lock files: ``armgate.cdx.json`` lists what a service runs with, ``armgate-dev.cdx.json``
-what develops, tests and documents it. The same lock files and version give the same bytes.
+Each is made from lock files: ``armgate.cdx.json`` lists the packages of a service, ``armgate-dev.cdx.json``
+those for development, tests and documentation. The same lock files and version give the same bytes.
 """
 
 import json

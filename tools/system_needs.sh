@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Install what the tests need besides Python packages: a browser, and EGL with a driver that draws in software.
+# Install the requirements of the tests besides Python packages: a browser, and EGL with a software renderer.
 #
 #     tools/system_needs.sh FOLDER
 #
-# On Debian and Ubuntu the packages come from apt, as root or with sudo. Where that is not possible, the browser is
-# the headless one that an npm package carries, unpacked into FOLDER. Ends with 1 if something is still missing.
+# On Debian and Ubuntu the packages come from apt, as root or with sudo. If that is not possible,
+# the headless browser of an npm package is unpacked into FOLDER. Ends with 1 if something is still missing.
 set -euo pipefail
 folder=$1
 npm_package=@sparticuz/chromium@147.0.0
@@ -44,7 +44,7 @@ install_by_npm() {
     command -v node >/dev/null && command -v npm >/dev/null || return 0
     echo "armgate: unpacking the browser of the npm package $npm_package into $folder"
     rm -rf "$folder" && mkdir -p "$folder"
-    unpack & # in a shell of its own, where an error ends it
+    unpack & # in a subshell, which ends at the first error
     wait $! || rm -rf "$folder"
 }
 

@@ -1,8 +1,8 @@
 """Metadata hook of the build: ``project.urls`` from the repository from which a distribution is built.
 
 armgate does not name a host by itself, because forks and mirrors are equal. The address is that of the remote
-``origin``, or ``ARMGATE_URL``; a wheel that is built from a source distribution keeps that one's addresses.
-Without any of them the metadata has no URL.
+``origin``, or ``ARMGATE_URL``; a wheel that is built from a source distribution keeps its addresses.
+If there is none, the metadata has no URL.
 """
 
 import email

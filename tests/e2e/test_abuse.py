@@ -29,7 +29,7 @@ MEGABYTES = 5.0
 
 @dataclass
 class Seen:
-    """Figures of a controller: commands, refused ones, ones decided for a later tick, and the latest tick."""
+    """Number of commands, of refused ones, of ones decided for a later tick; largest delay of a state, s."""
 
     commands: int = 0
     refused: int = 0
@@ -46,7 +46,7 @@ class Seen:
 
 
 class Controller:
-    """A controller that answers every state at once."""
+    """Controller that sends a command as soon as a state arrives."""
 
     def __init__(self, raw, fence):
         self.raw, self.fence, self.seq, self.tick = raw, fence, 0, 0
@@ -62,7 +62,7 @@ class Controller:
         return cls(raw, fence)
 
     async def over(self, ticks):
-        """Return the figures of some ticks from now."""
+        """Return the figures of the next ``ticks`` ticks."""
         self.seen, until = Seen(), self.tick + ticks
         async with asyncio.timeout(PATIENCE + ticks):
             while self.tick < until:
@@ -96,9 +96,10 @@ class Controller:
 
 
 def more_than_by_chance(many, few):
-    """Return True if of ``many + few`` events in equal times so many would fall on one side in 1 of 100 runs.
+    """Return True if ``many`` is significantly larger than ``few``: a one-sided sign test with p < 0.01.
 
-    The machine itself delays a command now and then: one event more proves nothing, seven to none do.
+    Both are numbers of events in equal times. The machine itself delays some commands: 1 event against 0 is
+    no evidence, 7 against 0 are.
     """
     total = many + few
     return sum(comb(total, k) for k in range(many, total + 1)) < 0.01 * 2**total
@@ -136,9 +137,9 @@ async def test_bad_clients_hardly_affect_a_controller(tmp_path):
     reasons = {line["reason"].partition(":")[0] for line in log if line["event"] == "gone"}
     print_figures(f"without: {without}", f"among bad clients: {among}", f"ended: {sorted(reasons)}")
     assert {"frame_too_large"} <= reasons
-    assert good.causes <= {"stale", "occupied"}  # nothing but lateness
+    assert good.causes <= {"stale", "occupied"}  # refused only because of lateness
     assert among.commands >= BLOCK * (TICKS // BLOCK) / 2
-    if LONG:  # figures of time: on a machine that others use too they say nothing
+    if LONG:  # times mean nothing on a machine with other load
         assert not more_than_by_chance(among.refused, without.refused)
         assert not more_than_by_chance(among.late, without.late)
 
@@ -151,13 +152,14 @@ CROWD_BURST = 40
 SHARE = 0.8
 """Share of a core that the daemon may use because of one observer, after its bursts.
 
-The rate limits count messages: 0.45 to 0.57 on a quiet machine. A daemon without limits uses all of a core.
+Measured on a quiet machine: 0.45 to 0.57. The rate limits bound messages, not processor time. A daemon
+without limits uses all of a core.
 """
 
 
 @pytest.mark.slow
 async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
-    """Its 60 connections share one rate limit, and their work waits for ticks and for holders of robots."""
+    """Its connections share one rate limit; their messages are handled after ticks and lease holders."""
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
     without, among, shares = Seen(), {kind: Seen() for kind in CROWDS}, {}
@@ -178,8 +180,8 @@ async def test_one_observer_on_many_connections_delays_no_tick(tmp_path):
     figures = (f"among {kind}: {seen}, {shares[kind]:.2f} of a core" for kind, seen in among.items())
     print_figures(f"without: {without}", *figures)
     assert max(shares.values()) <= SHARE, shares
-    assert good.causes <= {"stale", "occupied"}  # nothing but lateness
-    if LONG:  # figures of time: on a machine that others use too they say nothing
+    assert good.causes <= {"stale", "occupied"}  # refused only because of lateness
+    if LONG:  # times mean nothing on a machine with other load
         for kind, seen in among.items():
             assert seen.latest <= without.latest + 0.05, kind
         refused, late = (sum(getattr(seen, name) for seen in among.values()) for name in ("refused", "late"))
@@ -208,7 +210,7 @@ def memory(pid):
 
 
 async def guest(port, number):
-    """Connect, observe, and disconnect: with a bye, without, or in the middle of a message."""
+    """Connect, observe, and disconnect: with a bye, without a bye, or in the middle of a message."""
     raw = await Raw.hello(port, f"guest{number}", "observer")
     raw.send(m.Describe(), m.Subscribe(), m.Stop.model_construct(type="stop", robot=7, id=1))
     await raw.get(m.Error)

@@ -41,7 +41,7 @@ def command(**fields):
 UNREADABLE = {
     "bool in dq": (command(dq=[True, 0.0, 0.0]), "dq"),
     "text in dq": (command(dq=["0.1", 0.0, 0.0]), "dq"),
-    "nothing in dq": (command(dq=[None, 0.0, 0.0]), "dq"),
+    "nil in dq": (command(dq=[None, 0.0, 0.0]), "dq"),
     "dq is a text": (command(dq="0.1"), "dq"),
     "65 joints": (command(dq=[0.0] * 65), "dq"),
     "a robot that is a number": (command(robot=3), "robot"),

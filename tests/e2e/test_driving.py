@@ -32,7 +32,7 @@ async def daemon(tmp_path_factory):
 
 
 class Eye:
-    """An observer of robot A."""
+    """Client in the operator role that receives the states of robot A."""
 
     def __init__(self, raw):
         self.raw = raw
@@ -133,7 +133,7 @@ async def test_the_robot_moves_while_the_deadman_switch_is_held_and_rests_when_i
     async with by_pad(daemon) as leader:
         await leader.prints("hold the left shoulder")
         start = await eye.resting()
-        leader.do("axis LEFTY -1")  # without the deadman: nothing
+        leader.do("axis LEFTY -1")  # no motion without the deadman switch
         held = await eye.entry(lambda entry: entry.holder == "leader")
         assert held.setpoint == start
         leader.do("button LEFTSHOULDER 1")
@@ -203,7 +203,7 @@ async def test_a_missing_gamepad_is_reported(daemon):
     assert "no gamepad is plugged in" in said
 
 
-# --- what else may go wrong -------------------------------------------------------------------------------
+# --- other failures ---------------------------------------------------------------------------------------
 
 
 async def test_a_stop_while_driving_ends_the_leader_with_the_reason(daemon, eye):
@@ -223,7 +223,7 @@ async def test_a_stop_while_driving_ends_the_leader_with_the_reason(daemon, eye)
 
 
 async def ping(client):
-    """Renew the lease of a client, however long the leader takes to start."""
+    """Renew the lease of a client until cancelled: the leader may take long to start."""
     while True:
         client.send(m.Ping(time=0.0))
         await asyncio.sleep(0.3)

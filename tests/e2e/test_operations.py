@@ -82,7 +82,7 @@ async def limited(file, out, room):
 
 
 async def watched(tmp_path, recording):
-    """Return the states until one warns of the recording, some more, and the exit status of a replay."""
+    """Return the first state with a warning about the recording, and a later one; replay the recording."""
     file, out = tmp_path / "arms.yaml", tmp_path / "run"
     file.write_text(arms_yaml(recording=recording))
     process = await limited(file, out, 60_000)

@@ -77,7 +77,7 @@ async def test_daemon_and_robot_server_end_with_the_robots_at_rest(cell, socket)
         assert not socket.exists()
 
 
-async def test_robots_of_a_killed_daemon_rest_and_its_successor_moves_none_unasked(cell, socket):
+async def test_robots_of_a_killed_daemon_rest_and_the_next_one_moves_none_before_a_reset(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots:
         async with serving(cell, socket) as daemon:
             mover = await Mover.start(daemon.port, "A")
@@ -93,7 +93,7 @@ async def test_robots_of_a_killed_daemon_rest_and_its_successor_moves_none_unask
 
 @pytest.mark.slow
 async def test_a_recording_with_a_robot_server_replays_with_the_same_verdicts(cell, socket, tmp_path):
-    """The recording of the daemon that takes over from a killed one, and of the reset, replays too."""
+    """This holds for the recording before a kill, and for that of the next daemon, with the reset."""
     async with RobotServer.running(cell, socket=socket) as robots:
         async with Process.serving(cell, "--robot-server", socket, "--record", tmp_path / "one") as daemon:
             mover = await Mover.start(daemon.port, "A")
@@ -158,12 +158,12 @@ async def test_a_robot_server_that_is_killed_stops_the_cell_until_it_is_back_and
         await mover.stop()
         async with RobotServer.running(cell, socket=socket) as back:
             await back.logs("daemon")
-            # Emulated robots of a new process stand at their start: the gate sees them jump, and reports it.
+            # A new process places its emulated robots at their start: the gate detects and reports the jump.
             await nothing_moves(daemon)
             await goes_on(daemon)
 
 
-async def test_a_controller_that_is_killed_lets_its_robot_rest_and_no_other(cell, socket):
+async def test_only_the_robot_of_a_killed_controller_comes_to_rest(cell, socket):
     async with RobotServer.running(cell, socket=socket), serving(cell, socket) as daemon:
         eye = await Raw.hello(daemon.port, "eye")
         eye.send(m.Subscribe(robots=("A",)))

@@ -26,7 +26,7 @@ async def stack(tmp_path_factory):
 
 
 @pytest.mark.slow
-async def test_a_controller_that_is_killed_lets_its_robot_rest_and_needs_no_reset(stack):
+async def test_the_robot_of_a_killed_controller_comes_to_rest_and_needs_no_reset(stack):
     mover = await stack.begin()
     mover.task.cancel()
     mover.raw.writer.transport.abort()
@@ -48,7 +48,7 @@ async def test_the_robot_of_a_killed_daemon_rests_and_its_krc_is_still_answered(
     delay = rests["delay"]
     later = await stack.krc.rests(100)
     assert later["setpoint"] == rests["setpoint"]
-    assert later["delay"] < delay + 50  # it is answered on, however busy this machine is
+    assert later["delay"] < delay + 50  # the KRC still gets replies, even on a busy machine
     await stack.serve()
     assert (await stack.krc.rests())["setpoint"] == rests["setpoint"]
     await stack.goes_on()
@@ -92,7 +92,7 @@ async def test_a_krc_whose_robot_server_stalls_stops_by_itself(stack):
 
 
 async def test_a_robot_server_that_halts_for_some_cycles_plays_no_missed_increment(stack):
-    """Telegrams wait while the robot has a plan: none of them leads to a step."""
+    """Telegrams queue up while the robot has a plan: none of them makes the setpoint jump."""
     mover = await stack.begin()
     delay = (await stack.krc.tell("status"))["delay"]
     stack.robots.signal(signal.SIGSTOP)
@@ -101,7 +101,7 @@ async def test_a_robot_server_that_halts_for_some_cycles_plays_no_missed_increme
     stack.robots.signal(signal.SIGCONT)
     assert (await stack.krc.rests())["state"] == "running"
     await stack.leave()
-    await stack.lift_stops()  # if it was so long that the link gave up
+    await stack.lift_stops()  # needed if the halt exceeded the timeout of the link
     await stack.moves()
     stack.within_bounds()
 
@@ -160,7 +160,7 @@ async def test_a_krc_that_restarts(stack, how):
         await stack.krc.tell("reset")
         await stack.krc.tell("jog A1 -5")
         await stack.krc.tell("start")
-    if how == "pause":  # what it held is not known: it is not answered until its program starts anew
+    if how == "pause":  # the KRC's correction is unknown: it gets no replies before its program restarts
         await stack.krc.tell("stop")
         await stack.krc.tell("start")
     status = await stack.krc.rests()
@@ -173,7 +173,7 @@ async def test_an_ipoc_that_jumps(stack):
     await stack.begin()
     await stack.krc.tell("ipoc 5000000001")
     assert "is faulted: the IPOC jumped" in await stack.stopped()
-    # The robot moved: what is held is not known, and it is not answered any more.
+    # The robot was moving: the correction that the KRC holds is unknown, so that it gets no more replies.
     await stack.krc.breaks_off()
     await stack.krc.starts_anew()
     await stack.goes_on()

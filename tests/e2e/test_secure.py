@@ -82,14 +82,14 @@ async def secured(tmp_path_factory):
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def mutual(tmp_path_factory):
-    """The same daemon, which requires certificates of clients."""
+    """Daemon with TLS and tokens that also requires certificates of clients."""
     async with site(tmp_path_factory.mktemp("mutual"), client_ca="ca.pem") as made:
         yield made
 
 
 @pytest.fixture(params=["aio", "blocking"])
 def connect(request):
-    """``connect`` of one form of the SDK, which closes its connections at the end."""
+    """Return a coroutine around ``connect``, once of the asyncio SDK and once of the blocking SDK."""
 
     async def call(address, *args, **more):
         if request.param == "aio":
@@ -140,7 +140,7 @@ async def test_a_client_may_bring_its_own_tls_context(secured, connect):
     await done(cell.close())
 
 
-async def test_a_certificate_of_a_stranger_is_not_trusted(secured, connect):
+async def test_a_certificate_of_an_unknown_ca_is_not_trusted(secured, connect):
     with pytest.raises(ConnectionLost, match=r"no connection to .*; give the CA"):
         await connect(secured.address, "eye", token=secured.tokens["eye"], tls=secured.other.file)
     with pytest.raises(ConnectionLost, match="give the CA"):
@@ -365,7 +365,7 @@ async def test_a_token_can_be_written_to_a_file_that_only_its_user_can_read(tmp_
 
 
 async def reread(daemon, event):
-    """Have the tokens reloaded; return the line of the log with the result."""
+    """Send SIGHUP to the daemon; return its next log line with this event."""
     daemon.signal(signal.SIGHUP)
     async with asyncio.timeout(PATIENCE):
         while (line := json.loads(await daemon.process.stderr.readline()))["event"] != event:
@@ -400,7 +400,7 @@ async def test_a_revoked_token_ends_its_sessions_and_no_others(tmp_path):
             assert caught.value.code == "unauthorized"
             await stays.ping()
             async with await aio.connect(address, "new", token=new) as cell:
-                await cell.acquire("A")  # free by now
+                await cell.acquire("A")  # the former lease has ended
             with pytest.raises(Rejected, match="armgate token"):
                 await aio.connect(address, "gone", token=lab)
         await gone.close()
@@ -483,7 +483,7 @@ async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
     file = secured.folder / "mine"
     file.write_text(secured.tokens["lab"] + "\n")
     file.chmod(0o600)
-    inside = "no robot 'GR'"  # it came in, and then found another cell than the path's
+    inside = "no robot 'GR'"  # the login succeeds; the path is for a robot of another cell
     status, err = await lead(secured, *ca, "--token-file", file)
     assert inside in err, err
     status, err = await lead(secured, *ca, ARMGATE_TOKEN=secured.tokens["lab"])
@@ -599,7 +599,7 @@ async def test_on_a_unix_socket_the_kernel_identifies_the_user_of_a_client(tmp_p
 
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["a", "\0a", "\0abc"])
-async def test_the_name_of_a_clients_own_socket_does_no_harm(tmp_path, monkeypatch, name):
+async def test_the_name_of_a_clients_own_socket_has_no_effect(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "arms.yaml"
     config.write_text(
@@ -639,7 +639,7 @@ async def test_a_service_refuses_to_start_without_login(tmp_path):
     assert "configure server.tokens or server.socket" in err
 
 
-# --- sessions of others -----------------------------------------------------------------------------------
+# --- other sessions ---------------------------------------------------------------------------------------
 
 
 async def test_an_operator_lists_sessions_and_ends_one_from_the_command_line(tmp_path):

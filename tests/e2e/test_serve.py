@@ -42,7 +42,7 @@ async def test_a_malformed_configuration_is_named_with_file_and_line(tmp_path, o
         assert "Traceback" not in err
 
 
-async def test_a_missing_file_is_wrong_use(tmp_path):
+async def test_a_missing_file_is_a_usage_error(tmp_path):
     status, _, err = await run("serve", tmp_path / "none.yaml")
     assert status == 2
     assert "none.yaml" in err
@@ -67,7 +67,7 @@ async def test_listening_beyond_this_machine_is_refused_with_the_reason(tmp_path
     assert "server.tls and server.tokens" in err
 
 
-async def test_invalid_names_of_participants_are_wrong_use(tmp_path):
+async def test_invalid_names_of_participants_are_usage_errors(tmp_path):
     status, _, err = await run("serve", config(tmp_path), "--lockstep", "a,,b")
     assert status == 2
     assert "--lockstep" in err
@@ -121,7 +121,7 @@ async def test_a_client_that_is_killed_loses_its_robot_and_the_robot_rests(tmp_p
         await other.stop()
 
 
-async def test_a_silent_holder_loses_its_robot_although_it_stays_connected(tmp_path):
+async def test_a_lease_expires_if_its_client_sends_nothing_although_it_stays_connected(tmp_path):
     async with Process.serving(config(tmp_path, server="{lease_ttl: 0.3}")) as daemon:
         silent = await Raw.hello(daemon.port, "silent")
         fence = await silent.acquire("A")

@@ -84,7 +84,7 @@ def metrics_of(folder: Path) -> dict[str, Any]:
 
 
 def check(metrics: dict[str, Any]) -> None:
-    """Check the claims that every run keeps, on any machine load."""
+    """Check the figures that must hold in every run, on any machine load."""
     assert metrics["complete"] is True
     assert metrics["min_clearance_m"] >= metrics["stop_distance_m"] == 0.05
     assert set(metrics["verdicts"]) == set(metrics["ticks"]) == {"FR", "GR"}
@@ -211,9 +211,8 @@ def test_after_a_kill_in_motion_krcs_are_answered_or_stop_and_no_drive_faults(
         _, err = child.communicate(timeout=120)
     assert child.returncode == 1
     assert "was killed by SIGKILL" in err
-    within_bounds(
-        tmp_path / "run", links, ("FR", "GR"), least=0
-    )  # after an early kill a robot may not have moved yet
+    # After an early kill a robot may not have moved yet.
+    within_bounds(tmp_path / "run", links, ("FR", "GR"), least=0)
     for lines in krc_logs(tmp_path / "run"):
         assert lines[-1]["state"] == ends
         assert ("KSS29002" in lines[-1]["message"]) == (ends == "broken_off")

@@ -70,7 +70,7 @@ def operator(address):
 def page(browser, viewing):
     page = Page(browser, viewing)
     yield page
-    page.tab.close()  # an open page costs a core
+    page.tab.close()  # an open page keeps a core busy
 
 
 def acquire(page, robot="GR"):
@@ -137,7 +137,7 @@ def test_a_slider_moves_its_joint_while_it_is_held(page, operator):
     operator.entry(lambda entry: entry.setpoint[3] > start[3] + 0.02)
     page.release_pointer()
     end = operator.resting()
-    assert end[3] < math.radians(170)  # it was released before the robot reached the slider
+    assert end[3] < math.radians(170)  # released before the robot reached the position of the slider
     assert np.delete(end, 3) == pytest.approx(np.delete(start, 3), abs=1e-9)
     page.until(lambda: abs(page.slider("A1 [°]")[0] - x) < 0.4 * width, "the slider at the robot's position")
     release(page, operator)

@@ -84,7 +84,7 @@ def test_two_operators_that_stop_and_reset_at_once_both_get_responses(address):
             thread.join()
         assert len(outcomes) == 60
         assert all(text for _, text in outcomes)
-        # The last act is a stop, or a reset after it. Both clients receive the same, and no robot is leased.
+        # The cell may now be stopped or not. Another operator can stop it and reset every stop.
         with connect(address, name="observer", role="operator") as cell:
             stopped = cell.stop(reason="the end").stop
             states = cell.states()

@@ -23,7 +23,7 @@ new WebSocket('ws://127.0.0.1:9');
 def page(browser, viewing):
     page = Page(browser, viewing)
     yield page
-    page.tab.close()  # an open page costs a core
+    page.tab.close()  # an open page keeps a core busy
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_the_robots_move_and_the_camera_sees_the_tool_until_stop_is_pressed(page
     page.tab.keep("viewer-stopped.png")
 
 
-def test_the_token_leaves_the_address_bar_and_the_page_makes_no_other_connection(page):
+def test_the_token_is_removed_from_the_address_bar_and_the_page_makes_no_other_connection(page):
     assert "token" in page.url
     assert "token" not in page.tab.url
     directive = page.tab.evaluate(_CONNECT_ELSEWHERE)

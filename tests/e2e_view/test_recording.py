@@ -31,7 +31,7 @@ def page(browser, recording):
     with process("view", recording, *PLAIN, prints="armgate: view at ") as (url, viewer):
         page = Page(browser, url, "Play")
         yield page
-        page.tab.close()  # an open page costs a core
+        page.tab.close()  # an open page keeps a core busy
         viewer.terminate()
         assert viewer.wait(30) == 0
 
@@ -47,7 +47,7 @@ def drag_time(page, share):
         page.point(left + share * width + next(steps) % 2, y)  # a busy browser skips movements
         return abs(page.time / page.length - share) < 0.05
 
-    page.until(there, "that moment")
+    page.until(there, "the requested time")
     page.release_pointer()
 
 

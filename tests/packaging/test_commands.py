@@ -42,7 +42,7 @@ def options() -> dict[str, set[str]]:
 
 OPTIONS = options()
 EXAMPLES = {"home"}
-"""Commands that a page adds."""
+"""Commands that a page implements as examples."""
 GROUPS = {name.split()[0] for name in OPTIONS if " " in name}
 
 
@@ -78,7 +78,7 @@ def test_commands_in_a_document_exist(path: Path) -> None:
         for part in re.split(r"&&|[|;]", line):
             try:
                 missing = unknown(part)
-            except ValueError:  # an apostrophe in a line that is no command
+            except ValueError:  # an apostrophe in a line that is not a command
                 continue
             found += [missing] if missing else []
     assert found == []
@@ -125,7 +125,7 @@ def test_the_workflows_cover_lint_tests_docs_and_the_wheel() -> None:
 
 
 @pytest.mark.parametrize("path", [p for p in FORMS if p.stem != "config"], ids=lambda path: path.stem)
-def test_an_issue_form_asks_for_something(path: Path) -> None:
+def test_an_issue_form_has_fields_with_unique_ids(path: Path) -> None:
     form = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert {"name", "description", "body"} <= set(form)
     ids = [field["id"] for field in form["body"] if field["type"] != "markdown"]

@@ -55,7 +55,7 @@ def installed(name: str, folder: Path) -> Path:
 
 
 def armgate(site: Path, address: str, command: str) -> subprocess.CompletedProcess[str]:
-    """Run the command of the document that begins like this."""
+    """Run the only command of the document that begins with ``command``."""
     (line,) = re.findall(rf"^\.venv/bin/armgate ({command} .*)$", TEXT, re.MULTILINE)
     words = line.replace("127.0.0.1:7411", address).split()
     environment = os.environ | {"PYTHONPATH": str(site)}

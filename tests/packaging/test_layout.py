@@ -17,7 +17,7 @@ def test_a_portion_of_the_namespace_holds_packages_only(portion: Path) -> None:
     assert portion.is_dir()
     stray = sorted(path.name for path in portion.iterdir() if path.is_file())
     assert stray == [], (
-        f"{portion} holds packages only; a file there (an __init__.py above all) hides its siblings"
+        f"{portion} holds packages only; a file there, in particular an __init__.py, hides the other portions"
     )
 
 

@@ -26,7 +26,7 @@ def test_children_of_tests_ignore_no_signal_if_the_parent_ignores_hangup_and_int
     bare = subprocess.run(
         [sys.executable, "-c", PROBE], preexec_fn=ignore, capture_output=True, text=True, check=True
     )
-    assert bare.stdout == "True True\n"  # such a parent does pass it on
+    assert bare.stdout == "True True\n"  # a child inherits ignored signals
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", SAME],
         preexec_fn=ignore, capture_output=True, text=True, check=False, cwd=ROOT, timeout=120,

@@ -89,7 +89,7 @@ class Tutorial:
         return shlex.split(found.pop())
 
     def save(self, name: str, version: int = 0) -> Path:
-        """Save a file of the page; of several with this name, one of them."""
+        """Save a file of the page; ``version`` selects one of several with this name."""
         texts = [text for _, title, text in self.blocks if title == name]
         text = texts[version]
         for usual, free in self.ports.items():
@@ -122,7 +122,7 @@ class Tutorial:
         return daemon
 
     def shows(self, output: str) -> bool:
-        """Return True if the page shows this line, other numbers aside."""
+        """Return True if the page shows this line, apart from its numbers."""
         numbers = re.compile(r"\d+(?:\.\d+)?")
         return numbers.sub("0", output.strip()) in numbers.sub("0", self.text)
 

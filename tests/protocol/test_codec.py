@@ -257,7 +257,7 @@ MALFORMED = {
     "extension of length 0": (b"\x81\xa1a\xc7\x00\x05", "byte 3: a value of an extension type"),
     "timestamp": (b"\x81\xa1a\xd6\xff\x00\x00\x00\x01", "byte 3: a value of an extension type"),
     "too deep": (b"\x81\xa1a" + nested(MAX_DEPTH), "byte 10: nested deeper than 8"),
-    "so deep that msgpack gives up": (b"\x81\xa1a" + nested(5000), "byte 10: nested deeper than 8"),
+    "beyond the depth limit of msgpack": (b"\x81\xa1a" + nested(5000), "byte 10: nested deeper than 8"),
     "map of 2**32 - 1": (b"\xdf\xff\xff\xff\xff", "byte 0: a map of 4294967295 items; at most 128"),
     "array of 2**32 - 1": (b"\x81\xa1a\xdd\xff\xff\xff\xff", "byte 3: an array of 4294967295 items"),
     "text of 2**32 - 1": (
@@ -341,7 +341,7 @@ def test_a_message_with_one_byte_changed_gives_a_message_or_a_protocol_error(mes
         encode(error.message())
 
 
-# --- faults of this side -----------------------------------------------------------------------------------
+# --- faults of the sender ----------------------------------------------------------------------------------
 
 
 def test_a_value_that_cannot_be_encoded_is_a_local_error():

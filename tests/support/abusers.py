@@ -1,12 +1,12 @@
-"""Clients that behave as badly as they can, in a process of their own: ``python abusers.py PORT [KIND]``.
+"""Clients that violate the protocol or overload the daemon: ``python abusers.py PORT [KIND]``.
 
-Writes "ready" when all are at work, which lasts until it is killed. Kinds:
+The process prints "ready" when all clients run, and runs until it is killed. Kinds:
 
-- ``mixed`` (the default): one sends garbage and comes again, one floods with messages that cannot be read,
-  one never reads, 200 say no hello, and 1000 come and go;
+- ``mixed`` (the default): one client sends garbage and reconnects, one sends many messages of an unknown
+  type, one never reads, 200 never send a hello, and one connects and aborts 1000 times;
 - ``pings``, ``subscribes``, ``describes``, ``large``, ``crooked``: one observer on many connections, which
-  send such messages as fast as they are taken; ``crooked`` are stops with a wrong field and much padding;
-- ``fields``: one observer on many connections, each of which subscribes other fields at every tick.
+  send such messages as fast as the daemon accepts them; ``crooked``: stops with a wrong field and padding;
+- ``fields``: one observer on many connections, each of which receives another set of fields at every tick.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ async def open_(port):
 
 
 async def garbage(port):
-    """Random bytes, before and after a hello, again and again."""
+    """Send random bytes, before or after a hello, and reconnect."""
     chance = random.Random(1)
     while True:
         with contextlib.suppress(OSError):
@@ -62,8 +62,8 @@ async def unreadable(port):
         await asyncio.sleep(PAUSE)
 
 
-async def deaf(port):
-    """Subscribes to everything, asks for more, and never reads."""
+async def never_reading(port):
+    """Subscribe to all states, request descriptions, and never read."""
     while True:
         with contextlib.suppress(OSError):
             _, writer = await open_(port)
@@ -77,7 +77,7 @@ async def deaf(port):
 
 
 async def half_open(port):
-    """Connections that say nothing, and come again when they are closed."""
+    """Send two bytes of a frame, and reconnect when the daemon closes the connection."""
     while True:
         with contextlib.suppress(OSError, TimeoutError):
             reader, writer = await open_(port)
@@ -88,7 +88,7 @@ async def half_open(port):
 
 
 async def flood(port):
-    """A thousand connections that come and go as fast as they can."""
+    """Connect and abort a thousand times."""
     for _ in range(FLOOD):
         with contextlib.suppress(OSError):
             _, writer = await open_(port)
@@ -102,7 +102,7 @@ FIELDS = ("q", "setpoint", "applied_seq", "stop_end", "nearest", "holder", "stop
 
 
 def fields_of(number):
-    """Another set of fields for each number."""
+    """Return a set of fields that differs between numbers."""
     return [name for bit, name in enumerate(FIELDS) if (number + 1) >> bit & 1]
 
 
@@ -126,7 +126,7 @@ def crowd(kind):
 
 
 async def one_of_crowd(port, data, again):
-    """Connects again whenever the daemon has refused or ended the connection."""
+    """Send the data on a connection, and reconnect whenever the daemon has closed it."""
     while True:
         try:
             reader, writer = await open_(port)
@@ -154,13 +154,13 @@ async def read_all(reader):
 
 def tasks_of(port, kind):
     if kind == "mixed":
-        bad = [garbage, unreadable, deaf, flood, *[half_open] * HALF_OPEN]
+        bad = [garbage, unreadable, never_reading, flood, *[half_open] * HALF_OPEN]
         return [one(port) for one in bad]
     return [one_of_crowd(port, data, kind != "fields") for data in crowd(kind)]
 
 
 async def main(port, kind="mixed"):
-    # They stand for other machines, which take no time from the daemon.
+    # Low priority: the clients represent other machines, which use no processor time of the daemon.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(10)
     tasks = [asyncio.create_task(one) for one in tasks_of(port, kind)]

@@ -1,7 +1,7 @@
 """Headless Chromium, driven by Playwright.
 
-Playwright's synchronous interface keeps an event loop in its thread, and asyncio then starts no other there.
-So the browser has a thread of its own, and every call is handed to it.
+Playwright's synchronous interface runs an event loop in its thread, where asyncio cannot start another one.
+Therefore the browser has its own thread, which makes every call.
 """
 
 import contextlib

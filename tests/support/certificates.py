@@ -13,7 +13,7 @@ LIFE = dt.timedelta(days=1)
 
 
 class Authority:
-    """Signs certificates and writes them into a folder."""
+    """Certificate authority that writes certificates and keys into a folder."""
 
     def __init__(self, folder: Path, name: str = "ca") -> None:
         self.folder = folder
@@ -34,9 +34,10 @@ class Authority:
     def issue(
         self, name: str, host: str | None = None, purposes: tuple[str, ...] | None = None
     ) -> tuple[Path, Path]:
-        """A certificate and its key, both as files; for a server with its address, else for a client.
+        """Issue a certificate and write it and its key to files; return both paths.
 
-        Purposes are names in ``ExtendedKeyUsageOID``; by default CLIENT_AUTH for clients, none for servers.
+        It is for a server with the address ``host``, or for a client if that is None. ``purposes`` are names
+        in ``ExtendedKeyUsageOID``; by default CLIENT_AUTH for clients, none for servers.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         builder = _builder(_named(name), self._name, key.public_key())
@@ -60,7 +61,7 @@ class Authority:
 
 
 def encrypted(key: Path) -> Path:
-    """The same key under a password."""
+    """Write the key encrypted with a password; return the path."""
     loaded = serialization.load_pem_private_key(key.read_bytes(), None)
     file = key.with_suffix(".locked")
     return _write_key(file, loaded, serialization.BestAvailableEncryption(b"secret"))

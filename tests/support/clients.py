@@ -1,4 +1,4 @@
-"""A client that knows the protocol and nothing of the SDK; and a daemon as a process."""
+"""Client that uses the protocol without the SDK, and a daemon as a process."""
 
 import asyncio
 import contextlib
@@ -13,20 +13,20 @@ from armgate.protocol import Connection, LocalProtocolError, Refusal, Side
 from armgate.protocol import messages as m
 
 PATIENCE = 20.0
-"""Timeout of a test for an event that must come, s; no test measures it."""
+"""Timeout for an event that must occur, s. No test depends on its length."""
 
 
 async def until(condition, turns=100_000):
-    """Let the event loop turn until a condition holds."""
+    """Run turns of the event loop until a condition holds."""
     for _ in range(turns):
         if condition():
             return
         await asyncio.sleep(0)
-    raise AssertionError("it never came to that")
+    raise AssertionError(f"the condition did not hold within {turns} turns of the event loop")
 
 
 class Raw:
-    """One client's connection; every byte received is kept."""
+    """Connection of one client, which keeps all bytes that it receives."""
 
     opened: ClassVar = []
 
@@ -43,7 +43,7 @@ class Raw:
 
     @classmethod
     async def hello(cls, port, name, role="controller"):
-        """A client that has been welcomed."""
+        """Connect, send a hello, and return the client after its welcome."""
         raw = await cls.open(port)
         raw.send(m.Hello(versions=(1,), name=name, role=role))
         raw.welcome = await raw.get(m.Welcome)
@@ -51,7 +51,7 @@ class Raw:
 
     @classmethod
     async def close_all(cls):
-        """Close what tests left open."""
+        """Close all connections that tests left open."""
         while cls.opened:
             await cls.opened.pop().close()
 
@@ -62,7 +62,7 @@ class Raw:
         self.writer.write(data)
 
     async def get(self, model, where=lambda message: True):
-        """The next message of a model; what comes before it is dropped."""
+        """Return the next message of a model that meets a condition; drop all messages before it."""
         async with asyncio.timeout(PATIENCE):
             while True:
                 message = await self.next()
@@ -70,7 +70,7 @@ class Raw:
                     return message
 
     async def rest(self):
-        """All messages until the server closes."""
+        """Return all messages until the server closes the connection."""
         found = []
         async with asyncio.timeout(PATIENCE):
             while True:
@@ -80,7 +80,7 @@ class Raw:
                     return found
 
     async def next(self):
-        """The next message."""
+        """Return the next message."""
         while not self.waiting:
             data = await self.reader.read(65536)
             if not data:
@@ -92,7 +92,7 @@ class Raw:
         return message
 
     async def acquire(self, robot, **more):
-        """The fence of a robot now held."""
+        """Acquire a robot; return the fence of the lease."""
         self.send(m.Acquire(robot=robot, **more))
         lease = await self.get((m.Lease, m.Error))
         assert isinstance(lease, m.Lease), lease
@@ -135,17 +135,17 @@ class Mover:
                 self.moving.set()
 
     async def moves_on(self, count=5):
-        """Wait for more commands that were not refused; no other command may be refused but for lateness."""
-        goal = self.let_through + count
+        """Wait for more commands that are not refused; others may be refused only because they are late."""
+        goal = self.accepted + count
         async with asyncio.timeout(PATIENCE):
-            while self.let_through < goal:
+            while self.accepted < goal:
                 self.moving.clear()
                 await self.moving.wait()
         causes = {verdict.reasons[0].cause for verdict in self.verdicts if verdict.outcome == "refused"}
         assert causes <= {"stale", "occupied"}, causes  # causes of a busy machine
 
     @property
-    def let_through(self):
+    def accepted(self):
         """Number of commands that were not refused."""
         return sum(verdict.outcome != "refused" for verdict in self.verdicts)
 
@@ -155,7 +155,7 @@ class Mover:
             await asyncio.wait_for(self.task, PATIENCE)
 
     async def stop(self):
-        """Command no more, but stay connected."""
+        """Stop sending commands, but stay connected."""
         self.task.cancel()
         await asyncio.wait([self.task])
 
@@ -169,7 +169,7 @@ class Process:
     @classmethod
     @contextlib.asynccontextmanager
     async def serving(cls, *arguments, port=0, host="127.0.0.1"):
-        """A daemon that listens at ``host``; killed at the end unless it has ended."""
+        """Start a daemon that listens at ``host``, and kill it at the end unless it has ended."""
         process = await launch("serve", *map(str, arguments), "--port", str(port))
         try:
             async with asyncio.timeout(PATIENCE):
@@ -187,14 +187,14 @@ class Process:
         self.process.send_signal(number)
 
     async def end(self):
-        """Exit status, and the log's lines."""
+        """Wait for the end; return the exit status and the lines of the log."""
         async with asyncio.timeout(PATIENCE):
             _, errors = await self.process.communicate()
         return self.process.returncode, [json.loads(line) for line in errors.decode().splitlines()]
 
 
 async def launch(*arguments, env=None, stdin=None):
-    """The command line as a process."""
+    """Start the command line as a process."""
     return await asyncio.create_subprocess_exec(
         sys.executable, "-m", "armgate.apps", *arguments,
         stdin=stdin, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
@@ -203,7 +203,7 @@ async def launch(*arguments, env=None, stdin=None):
 
 
 async def run(*arguments):
-    """Exit status, stdout and stderr of a command."""
+    """Run a command; return its exit status, stdout and stderr."""
     process = await launch(*map(str, arguments))
     async with asyncio.timeout(PATIENCE):
         out, err = await process.communicate()

@@ -45,7 +45,7 @@ class Leader:
 
     @staticmethod
     def path(seed: int, speed: float) -> Path3:
-        """Sums of sines inside the demo's focus box, at most `speed` m/s fast."""
+        """Return a path of summed sines inside the demo's focus box, at most ``speed`` m/s fast."""
         rng = np.random.default_rng(seed)
         middle, half = np.array([2.0, 0.0, 1.0]), np.array([0.3, 0.7, 0.35])
         rate, phase = rng.uniform(0.4, 1.6, (3, 3)), rng.uniform(0.0, 2.0 * np.pi, (3, 3))
@@ -69,7 +69,7 @@ class Trace:
 class Loop:
     """The follower against an ideal robot with bounded acceleration and a first-order lag.
 
-    From measuring the leader to moving it takes two ticks: one to hear of it, one to move.
+    A measurement of the leader takes effect two ticks later: one for the state, one for the command.
     """
 
     robot: Robot
@@ -111,7 +111,7 @@ class Loop:
         return Trace(np.array(angles), np.array(distances), np.array(qs), steps)
 
     def _check(self, dq: np.ndarray, last: np.ndarray, setpoint: np.ndarray) -> None:
-        """The robot would clamp these; the follower must not let it come to that."""
+        """Check that the increment is within the bounds, so that the robot would not clamp it."""
         T, robot = self.robot.period, self.robot
         assert (np.abs(dq) <= robot.velocity * T).all()
         assert (np.abs(dq - last) <= robot.acceleration * T * T).all()
@@ -120,12 +120,12 @@ class Loop:
 
 
 def still(p: object) -> Path3:
-    """A target that rests at p."""
+    """Return the path of a target that rests at p."""
     return lambda _: np.array(p)
 
 
 def approach_starts(robot: Robot, count: int, p: np.ndarray, seed: int = 5) -> list[np.ndarray]:
-    """Starting positions clear of the floor, with the target p 30° to 150° off the view axis."""
+    """Return starting positions clear of the floor, with the target p 30° to 150° off the view axis."""
     rng, starts, spheres = np.random.default_rng(seed), [], Spheres.of(robot.model)
     while len(starts) < count:
         q = robot.start + rng.uniform(-1.0, 1.0, 6) * [2.6, 0.7, 0.8, 2.5, 1.6, 2.5]
@@ -139,7 +139,7 @@ def approach_starts(robot: Robot, count: int, p: np.ndarray, seed: int = 5) -> l
 
 
 def dash(place: np.ndarray, seed: int, speed: float) -> Path3:
-    """A leader's tool that comes straight at a place from 2.5 m away and stays there."""
+    """Return the path of a tool that moves straight to a place from 2.5 m away and stays there."""
     rng = np.random.default_rng(seed)
     while True:
         u = rng.normal(size=3)

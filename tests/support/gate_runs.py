@@ -1,4 +1,4 @@
-"""Recorded runs of a gate without a daemon: what is asked for at each tick is a function of the tick."""
+"""Recorded runs of a gate without a daemon: the commands are a function of the tick."""
 
 from armgate import events as e
 from armgate.daemon.core.gate_runner import GateRunner
@@ -8,11 +8,11 @@ from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 
 START = "feed"
-LIMIT = 1 << 30  # all that is fed has room: it is fed faster than any robot ticks
+LIMIT = 1 << 30  # unlimited in effect: the events arrive much faster than in real time
 
 
 def record_run(cell, folder, ticks, ask, recorder=None, lag=0.03):
-    """Records ``ticks`` instants; ``ask(k)`` gives each robot's increment by name, or none."""
+    """Record ``ticks`` ticks; ``ask(k)`` returns increments by robot, None or no entry for no command."""
     recorder = recorder or Recorder(folder, limit=LIMIT)
     time = 0.0
     recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time)

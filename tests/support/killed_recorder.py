@@ -1,6 +1,7 @@
-"""Records a gate's run and is killed, once for each case: FOLDER, and cases WHERE or NUMBER as arguments.
+"""Process that records a run of a gate and kills itself: ``python killed_recorder.py FOLDER CASE…``.
 
-Prints for each case, as a line of JSON: its name, how it ended, and how many steps were surely flushed.
+A case is the name of a place in the code, or the number of the write that is cut short. Each case runs in a
+child process. A line of JSON per case states its name, its exit status, and the number of flushed steps.
 """
 
 import json
@@ -23,19 +24,19 @@ START = "feed"
 STEPS = 1200
 
 
-class Death:
-    """When and where the process kills itself; ``system_call`` n: in the middle of the n-th write."""
+class Kill:
+    """Place in the code where the process kills itself; a number n: in the middle of the n-th write."""
 
-    def __init__(self, case, say):
+    def __init__(self, case, report):
         self.where = case
-        self.say = say
+        self.report = report
         self.put = self.flushed = self.parts = 0
         self.ending = False
         writes = {"start": 1, "in_chunk": 6}
         self.writes = int(case) if case.isdigit() else writes.get(case, sys.maxsize)
 
     def now(self):
-        os.write(self.say, str(self.flushed).encode())
+        os.write(self.report, str(self.flushed).encode())
         os.kill(os.getpid(), signal.SIGKILL)
 
     def write(self, descriptor, data):
@@ -46,47 +47,47 @@ class Death:
         return os.write(descriptor, data)
 
 
-def mortal(death):
-    """A file in which one dies."""
+def killing_file(kill):
+    """Return the constructor of a recording file that kills the process."""
 
-    class Mortal(RecordFile):
+    class KillingFile(RecordFile):
         @classmethod
         def create(cls, path, header, _signer):
-            death.parts += 1
-            if death.where == "turn_closed" and death.parts == 3:
-                death.now()
+            kill.parts += 1
+            if kill.where == "turn_closed" and kill.parts == 3:
+                kill.now()
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
-            if death.where == "turn_begun" and death.parts == 3:
-                death.writes = 1
-            return cls(path, descriptor, header, death.write)
+            if kill.where == "turn_begun" and kill.parts == 3:
+                kill.writes = 1
+            return cls(path, descriptor, header, kill.write)
 
         def put(self, item, at):
             super().put(item, at)
-            death.put += 1
-            if death.where == "between" and death.put == 300:
-                death.now()
+            kill.put += 1
+            if kill.where == "between" and kill.put == 300:
+                kill.now()
 
         def flush(self):
             super().flush()
-            death.flushed = death.put
-            if death.where == "after_chunk" and death.put >= 300:
-                death.now()
+            kill.flushed = kill.put
+            if kill.where == "after_chunk" and kill.put >= 300:
+                kill.now()
 
         def close(self, **how):
             self.flush()
-            if death.where == "closing" and death.ending:
-                death.writes = 1
+            if kill.where == "closing" and kill.ending:
+                kill.writes = 1
             return super().close(**how)
 
-    return Mortal.create
+    return KillingFile.create
 
 
-LIMIT = 1 << 30  # all that is fed has room: it is fed faster than any robot ticks
+LIMIT = 1 << 30  # unlimited in effect: the events arrive much faster than in real time
 
 
-def record(cell, folder, case, say):
-    death = Death(case, say)
-    recorder = Recorder(folder, rotate=150_000, flush=0.0, limit=LIMIT, create=mortal(death))
+def record(cell, folder, case, report):
+    kill = Kill(case, report)
+    recorder = Recorder(folder, rotate=150_000, flush=0.0, limit=LIMIT, create=killing_file(kill))
     time = 0.0
     recorder.begin(header_of(cell, START, False, 0.0, compiled=False), lambda: time)
     links = [EmulatedLink(r.name, START, r.start.tolist(), r.period, 0.03) for r in cell.robots]
@@ -100,21 +101,21 @@ def record(cell, folder, case, say):
             runner.feed(link.advance(time))
         way = 0.0005 if k // 40 % 2 == 0 else -0.0005
         runner.feed(e.Command("A", 1, k, k, (way, 0.0, 0.0)))
-    death.ending = True
+    kill.ending = True
     recorder.close()
 
 
 def case(cell, folder, name):
-    ear, say = os.pipe()
+    reader, report = os.pipe()
     child = os.fork()
     if child == 0:
-        record(cell, folder / name, name, say)
+        record(cell, folder / name, name, report)
         os._exit(0)
-    os.close(say)
+    os.close(report)
     _, status = os.waitpid(child, 0)
-    said = os.read(ear, 100)
-    os.close(ear)
-    return {"case": name, "status": os.waitstatus_to_exitcode(status), "flushed": int(said or b"-1")}
+    flushed = os.read(reader, 100)
+    os.close(reader)
+    return {"case": name, "status": os.waitstatus_to_exitcode(status), "flushed": int(flushed or b"-1")}
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Virtual KRCs without time, their files, and a PC that answers like public drivers."""
+"""Virtual KRCs that tests run cycle by cycle, their RSI files, and a PC that replies like public drivers."""
 
 import re
 from pathlib import Path
@@ -60,7 +60,7 @@ class LogRecords(list):
 
 
 class ControllerRig:
-    """Virtual KRC and the PC that answers it, cycle by cycle."""
+    """Virtual KRC and the PC that replies to it, cycle by cycle."""
 
     def __init__(self, profile="krc4-rsi3", context=None, arm=None, ipoc=100, start=True, cycle=None, **file):
         self.profile = PROFILES[profile] if cycle is None else PROFILES[profile].in_cycle(cycle)
@@ -96,13 +96,13 @@ class ControllerRig:
         return self.telegram
 
     def silent(self, cycles=1):
-        """Run cycles in which nothing arrives."""
+        """Run cycles in which no reply arrives."""
         for _ in range(cycles):
             self.get()
         return self.telegram
 
     def answer(self, axes=(0.0,) * 6, cycles=1, **how):
-        """Run cycles in which the PC answers correctly."""
+        """Run cycles in which the PC replies correctly."""
         for _ in range(cycles):
             self.get(sen(ipoc_of(self.telegram), axes, **how))
         return self.telegram

@@ -34,7 +34,7 @@ def blocks(plan, xs, ys, height):
                 corners.append(tuple(steps[a][c] for a, c in enumerate(corner)))
             a, b, c, d = corners if side else corners[::-1]
             faces += [(a, b, c), (a, c, d)]
-    # Rows run along y and columns along x, so exchanging both mirrors: wound the other way round.
+    # Corners are (y, x, z). Exchanging y and x is a reflection, so the order of the corners is reversed.
     triangles = np.array(faces, dtype=float)[:, ::-1][:, :, [1, 0, 2]]
     vertices, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices, index.reshape(-1, 3)

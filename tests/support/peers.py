@@ -1,4 +1,4 @@
-"""A core with a real gate and emulated arms, and clients that are lists."""
+"""Core with a real gate and emulated arms, and clients that keep their messages in lists."""
 
 import io
 from dataclasses import replace
@@ -15,16 +15,16 @@ from armgate.protocol import messages as m
 
 
 class Peer:
-    """A client whose messages are kept."""
+    """Client that keeps all messages that it receives."""
 
     def __init__(self, id_, name, role="controller"):
         self.client = Client(id_, name, role, identity="here", address="127.0.0.1:4711")
-        self.heard = []
+        self.received = []
         self.ended = False
         self.batches = 0
 
     def change(self, **fields):
-        """Give the client other rights."""
+        """Change the name, role or identity of the client."""
         self.client = replace(self.client, **fields)
 
     def batch(self):
@@ -35,10 +35,10 @@ class Peer:
         pass
 
     def send(self, message, frame=None):
-        self.heard.append(message)
+        self.received.append(message)
 
     def send_states(self, *states):
-        self.heard += [state.state for state in states]
+        self.received += [state.state for state in states]
 
     def expel(self, error):
         self.close(error.message())
@@ -48,13 +48,13 @@ class Peer:
         self.ended = True
 
     def take(self, model=None):
-        """All messages so far (of a model); they are not given again."""
-        found = [x for x in self.heard if model is None or isinstance(x, model)]
-        self.heard = [x for x in self.heard if x not in found]
+        """Remove and return all messages so far, or those of a model."""
+        found = [x for x in self.received if model is None or isinstance(x, model)]
+        self.received = [x for x in self.received if x not in found]
         return found
 
     def last(self, model):
-        """The one message of this model since the last time."""
+        """Remove and return the only message of this model."""
         (found,) = self.take(model)
         return found
 
@@ -73,7 +73,7 @@ class Batch:
 
 
 class Time:
-    """Daemon time, to be set."""
+    """Clock of the daemon, which tests set."""
 
     def __init__(self):
         self.now = 0.0
@@ -127,7 +127,7 @@ class Bench:
             self.due(self.time.now, range(len(self.links)))
 
     def last(self, robot):
-        """The last tick of a robot."""
+        """Return the last tick of a robot."""
         return self.core._motion.ticks[robot]
 
     def client(self, name, role="controller"):
@@ -137,13 +137,13 @@ class Bench:
         return peer
 
     def holder(self, name, robot, **acquire):
-        """A client that holds a robot; its fence."""
+        """Return a client with a lease of a robot, and the fence."""
         peer = self.client(name)
         self.core.handle(peer, m.Acquire(robot=robot, **acquire))
         return peer, peer.last(m.Lease).fence
 
     def command(self, peer, robot, fence, seq, dq=(0.001, 0.0, 0.0), tick=None):
-        """Send a command; the messages that answer it."""
+        """Send a command; return the messages that answer it."""
         tick = self.gate.view(robot).tick if tick is None else tick
         self.core.handle(peer, m.Command(robot=robot, fence=fence, seq=seq, tick=tick, dq=dq))
         return peer.take()

@@ -15,7 +15,7 @@ def where(picture, colour, angle=0.25):
 
 
 def middle_of(picture, colour, **how):
-    """Column and row of the middle of what has this hue."""
+    """Return the mean column and row of the pixels with this hue."""
     found = np.argwhere(where(picture, colour, **how))
     assert len(found) > 5, f"nothing of colour {colour} in the picture"
     row, column = found.mean(axis=0)

@@ -1,4 +1,4 @@
-"""``armgate robot-server`` as a process, and what an operator does at a daemon whose robots are in one."""
+"""``armgate robot-server`` as a process; actions of an operator at a daemon that uses a robot server."""
 
 import asyncio
 import contextlib
@@ -10,7 +10,7 @@ from support.clients import PATIENCE, Raw, launch
 
 
 class RobotServer:
-    """The process and its log."""
+    """Process of a robot server, and its log."""
 
     def __init__(self, process, socket):
         self.process, self.socket = process, socket
@@ -19,7 +19,7 @@ class RobotServer:
     @classmethod
     @contextlib.asynccontextmanager
     async def running(cls, *configs, socket):
-        """Killed at the end unless it has ended."""
+        """Start a robot server, and kill it at the end unless it has ended."""
         process = await launch("robot-server", *map(str, configs), "--socket", str(socket))
         try:
             async with asyncio.timeout(PATIENCE):
@@ -32,7 +32,7 @@ class RobotServer:
             await process.communicate()
 
     async def logs(self, event):
-        """The next line of the log about this event."""
+        """Return the next line of the log about this event."""
         async with asyncio.timeout(PATIENCE):
             while line := await self.process.stderr.readline():
                 self.log.append(json.loads(line))
@@ -44,14 +44,14 @@ class RobotServer:
         self.process.send_signal(number)
 
     async def end(self):
-        """Exit status."""
+        """Wait for the end; return the exit status."""
         async with asyncio.timeout(PATIENCE):
             await self.process.communicate()
         return self.process.returncode
 
 
 async def stopped_by_the_gate(raw, robots):
-    """Wait until the gate has stopped all of these robots; the reasons."""
+    """Wait until the gate has stopped all of these robots; return the reasons."""
     reasons = {}
     while set(reasons) < set(robots):
         stopped = await raw.get(m.Stopped, lambda s: s.by == "gate")

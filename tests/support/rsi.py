@@ -1,4 +1,4 @@
-"""An RSI link against a virtual KRC, cycle by cycle: both without sockets, the time injected."""
+"""RSI link and virtual KRC, run cycle by cycle, without sockets and with injected time."""
 
 from pathlib import Path
 from random import Random
@@ -25,7 +25,7 @@ NINE = (*SIX, "EK.E1", "EK.E2", "EK.E3")
 
 
 def cell_text(folder, *, gantry=False, cycle=0.004, file=None, robot="", **link):
-    """A cell with one KUKA robot behind an RSI link."""
+    """Write a cell with one KUKA robot on an RSI link; return the path."""
     mode = link.get("mode", "absolute")
     hold = 0 if mode == "relative" else 1
     (folder / "krc.xml").write_text(file or krc_file(SEND, NINE if gantry else SIX, hold=hold))
@@ -48,7 +48,7 @@ def cell_text(folder, *, gantry=False, cycle=0.004, file=None, robot="", **link)
 
 
 class Rig:
-    """A gate, its link and the KRC; ``cycle`` lets one cycle pass."""
+    """Gate, RSI link and virtual KRC; ``cycle`` runs one cycle of all."""
 
     def __init__(
         self, folder, profile="krc4-rsi3", *, gantry=False, cycle=None, timeout=100, precision=6,
@@ -78,7 +78,7 @@ class Rig:
         self.gate = Gate(self.cell, start)
         self.runner = GateRunner(self.gate, {"R": self.link})
         self.source = (KRC, 40000)
-        self.events, self.told, self.replies, self.waiting = [], [], [], []
+        self.events, self.outputs, self.replies, self.waiting = [], [], [], []
         self.telegram = None
         self.seq = self.fence = 0
 
@@ -114,7 +114,7 @@ class Rig:
     def feed(self, events):
         for event in events:
             self.events.append(event)
-            self.told += self.runner.feed(event)
+            self.outputs += self.runner.feed(event)
 
     def operate(self, event):
         assert self.krc.operate(Event(event)) is None
@@ -122,10 +122,10 @@ class Rig:
             self.source = (KRC, self.source[1] + 1)
             self.waiting = []
 
-    # --- people -------------------------------------------------------------------------------------------
+    # --- operators and clients ----------------------------------------------------------------------------
 
     def begin(self):
-        """The program starts, and the link becomes ready."""
+        """Start the KRC's program, wait for a ready link, and acquire the robot."""
         self.operate("start")
         self.until_ready()
         assert not self.stops, self.stops
@@ -133,7 +133,7 @@ class Rig:
         return self
 
     def until_ready(self, cycles=600):
-        """The link synchronises: telegrams agree, and the probe proves the KRC's mode."""
+        """Run cycles until the link is ready: telegrams agree, and the probe proves the KRC's mode."""
         for _ in range(cycles):
             if self.state == "ready":
                 return
@@ -141,7 +141,7 @@ class Rig:
         assert self.state == "ready", (self.notes, self.changes)
 
     def synchronise(self, cycles=600, **how):
-        """Cycles until the link has come to a verdict."""
+        """Run cycles until the link is neither waiting nor synchronising."""
         for _ in range(cycles):
             self.cycle(**how)
             if self.state not in ("waiting", "synchronising"):
@@ -149,10 +149,10 @@ class Rig:
 
     def take_lease(self):
         self.fence += 1
-        self.told += self.runner.feed(LeaseChange("R", self.fence))
+        self.outputs += self.runner.feed(LeaseChange("R", self.fence))
 
     def command(self, *dq):
-        """A command; its verdict."""
+        """Send a command; return its verdict."""
         self.seq += 1
         tick = self.gate.view("R").tick
         (verdict,) = (
@@ -162,18 +162,18 @@ class Rig:
         return verdict
 
     def drive(self, count, *dq, **how):
-        """Cycles in which the same increment is commanded."""
+        """Run cycles with a command of the same increment in each."""
         for _ in range(count):
             self.command(*dq)
             self.cycle(**how)
 
     def reset(self):
-        """An operator lifts all stops; whether all were lifted."""
+        """Reset all stops as an operator; return True if all resets were accepted."""
         view = self.gate.view("R")
         answers = [one for stop in tuple(view.stops) for one in self.runner.feed(Reset(stop, "operator"))]
         return all(answer.accepted for answer in answers)
 
-    # --- what can be seen ---------------------------------------------------------------------------------
+    # --- state ---------------------------------------------------------------------------------------------
 
     @property
     def state(self):
@@ -189,7 +189,7 @@ class Rig:
 
     @property
     def stops(self):
-        return [one for one in self.told if isinstance(one, Stopped)]
+        return [one for one in self.outputs if isinstance(one, Stopped)]
 
     @property
     def krc_state(self):
@@ -197,11 +197,11 @@ class Rig:
 
     @property
     def krc_setpoint(self):
-        """In rad and m, in the order of the model."""
+        """Setpoint of the KRC, rad and m, in the order of the model."""
         shown = self.krc.status()["setpoint"]
         return [shown[axis.name] / axis.shown for axis in self.setup.axes]
 
     @property
     def quiet(self):
-        """True if nothing was stopped and no drive has failed."""
+        """True if no robot was stopped and the KRC is running."""
         return not self.stops and self.krc_state == "running"

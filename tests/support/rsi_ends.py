@@ -1,11 +1,11 @@
-"""Ends of tests of the RSI link: at rest, armed again, or with nothing that moves."""
+"""Final checks of tests of the RSI link: at rest, ready again after a reset, or without motion."""
 
 SLOW = (0.0012, -0.0006, 0.0006, 0.0, 0.0, 0.0)
-"""About 11 % of the speed at 4 ms: a cycle that the KRC holds is no fault of its drives'."""
+"""About 11 % of the largest speed at 4 ms: slow enough for the drives to stop within a cycle."""
 
 
 def gap(rig):
-    """Between where the gate believes the robot is commanded to be and where it is."""
+    """Return the largest difference between the setpoints of the gate and of the KRC."""
     setpoint = rig.gate.view("R").setpoint
     return max(abs(a - b) for a, b in zip(setpoint, rig.krc_setpoint, strict=True))
 
@@ -18,7 +18,7 @@ def at_rest(rig, cycles=120):
 
 
 def rearm(rig):
-    """An operator resets; the link is ready again, and the robot can be moved."""
+    """Reset the stops as an operator; check that the link becomes ready and the robot can be moved."""
     rig.cycles(120)
     assert rig.link.state.value != "ready"
     assert rig.reset(), rig.gate.view("R")
@@ -31,14 +31,14 @@ def rearm(rig):
 
 
 def start_anew(rig):
-    """The KRC's operator acknowledges and starts its program; then an operator resets, as `rearm`."""
+    """Acknowledge and start the program at the KRC, then call `rearm`."""
     rig.operate("reset")
     rig.operate("start")
     rearm(rig)
 
 
 def nothing_moves(rig, cycles=100):
-    """Whatever is commanded: the KRC's setpoint stays."""
+    """Check that every command is refused and the setpoint of the KRC stays the same."""
     before = rig.krc_setpoint
     for _ in range(cycles):
         verdict = rig.command(*SLOW)

@@ -1,4 +1,4 @@
-"""A KUKA robot and what is between it and a controller: virtual KRC, robot server, daemon, each a process."""
+"""Virtual KRC, robot server and daemon, each as a process."""
 
 import asyncio
 import contextlib
@@ -14,9 +14,9 @@ from support.rsi import cell_text
 from support.setpoints import check_setpoints
 
 DQ = (0.004, -0.002, 0.002, 0.0, 0.002, 0.0)
-"""An eighth of the speed at 12 ms: drives allow it if the KRC holds a cycle."""
+"""An eighth of the largest speed at 12 ms: the drives can stop within a cycle without a reply."""
 TIMEOUT = 150
-"""Late cycles that the KRC allows, 1.8 s of them: a machine at work on other tests costs some."""
+"""Late cycles that the KRC allows (1.8 s), because other tests on the machine cause some."""
 
 
 class KrcProcess:
@@ -28,7 +28,7 @@ class KrcProcess:
     @classmethod
     @contextlib.asynccontextmanager
     async def running(cls, *options):
-        """Killed at the end unless it has ended."""
+        """Start a virtual KRC, and kill it at the end unless it has ended."""
         process = await launch("krc", *map(str, options), stdin=asyncio.subprocess.PIPE)
         try:
             krc = cls(process)
@@ -44,14 +44,14 @@ class KrcProcess:
             return (await self.process.stdout.readline()).decode()
 
     async def tell(self, line):
-        """Its answer to a command."""
+        """Send a line to the KRC's console; return the answer."""
         self.process.stdin.write(f"{line}\n".encode())
         answer = json.loads(await self.line())
         assert answer["ok"], answer
         return answer
 
     async def until(self, condition):
-        """The first status of which a condition holds."""
+        """Return the first status that meets a condition."""
         async with asyncio.timeout(PATIENCE):
             while True:
                 status = await self.tell("status")
@@ -60,18 +60,18 @@ class KrcProcess:
                 await asyncio.sleep(0.01)
 
     async def breaks_off(self):
-        """The status once its program has ended by itself."""
+        """Wait until the KRC has ended its program by itself; return the status."""
         status = await self.until(lambda s: s["state"] not in ("waiting", "running"))
         assert status["state"] == "broken_off"
         return status
 
     async def starts_anew(self):
-        """Its operator acknowledges, and starts the program from its beginning."""
+        """Acknowledge at the KRC, and start its program from the beginning."""
         await self.tell("reset")
         await self.tell("start")
 
     async def rests(self, cycles=10):
-        """The status once the setpoint has not changed for so many cycles."""
+        """Wait until the setpoint has not changed for ``cycles`` cycles; return the status."""
         status = await self.tell("status")
         while True:
             until = status["cycles"] + cycles
@@ -82,10 +82,10 @@ class KrcProcess:
 
 
 class RsiStack:
-    """The processes; whichever was killed is started anew by `begin`.
+    """Processes of the stack; `begin` restarts those that were killed.
 
     Args:
-        folder: Where its files lie.
+        folder: Folder for the files.
     """
 
     def __init__(self, folder):
@@ -102,7 +102,7 @@ class RsiStack:
         self.movers, self.dq = [], DQ
 
     async def begin(self):
-        """A controller that moves the robot, whatever was left behind before."""
+        """Restart missing processes, reset the stops, and return a controller that moves the robot."""
         await self.leave()
         await self.serve_robots()
         if self.krc is None:
@@ -111,7 +111,7 @@ class RsiStack:
                     "--profile", "krc4-rsi3", "--cycle", 12, "--config", self.folder / "krc.xml",
                     "--to", f"127.0.0.1:{self.port}", "--cell", self.file, "--robot", "R", "--precision", 6,
                     "--timeout", TIMEOUT, "--axiscorr", 400, "--axiscorrmon", 401, "--stopped",
-                    # A new run is harder to tell from the old one on the same port.
+                    # The worst case: with the same port a new run is harder to distinguish from the old one.
                     "--port", self.krc_port,
                     "--log", self.folder / "krc.log", "--trace", self.folder / "krc.csv",
                 )
@@ -119,7 +119,7 @@ class RsiStack:
         anew = self.daemon is None
         await self.serve()
         status = await self.krc.tell("status")
-        if status["state"] != "running" or status["delay"] > TIMEOUT // 10:  # Delay counts in the whole run
+        if status["state"] != "running" or status["delay"] > TIMEOUT // 10:  # Delay accumulates over the run
             await self.krc.tell("restart")
         if not anew and (await self.krc.tell("status"))["runs"] != status["runs"]:
             watch = await self.watch()
@@ -129,7 +129,7 @@ class RsiStack:
         return await self.moves()
 
     async def leave(self):
-        """No client is left."""
+        """Disconnect all clients."""
         for mover in self.movers:
             mover.task.cancel()
         await asyncio.gather(*(mover.task for mover in self.movers), return_exceptions=True)
@@ -137,7 +137,7 @@ class RsiStack:
         await Raw.close_all()
 
     async def watch(self):
-        """An observer of the states."""
+        """Return an observer that receives all states."""
         raw = await Raw.hello(self.daemon.port, "watch", "observer")
         raw.send(m.Subscribe())
         return raw
@@ -147,23 +147,23 @@ class RsiStack:
         return (await stopped_by_the_gate(self.eye, ("R",)))["R"]
 
     async def serve_robots(self):
-        """There is a robot server."""
+        """Start a robot server unless one runs."""
         if self.robots is None or self.robots.process.returncode is not None:
             running = RobotServer.running(self.file, socket=self.socket)
             self.robots = await self.exits.enter_async_context(running)
 
     async def serve(self):
-        """There is a daemon."""
+        """Start a daemon unless one runs."""
         if self.daemon is None or self.daemon.process.returncode is not None:
             running = Process.serving(self.file, "--robot-server", self.socket)
             self.daemon = await self.exits.enter_async_context(running)
 
     async def lift_stops(self):
-        """An operator resets."""
+        """Reset all stops as an operator."""
         await asyncio.wait_for(lift_stops(self.daemon.port), PATIENCE)
 
     async def moves(self):
-        """A controller, after the KRC's setpoint has changed by what it commands."""
+        """Return a controller whose commands have changed the setpoint of the KRC."""
         before = (await self.krc.tell("status"))["setpoint"]
         watch = await self.watch()
         await watch.get(m.State, lambda state: state.entries[0].holder is None)
@@ -184,14 +184,14 @@ class RsiStack:
         assert (await self.krc.rests())["setpoint"] == rests["setpoint"]
 
     async def goes_on(self):
-        """Nothing moves until an operator resets; then a controller moves the robot as ever."""
+        """Check that the robot rests until the stops are reset, and that a controller can then move it."""
         await self.nothing_moves()
         await self.lift_stops()
         await self.moves()
         self.within_bounds()
 
     def within_bounds(self):
-        """Every setpoint so far was within the robot's bounds, and no drive has ever complained."""
+        """Check that every setpoint so far was within the robot's bounds and no drive faulted."""
         moved, _ = check_setpoints(self.folder / "krc.csv", self.cell.robots[0])
         assert moved > 20
         assert '"faulted"' not in (self.folder / "krc.log").read_text()

@@ -7,7 +7,7 @@ from armgate.cell.urdf import read_urdf
 from armgate.emulator.krc.robot.arm import arm_of_cell
 
 EXACT = 2e-6
-"""Rounding to six decimals, deg and mm, twice."""
+"""Tolerance for two roundings to six decimals, deg and mm."""
 
 
 def check_setpoints(trace, robot):

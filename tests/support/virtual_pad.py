@@ -22,7 +22,7 @@ BUTTONS = (
 
 
 class Pad:
-    """The device, by the SDL library in pygame's wheel."""
+    """Virtual gamepad, made with the SDL library in pygame's wheel."""
 
     def __init__(self) -> None:
         (file,) = (Path(pygame.__file__).parents[1] / "pygame_ce.libs").glob("libSDL2-2*")

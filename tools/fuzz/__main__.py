@@ -1,7 +1,8 @@
 """Fuzzer of the protocol's decoder.
 
 ``python -m tools.fuzz [RUNS]``: atheris searches guided by code coverage; if it is not installed, hypothesis
-mutates the vectors blindly. The exit status is 0, or another one with the input that broke the decoder.
+mutates the vectors blindly. The exit status is 0 if no input broke the decoder; otherwise that input is
+reported.
 """
 
 import importlib

@@ -4,11 +4,11 @@
                             [--only FILE] [--list]
 
 N mutants are drawn by the seed, from all modules of ``armgate.gate`` or from some; without N all are
-tried. ``--longest`` leaves out tests that take longer, ``--about`` all tests except those about the module: a
-mutant that only these would catch counts as survived. ``--only`` tries the mutants whose keys a file lists,
-such as survivors. ``reasons.toml`` lists equivalent mutants, which no test can catch, with the reason; they
-are not tried and do not count. The output ends with the survivors and the share killed. The exit status is 1
-if the share is below the goal.
+tried. ``--longest S`` leaves out tests that take longer than S seconds, ``--about`` all tests except those
+about the module: a mutant that only such tests would catch counts as survived. ``--only`` tries the mutants
+whose keys a file lists, such as survivors. ``reasons.toml`` lists equivalent mutants, which no test can
+catch, with the reason; they are not tried and do not count. The output ends with the survivors and the share
+killed. The exit status is 1 if the share is below the goal.
 """
 
 import argparse
@@ -28,7 +28,7 @@ GOAL = 0.9
 FOLDER = Path("server/armgate/gate")
 _REASONS = Path(__file__).with_name("reasons.toml")
 _HANGING = 4.0
-"""A mutant is ended after as many times the duration of all tests without a fault."""
+"""A mutant is ended after this many times the duration of all tests without a fault."""
 
 LEFT_OUT = {"__init__", "compiled", "kernels"}
 """Modules without mutants. numba would load its code from its cache, without the fault; the compiled code

@@ -2,7 +2,7 @@
 
 Each mutant has a key that survives moved lines: module, function, original code and changed code. A list of
 equivalent mutants therefore survives edits elsewhere in the module. Annotations, docstrings and constant
-texts are not changed; a text with values in it becomes None.
+texts are not changed; an f-string becomes None.
 """
 
 import ast

@@ -11,6 +11,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def prose(docstring: str) -> str:
-    """Return a docstring as Markdown: code between single backquotes, no section for a caller in Python."""
+    """Return a docstring as Markdown: code in single backquotes, without Args, Returns and the like."""
     text = re.split(r"^(?:Args|Attributes|Raises|Returns):", docstring, flags=re.MULTILINE)[0]
     return re.sub(r"``([^`]*)``", r"`\1`", text).strip()

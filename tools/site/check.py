@@ -1,7 +1,7 @@
 """Check of the built site: ``python -m tools.site.check FOLDER``.
 
 A page may load nothing from the network. Every link inside the site must lead to a page and an anchor that
-exist. No diagram may be left to a program that the site does not carry. Links that a reader follows may lead
+exist. No diagram may need a program that the site does not contain. Links that a reader follows may lead
 anywhere.
 """
 
@@ -43,7 +43,7 @@ class Page(HTMLParser):
 
 
 def findings(site: Path) -> Iterator[str]:
-    """Yield what is wrong with a site, with the file in front."""
+    """Yield the faults of a site; each text begins with the file."""
     pages = {path: Page(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
     if not pages:
         yield f"{site}: no pages"

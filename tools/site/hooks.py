@@ -24,7 +24,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return the page with links that hold on the site, and with its diagrams drawn."""
+    """Return the page with links that work on the site, and with its diagrams drawn."""
     source = _source(page.file.src_uri)
     if source.startswith("files/"):
         return markdown

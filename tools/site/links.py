@@ -31,7 +31,7 @@ _LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml", ".json": "json"
 
 
 def rewritten(markdown: str, source: str) -> str:
-    """Return a page whose relative links hold on the site.
+    """Return a page whose relative links work on the site.
 
     Args:
         markdown: Text of the page.

@@ -298,7 +298,7 @@ def transcript(config, seed):
         stage.run.handle(peers[name], todo[name].pop(0))
     stage.run.close()
     assert stage.step == 12
-    return {name: b"".join(encode(message) for message in peer.heard) for name, peer in peers.items()}
+    return {name: b"".join(encode(message) for message in peer.received) for name, peer in peers.items()}
 
 
 async def test_the_order_of_messages_does_not_change_the_bytes_that_clients_receive(config):

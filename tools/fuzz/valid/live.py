@@ -105,7 +105,7 @@ class Live:
         self._file = folder / "cell.yaml"
 
     async def run(self, clients: int, messages: int) -> None:
-        """Send ``messages`` messages from each of ``clients`` clients, lift all stops, and end the daemon.
+        """Send ``messages`` messages from each of ``clients`` clients, reset all stops, and end the daemon.
 
         Raises:
             ViolationError: The server violated the specification, or the daemon failed.
@@ -152,7 +152,7 @@ class Live:
         await client.leave()
 
     async def _recover(self, port: int) -> None:
-        """Lift every stop and acquire every robot, which shows that the daemon still works."""
+        """Reset every stop and acquire every robot, which shows that the daemon still works."""
         operator = self._client()
         await operator.open(port, "op", "operator")
         sent = 0

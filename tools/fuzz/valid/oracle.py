@@ -49,7 +49,7 @@ class Expectations:
 
     Args:
         known: Knowledge of the client; updated with every message.
-        exact: States arrive when they are made, so they must show all that was reported before.
+        exact: True if a state arrives as soon as it is made, so that it must agree with all earlier messages.
 
     Attributes:
         ended: True after ``bye`` or a fatal error.

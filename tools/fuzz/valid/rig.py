@@ -102,7 +102,7 @@ class Client:
             self._rig.handle_message(self, item)
 
     def send_before_hello(self, message: m.Message) -> None:
-        """Send another message before hello; a fatal error is due."""
+        """Send another message before hello; the server must answer with a fatal error."""
         frame = Connection(Side.CLIENT)
         frame.send(m.Hello(versions=(1,), name="x"))
         frame.state = type(frame.state).READY
@@ -198,7 +198,7 @@ class Rig:
         return Knowledge(self.core.robots, {robot.name: robot.model.n for robot in self.cell.robots})
 
     def run(self, messages: int) -> None:
-        """Send this number of messages, then lift all stops and acquire every robot.
+        """Send this number of messages, then reset all stops and acquire every robot.
 
         Raises:
             ViolationError: The server violated the specification.
@@ -212,7 +212,7 @@ class Rig:
         self.core.tick([self.links[index].advance(time) for index in robots], step)
 
     def received(self, event: object) -> None:
-        """Do nothing: no robot is its own clock."""
+        """Do nothing: no link provides the clock of its robot."""
 
     def idle(self, time: float) -> None:
         """Do nothing."""
@@ -226,7 +226,7 @@ class Rig:
                 self.leave(client)
                 client.send(m.Bye())
             case _ if not isinstance(message, ClientRequest):
-                raise ViolationError(f"{message.type} is no message of a client")
+                raise ViolationError(f"{message.type} is not a message of a client")
             case _ if isinstance(self.pace, LockstepPace):
                 self.pace.handle(client, message)
             case _:
@@ -304,7 +304,7 @@ class Rig:
             require(client.client.id not in self.core.peers, "a session still exists after its bye")
 
     def _recover(self) -> None:
-        """Lift every stop and acquire every robot, which shows that the server still works."""
+        """Reset every stop and acquire every robot, which shows that the server still works."""
         self._disconnect_all()
         operator = self._connect_surely("op", "operator")
         if isinstance(self.pace, LockstepPace):
@@ -317,7 +317,7 @@ class Rig:
         for stop in sorted(stops):
             operator.request(m.Reset(id=stop, stop=stop))
         left = {robot: self.gate.view(robot).stops for robot in self.core.robots}
-        require(not any(left.values()), f"stops cannot be lifted: {left}")
+        require(not any(left.values()), f"stops cannot be reset: {left}")
         for number, robot in enumerate(self.core.robots):
             operator.request(m.Acquire(id=2**30 + number, robot=robot))
         require(set(operator.expects.known.fences) == set(self.core.robots), "a robot cannot be acquired")
