@@ -61,7 +61,7 @@ def explain(
     robot: Annotated[str | None, typer.Option(help="Explain only the commands of this robot.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder for the pictures; default: that of the recording."),
+        typer.Option(metavar="DIR", help="Folder for the pictures; default: the folder of the recording."),
     ] = None,
 ) -> None:
     """Explain limited and refused commands, in text and pictures."""

@@ -20,7 +20,7 @@ _MOST = 1 << 53
 
 
 def event_error(cell: Cell, event: GateEvent) -> str | None:
-    """Return why an event is impossible for this cell; None if it is possible."""
+    """Return the reason why an event is impossible for this cell; None if it is possible."""
     named = () if isinstance(event, Reset) else event.robots if isinstance(event, Stop) else (event.robot,)
     return _unknown_robot(cell, named) or _number_error(cell, event)
 

@@ -149,7 +149,7 @@ def _robot_position(found: ExplainedCommand, cell: Cell, body: Body) -> Joints |
 
 
 def _path(*corners: Joints) -> list[Joints]:
-    """Return positions along measured position – setpoint – end."""
+    """Return positions along the path from the measured position through the setpoint to the end."""
     found: list[Joints] = []
     for a, b in pairwise(corners):
         steps = np.linspace(np.array(a), np.array(b), _NODES)
@@ -170,7 +170,7 @@ def _line(axes: Any, corners: Array, colour: str, **style: Any) -> None:
 
 
 def _joints(found: ExplainedCommand, intended: IntendedMotion, cell: Cell) -> Any:
-    """Draw each joint's increment and bounds, and its position between its limits with the stop end."""
+    """Draw increment and bounds of each joint, and its setpoint and end of stop between its limits."""
     from matplotlib import pyplot as plt
 
     robot = cell.robot(found.command.robot)

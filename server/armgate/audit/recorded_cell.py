@@ -29,7 +29,7 @@ def recorded_cell(header: Header) -> Cell:
         raise AuditError(f"the recording's configuration: {_without_path(str(error))}") from error
     if cell.hash != header.hash:
         text = (
-            f"its configuration gives another cell here: {cell.hash[:12]}…, recorded is {header.hash[:12]}…; "
+            f"this armgate builds another cell from its files ({cell.hash[:12]}…, not {header.hash[:12]}…); "
             f"use the armgate that wrote it ({header.software.get('armgate', '?')})"
         )
         raise AuditError(text)

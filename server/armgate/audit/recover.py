@@ -25,7 +25,7 @@ class RecoveredFile:
 
     Attributes:
         file: The file.
-        action: What was done with it.
+        action: Action on the file.
         result: Contents of the recovered file.
         original: Copy of the damaged file, if messages before its end are lost.
     """

@@ -65,7 +65,7 @@ class ReplayResult:
 def machine_differences(header: Header) -> list[str]:
     """Return the differences between this machine and the recording one that can change the last bits."""
     if header.judge == "compiled" and not available():
-        return [f"no compiled gate here, recorded with one; {install_hint('fast')}"]
+        return [f"no compiled gate, recorded with a compiled gate; to install it, run {install_hint('fast')}"]
     pairs = [(header.machine, machine()), (header.software, software())]
     return [
         f"{key} {now.get(key, 'none')}, recorded with {then.get(key, 'none')}"

@@ -12,6 +12,6 @@ Packages, each with one concern:
 - ``lifecycle``: start, signals, failures and end; ``armgate serve`` and ``armgate check``.
 
 The path of a command from the socket to the link: ``sessions.reading``, ``core.core``, ``core.gate_runner``,
-the gate, the link. Its verdict returns by ``core.gate_runner``, ``core.core``, ``core.to_protocol``,
+the gate, the link. Its verdict returns through ``core.gate_runner``, ``core.core``, ``core.to_protocol``,
 ``sessions.session`` and ``sessions.writing``. docs/architecture.md lists all files.
 """

@@ -73,7 +73,7 @@ class LinkKind(ABC, Generic[C]):
 
     Attributes:
         config: Model of the robot's ``link`` section.
-        self_clocked: True: the link runs in the robot server.
+        self_clocked: True if the link must run in the robot server.
     """
 
     config: type[C]
@@ -162,7 +162,7 @@ def kind_of(robot: "Robot") -> LinkKind[Any]:
 
 
 def needs_robot_server(cell: "Cell") -> bool:
-    """Return True if a robot has a clock of its own: then the robot server holds all robots of the cell."""
+    """Return True if a robot has a clock of its own: then the robot server runs the links of all robots."""
     return any(kind_of(robot).self_clocked for robot in cell.robots)
 
 
@@ -188,9 +188,9 @@ def make_stepped_link(cell: "Cell", robot: "Robot", start: str) -> SteppedLink:
     """Return the link of a robot for a clock of the daemon.
 
     Raises:
-        TypeError: The robot has a clock of its own, so that the robot server has to hold it.
+        TypeError: The robot has a clock of its own, so that the robot server has to run its link.
     """
     kind = kind_of(robot)
     if not isinstance(kind, SteppedLinkKind):
-        raise TypeError(f"{robot.name} has a clock of its own: the robot server has to hold it")
+        raise TypeError(f"{robot.name} has a clock of its own: the robot server has to run its link")
     return kind.make_stepped(robot.config.link, cell, robot, start)

@@ -9,7 +9,7 @@ LinkEvent = Tick | LinkChange
 """Event that a link reports."""
 
 Emit = Callable[[LinkEvent], None]
-"""Function that takes an event of a link; it has to return quickly."""
+"""Function that receives an event of a link; it has to return quickly."""
 
 
 class Link(Protocol):
@@ -54,9 +54,10 @@ class SteppedLink(LocalLink, Protocol):
 class SelfClockedLink(LocalLink, Protocol):
     """Link whose robot is the clock.
 
-    It reports a tick whenever the robot sends its position. After the robot was lost or became faulted
-    (`LinkChange`) nothing is played, and plans are answered with ``inactive``, until `rebase` re-arms the
-    link: then it takes its reference from the robot's next position, and reports that it is ready.
+    It reports a tick whenever the robot sends its position. When the robot is lost (`LinkChange`), the link
+    drops the plan; when it becomes faulted, the link may play the held plan to its end. In both states new
+    plans are answered with ``inactive`` until `rebase` re-arms the link. The link then chooses its setpoint
+    itself, reports it with the robot's next tick, and reports that it is ready.
     """
 
     async def open(self, emit: Emit) -> None:

@@ -52,7 +52,7 @@ class Log:
         return self._lines.qsize()
 
     def close(self, timeout: float = 1.0) -> None:
-        """Write the waiting lines, for at most ``timeout`` s."""
+        """Write the waiting lines; wait for at most ``timeout`` s."""
         try:
             self._lines.put(None, timeout=timeout)
         except queue.Full:
@@ -76,5 +76,5 @@ class Log:
             try:
                 self._stream.write(line + "\n")
                 self._stream.flush()
-            except (OSError, ValueError):  # the reader is gone: no reason to stop
+            except (OSError, ValueError):  # the log has no reader any more: continue without it
                 return

@@ -92,7 +92,7 @@ class PlanPlayer:
         self.drop()
 
     def drop(self) -> None:
-        """Drop the plan and the next one: the robot was held, and rests."""
+        """Drop the plan and the next one: the robot has been held in place, and rests."""
         self._held = self._next = None
         self._last = Played()
 

@@ -10,7 +10,7 @@ from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 
 _REMEMBERED = 1024
-"""Origins that are remembered; the one whose last failure is oldest is forgotten first."""
+"""Number of origins that are remembered; the one whose last failure is oldest is forgotten first."""
 
 _MINUTE = 60.0
 
@@ -19,7 +19,7 @@ class FailureLog:
     """Counter of failures, which logs some of them.
 
     Args:
-        in_all: Failures that are logged per minute: average rate, and largest burst.
+        in_all: Failures that are logged per minute in total: average rate, and largest burst.
         per_origin: The same bound for each origin.
         now: Time of a monotonic clock, s.
     """
@@ -31,7 +31,11 @@ class FailureLog:
         self._unlogged = 0
 
     def failed(self, origin: str, now: float) -> int | None:
-        """Count a failure; return how many before it were not logged, or None if it must not be logged."""
+        """Count a failure, and decide if it is logged.
+
+        Returns:
+            Number of failures since the last logged one; None if this failure must not be logged.
+        """
         bucket = self._failing.pop(origin, None) or self._new_bucket(now)
         self._failing[origin] = bucket
         while len(self._failing) > _REMEMBERED:

@@ -15,7 +15,7 @@ from armgate.protocol.messages import Role
 
 
 class InsecureError(Exception):
-    """Configuration in which clients could connect without authentication; nothing was moved."""
+    """Configuration in which clients could connect without authentication; no robot was moved."""
 
     exit_code = 2
 
@@ -42,7 +42,7 @@ class Keys:
 
     @property
     def tcp(self) -> bool:
-        """True if the daemon listens on TCP: not if only the Unix socket can authenticate clients."""
+        """True if the daemon listens on TCP; False if only the Unix socket can authenticate clients."""
         return self.socket is None or self.tokens is not None
 
 
@@ -57,7 +57,7 @@ def load_keys(config: CellConfig, *, login_required: bool) -> Keys:
         InsecureError: The configuration would let clients connect that cannot be authenticated.
         TokenError: The tokens cannot be used.
         TlsError: A certificate or key cannot be used.
-        UnixSocketError: This machine has no user of a name.
+        UnixSocketError: This machine has no user of a configured name.
     """
     server = config.server
     _check_secure(server, login_required)

@@ -30,7 +30,7 @@ class Reloader:
 
     Args:
         sources: Sources, in the order of reading.
-        log: Receives the result of each.
+        log: Receives the result of each reading.
     """
 
     def __init__(self, sources: Sequence[ReloadSource], log: Log) -> None:
@@ -40,7 +40,7 @@ class Reloader:
         self._task: asyncio.Task[None] | None = None
 
     def request(self) -> None:
-        """Read all sources, and again if this is called while they are being read."""
+        """Read all sources; if they are being read already, read them again afterwards."""
         self._requested = True
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())

@@ -84,8 +84,8 @@ def peer_certificate(transport: asyncio.BaseTransport) -> bytes | None:
 def is_for_clients(certificate: bytes) -> bool:
     """Return True if a certificate names clients in its extended key usage.
 
-    The TLS library accepts a certificate that names no purpose for every purpose. With the daemon's own
-    certificate, any user who can read its key could connect as a client.
+    The TLS library accepts a certificate without this extension for every purpose. If the daemon did so too,
+    a user who can read the key of the daemon's own certificate could connect with it as a client.
 
     Args:
         certificate: A certificate in DER that the TLS library has verified.

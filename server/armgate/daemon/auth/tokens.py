@@ -80,7 +80,7 @@ class Token(BaseModel):
 
     @property
     def grant(self) -> "Token":
-        """The token without its expiry: a session stays valid as long as its grant is the same."""
+        """The token without its expiry; if it changes when tokens are reloaded, the session ends."""
         return self.model_copy(update={"expires": None})
 
 
@@ -180,7 +180,7 @@ def rotate(file: Path, name: str, until: datetime | None) -> Made:
         until: Time until which the old secret stays valid, unless it expires before; None: it ends now.
 
     Raises:
-        TokenError: The file cannot be read, or holds no secret of that name, or only expired ones.
+        TokenError: The file cannot be read, or holds no secret of that name that is still valid.
         OSError: It cannot be written.
     """
     known = [*read(file)]
@@ -238,7 +238,10 @@ def _token(file: Path, number: int, line: str) -> Token:
 
 
 def _once(file: Path, tokens: Sequence[Token]) -> None:
-    """Check that names and hashes are unique, except for the name of a rotated secret, which expires."""
+    """Check that names and hashes are unique.
+
+    After a rotation, the old secret has the same name as the new one until it expires.
+    """
     named: dict[str, list[Token]] = {}
     proven: dict[tuple[str | None, str | None], list[Token]] = {}
     for token in tokens:

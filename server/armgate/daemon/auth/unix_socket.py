@@ -12,7 +12,7 @@ from pathlib import Path
 from armgate.protocol.messages import Role
 
 _QUEUE = 128
-"""Connections that may wait in the kernel."""
+"""Number of connections that may wait in the kernel."""
 
 _LOCK = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 
@@ -87,7 +87,7 @@ def _check_folder(folder: Path) -> None:
     """Check that no other user can replace the daemon's socket by another one.
 
     Raises:
-        UnixSocketError: Another user can, or the folder does not exist.
+        UnixSocketError: Another user can write the folder, or it does not exist.
     """
     try:
         found = folder.stat()

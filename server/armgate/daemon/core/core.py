@@ -40,7 +40,7 @@ class Core:
         lockstep: True if time passes in lock-step, for the description.
         lease_time: Times of renewal and expiry of leases; None: both are ``now``.
         defer: Calls a function in the turn of a client; see `States`.
-        observers: Receive a snapshot of every instant.
+        observers: Functions that receive a snapshot of every instant.
 
     Attributes:
         robots: Names of the robots, in the order of the configuration.
@@ -111,7 +111,7 @@ class Core:
 
     @property
     def at_rest(self) -> bool:
-        """True if no robot has increments left to play, or moved at its last tick."""
+        """True if no robot has increments left to play, and no robot moved at its last tick."""
         return self._motion.at_rest
 
     @property
@@ -126,7 +126,12 @@ class Core:
         self._warnings[about] = text
 
     def stop_all(self, reason: str, *, again: bool = True) -> None:
-        """Stop all robots on behalf of the daemon; without ``again`` only if one of them is not stopped."""
+        """Stop all robots on behalf of the daemon.
+
+        Args:
+            reason: Reason for the stop.
+            again: False to do nothing if a stop is in force for every robot.
+        """
         if again or self._stopping.unstopped:
             self._feed(events.Stop(self.robots, reason, _DAEMON))
 
@@ -160,8 +165,8 @@ class Core:
                 error.re = request.id
             peer.send(error.message())
 
-    # `check_robot` and `command` are public for lock-step alone. It checks the robot when a command arrives,
-    # and passes the command to the gate at the end of the step; otherwise `handle` does both.
+    # Only lock-step calls `check_robot` and `command` from outside: the former when a command arrives, the
+    # latter at the end of the step. With other paces, `handle` calls both at once.
 
     def check_robot(self, robot: str, about: str, seq: int | None = None) -> None:
         """Check that a request of type ``about`` names a robot of the cell.
@@ -174,14 +179,14 @@ class Core:
             raise RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, text, about=about, seq=seq)
 
     def command(self, peer: Peer, command: m.Command) -> None:
-        """Pass a command, whose robot exists, to the gate; its sender receives the verdict."""
+        """Pass a command to the gate, after `check_robot`; its sender receives the verdict."""
         self.expire()
-        # A guessed fence gives no client control of a robot.
+        # The gate also checks the holder: a client that guesses a fence does not control the robot.
         holder = self.leasing.is_holder(peer.client.id, command.robot)
         event = events.Command(command.robot, command.fence, command.seq, command.tick, command.dq, holder)
         self._feed(event, peer)
 
-    def _answer(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case a message)
+    def _answer(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case per message)
         match request:
             case m.Command():
                 self.check_robot(request.robot, "command", request.seq)

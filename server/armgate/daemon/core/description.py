@@ -15,7 +15,7 @@ _LARGEST_ID = 2**31 - 1
 STOP_REPLACES = "stop.replaces"
 """Capability of servers in which a repeated stop replaces the stop that it repeats.
 
-A client that names it too cannot reset a stop by the id of a stop that was replaced.
+If a client names this capability too, the daemon refuses its reset of a stop that was replaced.
 """
 
 SESSIONS = "sessions"
@@ -123,7 +123,7 @@ def _body(cell: Cell, body: Body, meshes: Mapping[Convex, str]) -> m.Body:
         return _wire_body((body.name, None, None), body.shape, body.placement, meshes)
     robot = cell.robots[body.robot]
     own = robot.model.bodies[body.index]
-    # Described in the frame of the link that the URDF names; the result does not depend on the joints.
+    # The frame is that of the link in the URDF; the result does not depend on the joint positions.
     R, t = robot.model.body_placements(robot.start)
     link = robot.model.frame(robot.start, own.link)
     in_link = link.inverse() @ Placement(R[body.index], t[body.index])
@@ -146,7 +146,11 @@ def _wire_body(
 
 
 def _containing(shape: Shape) -> m.Shape:
-    """Return a primitive in the same frame that contains a shape: the shape itself if clients support it."""
+    """Return a primitive that contains a shape, in the same frame.
+
+    It is the shape itself, except for a cone (its cylinder) and a convex body (its box): clients without the
+    capability ``body.exact`` do not support these.
+    """
     match shape:
         case Cone(radius=radius, length=length):
             return _containing(Cylinder(radius, length))

@@ -59,7 +59,7 @@ class Client:
         name: Name from its hello.
         role: Role that was granted.
         robots: Robots that it may command; None: all.
-        identity: Token, or address without one, by which rate limits and turns are counted.
+        identity: Its token, or its address if it has no token; rate limits and turns count by identity.
         token: Name of its token; None without one.
         known_as: Name of its token, or ``uid N`` on the Unix socket; None if only its own name is known.
         address: Address that it connects from.
@@ -144,7 +144,7 @@ class RequestHandler(Protocol):
     """Receiver of the requests of all sessions.
 
     There are two receivers. By the wall clock and with a robot server it is the `Core` itself. In lock-step
-    it is `LockstepPace`, which keeps some requests until they count and then passes them to the core. The
+    it is `LockstepPace`, which keeps some requests until a later step and then passes them to the core. The
     daemon chooses (`lifecycle.daemon`), and a session calls it directly.
     """
 
@@ -152,7 +152,7 @@ class RequestHandler(Protocol):
         """Register a session after its hello.
 
         Raises:
-            RemoteProtocolError: The session cannot take part; it is to be closed with this error.
+            RemoteProtocolError: The session cannot take part; close it with this error.
         """
 
     def handle(self, peer: Peer, request: ClientRequest) -> None:

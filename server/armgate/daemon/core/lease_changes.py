@@ -130,7 +130,7 @@ class Leasing:
         """Make robots available again after the reset of their last stop."""
         self._leases.resume(robots)
 
-    # --- wording ------------------------------------------------------------------------------------------
+    # --- messages -----------------------------------------------------------------------------------------
 
     def _lost(self, losses: Iterable[Loss]) -> list[Effect]:
         effects: list[Effect] = []
@@ -164,7 +164,8 @@ class Leasing:
         match denial.code:
             case ErrorCode.STOPPED:
                 ids = ", ".join(str(stop) for stop in reversed(self._stops(robot)))
-                return f"{robot} is stopped (stop {ids}): an operator must reset it, then acquire it again"
+                reset = "an operator must reset the stop; then acquire the robot again"
+                return f"{robot} is stopped (stop {ids}): {reset}"
             case ErrorCode.LEASED:
                 return f"{robot} is held by {self.holder(robot)}; wait, or take it over as an operator"
             case _:

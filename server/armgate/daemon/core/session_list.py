@@ -13,7 +13,7 @@ from armgate.protocol import messages as m
 def list_sessions(
     peers: Mapping[str, Peer], leasing: Leasing, robots: Sequence[str]
 ) -> tuple[m.SessionInfo, ...]:
-    """Return the sessions, up to the bound of an answer; robots are listed in the order given."""
+    """Return at most as many sessions as an answer may hold; robots are listed in the order given."""
     return tuple(_session(peer, leasing, robots) for peer in islice(peers.values(), m.MAX_SESSIONS))
 
 

@@ -19,7 +19,7 @@ class Reserved:
     """Clients that may set the signals under a prefix.
 
     Attributes:
-        operator: True if only operators may.
+        operator: True if only operators may set them.
         clients: Names of tokens, ``uid N`` for users on the Unix socket, or names of clients without a
             token or user; None: all.
     """
@@ -36,7 +36,7 @@ class Signals:
     Args:
         rate: Values that a session may set per second on average.
         per_client: Signals that a client may have.
-        reserved: Clients that may set the signals under a prefix; the longest prefix of a name counts.
+        reserved: Clients that may set the signals under a prefix; the longest matching prefix applies.
         limit: Signals in all.
     """
 
@@ -116,7 +116,7 @@ class Signals:
         own = Counter(_account(owner) for owner in self._owners.values())[_account(client)]
         free = sum(self._rule(other) is None for other in self._owners)
         if own >= self._per_client:
-            text = f"you share {own} signals already, the most that a client may; share fewer signals"
+            text = f"you share {own} signals already, which is the limit for a client; share fewer signals"
         elif len(self._owners) >= self._limit:
             text = f"there are {self._limit} signals already; share fewer signals"
         elif self._reserved and self._rule(name) is None and free >= self._limit - KEPT:
@@ -145,5 +145,5 @@ def signals_of(server: ServerConfig) -> Signals:
 
 
 def _account(client: Client) -> str:
-    """Return the account of a client's signals: shared by all sessions of its token or user, else its own."""
+    """Return the account by which signals are counted: the client's token or user, else its session."""
     return f"session {client.id}" if client.known_as is None else f"client {client.known_as}"

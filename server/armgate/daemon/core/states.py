@@ -44,7 +44,7 @@ class Snapshot:
 
 
 Observer = Callable[[Snapshot], None]
-"""Function that receives every instant, such as a recorder's."""
+"""Function that receives a snapshot of every instant, for example to record it."""
 
 
 @dataclass(frozen=True, slots=True)

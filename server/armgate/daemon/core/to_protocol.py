@@ -1,8 +1,8 @@
 """Translation of the results of gate and daemon into messages of the protocol, within the protocol's bounds.
 
-Texts and lists that may be longer than a message allows are shortened here and nowhere else: ``text``,
-``reasons``, ``stops``, ``warnings``, ``entry``. The last text that is kept gives the number of texts left
-out.
+Texts, and the lists of verdicts and states, may be longer than a message allows. They are shortened here and
+nowhere else: ``text``, ``reasons``, ``stops``, ``warnings``, ``entry``. The last reason or warning that is
+kept gives the number of those left out.
 """
 
 import math
@@ -69,9 +69,9 @@ def text(given: str, end: str = "") -> str:
 
 
 def reasons(given: Sequence[events.Reason]) -> tuple[m.Reason, ...]:
-    """Return as many reasons as a verdict may hold: the first of each cause, then the first of all.
+    """Return as many reasons as a verdict may hold: the first of each cause, the last one, then others.
 
-    The text of the last reason counts those left out.
+    The text of the last reason gives the number of reasons left out.
     """
     if len(given) <= m.MAX_REASONS:
         return tuple(_reason(reason) for reason in given)
@@ -90,7 +90,7 @@ def stops(given: Sequence[int]) -> tuple[int, ...]:
 
 
 def warnings(given: Iterable[str]) -> tuple[str, ...]:
-    """Return as many warnings as a state may hold; the last one counts those left out."""
+    """Return as many warnings as a state may hold; the last one gives the number of those left out."""
     all_ = tuple(given)
     kept = [text(warning) for warning in all_[: m.MAX_WARNINGS]]
     if len(all_) > len(kept):

@@ -73,7 +73,7 @@ def start_faults(cell: Cell, nearest: list[Nearest]) -> list[str]:
 
 
 def _lags(robot: Robot) -> str:
-    """Return a line about the lag of a robot that the gate assumes."""
+    """Return a line about the lag that the gate assumes for a robot."""
     low, high = (f"{1000.0 * lag:g}" for lag in (min(robot.lags), max(robot.lags)))
     lag = low if low == high else f"{low} to {high}"
     differ = f"axes differ by at most {1000.0 * robot.lag_difference:g} ms"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from armgate.links.log import Log
 
 _FAULTS_LOGGED = 16
-"""Faults of the start position that are logged."""
+"""Number of faults of the start position that are logged."""
 
 _EXTRA = ("pinocchio", "coal", "fcl", "mcap", "prometheus_client")
 """Modules of the extra ``cell``."""
@@ -44,7 +44,7 @@ _RequireLogin = Annotated[
 
 
 class ServeError(Exception):
-    """Options with which the daemon cannot start; nothing was moved."""
+    """Options with which the daemon cannot start; no robot was moved."""
 
     exit_code = 2
 
@@ -105,13 +105,13 @@ def _overridden(
 
 @contextmanager
 def _extra_needed() -> Iterator[None]:
-    """Report a missing module of the extra ``cell`` as an error of the machine's installation."""
+    """Report a missing module of the extra ``cell`` as an incomplete installation, with the remedy."""
     try:
         yield
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in _EXTRA:
             raise
-        text = f"{error.name} is not installed; a machine with the cell needs {install_hint('cell')}"
+        text = f"{error.name} is not installed, but the daemon needs it; run {install_hint('cell')}"
         raise ServeError(text) from error
 
 
@@ -133,7 +133,7 @@ def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
     if not needs_robot_server(cell) and given is None and cell.config.server.robot_server is None:
         return None
     if cell.config.clock.kind == "lockstep":
-        raise ServeError("robots in a robot server have their own clocks: they cannot run in lock-step")
+        raise ServeError("robots of a robot server have their own clocks and cannot run in lock-step")
     return given or robot_server_path(cell)
 
 
@@ -154,8 +154,8 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
     try:
         recorder = recorder_of(cell.config, record)
         daemon = Daemon(cell, Gate, log, keys, recorder=recorder, robot_server=robot_server)
-        # Objects that exist now stay. Python's garbage collector would search all of them after many clients
-        # have disconnected, which takes as long as three ticks.
+        # Objects that exist now stay until the end. Without the freeze, Python's garbage collector would
+        # search all of them after many clients have disconnected, which takes as long as three ticks.
         gc.collect()
         gc.freeze()
         return asyncio.run(daemon.run(_announce))
@@ -168,7 +168,7 @@ def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path |
 
 
 def _warn(cell: "Cell", log: "Log") -> None:
-    """Log the warnings of ``armgate check``, and faults of the start, for which commands are refused."""
+    """Log the warnings of ``armgate check``, and faults of the start that cause refusals."""
     from armgate.cell.cell_warnings import cell_warnings
     from armgate.daemon.lifecycle.check import REMEDY, start_faults
     from armgate.gate import start_clearances

@@ -46,7 +46,7 @@ class Daemon:
         keys: Certificates and tokens; None: none.
         dialects: Versions of the protocol that the daemon supports.
         recorder: Records the run; None: nothing is recorded.
-        robot_server: Socket of the robot server that holds the robots; None: they are emulated here.
+        robot_server: Socket of the robot server that runs the links; None: robots are emulated here.
 
     Attributes:
         start: Start id of the daemon; plans of another start are refused by the links.
@@ -64,7 +64,7 @@ class Daemon:
         robot_server: Path | None = None,
     ) -> None:
         lockstep = isinstance(cell.config.clock, LockstepClockConfig)
-        # In lock-step all messages to a client must be the same in every run.
+        # In lock-step all messages to a client must be the same in every run, also the start id in them.
         self.start = cell.hash[:16] if lockstep else secrets.token_hex(8)
         self._cell, self._log = cell, log
         self._life = Lifetime()
@@ -116,7 +116,7 @@ class Daemon:
         )
 
     def _request_handler(self) -> RequestHandler:
-        """Return the receiver of all requests: the core, or lock-step, which keeps them until they count."""
+        """Return the receiver of all requests: the core, or the lock-step pace in front of it."""
         if isinstance(self._pace, LockstepPace):
             self._pace.attach(self._core)
             return self._pace
@@ -215,7 +215,7 @@ class Daemon:
         self._sessions.stop_listening()
 
     def failed(self, error: BaseException) -> None:
-        """Process a defect: use the gate no more, let the robots play their plans to rest, then end."""
+        """Process a defect: stop using the gate, let the robots play their plans to rest, then end."""
         trace = "".join(traceback.format_exception(error))
         self._log.error("failed", error=repr(error), traceback=trace)
         if not self._life.advance(PhaseEvent.FAIL):

@@ -78,7 +78,7 @@ class Metrics(Collector):
         self._late.observe(seconds)
 
     def timed(self, gate: Gate) -> Gate:
-        """Return the same gate; the time of its decisions is observed."""
+        """Return a gate that decides like the given one, and observe the time of its decisions."""
         return _TimedGate(gate, self._decision)
 
     def collect(self) -> Iterator[CounterMetricFamily | GaugeMetricFamily]:
@@ -88,7 +88,11 @@ class Metrics(Collector):
         nearest = {e.robot: min(n.distance for n in e.nearest) for e in entries if e.nearest}
         yield _gauge("armgate_clearance_meters", "Certified clearance of the nearest pair, m", nearest)
         least = {e.robot: e.least_clearance for e in entries if e.least_clearance is not None}
-        yield _gauge("armgate_least_clearance_meters", "Smallest clearance to others so far, m", least)
+        yield _gauge(
+            "armgate_least_clearance_meters",
+            "Smallest clearance to other robots and surroundings so far, m",
+            least,
+        )
         stopped = {e.robot: len(e.stops or ()) for e in entries}
         yield _gauge("armgate_stops", "Stops in force", stopped)
         late = CounterMetricFamily("armgate_late_commands", "Plans that came too late", labels=["robot"])

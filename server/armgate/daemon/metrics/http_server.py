@@ -1,7 +1,7 @@
 """HTTP server of the metrics: one page, on this machine only, in its own thread.
 
 All resources are bounded: the rate at which connections are accepted, the number of open connections, and the
-time for request and answer. If a connection exceeds the number, the oldest one is closed. Idle or numerous
+time for request and answer. If too many connections are open, the oldest one is closed. Idle or numerous
 connections therefore use up no threads or descriptors that the daemon needs.
 """
 
@@ -18,15 +18,18 @@ from armgate.daemon.token_bucket import TokenBucket
 _HOST = "127.0.0.1"
 _PATHS = ("/", "/metrics")
 _OPEN = 16
-"""Connections that may be open at once."""
+"""Number of connections that may be open at once."""
 _RATE, _BURST = 50.0, 8.0
-"""Connections accepted per second, and at once: each has (_OPEN - _BURST) / _RATE for its request."""
+"""Connections accepted per second, and in one burst.
+
+Each connection stays open for at least (_OPEN - _BURST) / _RATE s before newer ones can replace it.
+"""
 _TIMEOUT = 5.0
 """Time for a request and its answer, s."""
 _REQUEST = 8192
 """Largest request, bytes."""
 _RETRY = 1.0
-"""Pause if the system has no more descriptors or memory, s."""
+"""Time to wait if the system has no more descriptors or memory, s."""
 
 
 class MetricsServer:

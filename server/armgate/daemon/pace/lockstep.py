@@ -20,10 +20,10 @@ from armgate.protocol import ErrorCode, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
 
 _AHEAD = 256
-"""Messages of a participant that may wait for the next step."""
+"""Number of messages of a participant that may wait for the next step."""
 
 _END_NO_STEP = (m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset)
-"""Messages that end no step: they change neither leases nor which participants are done."""
+"""Messages that cannot end a step: they change neither leases nor the set of participants that are done."""
 
 
 class LockstepPace:
@@ -76,7 +76,7 @@ class LockstepPace:
         return f"p{self._barrier.names.index(name)}" if name in self._barrier else f"s{number}"
 
     def attach(self, core: Core) -> None:
-        """Pass requests, once they count, to this core; clients may join before `start`."""
+        """Pass requests to this core; called before `start`, so that clients may join before it."""
         self._core = core
 
     async def open(self) -> None:
@@ -125,7 +125,7 @@ class LockstepPace:
         name = peer.client.name
         if name in self._barrier:
             if self._barrier.presence(name) is Presence.PRESENT:
-                text = f"participant {name} is connected already; each name can take part once only"
+                text = f"participant {name} is connected already; each name can take part only once"
                 raise RemoteProtocolError(ErrorCode.NAME_TAKEN, text, about="hello")
             self._barrier.join(name, self._wall())
             self._sessions[name] = peer
@@ -147,7 +147,7 @@ class LockstepPace:
             self._hold_if_done(peer)
 
     def leave(self, peer: Peer) -> None:
-        """Forget a session; a participant that is done with the step leaves after it."""
+        """Forget a session; a participant that is done with the step leaves at the end of the step."""
         if not self._takes_part(peer):
             self._core.leave(peer)
         elif self._barrier.done(peer.client.name):
@@ -236,7 +236,7 @@ class LockstepPace:
         finally:
             for batch in (*done.values(), *batches):
                 batch.close()
-            # A session that is being read has a batch open, and may have sent its last message of this step.
+            # While a session is read, another batch of it is open, which would hold these frames back.
             for batch in batches:
                 batch.flush()
         for peer in participants:

@@ -55,7 +55,7 @@ class Pace(Protocol):
         """
 
     def start(self, core: Core, receiver: TickReceiver) -> None:
-        """Start time."""
+        """Make time pass from now on, and report ticks to the receiver."""
 
     def let_rest(self, decide: bool) -> None:
         """Continue without waiting for any client, until `close`.

@@ -1,4 +1,4 @@
-"""Time by the robots themselves: they tick in the robot server, and their ticks arrive here."""
+"""Pace by the clocks of the robots: they tick in the robot server, and their ticks arrive here."""
 
 import asyncio
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Time by the wall clock: robots tick independently of clients; commands are decided as they arrive."""
+"""Pace by the wall clock: robots tick independently of clients; commands are decided as they arrive."""
 
 from collections.abc import Mapping
 
@@ -46,7 +46,7 @@ class WallClockPace:
         self._clock.close()
 
     def warnings(self) -> Mapping[str, str]:
-        """Return a warning of ticks that came too late."""
+        """Return a warning if ticks were processed later than the next one was due."""
         overruns = self._clock.lateness.overruns
         return {"late": f"{overruns} ticks came later than the next one was due"} if overruns else {}
 

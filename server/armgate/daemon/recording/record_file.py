@@ -1,4 +1,4 @@
-"""File of a recording; its disk may be full."""
+"""File of a recording, which stays readable if its disk becomes full."""
 
 import contextlib
 import os

@@ -119,7 +119,7 @@ class Recorder:
 
     @property
     def ended_early(self) -> bool:
-        """True if writing failed: nothing is recorded since then."""
+        """True if writing has failed: since then nothing is recorded."""
         return self._failure is not None
 
     @property
@@ -162,7 +162,7 @@ class Recorder:
             self._put(self._now(), line)
 
     def close(self, timeout: float = 10.0) -> None:
-        """Write the waiting records and close the file, for at most ``timeout`` s."""
+        """Write the waiting records and close the file; wait for at most ``timeout`` s."""
         if self._thread is not None:
             self._queue.append(None)
             self._thread.join(timeout)

@@ -5,6 +5,7 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
+from armgate.cell.errors import install_hint
 from armgate.recording.chain import Signer
 
 _LONGEST = 1 << 16
@@ -28,7 +29,7 @@ def load_signer(file: Path) -> Signer:
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
     except ModuleNotFoundError as error:
-        raise SignerError("cryptography is not installed; run: pip install 'armgate[sign]'") from error
+        raise SignerError(f"cryptography is not installed; run {install_hint('sign')}") from error
     try:
         key = load_pem_private_key(_private(file), password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:

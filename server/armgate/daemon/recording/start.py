@@ -20,7 +20,7 @@ from armgate.recording.reader import PATTERN
 
 
 class RecorderError(Exception):
-    """Run that cannot be recorded; nothing was moved."""
+    """Run that cannot be recorded; no robot was moved."""
 
     exit_code = 2
 

@@ -44,7 +44,7 @@ class Recording:
             self._log.copy_to(self._recorder.log)
 
     def check(self, core: Core, running: bool) -> None:
-        """Warn of lost records in the states; stop the robots if the run must be recorded."""
+        """Add a warning to the states if records were lost; stop the robots if the run must be recorded."""
         recorder = self._recorder
         if recorder is None or (trouble := recorder.trouble) is None:
             return

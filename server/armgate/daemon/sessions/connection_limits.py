@@ -14,10 +14,13 @@ from dataclasses import dataclass, field
 from armgate.protocol.messages import Role
 
 _RESERVED = 16
-"""One of this number of places is reserved for operators, and one more for operators and controllers."""
+"""Divisor of a limit: limit // _RESERVED places are reserved for operators.
+
+As many more are reserved for operators and controllers.
+"""
 
 _BELOW: dict[Role, int] = {"operator": 0, "controller": 1, "observer": 2}
-"""Number of roles above each role, which is the number of reserved shares that it may not use."""
+"""Number of roles above each role, which is the number of reserved parts that it may not use."""
 
 
 @dataclass(eq=False, slots=True)
@@ -78,7 +81,7 @@ class ConnectionLimits:
         return slot, evicted
 
     def admit(self, slot: Slot, role: Role, identity: str) -> str:
-        """Make a session of a waiting connection.
+        """Turn a waiting connection into a session.
 
         Args:
             slot: The connection's slot.
@@ -130,12 +133,12 @@ class ConnectionLimits:
 
     def _full(self) -> str:
         return (
-            f"there are {self._in_all} connections already, or all but those reserved for higher roles; "
+            f"all {self._in_all} places for connections are taken, or all that your role may use; "
             "try again later"
         )
 
     def _full_address(self) -> str:
         return (
-            f"there are {self._per_origin} connections from your address already, or all but those reserved "
-            "for higher roles; close some"
+            f"all {self._per_origin} places for connections from your address are taken, or all that your "
+            "role may use; close some"
         )

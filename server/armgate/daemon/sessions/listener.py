@@ -23,16 +23,16 @@ from armgate.links.log import Log
 from armgate.links.robot_server.unix_socket import peer_uid
 
 _QUEUE = 128
-"""Connections that may wait in the kernel."""
+"""Number of connections that may wait in the kernel."""
 
 _AT_ONCE = 4
-"""Connections accepted in one turn of the event loop."""
+"""Largest number of connections accepted in one turn of the event loop."""
 
 _BURST = 32.0
-"""Connections accepted at once after a quiet time."""
+"""Largest number of connections accepted at once after a quiet time."""
 
 _LEAVING = 128
-"""Refused connections to which the reason is being sent; further ones are closed without a message."""
+"""Largest number of refused connections that are sent the reason; more are closed without a message."""
 
 _RETRY = 1.0
 """Time to wait if the system has no more descriptors or memory, s."""
@@ -100,9 +100,8 @@ class Listener:
         try:
             for family, _, _, _, address in dict.fromkeys(found):
                 self._sockets.append(_bound(family, (address[0], port, *address[2:])))
-                port = self._sockets[-1].getsockname()[
-                    1
-                ]  # the same for all addresses, even if any may be used
+                # If the port is 0, the system chooses one for the first address; the others use the same.
+                port = self._sockets[-1].getsockname()[1]
         except OSError:
             self.close()
             raise

@@ -237,7 +237,7 @@ class SessionManager:
         )
 
     def _log_refused(self, event: str, session: Session, **fields: object) -> None:
-        """Log a connection that was never welcomed, up to a bound."""
+        """Log a connection that was never welcomed, unless too many were logged before."""
         origin = session.slot.origin
         self._refused.note(self._log, event, origin, monotonic(), session=session.number, **fields)
 

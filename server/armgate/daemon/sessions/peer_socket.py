@@ -16,7 +16,7 @@ _OPEN = 0.4
 """Share of the widest receive window above which a client is assumed to read."""
 
 _UNSENT = 16 * 1024
-"""Bytes that the kernel takes before they can be sent; more wait in the outbox, where states are replaced."""
+"""Bytes that the kernel takes before they can be sent; more wait in the `Writer`, which replaces states."""
 
 _KEEPALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))
 _GIVE_UP = 20.0
@@ -63,7 +63,7 @@ class TcpPeerSocket:
         return bool(window >= _OPEN * self._widest)
 
     def is_unreachable(self) -> bool:
-        """Return True if the client's kernel has not answered for `_GIVE_UP`, now and at the previous call.
+        """Return True if this call and the previous one found the client's kernel silent for `_GIVE_UP`.
 
         Linux's TCP_USER_TIMEOUT would also end a connection whose client answers, but does not read.
         """

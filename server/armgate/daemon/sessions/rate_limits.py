@@ -2,7 +2,7 @@
 
 An identity is a token, or the address of a client without one. Each message that is read counts in every
 limit that applies to its client. A client that has used up a limit is not read for a while; none of its
-messages is dropped. Holders of robots, and operators with a token, count only in their own limit, so
+messages is dropped. Holders of robots, and operators by token or user, count only in their own limit, so
 that no other client can use it up.
 """
 
@@ -15,7 +15,7 @@ _BURST = 0.25
 """Burst of a limit as a share of the messages that it allows in 1 s."""
 
 _KEPT = 1024
-"""Limits of identities and addresses that are kept; unused ones are removed first."""
+"""Number of limits of identities and addresses above which the unused ones are removed."""
 
 
 @dataclass(frozen=True, slots=True)

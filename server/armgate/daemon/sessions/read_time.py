@@ -2,9 +2,9 @@
 
 After a stall, the daemon finds messages in its sockets that arrived in time. It must not expire a lease
 before it has read them. In each turn of the event loop, asyncio first polls all sockets, then runs the
-callbacks of ``call_soon`` from the turn before, ahead of those that the poll found. Data that were sent
-before a moment have therefore been passed to the sessions two turns later. They have been read once the work
-that is queued at that time is done.
+callbacks of ``call_soon`` from the turn before, then the callbacks of the sockets that the poll found. Data
+that arrived before a moment t have therefore been passed to the sessions two turns after t. They have been
+read once the work that is queued then is done.
 """
 
 import asyncio
@@ -16,10 +16,10 @@ class ReadTime:
 
     Args:
         now: Daemon time, s.
-        queued: Returns the number of the newest work that waits for privileged sessions: all
-            holders are privileged.
-        waiting: Returns True while such work up to a number waits. Newer work does not count: the lease of
-            a session whose earlier work is done has been renewed since.
+        queued: Returns the number of the newest work that waits for privileged sessions; every session that
+            holds a robot is privileged.
+        waiting: Returns True while such work up to a number waits. Newer work does not matter: if the earlier
+            work of a session is done, its leases have been renewed.
     """
 
     def __init__(

@@ -28,13 +28,13 @@ _DISCARD = 0.01
 """Time between two reads of a connection that is closing, s: data that a client still sends cost little."""
 
 _AT_ONCE = 8
-"""Messages of one client that are read at once, before other clients have their turn."""
+"""Largest number of messages of one client that are read before other clients have their turn."""
 
 _BYTES = 2048
 """Bytes that count as one more message, and after which a turn of reading ends."""
 
 _AHEAD = 256 * 1024
-"""Bytes of a client that are kept while it waits for its turn, to find a stop among them."""
+"""Number of bytes of a client that are kept and searched for a stop while it waits for its turn."""
 
 _STOPS = 20.0
 """Stops of a client that are executed ahead of its other messages: rate per second, and burst."""
@@ -66,7 +66,7 @@ class SessionHost(Protocol):
         """Process the end of a connection; nothing is called for it afterwards."""
 
     def privileged(self, session: "Session") -> bool:
-        """Return True if the session is served first: it holds a robot, or is an operator by token."""
+        """Return True if the session is served first: it holds a robot, or is operator by token or user."""
 
     def failed(self, error: BaseException) -> None:
         """Process a defect of the daemon."""
@@ -109,7 +109,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
     @property
     @abstractmethod
     def identity(self) -> str:
-        """Token of the client, or its address without one, by which rate limits and turns count."""
+        """Token of the client, or its address if it has none; rate limits and turns count by identity."""
 
     @property
     @abstractmethod
@@ -136,7 +136,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
 
     @abstractmethod
     def finish_stream(self) -> None:
-        """Process the end of the client's stream, before which everything has been received."""
+        """Process the end of the client's stream; all messages before it have been received."""
 
     # --- asyncio ------------------------------------------------------------------------------------------
 
@@ -281,7 +281,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
     # --- stops first --------------------------------------------------------------------------------------
 
     def _read_ahead(self) -> None:
-        """Keep incoming messages up to a bound, and execute a stop among them; read no more beyond it."""
+        """Keep incoming messages, and execute a stop among them; pause reading when too many bytes wait."""
         if self._connection.buffered > (_BUFFER if self._limit is None else _AHEAD):
             self._transport.pause_reading()
         else:

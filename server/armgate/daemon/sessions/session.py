@@ -32,7 +32,7 @@ _LINGER = 1.0
 """Time that a client has to read the last message, s."""
 
 _DELAYABLE = (m.Signaled, m.Verdict)
-"""Messages that a batch may hold back, apart from states; all others are written at once."""
+"""Types of messages that a batch may hold back, as it does states; all others are written at once."""
 
 _EVICTED = "no hello came while other clients waited for the place; send hello right after connecting"
 
@@ -82,7 +82,7 @@ class Session(SessionReader, ConnectionProtocol):
 
     @property
     def identity(self) -> str:
-        """Token of the client, or its address without one, by which rate limits and turns are counted."""
+        """Token of the client, or its address if it has none; rate limits and turns count by identity."""
         return self.slot.origin if self._client is None else self._client.identity
 
     @property

@@ -1,1 +1,1 @@
-"""Emulated robots: their link, which emulates the robot in its own process, and its kind."""
+"""Emulated robots: the link, which emulates a robot in the process of the link, and the kind of link."""

@@ -74,7 +74,7 @@ class RemoteLink:
         self._send(rebase)
 
     def take_tick(self, report: TickReport) -> Tick | None:
-        """Return the reported tick, None if it is from before a rebase that was sent."""
+        """Return the reported tick; None if it is older than a rebase that was sent."""
         if report.resets != self._resets:
             return None
         tick = report.event

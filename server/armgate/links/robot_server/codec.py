@@ -1,7 +1,7 @@
 """Codec of the robot server's socket: length-prefixed frames, each a msgpack list of kind and fields.
 
 Packing and reading follow from the annotations of the message dataclasses. A message of another shape, a
-number that is not finite or a name that is not a text is an error, which ends the connection.
+number that is not finite or a name that is not a string is an error, which ends the connection.
 """
 
 import math
@@ -87,7 +87,7 @@ def _decoded(body: bytes) -> Message:
     return message
 
 
-# --- forms ------------------------------------------------------------------------------------------------
+# --- packing and reading --------------------------------------------------------------------------------
 
 
 def _exactly(kind: type) -> Form:

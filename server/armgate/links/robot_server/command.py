@@ -13,14 +13,15 @@ if TYPE_CHECKING:
 
 
 class StartError(Exception):
-    """Failed start of the robot server; nothing was moved."""
+    """Failed start of the robot server; no robot was moved."""
 
     exit_code = 2
 
 
 def robot_server(
     configs: Annotated[
-        list[Path], typer.Argument(metavar="CONFIG...", help="Cell files; later ones overlay earlier ones.")
+        list[Path],
+        typer.Argument(metavar="CONFIG...", help="Configuration files; later ones overlay earlier ones."),
     ],
     socket: Annotated[
         Path | None,

@@ -35,7 +35,7 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """Acceptance of the daemon, which holds the robots from now on."""
+    """Acceptance of the daemon: from now on it receives ticks and may send plans."""
 
     format: int
 

@@ -1,4 +1,4 @@
-"""Robot server: holds the robots' links and plans, independently of the daemon.
+"""Robot server: runs the robots' links and holds their plans, independently of the daemon.
 
 A link answers its robot first. The daemon is informed afterwards, and the server never waits for it. Messages
 that the daemon does not read are buffered up to a bound. Beyond it, or after the timeout, the connection is
@@ -45,7 +45,7 @@ class Log(Protocol):
 
 
 class RobotServer:
-    """Server that gives its robots to one daemon at a time.
+    """Server that lets one daemon at a time use its robots.
 
     Args:
         cell: Hash of the cell.
@@ -116,7 +116,7 @@ class RobotServer:
             asyncio.get_running_loop().call_later(_REST_CHECK, self._end_at_rest)
 
     def _log_rest(self) -> None:
-        """Log when the plans have been played: without a daemon nothing else reports it."""
+        """Log that the plans have been played: without a daemon nothing else reports it."""
         if self.resting:
             self._log.info("at_rest")
         elif self._daemon is None:

@@ -17,7 +17,7 @@ from armgate.links.rsi.xml import XmlError, read_xml
 LIMIT = 65536
 """Longest file that is read, bytes."""
 _CHANNELS = 64
-"""Largest number of INDX."""
+"""Largest value of INDX."""
 _TYPES = ("BOOL", "STRING", "LONG", "DOUBLE")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _NAME = re.compile(r"(?!xml)[A-Za-z_][A-Za-z0-9_]{0,63}", re.ASCII | re.IGNORECASE)

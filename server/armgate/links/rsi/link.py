@@ -80,8 +80,9 @@ class RsiLink:
     def rebase(self, rebase: Rebase) -> None:
         """Drop the plan; re-arm a link that is lost or faulted.
 
-        The setpoint stays the position that the KRC holds; the next tick reports it. The difference between
-        commanded and measured position does not move a robot at rest.
+        The setpoint of ``rebase`` is not used: the link's setpoint stays the position that the KRC holds, and
+        the next tick reports it. The difference between setpoint and measured position does not move a robot
+        at rest.
         """
         self._player.rebase(rebase)
         if self._run is not None:
@@ -115,7 +116,7 @@ class RsiLink:
         return Response(None, self._states.report())
 
     def poll(self, now: float) -> tuple[LinkEvent, ...]:
-        """Return the events that are due by now: the link may be lost."""
+        """Return the events that are due by now, such as the loss of the link."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._lose(f"no telegram for {self._setup.silence:g} s")
@@ -160,7 +161,7 @@ class RsiLink:
         return self._respond(run, telegram, now)
 
     def _begin(self, telegram: Telegram, source: Address, now: float) -> Response:
-        """Begin a run after RSI_ON: corrections count from the position at which the robot has to be."""
+        """Begin a run after RSI_ON; the run is never answered if the robot is not at its reference."""
         if self._run is not None and self._states.accepts_plans:
             self._lose("the KRC's program began anew")
         run = self._run = Run.begun(self._setup, telegram, source, now)
@@ -212,7 +213,7 @@ class RsiLink:
         if run.adds:
             values = (0.0,) * len(values)
         run.reply = None if run.silent else self._setup.writer.write(values, telegram.ipoc)
-        # The probe's motion is not an increment of a plan: to the gate, the robot is held elsewhere.
+        # The probe's motion is not an increment of a plan: the tick reports the new setpoint as a rebase.
         tick = self._tick(run, telegram, played, now, rebased=run.rebased or probed is not None)
         run.q, run.programmed, run.time = telegram.q, telegram.programmed, now
         run.rebased = False
@@ -234,7 +235,10 @@ class RsiLink:
         )
 
     def _probed(self, run: Run) -> Joints | None:
-        """Return the next position of the probe (after an objection, on the way back), None if it stays."""
+        """Return the next position of the probe, None if it does not move.
+
+        After an objection, this is a position on the way back to the reference.
+        """
         commanded = run.commanded
         going = self._states.state is State.SYNCHRONISING and run.agreed and run.objection is None
         target = run.probe.target(commanded.reference, commanded.setpoint, going)

@@ -123,7 +123,7 @@ class Run:
         return None
 
     def too_late(self) -> str | None:
-        """Return the objection to Delay or to late cycles in a row beyond their limits, None within them."""
+        """Return the objection if Delay or the number of late cycles in a row is at its limit, else None."""
         setup, delay = self.setup, self.counter.delay
         if self.late_in_a_row < setup.late_in_a_row and delay < setup.timeout:
             return None

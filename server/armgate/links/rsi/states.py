@@ -68,7 +68,7 @@ TABLE: dict[tuple[State, Event], State] = {
 
 
 class LinkStates:
-    """State of one link, and the changes of it that were not reported yet.
+    """State of one link, and its unreported changes.
 
     Args:
         robot: Name of the robot.

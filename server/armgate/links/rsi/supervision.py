@@ -62,7 +62,8 @@ class Supervisor:
     def check(self, run: Run, telegram: Telegram, succession: Succession, paused: bool, now: float) -> None:
         """Check the next telegram of a run."""
         disturbed = bool(succession.late or succession.missed)
-        # An unproven absolute KRC holds one of two corrections of the probe: both are below the tolerance.
+        # Until it is proven, an absolute KRC holds one of two corrections of the probe. Both are smaller than
+        # the tolerance, so its position counts as known.
         known = run.commanded.settle(succession, paused) or not (run.proven or self._setup.relative)
         if disturbed or paused:
             self.hold(run, max(succession.late, succession.missed))
@@ -156,7 +157,7 @@ class Supervisor:
         return True
 
     def _check_accumulation(self, run: Run, telegram: Telegram, cycles: int) -> None:
-        """Detect a robot that moves on although its total is held; zeros then stop it."""
+        """Detect a robot that moves on although its correction is constant; zeros then stop it."""
         commanded = run.commanded
         number = run.accumulation.take(telegram.q, commanded.setpoint, commanded.reference, cycles)
         if number is not None:

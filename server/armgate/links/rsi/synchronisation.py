@@ -64,7 +64,9 @@ class Agreement:
     def misplaced(self, reference: Joints, q: Joints) -> str | None:
         """Return the objection if the robot is not at the reference when the program begins, else None."""
         where = self.deviation(reference, q)
-        return None if where is None else f"{where} when the program began: it is not answered; start it anew"
+        if where is None:
+            return None
+        return f"{where} when the KRC's program began: the program gets no replies; start it anew"
 
     def deviation(self, expected: Joints, q: Joints) -> str | None:
         """Return a text about an axis that is not at its expected position, None if there is none."""
@@ -81,7 +83,7 @@ class Agreement:
         Args:
             telegram: The telegram.
             ended: True if it is the last telegram that is checked: the robot has moved, so that decimals are
-                visible even if the KRC prints none that are zero.
+                visible even if the KRC omits trailing zeros.
         """
         return [*self._decimals_hint(telegram, ended), *self._unit_hints(telegram)]
 

@@ -1,11 +1,12 @@
 """Detection of a KRC that adds up a correction although the cell has the absolute mode.
 
-The probe has excluded it before any plan was played. This is the second line of defence, in case the KRC's
-mode has changed since. Then a repeated total would move the robot on, and so would missing replies if HOLDON
-is 1. A robot that follows a commanded path with a lag stays between the past setpoints, and is never
+The probe has excluded this before any plan was played. This is the second line of defence, in case the KRC's
+mode has changed since. Then a repeated correction would move the robot on, and so would missing replies if
+HOLDON is 1. A robot that follows a commanded path with a lag stays between the past setpoints, and is never
 faster than they were. A robot whose corrections are added up leaves this range in the direction of its
-correction, and moves by its total in each cycle, or as fast as the axis can. A robot that is pushed moves
-more slowly; zeros would command a step back by its whole total.
+correction, and moves by its whole correction in each cycle, or as fast as the axis can. A robot that is
+pushed from outside moves more slowly. It must not be mistaken for this fault: zeros, the reaction to it,
+would command an absolute KRC back by the whole correction.
 """
 
 from collections import deque
@@ -15,9 +16,10 @@ from armgate.events import Joints
 _WINDOW = 0.5
 """Shortest time for which setpoints count as past, s."""
 _TELEGRAMS = 4
-"""Telegrams over which speeds are compared."""
+"""Number of telegrams over which speeds are compared."""
 _FASTER, _FASTEST = 1.5, 1.3
-"""Lower bound of the speed, as a multiple of the commanded speed, and upper bound, of a relative KRC's."""
+"""Lower bound of the speed, as a multiple of the largest commanded speed; upper bound, as a multiple of the
+speed at a relative KRC."""
 _SLOWEST, _TOP_SHARE = 0.25, 0.5
 """Lower bounds of the speed, as shares of a relative KRC's (a lag hides a part) and of the top speed."""
 _OUTSIDE = 2.0
@@ -82,7 +84,7 @@ class AccumulationDetector:
             fast[j] = max(fast[j], abs(now - then))
 
     def _adds(self, j: int, q: float, moved: float, total: float, cycles: int) -> bool:
-        """Return True if an axis is outside older setpoints, too, and as fast as if corrections added up."""
+        """Return True if an axis is outside all past setpoints, and as fast as if corrections add up."""
         low = min(ranges[0][j] for ranges in self._ranges)
         high = max(ranges[1][j] for ranges in self._ranges)
         fast = max(ranges[2][j] for ranges in self._ranges)

@@ -16,7 +16,7 @@ FlangeInFoot = Callable[[ArrayLike], Placement]
 """Function from joint positions (rad, m) to the flange in the arm's foot, which a KRC calls ROBROOT."""
 
 _NEAR = 2.0
-"""Largest distance between RIst and the model's flange if they are the same, mm."""
+"""Largest distance between RIst and the model's flange at which they agree, mm."""
 _LEVER = 100.0
 """Length by which a rotation of the flange is multiplied, mm: the last axis only rotates the flange."""
 _SAMPLES = 16
@@ -67,7 +67,7 @@ class AxisDirections:
         return f"the model fits RIst if {turned} turn(s) the other way: make received and sent negative"
 
     def _error(self, turning: list[int], signs: tuple[float, ...]) -> float:
-        """Return the largest distance of the model's flange from RIst if axes turned with these signs, mm.
+        """Return the largest distance of the model's flange from RIst if the axes turn with these signs, mm.
 
         Rotations count from the first sample on: models differ in how they orient a flange.
         """

@@ -49,7 +49,7 @@ def ethernet_xml(
 
 
 def program(axes: Sequence[Axis], own: RsiLinkConfig, cycle: float, generation: str) -> str:
-    """Return the KRL program, with the numbers of values in ``ethernet_xml``.
+    """Return the KRL program, which uses the numbers that ``ethernet_xml`` gives to the values.
 
     Args:
         axes: The robot's axes.

@@ -7,12 +7,12 @@ offset y, which no lag changes:
 
     relative: Σ y = g · Σ_k Σ_{i≤k} w_i        absolute: Σ y = 0, and y is not zero
 
-The rounds after it prove order, direction and scale. In round r axis number j moves by digit r of j + 1 in
-balanced ternary (-1, 0 or 1). No two axes have the same digits, and no axis has the reversed digits of
-another, so that swapped axes and reversed axes are distinguished. The gain g is the measured area divided
-by the commanded one.
+The later rounds prove order, direction and scale. In round r, axis number j moves by digit r of j + 1 in
+balanced ternary (-1, 0 or 1). No two axes have the same digits, and no axis has the negated digits of
+another, so that swapped axes and axes with a wrong sign are distinguished. The gain g is the measured area
+divided by the commanded one.
 
-``size`` chooses amplitude and length, ``rounds`` sends the corrections, ``verdict`` evaluates the areas.
+``size`` chooses amplitude and length, ``rounds`` sends the corrections, ``finding`` evaluates the areas.
 """
 
 from armgate.links.rsi.probe.rounds import Probe, Stage, digits_of

@@ -1,4 +1,4 @@
-"""Verdict of the probe: mode, order, sign and scale from the areas below the measured offsets."""
+"""Finding of the probe: mode, order, sign and scale from the areas below the measured offsets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
 
-if TYPE_CHECKING:  # a setup is checked by the size of its probe
+if TYPE_CHECKING:  # `setup` imports this package, to check the size of the probe
     from armgate.links.rsi.setup import Setup
 
 _FOLLOWS = 0.05
@@ -151,7 +151,7 @@ def _scale_objection(axis: Axis, gain: float) -> str:
 
 
 def _fit(shares: Sequence[float], code: Sequence[int]) -> tuple[float, float]:
-    """Return the least-squares gain of a code for the shares, and the largest error in gains (at least 1)."""
+    """Return the least-squares gain g of a code for the shares, and the largest error over max(|g|, 1)."""
     gain = sum(a * b for a, b in zip(shares, code, strict=True)) / sum(b * b for b in code)
     errors = [abs(a - gain * b) for a, b in zip(shares, code, strict=True)]
     return gain, max(errors) / max(abs(gain), 1.0)

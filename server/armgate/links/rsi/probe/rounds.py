@@ -15,21 +15,21 @@ from armgate.links.rsi.ipoc_and_delay import Succession
 from armgate.links.rsi.probe.finding import Evaluation, Measurement, RoundSums
 from armgate.links.rsi.probe.size import ProbeSize, probe_size
 
-if TYPE_CHECKING:  # a setup is checked by the size of its probe
+if TYPE_CHECKING:  # `setup` imports this package, to check the size of the probe
     from armgate.links.rsi.setup import Setup
 
 _STILL = 8
-"""Telegrams for which the position of a robot at rest stays the same."""
+"""Number of successive telegrams in which the position has to stay the same for a robot at rest."""
 _TAIL, _REST = 0.001, 0.1
 """Largest motion within these telegrams at rest, and the same for continuous noise, in amplitudes."""
 _NOISE = 0.02
 """Largest motion of a robot at rest for which a reference is kept, in tolerances."""
 _NOISY = 128
-"""Telegrams after which continuous motion counts as noise."""
+"""Number of telegrams after which continuous motion counts as noise."""
 _TIMEOUT = 30.0
 """Longest time of the probe, s."""
 _MOVED = 0.8
-"""Distance between the starts of two rounds above which a robot has not come back, in amplitudes."""
+"""Distance from the start of the first round above which a robot has not come back, in amplitudes."""
 _BALANCED = 3
 """Base of the numeral system in which axes are numbered, with digits -1, 0 and 1."""
 
@@ -147,7 +147,7 @@ class Probe:
         self._signs = [(1,) * count, *zip(*self.codes, strict=True)]
         wave = [math.sin(math.pi * k / self._size.half) for k in range(2 * self._size.half)]
         added = [*(math.fsum(wave[: k + 1]) for k in range(len(wave) - 1)), 0.0]
-        # Commanded offsets, in amplitudes. In the first round they are the same corrections in either mode.
+        # Commanded offsets, in amplitudes. In the first round they give the same corrections in either mode.
         self._forms = [added if setup.relative else wave, *[added] * rounds]
         extent = math.fsum(map(abs, wave))
         self._evaluation = Evaluation(setup, self._size.amplitude, self.codes, math.fsum(added), extent)
@@ -253,12 +253,12 @@ class Probe:
         return self._rest.rests(q, learn=self.stage is Stage.RESTING)
 
     def _begin_round(self) -> str | None:
-        """Begin a round if the robot is measured where it was before the last round; else object."""
+        """Begin a round if the robot has returned to its position before the first round; else object."""
         self._origin = self._rest.mean()
         self._home = self._home or self._origin
         objection = self._not_back()
         self._go(Step.RESTED if objection is None else Step.DECIDED)
-        self._sent = 1  # the first one is zero
+        self._sent = 1  # the first correction is zero, and need not be sent
         self._last, self._held = self._origin, 0.0
         self._areas, self._extents = [0.0] * len(self._origin), [0.0] * len(self._origin)
         return objection

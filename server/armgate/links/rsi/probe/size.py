@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from armgate.events import Joints
 from armgate.links.rsi.axes import Axis
 
-if TYPE_CHECKING:  # a setup is checked by the size of its probe
+if TYPE_CHECKING:  # `setup` imports this package, to check the size of the probe
     from armgate.links.rsi.setup import Setup
 
 _EXCURSION = {False: math.radians(0.1), True: 1e-4}
@@ -16,7 +16,7 @@ _EXCURSION = {False: math.radians(0.1), True: 1e-4}
 _UNREST = {False: math.radians(1e-4), True: 1e-7}
 """Assumed motion of a robot at rest, below which finer telegrams do not help (rad; m)."""
 _SHORTEST, _LONGEST = 4, 64
-"""Telegrams in half a wave."""
+"""Smallest and largest number of telegrams in half a wave."""
 _VISIBLE, _BARELY = 25.0, 8.0
 """Wanted amplitude, and smallest usable one, in steps of the telegrams' last decimal."""
 
