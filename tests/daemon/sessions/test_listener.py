@@ -101,7 +101,7 @@ async def test_connections_in_all_are_bounded_and_a_closed_one_frees_its_place()
         house.admit(3)
         await house.connect(1)
         await house.seated(4)
-        assert ["3 connections already" in text for text in house.refusals] == [True]
+        assert ["all 3 places for connections are taken" in text for text in house.refusals] == [True]
         house.clients[0].close()
         await until(lambda: house.lost == 1)
         await house.connect(1)
