@@ -32,7 +32,7 @@ def test_a_path_for_its_robot_is_accepted(description: Description) -> None:
     assert check_path(swing(), description, "GR").name == "GR"
 
 
-def test_wrong_robots_joints_limits_and_speeds_are_named(description: Description) -> None:
+def test_an_unsuitable_path_is_refused_with_the_robot_joint_limit_or_speed(description: Description) -> None:
     with pytest.raises(UsageError, match="no robot 'XR'; it has FR, GR"):
         check_path(swing(), description, "XR")
     with pytest.raises(
@@ -58,7 +58,7 @@ def test_bounds_come_from_the_description(description: Description) -> None:
     assert bounds.period == T
 
 
-class Held:
+class HeldRobot:
     """Robot that plays the increments that it receives, one per tick; ``admit`` may change them."""
 
     def __init__(self, n: int, admit: Any = lambda dq, _tick: dq) -> None:
@@ -89,7 +89,7 @@ class SignalLog:
 
 
 def driven(
-    description: Description, robot: Held, interrupt: Interrupt | None = None
+    description: Description, robot: HeldRobot, interrupt: Interrupt | None = None
 ) -> tuple[str, SignalLog, list[str]]:
     shared, lines = SignalLog(), []
     playback = Playback(swing(), bounds_of(description.robots[1]))
@@ -98,17 +98,17 @@ def driven(
 
 
 def test_the_leader_shares_its_progress_and_ends_at_rest(description: Description) -> None:
-    ended, shared, lines = driven(description, Held(3))
+    ended, shared, lines = driven(description, HeldRobot(3))
     assert ended == "2.0 s of the path played, at rest"
     assert shared.progress[-1] == 1.0
     assert shared.progress == sorted(shared.progress)
     assert lines == []
 
 
-def test_the_leader_reports_when_the_gate_holds_the_path_up(description: Description) -> None:
+def test_the_leader_reports_when_the_gate_delays_its_path(description: Description) -> None:
     blocked = range(60, 160)
     ended, shared, lines = driven(
-        description, Held(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq)
+        description, HeldRobot(3, lambda dq, tick: np.zeros(3) if tick in blocked else dq)
     )
     assert [line.split(" at")[0].split(" from")[0] for line in lines] == ["path held", "path continues"]
     assert "a tank is in the way" in lines[0]
@@ -117,7 +117,7 @@ def test_the_leader_reports_when_the_gate_holds_the_path_up(description: Descrip
 
 
 def test_an_interrupted_leader_comes_to_rest(description: Description) -> None:
-    interrupt, robot = Interrupt(), Held(3)
+    interrupt, robot = Interrupt(), HeldRobot(3)
     speeds: list[float] = []
 
     def admit(dq: np.ndarray, tick: int) -> np.ndarray:

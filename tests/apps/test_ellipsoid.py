@@ -42,7 +42,7 @@ def test_the_rows_of_a_planar_arm_are_those_of_its_plane(planar: Cell, demo: Cel
     assert moving_rows(demo.robot("FR").model, "tool0") == ("x", "y", "z")
 
 
-def test_self_motion_goes_from_end_to_end(planar: Cell) -> None:
+def test_a_self_motion_extends_from_joint_limit_to_joint_limit(planar: Cell) -> None:
     motion = motion_of(planar, None, None, None, self_motion=True)
     model, start = motion.model, np.array(planar.robots[0].start)
     place = model.frame(start, "tool0").t
@@ -55,7 +55,9 @@ def test_self_motion_goes_from_end_to_end(planar: Cell) -> None:
         assert np.minimum(end - low, high - end).min() < 0.03
 
 
-def test_positions_are_evenly_apart_and_a_closed_motion_has_no_last_one(planar: Cell, tmp_path: Path) -> None:
+def test_positions_are_evenly_spaced_and_a_closed_motion_does_not_repeat_its_start(
+    planar: Cell, tmp_path: Path
+) -> None:
     line = np.linspace([0.0, 0.1, 0.2], [1.0, 0.6, -0.4], 101) ** 1.0
     motion = motion_of(planar, "P", None, path_file(tmp_path, line), self_motion=False)
     picked = motion.pick(5)
@@ -132,7 +134,7 @@ def test_the_command_draws_the_planar_arm_by_default(
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "text"),
     [
         ({"name": "XR"}, "no robot 'XR'; it has P"),
         ({"frame": "nose"}, "has no moving frame 'nose'; it has link_1"),
@@ -141,11 +143,11 @@ def test_the_command_draws_the_planar_arm_by_default(
     ],
 )
 def test_options_that_do_not_fit_the_cell_are_wrong_usage(
-    planar: Cell, change: dict[str, object], said: str
+    planar: Cell, change: dict[str, object], text: str
 ) -> None:
-    asked = {"name": None, "frame": None, "path": None, "self_motion": False, **change}
-    with pytest.raises(UsageError, match=said):
-        motion_of(planar, **asked)
+    options = {"name": None, "frame": None, "path": None, "self_motion": False, **change}
+    with pytest.raises(UsageError, match=text):
+        motion_of(planar, **options)
 
 
 def test_a_path_of_another_robot_is_wrong_use(planar: Cell, tmp_path: Path) -> None:

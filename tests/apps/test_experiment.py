@@ -1,4 +1,4 @@
-"""Experiments without the stack: files, paths, starts, figures, claims, pages."""
+"""Experiments without running processes: files, paths, starts, figures, claims, pages."""
 
 import json
 from pathlib import Path
@@ -26,7 +26,7 @@ from armgate.apps.stack.run_folder import write_series
 from armgate.cell.errors import ConfigError
 
 T = 0.012
-ATTACKED = "link_1"  # by an even multiple of 1/8
+ATTACKED = "link_1"  # link that the leader approaches with the first seed
 MIDDLE, HALF = np.array([2.0, 0.0, 1.0]), np.array([0.3, 0.7, 0.35])
 
 
@@ -73,7 +73,7 @@ def test_a_trial_becomes_processes_and_files(scene: Scene, tmp_path: Path) -> No
     assert moved.follower.config.link.lag == 0.12
 
 
-def test_in_a_pursuit_the_leader_begins_where_a_dash_does(scene: Scene, tmp_path: Path) -> None:
+def test_a_pursuit_starts_where_the_dash_with_the_same_seed_starts(scene: Scene, tmp_path: Path) -> None:
     found = trials(load_experiment(default_file("experiments/collision.yaml")), scene, seeds=1)
     dashed, pursued = (next(t for t in found if t.case == f"{kind}-0.5") for kind in ("dash", "pursuit"))
     assert dashed.path is not None
@@ -108,7 +108,7 @@ def test_the_joystick_moves_the_tool_smoothly_within_its_box(speed: float) -> No
         np.testing.assert_array_equal(path, joystick(seed, speed, MIDDLE, HALF, seconds=20.0, period=T))
 
 
-def test_a_dash_is_straight_and_as_long_as_wanted(scene: Scene) -> None:
+def test_a_dash_is_straight_and_has_the_requested_length(scene: Scene) -> None:
     low, high = scene.reach()
     begin, end = dash(np.array([0.5, 0.2, 0.9]), 3, 2.5, low, high)
     assert np.linalg.norm(end - begin) == pytest.approx(2.5)
@@ -147,7 +147,7 @@ def test_an_approach_that_rises_or_does_not_settle_is_detected() -> None:
     assert bad["settled_s"] is None
 
 
-def test_a_tour_counts_from_two_seconds_until_the_stick_is_released() -> None:
+def test_errors_of_a_tour_count_from_two_seconds_until_the_joystick_is_released() -> None:
     time = 0.01 * np.arange(400)
     angle = np.radians(np.where(time < 1.9, 90.0, np.where(time > 2.05, 45.0, 3.0)))
     assert evaluate(Trial("slow", 0, 0.0), observed(angle_error_rad=angle)) == {"moving_rms_deg": None}
@@ -155,7 +155,7 @@ def test_a_tour_counts_from_two_seconds_until_the_stick_is_released() -> None:
     assert evaluate(Trial("slow", 0, 0.0), longer)["moving_rms_deg"] > 45.0
 
 
-def test_in_a_dash_the_angle_counts_except_while_the_gate_or_13_acts() -> None:
+def test_the_angle_in_a_dash_counts_unless_the_gate_or_the_emergency_mode_acts() -> None:
     time = 0.01 * np.arange(400)
     peak = np.where(np.abs(time - 3.0) < 0.1, np.radians(5.0), 0.0)
     trial = Trial("dash-0.5", 0, 0.03)
@@ -166,7 +166,7 @@ def test_in_a_dash_the_angle_counts_except_while_the_gate_or_13_acts() -> None:
     assert (excused["free_angle_deg"], excused["follower_refused"]) == (0.0, True)
 
 
-def test_while_zooming_the_distance_counts_without_recent_repulsion() -> None:
+def test_the_distance_during_a_zoom_counts_only_without_recent_repulsion() -> None:
     time = 0.01 * np.arange(400)
     pushed = (time > 2.1) & (time < 2.5)
     found = evaluate(
@@ -217,7 +217,7 @@ def test_prediction_is_compared_seed_by_seed() -> None:
 
 
 @pytest.mark.parametrize(("refused", "holds"), [(4, True), (5, False)])
-def test_a_tenth_of_the_dashes_may_refuse_the_follower(refused: int, holds: bool) -> None:
+def test_the_follower_may_be_refused_in_a_tenth_of_the_dashes(refused: int, holds: bool) -> None:
     assert holding(claims("collision", dashed(refused, 40)), "follower is refused") is holds
 
 
@@ -234,7 +234,7 @@ def test_claims_of_every_run() -> None:
     assert [row.holds for row in claims("collision", dashed(0, 2))[-3:]] == [True, True, True]
 
 
-def test_cases_are_summed_up() -> None:
+def test_the_runs_of_a_case_are_aggregated() -> None:
     sums = aggregate([entry("slow"), entry("slow", min_clearance_m=0.1), entry("fast")])
     assert list(sums) == ["slow", "fast"]
     assert (sums["slow"]["runs"], sums["slow"]["min_clearance_m"]) == (2, 0.1)
@@ -294,7 +294,7 @@ def test_the_initial_angle_does_not_hide_the_later_one(tmp_path: Path) -> None:
             "1 of 3 runs, then: the daemon was killed",
         ),
     ],
-    ids=["asked", "asked between runs", "died"],
+    ids=["interrupted in a run", "interrupted between runs", "failed"],
 )
 def test_finished_runs_are_evaluated_after_any_end(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: BaseException | None, ended: str

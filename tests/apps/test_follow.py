@@ -77,7 +77,7 @@ class Connection:
         self.shared.append((name, value))
 
 
-class Held:
+class HeldRobot:
     """Robot FR without lag; GR stands still, except for a motion from tick 20 to 40."""
 
     def __init__(self, built: BuiltCell, progress: Any, zoom: Any = None) -> None:
@@ -120,7 +120,7 @@ def followed(
     zoom: Any = None,
     owner: str = "l",
 ) -> Any:
-    cell, robot = Connection(built), Held(built, progress, zoom)
+    cell, robot = Connection(built), HeldRobot(built, progress, zoom)
     robot.owner = owner
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     try:
@@ -206,9 +206,9 @@ def test_the_follower_shares_its_measured_errors(built: BuiltCell) -> None:
     assert newest["follow.distance_error"][0] == pytest.approx(distance, abs=1e-6)
 
 
-@pytest.mark.parametrize("nonsense", [0.0, -1.0, 0.049, 1e300])
-def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, nonsense: float) -> None:
-    zooms = [None, 1.1, nonsense, 1.2, None]
+@pytest.mark.parametrize("invalid", [0.0, -1.0, 0.049, 1e300])
+def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, invalid: float) -> None:
+    zooms = [None, 1.1, invalid, 1.2, None]
     _, cell, _ = followed(built, lambda tick: None, duration=0.6, zoom=lambda tick: zooms[min(tick // 10, 4)])
     assert [value[0] for name, value in cell.shared if name == "follow.distance"] == [1.0, 1.1, 1.2, 1.0]
 
@@ -222,7 +222,7 @@ def test_duration_and_interrupt_end_the_follower(built: BuiltCell) -> None:
     assert followed(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
 
 
-def test_a_leader_that_leaves_early_is_reported_at_rest(built: BuiltCell) -> None:
+def test_a_leader_that_disconnects_early_is_reported_after_the_follower_is_at_rest(built: BuiltCell) -> None:
     ended, _, robot = followed(built, lambda tick: tick / 100 if tick < 30 else None)
     assert ended == "FR is at rest: the leader disconnected at 29 % of its path"
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
@@ -252,18 +252,18 @@ def test_only_the_holder_of_the_leaders_robot_sets_the_progress(built: BuiltCell
     assert ended == "duration has passed, at rest"
 
 
-@pytest.mark.parametrize("strange", [-1.0, 1.0000001, 1e300])
-def test_a_progress_out_of_range_keeps_the_last_one(strange: float) -> None:
+@pytest.mark.parametrize("invalid", [-1.0, 1.0000001, 1e300])
+def test_a_progress_out_of_range_keeps_the_last_one(invalid: float) -> None:
     watched = Progress()
     assert watched.ending(shared("leader", 0.4), "leader") is None
-    assert watched.ending(shared("leader", strange), "leader") is None
+    assert watched.ending(shared("leader", invalid), "leader") is None
     assert watched.value == 0.4
     assert watched.ending(shared("leader", 1.0), "leader") == "the leader's path is finished"
 
 
 @pytest.mark.parametrize("code", ["signal_owned", "too_many_signals", "forbidden"])
 def test_refused_signals_are_reported_once_and_end_no_motion(built: BuiltCell, code: str) -> None:
-    cell, robot = Connection(built), Held(built, lambda tick: None)
+    cell, robot = Connection(built), HeldRobot(built, lambda tick: None)
     cell.refusal = Refused(Error(code=code, text="no", fatal=False))
     loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
     sharing = SharedSignals(cell, cell.lines.append)  # type: ignore[arg-type]

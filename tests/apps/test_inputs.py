@@ -47,7 +47,7 @@ def test_terminal_input_is_read_as_keys():
     assert [*keys_in(b"\x1b[5~")] == ["unknown"]
 
 
-def test_a_key_moves_for_a_moment_and_then_the_robot_rests(keys, clock):
+def test_a_key_moves_the_robot_for_a_limited_time(keys, clock):
     assert keys.request() == MotionRequest()
     keys.press("+")
     motion = keys.request().motion

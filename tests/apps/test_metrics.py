@@ -18,7 +18,7 @@ Make = Callable[..., State]
 T = 0.012
 
 
-def seen_of(states: Iterable[State]) -> Observation:
+def observation_of(states: Iterable[State]) -> Observation:
     seen = Observation("FR")
     for state in states:
         seen.take(state)
@@ -26,8 +26,8 @@ def seen_of(states: Iterable[State]) -> Observation:
 
 
 def approach(make: Make, ticks: int = 400) -> Observation:
-    """Return an observation: 10° at first, in the band from tick 50 on, 0.5° and 3 mm after that."""
-    return seen_of(
+    """Return an observation: 10° and 50 mm before tick 50, then 0.5° and −3 mm, which is in the band."""
+    return observation_of(
         make(k, angle=10.0 if k < 50 else 0.5, distance=0.05 if k < 50 else -0.003, progress=k / ticks)
         for k in range(ticks)
     )
@@ -45,7 +45,7 @@ def test_leaving_the_band_restarts_the_second_and_five_seconds_end_the_transient
     assert transient_end(time, restless) == pytest.approx(5.0)
 
 
-def test_time_counts_from_the_followers_first_value_and_nothing_is_over_without_one() -> None:
+def test_time_counts_from_the_followers_first_value_and_without_one_the_transient_never_ends() -> None:
     time = np.arange(1000) * 0.01
     angle = np.where(time < 2.0, np.nan, 0.0)
     assert transient_end(time, angle) == pytest.approx(3.0)
@@ -68,13 +68,13 @@ def test_figures_cover_the_time_after_the_transient(make_state: Make) -> None:
 def test_a_violated_claim_is_reported(make_state: Make) -> None:
     states = [make_state(k, angle=0.1) for k in range(200)]
     states.append(make_state(200, angle=1.2, distance=-0.021, least=0.049, late=2))
-    metrics = compute(seen_of(states), 0.05, 1.0, True)
+    metrics = compute(observation_of(states), 0.05, 1.0, True)
     assert metrics["holds"] == {"angle": False, "distance": False, "clearance": False, "in_time": False}
     assert metrics["late_commands"] == 4  # of both robots
 
 
 def test_a_run_too_short_to_decide(make_state: Make, tmp_path: Path) -> None:
-    metrics = compute(seen_of([make_state(0, angle=None)]), 0.05, 0.0, False)
+    metrics = compute(observation_of([make_state(0, angle=None)]), 0.05, 0.0, False)
     assert metrics["angle_error_deg"] == {"max": None, "rms": None}
     assert metrics["holds"]["angle"] is None
     assert metrics["realtime_factor"] is None
@@ -97,28 +97,28 @@ def test_missed_states_are_counted_and_warnings_kept_once(make_state: Make) -> N
         make_state(2, warnings=("gap", "1 late")),
         make_state(6, warnings=("2 late", "gap")),
     ]
-    seen = seen_of(states)
+    seen = observation_of(states)
     assert seen.missed == {"FR": 3}
     assert seen.warnings == ["gap", "2 late"]
     assert len(seen.rows) == 3
 
 
-def test_states_of_the_other_robot_make_no_rows(make_state: Make) -> None:
-    assert seen_of([make_state(1, robot="GR"), make_state(1)]).rows[0][0] == 0.0
-    assert len(seen_of([make_state(1, robot="GR"), make_state(1)]).rows) == 1
+def test_states_of_other_robots_add_no_rows(make_state: Make) -> None:
+    assert observation_of([make_state(1, robot="GR"), make_state(1)]).rows[0][0] == 0.0
+    assert len(observation_of([make_state(1, robot="GR"), make_state(1)]).rows) == 1
 
 
 def test_distances_within_one_robot_do_not_count_as_clearance(make_state: Make) -> None:
     near = (("FR/link_1", "FR/link_4", 0.01, 0.02), ("GR/link_6", "floor", 0.2, 0.05))
-    seen = seen_of([make_state(1, near=near)])
+    seen = observation_of([make_state(1, near=near)])
     assert seen.nearest == (0.2, ("GR/link_6", "floor"))
     assert same_robot(("FR/a", "FR/b"))
     assert not same_robot(("FR/a", "floor"))
     assert not same_robot(("floor", "floor"))
 
 
-def test_a_signal_outlives_its_owner_in_the_picture_but_not_in_the_series(make_state: Make) -> None:
-    seen = seen_of([make_state(1, angle=2.0), make_state(2, angle=None)])
+def test_the_picture_keeps_a_signal_without_an_owner_and_the_series_does_not(make_state: Make) -> None:
+    seen = observation_of([make_state(1, angle=2.0), make_state(2, angle=None)])
     assert seen.scalar("follow.angle_error") == pytest.approx(math.radians(2.0))
     assert math.isnan(columns(seen.rows)["angle_error_rad"][-1])
 
@@ -131,7 +131,7 @@ def test_the_series_file_has_all_columns(make_state: Make, tmp_path: Path) -> No
     assert lines[2].startswith("0.012,")
 
 
-def test_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_run_folder_is_created_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     folder = make_folder(None)
     assert folder.parent == Path("runs")

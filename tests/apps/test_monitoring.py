@@ -27,7 +27,7 @@ def test_a_violation_ends_a_run_at_once_with_its_text(tmp_path):
         _goes_on(children, Printed(monitoring.MONITOR, VIOLATED))
 
 
-def test_a_monitor_that_ends_before_the_run_does_fails_it(tmp_path):
+def test_a_run_fails_if_its_monitor_ends_first(tmp_path):
     with Children(tmp_path) as children:
         children.log(monitoring.MONITOR).write_text("no connection\n")
         with pytest.raises(AppError, match="the monitor ended"):
@@ -38,7 +38,7 @@ def test_a_line_of_another_child_is_not_a_violation():
     assert monitoring.violation_error(Printed("viewer", VIOLATED)) is None
 
 
-def test_a_violation_explains_the_end_of_a_child_before_it(tmp_path):
+def test_a_pending_violation_is_reported_instead_of_the_end_of_another_child(tmp_path):
     with Children(tmp_path) as children:
         children.log("follower").write_text("stopped\n")
         children.events.put(Printed(monitoring.MONITOR, VIOLATED))
@@ -60,20 +60,20 @@ def audited(folder, code: str, monkeypatch, *events):
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "text"),
     [
         ("print('armgate: monitor: 9 states, no violations')", None),
         (f"print({VIOLATED!r}); raise SystemExit(1)", "FR/link_3 and post are 48 mm apart"),
         ("raise SystemExit('the recording breaks off')", r"ended \(1\): the recording breaks off"),
     ],
 )
-def test_an_audit_fails_a_run_if_it_finds_something_or_fails_itself(tmp_path, monkeypatch, code, said):
+def test_a_run_fails_if_its_audit_finds_a_violation_or_fails(tmp_path, monkeypatch, code, text):
     done, error = audited(tmp_path, code, monkeypatch)
     assert done
-    if said is None:
+    if text is None:
         assert error is None
     else:
-        with pytest.raises(AppError, match=said):
+        with pytest.raises(AppError, match=text):
             raise error
 
 

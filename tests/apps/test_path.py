@@ -95,7 +95,7 @@ def path_of(q: np.ndarray, period: float = 0.05) -> RecordedPath:
 
 @settings(deadline=None)
 @given(samples)
-def test_the_path_passes_its_samples_and_stays_between_neighbours(q: np.ndarray) -> None:
+def test_the_path_passes_through_its_samples_and_stays_between_neighbours(q: np.ndarray) -> None:
     path = path_of(q)
     for i, row in enumerate(q):
         np.testing.assert_allclose(path.at(i * path.period), row, atol=1e-9)
@@ -130,7 +130,7 @@ def test_the_path_rests_at_both_ends_and_beyond(q: np.ndarray) -> None:
     np.testing.assert_allclose(path.at(path.duration + 1.0), q[-1], atol=1e-12)
 
 
-def test_a_straight_line_at_constant_speed_stays_one() -> None:
+def test_samples_of_a_uniform_straight_motion_are_interpolated_linearly() -> None:
     q = np.linspace([0.0, 1.0], [1.0, -1.0], 11)
     path = path_of(q, 0.1)
     np.testing.assert_allclose(path.at(0.333), [0.333, 1.0 - 0.666], atol=1e-12)

@@ -1,4 +1,4 @@
-"""The leader plays its path within its bounds, waits when the gate holds it up, and ends at rest."""
+"""The leader plays its path within its bounds, waits if the gate refuses increments, and ends at rest."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ class Robot:
     def __init__(self, q: np.ndarray) -> None:
         self.setpoint, self.last, self.played = q.copy(), np.zeros_like(q), []
 
-    def step(self, playback: Playback, gate=lambda wish, last: wish) -> None:
+    def step(self, playback: Playback, gate=lambda dq, last: dq) -> None:
         dq = gate(playback.step(self.setpoint, self.last), self.last)
         self.setpoint, self.last = self.setpoint + dq, dq
         self.played.append(dq)
@@ -91,7 +91,8 @@ def test_the_robot_first_moves_to_the_start_slowly_and_straight() -> None:
     u = np.diff(places, axis=0)
     assert np.all(np.abs(u) <= SLOW * BOUNDS.increment + 1e-9)
     off_line = np.array(places) @ np.array([0.3, 0.4])  # direction to the start: (-0.4, 0.3)
-    np.testing.assert_allclose(off_line, 0.0, atol=2e-3)  # up to the joints' own accelerations
+    # Small deviations occur because the acceleration is limited joint by joint.
+    np.testing.assert_allclose(off_line, 0.0, atol=2e-3)
     robot.run(playback)
     within_bounds(robot.played)
 
@@ -102,7 +103,7 @@ def test_the_path_waits_while_the_gate_refuses_and_then_continues() -> None:
     for _ in range(120):
         robot.step(playback)
     for _ in range(300):
-        robot.step(playback, lambda _wish, last: BOUNDS.braking(last))
+        robot.step(playback, lambda _dq, last: BOUNDS.braking(last))
     assert playback.waiting
     held = playback.time
     assert np.max(np.abs(robot.setpoint - path.at(held)) / BOUNDS.velocity) < 0.25

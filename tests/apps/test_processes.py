@@ -48,7 +48,7 @@ def test_next_returns_none_after_the_timeout(children: Children) -> None:
     assert children.next(0.0) is None
 
 
-def test_signals_reach_only_the_named_and_running(children: Children) -> None:
+def test_signals_reach_only_named_and_running_children(children: Children) -> None:
     for name in ("one", "two"):
         children.start(name, [*PYTHON, "import signal; print('ready'); signal.pause()"])
         expect(children, Printed)
@@ -88,11 +88,11 @@ def test_an_event_from_a_signal_handler(children: Children) -> None:
 
 
 def test_children_become_real_time_processes_if_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    monkeypatch.setattr(os, "sched_setscheduler", lambda *how: asked.append(how))
+    calls = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *how: calls.append(how))
     child.set_priority(0)
     child.set_priority(7)
-    ((_, policy, param),) = asked
+    ((_, policy, param),) = calls
     assert policy == os.SCHED_RR | os.SCHED_RESET_ON_FORK
     assert param.sched_priority == 7
 
@@ -103,12 +103,12 @@ def test_children_become_real_time_processes_if_allowed(monkeypatch: pytest.Monk
     child.set_priority(7)
 
 
-@pytest.mark.parametrize(("asked", "status"), [(False, 0), (True, child.INTERRUPTED)])
+@pytest.mark.parametrize(("requested", "status"), [(False, 0), (True, child.INTERRUPTED)])
 def test_a_child_reports_that_a_signal_ended_it(
-    monkeypatch: pytest.MonkeyPatch, asked: bool, status: int
+    monkeypatch: pytest.MonkeyPatch, requested: bool, status: int
 ) -> None:
     monkeypatch.setattr(child, "main", lambda _: sys.exit(0))
-    monkeypatch.setattr(Interrupt, "ever_requested", asked)
+    monkeypatch.setattr(Interrupt, "ever_requested", requested)
     with pytest.raises(SystemExit) as end:
         child.run_command(["lead"])
     assert end.value.code == status

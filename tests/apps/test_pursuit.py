@@ -32,9 +32,9 @@ def test_the_tool_reaches_the_body_at_its_speed_and_keeps_its_orientation(cell: 
     posture, speeds = gr.model.frame(setpoint, gr.tool).R, []
     for k in range(500):
         q[0] = 0.3 * np.sin(0.5 * k * T)  # the body moves away
-        wish = pursuit.request(RobotState(k * T, setpoint, setpoint, {"FR": q}))
-        assert wish.motion is not None
-        last = steering.step(wish.motion, setpoint, last)
+        request = pursuit.request(RobotState(k * T, setpoint, setpoint, {"FR": q}))
+        assert request.motion is not None
+        last = steering.step(request.motion, setpoint, last)
         before = gr.model.frame(setpoint, gr.tool).t
         setpoint = setpoint + last
         speeds.append(np.linalg.norm(gr.model.frame(setpoint, gr.tool).t - before) / T)
@@ -47,8 +47,8 @@ def test_the_tool_reaches_the_body_at_its_speed_and_keeps_its_orientation(cell: 
 def test_a_pursuit_rests_while_the_target_is_unknown(cell: Cell) -> None:
     gr = cell.robot("GR")
     pursuit = Pursuit(TargetBody.of("FR", "shoulder", cell.robot("FR").model), gr.model, gr.tool)
-    wish = pursuit.request(RobotState(0.0, gr.start, gr.start))
-    assert (wish.motion, wish.ended) == (None, "")
+    request = pursuit.request(RobotState(0.0, gr.start, gr.start))
+    assert (request.motion, request.ended) == (None, "")
 
 
 def test_an_unknown_body_to_pursue_is_named(cell: Cell) -> None:

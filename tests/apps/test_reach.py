@@ -33,7 +33,7 @@ def planar() -> Cell:
 
 @pytest.fixture(scope="module")
 def connected(planar: Cell) -> Any:
-    """Connection for building: the description of the planar cell, and its URDF."""
+    """Return a connection with the description of the planar cell and its URDF."""
     robot = planar.robots[0]
     joints = [
         {
@@ -67,14 +67,14 @@ def connected(planar: Cell) -> Any:
 
 
 def goal(**change: Any) -> Goal:
-    asked = {
+    values = {
         "frame": None, "rows": ("x", "y"), "xyz": (0.3, 0.7, 0.5), "rpy_deg": None, "tuning": Tuning(),
         "objectives": (), "clear": 0.3, **change,
     }  # fmt: skip
-    return Goal(**asked)
+    return Goal(**values)
 
 
-class Held:
+class HeldRobot:
     """Robot that plays the increments that it receives, one per tick; ``admit`` may change them."""
 
     def __init__(self, q: np.ndarray, admit: Any = lambda dq: dq) -> None:
@@ -103,7 +103,7 @@ class SignalLog:
         self.errors.append(value)
 
 
-def go(arm: Arm, held: Held, **change: Any) -> tuple[Done, SignalLog]:
+def go(arm: Arm, held: HeldRobot, **change: Any) -> tuple[Done, SignalLog]:
     log = SignalLog()
     options = {"tolerance": 1e-3, "duration": 30.0, **change}
     return drive(
@@ -116,7 +116,7 @@ START = np.radians([0.0, 45.0, 45.0])
 
 def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) -> None:
     arm = build(connected, "P", goal())
-    held = Held(START)
+    held = HeldRobot(START)
     done, log = go(arm, held)
     assert done.reached is True
     done.check("P")
@@ -131,7 +131,7 @@ def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) ->
 
 def test_without_a_target_the_frame_stays_while_an_objective_moves_the_arm(connected: Any) -> None:
     arm = build(connected, "P", goal(xyz=None, objectives=("limits",)))
-    done, log = go(arm, Held(START))
+    done, log = go(arm, HeldRobot(START))
     assert done.reached is True
     assert max(log.errors) < 1e-3
     assert np.abs(done.setpoints[-1] - START).max() > 0.05
@@ -140,25 +140,25 @@ def test_without_a_target_the_frame_stays_while_an_objective_moves_the_arm(conne
 
 def test_a_refused_robot_is_stuck_and_the_reason_is_reported(connected: Any) -> None:
     arm = build(connected, "P", goal())
-    done, _ = go(arm, Held(START, admit=np.zeros_like))
+    done, _ = go(arm, HeldRobot(START, admit=np.zeros_like))
     assert done.reached is False
     with pytest.raises(AppError, match=r"P: stuck .* a post is in the way, at rest"):
         done.check("P")
 
 
-def test_a_target_out_of_reach_times_out(connected: Any) -> None:
-    done, _ = go(build(connected, "P", goal(xyz=(3.0, 0.0, 0.5))), Held(START))
+def test_a_target_out_of_reach_is_reported_as_stuck(connected: Any) -> None:
+    done, _ = go(build(connected, "P", goal(xyz=(3.0, 0.0, 0.5))), HeldRobot(START))
     assert done.reached is False
     assert done.text.startswith("stuck 1.8")
 
 
-def test_the_duration_ends_the_follower(connected: Any) -> None:
-    done, _ = go(build(connected, "P", goal()), Held(START), duration=0.5)
+def test_the_motion_ends_after_its_duration(connected: Any) -> None:
+    done, _ = go(build(connected, "P", goal()), HeldRobot(START), duration=0.5)
     assert (done.reached, done.text.startswith("timeout")) == (False, True)
 
 
 def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(connected: Any) -> None:
-    interrupt, held = Interrupt(), Held(START)
+    interrupt, held = Interrupt(), HeldRobot(START)
 
     def admit(dq: np.ndarray) -> np.ndarray:
         interrupt.requested = len(held.sent) > 50
@@ -220,14 +220,14 @@ def test_every_objective_moves_the_arm_in_the_null_space(connected: Any, name: s
 
 
 def test_obstacles_are_the_surroundings_at_their_places(connected: Any, planar: Cell) -> None:
-    """Stretched along x, the arm's tip ends 0.9 + 0.3 from the base; the beam's face is at −0.85."""
+    """Check the arm along x and −x: it is 1.2 m long, and the face of the beam is at x = −0.85 m."""
     objective = away_from_surroundings(planar.robots[0].model, connected.description, 0.3)
     assert objective.least_distance(np.zeros(3)) == pytest.approx(0.5 - 0.05 - 0.04, abs=0.02)
     assert objective.least_distance(np.array([math.pi, 0.0, 0.0])) < 0.0
 
 
 @pytest.mark.parametrize(
-    ("robot", "change", "said"),
+    ("robot", "change", "text"),
     [
         ("XR", {}, "no robot 'XR'; it has P"),
         ("P", {"frame": "nose"}, "there is no frame 'nose'"),
@@ -235,9 +235,9 @@ def test_obstacles_are_the_surroundings_at_their_places(connected: Any, planar: 
     ],
 )
 def test_options_that_do_not_fit_the_cell_are_wrong_usage(
-    connected: Any, robot: str, change: dict[str, Any], said: str
+    connected: Any, robot: str, change: dict[str, Any], text: str
 ) -> None:
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=text):
         build(connected, robot, goal(**change))
 
 

@@ -253,7 +253,7 @@ def test_the_demo_refuses_to_move_a_real_robot(tmp_path: Path) -> None:
         robots_of(load_config(files), files, tmp_path)
 
 
-def test_the_socket_is_in_the_runs_folder_under_its_shorter_name(
+def test_the_path_of_a_runs_socket_is_relative_if_that_is_shorter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -28,11 +28,11 @@ def joints(share=1.0):
     return Steering(BOUNDS, LOWER, UPPER, share)
 
 
-def driven(steering, wishes, start=None):
+def driven(steering, motions, start=None):
     """Return increments and setpoints of a robot that plays every increment."""
     setpoint, last, found = np.zeros(N) if start is None else start, np.zeros(N), []
-    for wish in wishes:
-        last = steering.step(wish, setpoint, last)
+    for motion in motions:
+        last = steering.step(motion, setpoint, last)
         setpoint = setpoint + last
         found.append((last, setpoint))
     return found
@@ -46,9 +46,9 @@ phases = st.lists(st.tuples(shares | targets | st.none(), st.integers(1, 60)), m
 @settings(max_examples=60, deadline=None)
 @given(phases, st.floats(0.1, 1.0))
 def test_any_sequence_of_motions_keeps_the_bounds_and_comes_to_rest(phases, share):
-    wishes = [wish for wish, ticks in phases for _ in range(ticks)] + [None] * 60
+    motions = [motion for motion, ticks in phases for _ in range(ticks)] + [None] * 60
     before = np.zeros(N)
-    for dq, setpoint in driven(joints(share), wishes):
+    for dq, setpoint in driven(joints(share), motions):
         assert np.all(np.abs(dq) <= share * BOUNDS.increment + EPS)
         change = np.abs(dq) - np.abs(before)
         slowing = (dq * before >= 0.0) & (change < 0.0)
@@ -92,7 +92,7 @@ def fr():
 
 @pytest.fixture
 def arm(fr):
-    """Steering of the demo cell's follower."""
+    """Return the steering of the demo cell's follower, its task and a start."""
     bounds = Bounds(fr.velocity, fr.acceleration, fr.deceleration, fr.period)
     task = FrameTask(fr.model, fr.tool, ROWS)
     bent = fr.start.copy()
@@ -100,11 +100,11 @@ def arm(fr):
     return Steering(bounds, fr.lower, fr.upper, 1.0, task), task, bent
 
 
-def moved(arm, wish, ticks):
+def moved(arm, motion, ticks):
     steering, _, setpoint = arm
     last = np.zeros(len(setpoint))
     for _ in range(ticks):
-        last = steering.step(wish, setpoint, last)
+        last = steering.step(motion, setpoint, last)
         setpoint = setpoint + last
     return setpoint, last
 
@@ -112,8 +112,8 @@ def moved(arm, wish, ticks):
 @pytest.mark.parametrize("row", range(6))
 def test_the_tool_moves_along_one_row_and_stays_in_the_others(arm, row):
     _, task, start = arm
-    wish = ToolTwist(0.2 * np.eye(6)[row])
-    setpoint, _ = moved(arm, wish, 80)
+    motion = ToolTwist(0.2 * np.eye(6)[row])
+    setpoint, _ = moved(arm, motion, 80)
     error = task.error(start, task.place(setpoint))
     assert error[row] > 0.01
     assert np.all(np.abs(np.delete(error, row)) < 0.1 * error[row])

@@ -23,14 +23,14 @@ def test_distances_stay_within_bounds_and_change_at_their_rate(seed: int) -> Non
 
 
 def test_distances_are_shared_when_they_change_and_each_step_is_passed() -> None:
-    said: list[Any] = []
+    calls: list[Any] = []
     cell: Any = SimpleNamespace(
         subscribe=lambda **_: None,
         states=lambda: (SimpleNamespace(time=5.0 + 0.1 * k) for k in range(1000)),
-        signal=lambda name, value, more: said.append((name, value)),
-        skip=lambda: said.append("skip"),
+        signal=lambda name, value, more: calls.append((name, value)),
+        skip=lambda: calls.append("skip"),
     )
     share(cell, DistanceSchedule(0.5, 1.3, 1.0, 0.1, 3), Interrupt(), duration=3.0)
-    assert said[:3] == [("operator.distance", 1.0), "skip", "skip"]
-    assert said.count("skip") == 30
-    assert 5 < len(said) - 30 < 25
+    assert calls[:3] == [("operator.distance", 1.0), "skip", "skip"]
+    assert calls.count("skip") == 30
+    assert 5 < len(calls) - 30 < 25

@@ -1,7 +1,7 @@
 """Damaged and hostile recordings, made from a complete one: changed bytes, records and JSON fields.
 
-``CASES=10000 python tests/audit/damage.py`` tries that many: every offline tool must refuse each with one
-clear error, or read it.
+``CASES=10000 python tests/audit/damage.py`` tries that number of recordings. Every offline tool must
+either read a recording or refuse it with one clear error.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from pathlib import Path
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from armgate.apps.cli import explain as told
+from armgate.apps.cli import explain as error_text
 from armgate.apps.view.player import Player
 from armgate.apps.view.scene import Scene
 from armgate.audit.explain import explanation, first_refusals, selected_commands
@@ -47,7 +47,7 @@ VALUES = (
 )  # fmt: skip
 
 
-def ask(k):
+def commands(k):
     """Return the commands of a step: A turns into the post, B exceeds its speed."""
     return {"A": (-0.004, 0.0, 0.0), "B": (0.0, 9.0 if k == 20 else 0.0, 0.0)} if k > 2 else {}
 
@@ -59,7 +59,7 @@ def whole(folder: Path) -> Path:
 
     file = folder / "arms.yaml"
     file.write_text(arms_yaml().replace("[0.6, 0.9, 0.5]", "[0.9, 0.0, 0.5]"))
-    record_run(build_cell(load_config([file])), folder / "run", 60, ask).close()
+    record_run(build_cell(load_config([file])), folder / "run", 60, commands).close()
     return _with_states(folder / "run" / NAME, folder / NAME)
 
 
@@ -281,12 +281,12 @@ def use(tool: str, folder: Path) -> None:
 
 
 def attempt(tool: str, folder: Path) -> tuple[str, str | None]:
-    """Run a tool; return its outcome, and a traceback if that is a defect."""
+    """Run a tool; return its outcome, and the traceback or text of a defect."""
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             use(tool, folder)
     except Exception as error:
-        text = told(error)
+        text = error_text(error)
         if text is None:
             return "defect", traceback.format_exc()
         if tool != "recover" and len(text) > 2000:

@@ -42,12 +42,12 @@ async def recorded(folder, **recording):
 async def test_the_log_contains_the_seal_of_a_run(tmp_path):
     out, log = await recorded(tmp_path)
     (closed,) = [line for line in log if line["event"] == "recording.closed"]
-    status, said, err = await run("audit", out)
+    status, text, err = await run("audit", out)
     assert (status, err) == (0, "")
-    assert "hash chain intact" in said
-    assert f"sealed {closed['sha256']}" in said
-    status, said, _ = await run("replay", out)
-    assert (status, "hash chain intact" in said) == (0, True)
+    assert "hash chain intact" in text
+    assert f"sealed {closed['sha256']}" in text
+    status, text, _ = await run("replay", out)
+    assert (status, "hash chain intact" in text) == (0, True)
 
 
 @pytest.mark.slow
@@ -58,10 +58,10 @@ async def test_audit_and_replay_report_a_changed_run(tmp_path):
     data[place.end + 9] ^= 1  # in an index: no message changes
     file.write_bytes(data)
     for command in ("audit", "replay"):
-        status, said, _ = await run(command, out)
+        status, text, _ = await run(command, out)
         assert status == 1
-        assert "hash chain broken" in said
-        assert f"bytes {place.begin} to" in said
+        assert "hash chain broken" in text
+        assert f"bytes {place.begin} to" in text
     status, _, _ = await run("report", out)
     assert status == 0
     assert "broken: " in (out / "report.html").read_text()
@@ -71,9 +71,9 @@ async def test_a_signature_is_verified_against_the_key(tmp_path):
     private, public = keys(tmp_path, "recorder")
     _, other = keys(tmp_path, "other")
     out, _ = await recorded(tmp_path, sign=str(private))
-    status, said, err = await run("audit", out, "--key", public)
+    status, text, err = await run("audit", out, "--key", public)
     assert (status, err) == (0, "")
-    assert "signed with the key" in said
+    assert "signed with the key" in text
     status, _, err = await run("audit", out, "--key", other)
     assert (status, "signed with another key" in err) == (1, True)
     status, _, err = await run("audit", out, "--key", private)
@@ -105,15 +105,15 @@ async def test_a_signed_run_without_its_last_or_first_part_fails(tmp_path):
         recorder.tap(records.tick_items(k)[0][1].event, ())
     recorder.close()
     *_, last = files = sorted((tmp_path / "run").iterdir())
-    status, said, err = await run("audit", tmp_path / "run", "--key", public)
-    assert (status, err, f"in parts 1 to {len(files)}, sealed" in said) == (0, "", True)
+    status, text, err = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, err, f"in parts 1 to {len(files)}, sealed" in text) == (0, "", True)
     last.rename(tmp_path / last.name)
-    status, said, _ = await run("audit", tmp_path / "run", "--key", public)
-    assert (status, f"part {len(files)} is missing; this part is not the last one" in said) == (1, True)
+    status, text, _ = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, f"part {len(files)} is missing; this part is not the last one" in text) == (1, True)
     (tmp_path / last.name).rename(last)
     files[0].unlink()
-    status, said, _ = await run("audit", tmp_path / "run", "--key", public)
-    assert (status, "part 1 is missing" in said) == (1, True)
+    status, text, _ = await run("audit", tmp_path / "run", "--key", public)
+    assert (status, "part 1 is missing" in text) == (1, True)
 
 
 async def recorded_beside(folder):
@@ -152,7 +152,7 @@ async def test_a_recovered_run_has_a_new_chain_without_a_signature(tmp_path):
     file.write_bytes(file.read_bytes()[: scan(file).chunks[-1].begin])
     assert (await run("recover", out))[0] == 0
     assert Recording.open(out).whole
-    status, said, _ = await run("audit", out)
-    assert (status, "hash chain intact" in said, "by armgate recover" in said) == (0, True, True)
+    status, text, _ = await run("audit", out)
+    assert (status, "hash chain intact" in text, "by armgate recover" in text) == (0, True, True)
     status, _, err = await run("audit", out, "--key", public)
     assert (status, "is not signed" in err) == (1, True)

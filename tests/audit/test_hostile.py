@@ -56,7 +56,7 @@ def command(*arguments, memory=None):
 
 
 def refused(ended):
-    """Check that the command ended with one line of error."""
+    """Check that the command ended with a one-line error; return it."""
     assert ended.returncode in (1, 2)
     assert "Traceback" not in ended.stderr
     assert len(ended.stderr.strip().splitlines()) == 1
@@ -66,14 +66,14 @@ def refused(ended):
 # --- memory -----------------------------------------------------------------------------------------------
 
 
-def bomb(file, told, size=1 << 32, form="zstd"):
-    """Return a chunk of zeros that states a size."""
+def bomb(file, stated, size=1 << 32, form="zstd"):
+    """Write a recording whose chunk of ``size`` zeros states the size ``stated``."""
     data = b""
     if form == "zstd":
         packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
         parts = [packer.compress(bytes(1 << 24)) for _ in range(size >> 24)]
         data = b"".join([*parts, packer.flush()])
-    chunk = Chunk(form, data, 1, 0, 0, told)
+    chunk = Chunk(form, data, 1, 0, 0, stated)
     writer = Writer(file)
     writer.start(profile="armgate", library="bomb")
     builder = writer._Writer__record_builder
@@ -83,10 +83,10 @@ def bomb(file, told, size=1 << 32, form="zstd"):
 
 
 @pytest.mark.daily(2)
-@pytest.mark.parametrize("told", [1 << 32, 1000, 0, (1 << 64) - 1])
-def test_a_decompression_bomb_is_rejected_within_bounded_memory(tmp_path, told):
+@pytest.mark.parametrize("stated", [1 << 32, 1000, 0, (1 << 64) - 1])
+def test_a_decompression_bomb_is_rejected_within_bounded_memory(tmp_path, stated):
     with (tmp_path / NAME).open("wb") as file:
-        bomb(file, told)
+        bomb(file, stated)
     assert (tmp_path / NAME).stat().st_size < 1_000_000
     assert "damaged" in refused(command("report", tmp_path, memory=MEMORY))
     with pytest.raises(DamagedError):
@@ -272,11 +272,11 @@ def test_names_are_not_parsed_as_formulas(tmp_path):
                 sink.put(item, time_)
         sink.close()
     content = Content(tmp_path / NAME)
-    crooked = [
+    renamed = [
         type(one)(**vars(one) | {"data": one.data.replace(b'"s":{', b'"$\\\\frac{ \\u202e\\u001b[2J _":{')})
         for one in content.messages
     ]
-    content.write(tmp_path / NAME, crooked, 1 << 20)
+    content.write(tmp_path / NAME, renamed, 1 << 20)
     text = report_page(Recording.open(tmp_path))
     assert "Signals" in text
     assert "\u202e" not in text

@@ -52,7 +52,7 @@ def replayed_events(folder):
 @pytest.mark.parametrize("state", STATES)
 def test_flushed_events_replay_identically_after_a_kill_in_any_state_of_the_writer(killed, state):
     folder, flushed = killed
-    if state != "turn_closed":  # there every file was closed, and no other begun
+    if state != "turn_closed":  # in this case every file was closed, and no new file was begun
         with pytest.raises(TruncatedError, match="armgate recover"):
             Recording.open(folder / state)
     assert replayed_events(folder / state) >= flushed[state] > 0
@@ -74,7 +74,7 @@ def test_a_writer_killed_at_its_start_leaves_nothing_to_recover(killed):
         recover_recording(folder / "start")
 
 
-def test_a_closed_file_that_is_damaged_is_recovered(tmp_path):
+def test_a_file_with_a_damaged_header_is_refused_and_stays_unchanged(tmp_path):
     records.write(tmp_path, range(300))
     file = tmp_path / "recording-0001.mcap"
     content = bytearray(file.read_bytes())
@@ -114,12 +114,12 @@ async def test_the_recording_of_a_killed_daemon_is_recovered_and_replays_identic
         await mover.ended()
         await Raw.close_all()
         await daemon.process.wait()
-    status, said, err = await run("replay", out)
-    assert (status, said) == (1, "")
+    status, text, err = await run("replay", out)
+    assert (status, text) == (1, "")
     assert f"armgate recover {out}" in err
-    status, said, _ = await run("recover", out)
-    assert (status, "recovered" in said) == (0, True)
-    status, said, _ = await run("replay", out)
+    status, text, _ = await run("recover", out)
+    assert (status, "recovered" in text) == (0, True)
+    status, text, _ = await run("replay", out)
     assert status == 0
-    assert "bit for bit" in said
+    assert "bit for bit" in text
     assert (await run("recover", out))[1].strip().endswith("complete, nothing to recover")

@@ -94,20 +94,20 @@ def recorded(folder, lag, **robot):
 
 async def test_the_command_proposes_values(tmp_path):
     recorded(tmp_path, 0.03)
-    status, said, err = await run("lag", tmp_path / "run")
+    status, text, err = await run("lag", tmp_path / "run")
     assert (status, err) == (0, "")
-    assert "J1: lag 30.0" in said
-    assert "lag_difference: 0.90 ms" in said
-    assert "link: {lag: 30.0 ms}" in said
+    assert "J1: lag 30.0" in text
+    assert "lag_difference: 0.90 ms" in text
+    assert "link: {lag: 30.0 ms}" in text
     status, _, err = await run("lag", tmp_path / "run", "--robot", "C")
     assert (status, "the recording has A, B" in err) == (2, True)
 
 
 async def test_the_command_fails_if_the_declared_difference_is_too_small(tmp_path):
     recorded(tmp_path, (0.03, 0.0285, 0.0315), lag_difference=0.0029)
-    status, said, err = await run("lag", tmp_path / "run", "--robot", "A")
+    status, text, err = await run("lag", tmp_path / "run", "--robot", "A")
     assert status == 1
-    assert "lags differ by 3.0" in said
+    assert "lags differ by 3.0" in text
     assert "lag_difference is 2.90 ms, less than the 3.0" in err
     recorded_again = tmp_path / "again"
     recorded_again.mkdir()

@@ -21,7 +21,7 @@ def gaps(folder):
 
 
 def damaged(folder, change, count=200, **how):
-    """Return a recording whose bytes are changed, with the positions of its chunks."""
+    """Write a recording, change its bytes with ``change(data, chunks)``, and return its file."""
     folder.mkdir(exist_ok=True)
     file = records.write(folder, range(count), **how)
     chunks, data = scan(file).chunks, bytearray(file.read_bytes())
@@ -41,7 +41,7 @@ TAILS = {
 @pytest.mark.daily(12)
 @pytest.mark.parametrize("tail", TAILS)
 @pytest.mark.parametrize("length", [1, 9, 40, 2000])
-@pytest.mark.parametrize("instead", [True, False], ids=["over the end", "behind the end"])
+@pytest.mark.parametrize("instead", [True, False], ids=["in place of the end", "after the end"])
 def test_a_damaged_end_is_removed(tmp_path, tail, length, instead):
     bad = TAILS[tail](length)
 
@@ -83,7 +83,7 @@ def test_a_damaged_chunk_in_the_middle_is_skipped_and_counted_in_a_gap(tmp_path,
         list(Recording.open(tmp_path).steps())
 
 
-def test_damage_outside_of_messages_loses_none(tmp_path):
+def test_damage_outside_of_messages_loses_no_message(tmp_path):
     def index(data, chunks):
         data[chunks[5].end : chunks[5].end + 4] = b"\x00\x00\x00\x00"
 
@@ -116,9 +116,9 @@ def test_a_file_that_is_damaged_again_keeps_both_originals(tmp_path):
 
 async def test_the_command_prints_what_was_lost(tmp_path):
     damaged(tmp_path, flip(100))
-    status, said, _ = await run("recover", tmp_path)
+    status, text, _ = await run("recover", tmp_path)
     assert status == 0
-    assert "more were lost by damage and are counted in a gap" in said
-    assert "kept as recording-0001.mcap.damaged" in said
-    status, said, _ = await run("recover", tmp_path)
-    assert (status, said.strip().endswith("complete, nothing to recover")) == (0, True)
+    assert "more were lost by damage and are counted in a gap" in text
+    assert "kept as recording-0001.mcap.damaged" in text
+    status, text, _ = await run("recover", tmp_path)
+    assert (status, text.strip().endswith("complete, nothing to recover")) == (0, True)

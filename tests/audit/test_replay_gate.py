@@ -25,7 +25,7 @@ from gate.scripted_gate import STEP, ScriptedGate, T
 
 
 class Followed:
-    """Gate whose outputs count, and a replay gate with other rules; ``now`` are the outputs of the latter."""
+    """Gate with recorded outputs, and a replay gate that follows them; ``now`` holds its own outputs."""
 
     def __init__(self, then, now):
         self.gate, self.replay, self.now = Gate(then, "s"), ReplayGate(now, "s", compiled=False), []
@@ -49,12 +49,12 @@ def followed(gap=0.2, tolerance=(0.0, 0.0), then=(), now=()):
     return ScriptedGate(cells[0], gate=both), both
 
 
-def assert_followed(both, way=True):
+def assert_followed(both, reservations=True):
     """Check that both gates have the same state of every robot; reservations may differ after a fault."""
     for s, other in zip(both.gate._robots, both.replay._robots, strict=True):
         assert (s.pending, s.held, s.played) == (other.pending, other.held, other.played)
         assert (s.slot, s.setpoint, s.stops) == (other.slot, other.setpoint, other.stops)
-        if way:
+        if reservations:
             assert [r.occupied.nodes for r in s.reserved] == [r.occupied.nodes for r in other.reserved]
     assert both.gate._stops.next == both.replay._stops.next
 
@@ -152,15 +152,15 @@ def test_a_plan_that_these_rules_refuse_is_held_as_recorded():
     assert_followed(both)
 
 
-def test_a_followed_violation_is_known_without_a_query():
-    """The kept bound includes the played motion, without a query: the pair is below its limit."""
+def test_the_clearance_bound_includes_a_followed_motion_without_a_query():
+    """Without a query the kept bound includes the followed motion, so it is known to violate the limit."""
     hands, both = followed(0.1 + 0.5 * STEP, now=STRICT.items())
     clearance = both.replay._clearance
     hands.rest(1)
     assert clearance.below(0) == []
-    asked = clearance.certifier.queries
+    before = clearance.certifier.queries
     both.replay._follow_command(both.replay._robots[0], 1, None, [plan_of(both, STEP)])
-    assert clearance.certifier.queries == asked
+    assert clearance.certifier.queries == before
     assert clearance.below(0) == [0]
     assert clearance.bound[0] == pytest.approx(0.1 - 0.5 * STEP, abs=1e-8)
 
@@ -182,7 +182,7 @@ def test_a_plan_that_these_rules_admit_is_not_held_if_it_was_refused():
     assert both.replay._reservations._staged == {}
 
 
-def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting():
+def test_a_command_that_is_refused_while_a_plan_waits_does_not_change_the_plan():
     hands, both = followed(now=STRICT.items())
     hands.command((STEP,), answer=None)
     plan = hands.held[0]
@@ -190,13 +190,13 @@ def test_a_command_refused_while_a_plan_waits_for_its_answer_leaves_it_waiting()
     hands.gate.step(PlanAnswer("left", plan.key, True))
     assert_followed(both)
     hands.play()
-    assert both.now == []  # what is played is known
+    assert both.now == []  # the replay gate expects this motion, so it reports no fault
     assert_followed(both)
 
 
 @pytest.mark.parametrize("elder", [0, 1])
 def test_a_slot_is_used_or_free_as_recorded(elder):
-    """One gate accepts older commands, so only one of them decides on the first."""
+    """Only one gate admits the first command, because it allows older commands; both follow the record."""
     ages = [{"max_age_ticks": n} for n in ((9, 1) if elder == 0 else (1, 9))]
     hands, both = followed(then=ages[0].items(), now=ages[1].items())
     hands.rest(0, count=4)
@@ -210,17 +210,17 @@ def test_a_slot_is_used_or_free_as_recorded(elder):
 
 
 def test_a_stop_of_these_rules_only_is_reported_and_not_kept():
-    """Its tolerance is smaller, so a measured position is a fault only for this gate."""
+    """The tolerance of the replay gate is smaller, so the measured position is a fault only for that gate."""
     hands, both = followed(1.0, tolerance=(0.2, 0.0))
     (x,) = hands.q[0]
     for off in (0.03, 0.1):
         assert hands.rest(0, (x + off,)) == []
         (stopped,) = both.now
         assert (stopped.id, stopped.robots) == (1, ("left",))
-        assert_followed(both, way=False)
+        assert_followed(both, reservations=False)
     (stop,) = hands.gate.step(Stop(("left", "right"), "x", "y"))
     assert both.now == [stop]
-    assert_followed(both, way=False)
+    assert_followed(both, reservations=False)
 
 
 def test_a_recorded_stop_is_kept():
@@ -229,23 +229,23 @@ def test_a_recorded_stop_is_kept():
     (stopped,) = hands.rest(0, (x + 0.03,))
     assert isinstance(stopped, Stopped)
     assert both.now == []
-    assert_followed(both, way=False)
+    assert_followed(both, reservations=False)
     hands.rest(0, (x + 0.03,), count=2)
     kept = both.replay._clearance.bound[0]
     assert hands.gate.step(Reset(stopped.id, "x"))[0] == ResetAnswer(stopped.id, True)
     assert both.now[0] == ResetAnswer(stopped.id, True)
-    assert_followed(both, way=False)
+    assert_followed(both, reservations=False)
     state = both.replay._robots[0]
     assert state.main.occupied.end == state.setpoint == (x + 0.03,)
     assert both.replay._clearance.bound[0] < kept - 0.02
 
 
 def test_only_the_recorded_one_of_two_stops_is_kept():
-    """It also stops the neighbour of a faulted robot, because its required distance is larger."""
+    """The replay gate requires a larger distance, so it also stops the neighbour of the faulted robot."""
     hands, both = followed(0.19, now=STRICT.items())
     (stopped,) = hands.rest(0, (hands.q[0][0] + 0.06,))
     assert [o.robots for o in both.now] == [("left",), ("right",)]
-    assert_followed(both, way=False)
+    assert_followed(both, reservations=False)
     assert (both.replay._stops.of(0), both.replay._stops.of(1)) == ([stopped.id], [])
     assert np.isfinite(both.replay._clearance.bound[0])
 

@@ -24,15 +24,15 @@ async def moved(tmp_path, *options, count=30, **cell):
 
 async def test_a_replay_is_identical_and_differs_with_other_values(tmp_path):
     out = await moved(tmp_path, lag=0.03)
-    status, said, err = await run("replay", out)
+    status, text, err = await run("replay", out)
     assert (status, err) == (0, "")
     recording = Recording.open(out)
     events = list(recording.steps())
-    assert said.startswith(f"{len(events)} of {len(events)} events")
-    assert "have the same outputs, bit for bit" in said
-    status, said, _ = await run("replay", out, "--set", "robots.A.joints.J1.velocity=0.01")
+    assert text.startswith(f"{len(events)} of {len(events)} events")
+    assert "have the same outputs, bit for bit" in text
+    status, text, _ = await run("replay", out, "--set", "robots.A.joints.J1.velocity=0.01")
     assert status == 0
-    assert "A: admitted → limited by" in said
+    assert "A: admitted → limited by" in text
     series = StateSeries(recording)
     state = series.at(series.end)
     assert [entry.robot for entry in state.entries] == ["A", "B"]

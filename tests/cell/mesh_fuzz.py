@@ -48,7 +48,7 @@ def contained(bodies, points):
 
 
 def bodies_of(mesh, rng):
-    """Return the bodies; the hull if the surface is open, as the error of the other method states."""
+    """Return the convex parts, or the hull if the surface is open: the error recommends that method."""
     try:
         if rng.random() < 0.1:
             return decompose(mesh, PARTS)
@@ -63,7 +63,7 @@ def bodies_of(mesh, rng):
 
 
 def _anywhere(mesh, rng):
-    """Return one or two cuts of the whole, across one axis."""
+    """Return one or two random cuts of the whole mesh, all across one axis."""
     axis = int(rng.integers(3))
     low, high = mesh.vertices[:, axis].min(), mesh.vertices[:, axis].max()
     places = np.sort(rng.uniform(low, high, int(rng.integers(1, 3))))
@@ -71,7 +71,7 @@ def _anywhere(mesh, rng):
 
 
 def check(data, suffix, rng):
-    """Return the number of faces of an accepted file, all of them in its bodies; None if it is refused."""
+    """Check that the bodies contain all faces; return their number, or None if the file is refused."""
     try:
         mesh = read_mesh(data, suffix, (1.0, 1.0, 1.0))
     except ModelError as error:

@@ -180,9 +180,9 @@ def test_the_second_of_an_ignored_pair_may_be_in_the_surroundings(configs, tmp_p
 
 
 def test_the_ignored_pairs_of_the_demo_keep_their_distance(demo):
-    # Ignored pairs cannot come nearer. The centre of the second body rests in the frame of the first one (the
-    # wrist only turns about its own axis), or slides along the length of both, or the first body keeps its
-    # height above the floor.
+    # Ignored pairs cannot come nearer. The centre of the second body is fixed in the frame of the first body
+    # (the wrist only turns about its own axis), or it slides along the length of both, or the height of the
+    # first body above the floor is constant.
     rng = np.random.default_rng(4)
     for robot in demo.robots:
         names = [body.name for body in robot.model.bodies]

@@ -1,4 +1,4 @@
-"""Tests of the demo cell's geometry with an independent engine: clearances at the start and at work."""
+"""Tests of the demo cell with an independent engine: clearances at the start and in the working area."""
 
 import coal
 import numpy as np

@@ -80,7 +80,7 @@ def test_an_arm_with_names_of_the_gantry_is_refused(demo):
         add_gantry(ET.fromstring(text), gantry)
 
 
-def test_clashes_of_names_are_errors_of_the_gantry(configs, tmp_path):
+def test_an_arm_with_a_name_of_the_gantry_is_an_error_of_the_key_gantry(configs, tmp_path):
     arm = tmp_path / "arm.urdf"
     arm.write_text((configs / "robots/kr16.urdf").read_text().replace('name="A1"', 'name="Y"'))
     overlay = tmp_path / "o.yaml"

@@ -229,7 +229,7 @@ def test_the_bodies_contain_a_face_without_an_area():
 
 
 def test_hulls_of_points_that_are_coplanar_up_to_rounding():
-    """Check points on some of which qhull with merged facets crashed the process."""
+    """Check sets of points; for some of them, qhull with merged facets crashed the process."""
     for seed in range(400):
         rng = np.random.default_rng(seed)
         Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))

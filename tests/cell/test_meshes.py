@@ -85,7 +85,7 @@ def test_parts_contain_the_surface_and_the_inside(plan, sizes, seed, turned):
 
 
 def test_parts_contain_everything_for_any_cuts(monkeypatch):
-    """Cut at random planes: containment does not depend on the proposed ones."""
+    """Cut at random planes: containment does not depend on the proposed planes."""
     from armgate.cell.mesh.decomposition.choose_planes import Plane
 
     rng = np.random.default_rng(3)
@@ -185,7 +185,7 @@ def test_no_enclosed_point_is_proven_outside(plan, sizes, seed):
     k = rng.integers(len(low), size=5)
     for point in (low[k] + size[k] * rng.random((5, 3))) @ Q.T:
         assert not proven_outside(point, triangles, rays)
-    # On the surface, at corners and on edges, rays start in triangles and run along other ones.
+    # On the surface, at corners and on edges, rays start in triangles and run along other triangles.
     for point in [*(vertices[:3] @ Q.T), triangles[0].mean(axis=0), triangles[0, :2].mean(axis=0)]:
         assert not proven_outside(point, triangles, rays)
     assert proven_outside(triangles[:-3].min(axis=(0, 1)) - 0.01, triangles, rays)
@@ -198,7 +198,7 @@ def test_a_plane_beside_a_piece_is_refused():
 
 
 def test_a_cavity_counts_as_inside():
-    """Check a cavity: no path leads there without crossing the surface."""
+    """Check a cavity: every path from the outside into it crosses the surface."""
     outer, faces = meshes.blocks(meshes.BAR, (0, 1), (0, 1), (0, 1))
     both = np.vstack([outer, outer * 0.5 + 0.25])
     mesh = mesh_of(both, np.vstack([faces, faces[:, ::-1] + len(outer)]))

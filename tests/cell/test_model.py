@@ -46,7 +46,7 @@ def sample(model, rng):
     return rng.uniform(model.lower, model.upper)
 
 
-def written_out(model, text, q, link):
+def frame_in_tree(model, text, q, link):
     """Return a link's frame by walking the tree of the URDF, independently of pinocchio."""
     urdf = read_urdf(text)
     values = dict(zip((joint.name for joint in model.joints), q, strict=True))
@@ -122,12 +122,12 @@ def test_the_planar_arm_stays_in_its_plane(planar):
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_frames_agree_with_the_urdf_written_out(demo, seed):
+def test_frames_agree_with_those_in_the_tree_of_the_urdf(demo, seed):
     q_rng = np.random.default_rng(seed)
     for robot in demo.robots:
         q = sample(robot.model, q_rng)
         for name in robot.model.frame_names:
-            frame, expected = robot.model.frame(q, name), written_out(robot.model, robot.urdf, q, name)
+            frame, expected = robot.model.frame(q, name), frame_in_tree(robot.model, robot.urdf, q, name)
             assert np.allclose(frame.R, expected.R, atol=1e-9)
             assert np.allclose(frame.t, expected.t, atol=1e-9)
 
@@ -138,7 +138,7 @@ def test_tree_with_fixed_joints_and_a_tilted_base(tree):
     assert [body.joint for body in tree.bodies] == [-1, 1, 0, 2]
     assert tree.chain.tolist() == [[0, 0, 0], [1, 1, 0], [1, 0, 0], [1, 1, 1]]
     for name in tree.frame_names:
-        assert np.allclose(tree.frame(q, name).t, written_out(tree, TREE, q, name).t)
+        assert np.allclose(tree.frame(q, name).t, frame_in_tree(tree, TREE, q, name).t)
     assert (tree.frame_joint("plate"), tree.frame_joint("left"), tree.frame_joint("tip")) == (-1, 0, 2)
 
 

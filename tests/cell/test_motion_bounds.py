@@ -22,7 +22,7 @@ AXES = ("0 0 1", "1 0.5 0", "0 1 0", "0 0 -1", "1 1 1")
 
 
 def mixed() -> RobotModel:
-    """Robot with alternating revolute and prismatic joints, skew axes, and one body of every shape."""
+    """Return a robot with alternating revolute and prismatic joints, skew axes, and bodies of four kinds."""
     links = '<link name="l0"/>' + "".join(LINK.format(f"l{i + 1}", shape) for i, shape in enumerate(SHAPES))
     joints = "".join(
         f'<joint name="J{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
@@ -88,7 +88,7 @@ def test_finite_moves_stay_within_the_bound(models):
             assert moved <= R[b] @ np.abs(other - q) + 1e-9
 
 
-def test_no_point_bends_more_than_its_bound(models):
+def test_the_second_derivative_of_no_point_exceeds_its_bound(models):
     rng = np.random.default_rng(7)
     step = 1e-4
     for model in models:
@@ -106,7 +106,7 @@ def test_no_point_bends_more_than_its_bound(models):
 
 
 def _slopes(model, q, q0, b, body, point):
-    """Return the speed per joint at q of the body's point that is at ``point`` at q0."""
+    """Return the Jacobian (3, n) at q of the point of a body that is at ``point`` at the position q0."""
     (R0, t0), (R, t) = model.body_placements(q0), model.body_placements(q)
     local = R0[b].T @ (point - t0[b])
     return model.point_jacobian(q, body.joint, R[b] @ local + t[b])

@@ -198,7 +198,7 @@ def test_the_default_name_of_a_collision_avoids_given_names(tmp_path):
     assert [body.name for body in cell.bodies] == ["R/arm_2", "R/arm_2_", "R/arm", "post"]
 
 
-# --- together, and before anything slow ---------------------------------------------------------------------
+# --- all errors together, before any slow step --------------------------------------------------------------
 
 
 def test_all_errors_are_reported_together_before_a_mesh_is_cut(tmp_path, monkeypatch):

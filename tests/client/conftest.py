@@ -65,7 +65,7 @@ async def server():
 
 @pytest.fixture(params=["aio", "blocking"])
 def connect(request, server):
-    """``connect`` of one shell, awaited; connects a client named c to the fake server."""
+    """Return the awaited ``connect`` of one shell; it connects a client named c to the fake server."""
 
     async def call(name="c", **more):
         address = more.pop("address", server.address)

@@ -315,16 +315,16 @@ async def test_a_waiting_client_sends_pings(connect, server):
 async def test_ticks_subscribe_to_one_robot(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
-        asked = await server.received(m.Subscribe)
-        assert (asked.every, asked.robots, asked.fields) == (1, ("FR",), None)
+        request = await server.received(m.Subscribe)
+        assert (request.every, request.robots, request.fields) == (1, ("FR",), None)
 
 
 async def test_ticks_extend_an_existing_subscription(connect, server):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await cell.subscribe(every=5, robots=["GR"], fields=["q"])
         await first(robot.ticks())
-        asked = await server.received(m.Subscribe, 2)
-        assert (asked.every, asked.robots, asked.fields) == (5, ("GR", "FR"), ("q",))
+        request = await server.received(m.Subscribe, 2)
+        assert (request.every, request.robots, request.fields) == (5, ("GR", "FR"), ("q",))
         await first(cell.states())
         assert server.count(m.Subscribe) == 2
 
@@ -350,7 +350,7 @@ async def test_a_delayed_signal_is_sent_with_the_next_message(connect, server):
         assert (await server.received(m.Signal, 2)).name == "two"
         assert server.count(m.Signal) == 2
         await cell.signal("three", 3, more=True)
-    assert (await server.received(m.Signal, 3)).name == "three"  # also sent with a bye
+    assert (await server.received(m.Signal, 3)).name == "three"  # a bye also sends delayed signals
 
 
 async def test_a_participant_without_a_robot_passes_the_step_of_the_newest_state(connect, server):
@@ -561,7 +561,7 @@ async def test_two_tasks_share_a_connection(server):
 
 @pytest.mark.parametrize("kind", ["Cell", "Robot"])
 def test_both_shells_have_the_same_names_and_parameters(kind):
-    def face(cls):
+    def interface(cls):
         found = inspect.getmembers(cls, lambda x: callable(x) or isinstance(x, property))
         return {
             name: list(inspect.signature(value).parameters) if callable(value) else property
@@ -569,7 +569,7 @@ def test_both_shells_have_the_same_names_and_parameters(kind):
             if not name.startswith("_")
         }
 
-    assert face(getattr(aio, kind)) == face(getattr(blocking, kind))
+    assert interface(getattr(aio, kind)) == interface(getattr(blocking, kind))
     assert (
         inspect.signature(aio.connect).parameters.keys()
         == inspect.signature(blocking.connect).parameters.keys()

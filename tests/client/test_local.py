@@ -21,7 +21,7 @@ def make_room(listening):
 
 @pytest.fixture
 def full(tmp_path):
-    """Path and listening socket; one client waits in its queue, which is then full."""
+    """Yield a path and its listening socket; one client waits in the queue, which is then full."""
     path = str(tmp_path / "cell.sock")
     with ExitStack() as stack:
         listening = stack.enter_context(socket.socket(socket.AF_UNIX))

@@ -1,4 +1,4 @@
-"""Runs a daemon in this event loop, and the kit's cases against it."""
+"""Fixture that runs a daemon in this event loop, and the kit's cases against it."""
 
 import asyncio
 import io
@@ -18,7 +18,7 @@ from armgate.gate import Gate
 from armgate.links.log import Log
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-PATIENCE = 20.0
+TIMEOUT = 20.0
 
 
 @cache
@@ -29,30 +29,30 @@ def cell(*files):
 
 @asynccontextmanager
 async def serving(*files, build=cell, **more):
-    """Run a daemon and return its port; ``more`` are its keys and dialects."""
+    """Run a daemon and yield its port; ``more`` are further arguments of ``Daemon``, such as its dialects."""
     log = Log(io.StringIO())
     daemon = Daemon(build(*files), Gate, log, **more)
     port = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(daemon.run(lambda host, number: port.set_result(number)))
     try:
-        await asyncio.wait([port, task], return_when=asyncio.FIRST_COMPLETED, timeout=PATIENCE)
+        await asyncio.wait([port, task], return_when=asyncio.FIRST_COMPLETED, timeout=TIMEOUT)
         yield port.result()
     finally:
         while not task.done():
             daemon.end()
-            await asyncio.wait([task], timeout=PATIENCE)
+            await asyncio.wait([task], timeout=TIMEOUT)
         log.close()
 
 
 @asynccontextmanager
 async def another(*files, **more):
-    """Run another daemon of the kind and return its host and port."""
+    """Run another daemon with these files and yield its host and port."""
     async with serving(*files, **more) as port:
         yield "127.0.0.1", port
 
 
 class Kit:
-    """Runs cases against a daemon in this event loop."""
+    """Runner of cases against a daemon in this event loop."""
 
     async def results(self, *ids, within=None, files=("conformance.yaml",), participants=()):
         """Return the results of cases, by id."""

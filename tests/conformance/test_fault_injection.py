@@ -13,7 +13,7 @@ from armgate.conformance.fault_injection import FaultError, Faults, Proxy
 from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, query_server
 from armgate.protocol import messages as m
-from conformance.conftest import CONFIGS, PATIENCE, serving
+from conformance.conftest import CONFIGS, TIMEOUT, serving
 from support.clients import Raw
 
 
@@ -44,7 +44,7 @@ async def echoing(faults, seed=1):
     async with server, Proxy("127.0.0.1", server.sockets[0].getsockname()[1], faults, seed) as proxy:
         reader, writer = await asyncio.open_connection("127.0.0.1", proxy.port)
         try:
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(TIMEOUT):
                 yield echo, proxy, reader, writer
         finally:
             writer.close()
@@ -82,7 +82,7 @@ async def test_latency_delays_both_ways():
 
 
 @pytest.mark.parametrize(("fault", "how"), [("cut", "end"), ("reset", "reset")])
-async def test_a_connection_ends_after_so_many_bytes(fault, how):
+async def test_a_connection_ends_after_a_number_of_bytes(fault, how):
     async with echoing(Faults.parse(f"{fault}=100")) as (echo, _, reader, writer):
         writer.write(b"x" * 300)
         with contextlib.suppress(ConnectionError):
@@ -147,7 +147,7 @@ async def test_no_request_follows_a_half_close_by_the_kit():
 
 
 FAR = Faults(latency=0.08, jitter=0.04, stall=0.4, every=1.0)
-"""80 ms ± 40 ms each way, and stalls of 200 to 400 ms, as lost packets cause above TCP."""
+"""80 ms ± 40 ms each way, and stalls of 200 to 400 ms, as after lost packets in a TCP connection."""
 
 
 def far_cell(_):
@@ -160,20 +160,20 @@ def far_cell(_):
 @pytest.mark.slow
 async def test_a_distant_controller_works_and_its_robot_rests_after_the_connection_is_lost():
     async with serving("", build=far_cell) as port:
-        eye = await Raw.hello(port, "eye", "observer")
-        eye.send(m.Subscribe(robots=("A",)))
+        observer = await Raw.hello(port, "observer", "observer")
+        observer.send(m.Subscribe(robots=("A",)))
         async with Proxy("127.0.0.1", port, FAR) as proxy:
-            far = await aio.connect(f"127.0.0.1:{proxy.port}", name="far", timeout=PATIENCE)
+            far = await aio.connect(f"127.0.0.1:{proxy.port}", name="far", timeout=TIMEOUT)
             robot = await far.acquire("A")
             causes = await commanded(robot, 25)
             assert causes.count(None) >= 20, causes
             assert not set(causes) & {"lease", "fence", "stale"}, causes
-            held = await newest(eye)
+            held = await newest(observer)
             assert held.holder == "far"
-            assert held.setpoint != (await start(eye))
+            assert held.setpoint != (await start(observer))
             proxy.hold()
-            lost = entry(await eye.get(m.State, lambda state: entry(state).holder is None))
-            one, two = await newest(eye), await newest(eye)
+            lost = entry(await observer.get(m.State, lambda state: entry(state).holder is None))
+            one, two = await newest(observer), await newest(observer)
             assert lost.setpoint == one.setpoint == two.setpoint
             assert one.setpoint == pytest.approx(held.setpoint, abs=0.01)
         await far.close()
@@ -181,7 +181,7 @@ async def test_a_distant_controller_works_and_its_robot_rests_after_the_connecti
 
 
 async def commanded(robot, count):
-    """Send commands; return the cause of refusal of each, None for others."""
+    """Send commands; return the cause of refusal of each, None if it was not refused."""
     causes = []
     async for _ in robot.ticks():
         causes.append(await sent(robot, len(causes)))
@@ -190,10 +190,10 @@ async def commanded(robot, count):
     return causes
 
 
-async def start(eye):
+async def start(observer):
     """Return the start position of the robot."""
-    eye.send(m.Describe())
-    return (await eye.get(m.Description)).robots[0].start
+    observer.send(m.Describe())
+    return (await observer.get(m.Description)).robots[0].start
 
 
 async def sent(robot, count):
@@ -206,7 +206,7 @@ def entry(state):
     return next(e for e in state.entries if e.robot == "A")
 
 
-async def newest(eye):
-    eye.send(m.Ping(time=0.0))
-    await eye.get(m.Pong)  # drops the messages that waited to be read
-    return entry(await eye.get(m.State))
+async def newest(observer):
+    observer.send(m.Ping(time=0.0))
+    await observer.get(m.Pong)  # drops the messages that waited to be read
+    return entry(await observer.get(m.State))

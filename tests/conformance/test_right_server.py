@@ -8,7 +8,7 @@ import pytest
 from support.clients import launch
 
 SERVE = f"{sys.executable} -m armgate.apps serve configs/conformance.yaml"
-LATE = {"CMD-13/just", "LEA-20/speed", "SUB-8/slow", "STP-10/moving", "CMD-36/clearance"}
+LOAD_DEPENDENT = {"CMD-13/just", "LEA-20/speed", "SUB-8/slow", "STP-10/moving", "CMD-36/clearance"}
 """Cases that are skipped if the machine is too busy, or too idle, to produce the situation."""
 
 OTHER_SERVERS = (
@@ -43,7 +43,9 @@ async def test_the_daemon_passes_all_cases(tmp_path, more, least):
         if len(one) and one.find("skipped") is not None
     }
     unexpected = {
-        n: why for n, why in skipped.items() if not any(e in why for e in OTHER_SERVERS) and n not in LATE
+        n: why
+        for n, why in skipped.items()
+        if not any(e in why for e in OTHER_SERVERS) and n not in LOAD_DEPENDENT
     }
     assert status == 0, "\n".join(line for line in out.splitlines() if "FAIL" in line or ": " in line[:14])
     assert not unexpected

@@ -29,7 +29,7 @@ ROLES = {"operator": None, "controller": None, "observer": None, "elsewhere": ("
 
 
 def made(robots):
-    """Return a token of each role, and the server's store of them."""
+    """Return the secret of a token of each role, and the server's store of these tokens."""
     found = {
         name: tokens.make(name, "controller" if name == "elsewhere" else name, own)
         for name, own in robots.items()
@@ -44,7 +44,7 @@ class Mute(asyncio.Transport):
         pass
 
 
-async def test_a_server_with_tls_certificates_of_clients_and_tokens(tmp_path):
+async def test_a_server_with_tls_client_certificates_and_tokens(tmp_path):
     authority = Authority(tmp_path)
     secrets, kept = made(ROLES)
     keys = Keys(server_context(*authority.issue("server", "127.0.0.1"), authority.file), kept)
@@ -100,7 +100,7 @@ robots:
 
 @pytest.mark.slow
 async def test_a_robot_whose_link_is_not_ready(tmp_path):
-    """Without a KRC the robot can be held, but every command of it is refused."""
+    """Check that without a KRC a client can acquire the robot, but each of its commands is refused."""
     files = [CONFIGS / "conformance.yaml", tmp_path / "far.yaml"]
     (own,) = free_ports(1)
     files[1].write_text(FAR_ARM.format(robots=CONFIGS / "robots", rsi=CONFIGS / "rsi", port=own))

@@ -31,7 +31,7 @@ from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
 
-PATIENCE = 2.0
+CASE_TIMEOUT = 2.0
 LOCKSTEP = ("conformance.yaml", "conformance-lockstep.yaml")
 
 
@@ -55,7 +55,7 @@ def two_verdicts(patch):
     patch.setattr(Core, "_report", report)
 
 
-def no_verdict_of_refusals(patch):
+def no_verdict_for_refused_commands(patch):
     def report(self, output, asker, request):
         if not (isinstance(output, events.Verdict) and output.outcome is events.Outcome.REFUSED):
             right(self, output, asker, request)
@@ -96,10 +96,10 @@ def verdicts_to_all_sessions(patch):
 def moves_by_refused_commands(patch):
     refusal = events.Reason(events.Cause.CLEARANCE, "no", pair=("a", "b"))
 
-    def verdict(told):
-        if told.outcome is events.Outcome.ADMITTED and any(told.dq):
-            told = replace(told, outcome=events.Outcome.REFUSED, beta=0.0, reasons=(refusal,))
-        return right(told)
+    def verdict(output):
+        if output.outcome is events.Outcome.ADMITTED and any(output.dq):
+            output = replace(output, outcome=events.Outcome.REFUSED, beta=0.0, reasons=(refusal,))
+        return right(output)
 
     right = to_protocol.verdict
     patch.setattr(to_protocol, "verdict", verdict)
@@ -108,7 +108,7 @@ def moves_by_refused_commands(patch):
 def reports_another_increment(patch):
     right = to_protocol.verdict
     patch.setattr(
-        to_protocol, "verdict", lambda told: right(replace(told, dq=tuple(0.5 * x for x in told.dq)))
+        to_protocol, "verdict", lambda output: right(replace(output, dq=tuple(0.5 * x for x in output.dq)))
     )
 
 
@@ -142,11 +142,11 @@ def checks_in_another_order(patch):
 
 def refusals_take_the_slot(patch):
     def command(self, event):
-        said = right(self, event)
-        if said[0].outcome is events.Outcome.REFUSED:
+        outputs = right(self, event)
+        if outputs[0].outcome is events.Outcome.REFUSED:
             state = self._of(event.robot)
             state.slot = state.tick + 1
-        return said
+        return outputs
 
     right = Gate._command
     patch.setattr(Gate, "_command", command)
@@ -215,12 +215,12 @@ def leases_never_expire(patch):
         patch,
         Leases,
         "renew",
-        lambda right: lambda self, session, now, heard: right(self, session, now + 1e6, 0.0),
+        lambda right: lambda self, session, now, received: right(self, session, now + 1e6, 0.0),
     )
 
 
 def pings_renew_nothing(patch):
-    patch.setattr(Leases, "renew", lambda self, session, now, heard: None)
+    patch.setattr(Leases, "renew", lambda self, session, now, received: None)
 
 
 def leases_kept_after_loss(patch):
@@ -253,17 +253,17 @@ def stop_ignored(patch):
 
 def stop_sent_to_the_requester_only(patch):
     def announce_stop(self, stopped, asker, request):
-        everybody = self._peers
+        peers = self._peers
         self._peers = {} if asker is None else {asker.client.id: asker}
         reason = right(self, stopped, asker, request)
-        self._peers = everybody
+        self._peers = peers
         return reason
 
     right = Stopping.announce_stop
     patch.setattr(Stopping, "announce_stop", announce_stop)
 
 
-def stop_of_one_stops_all(patch):
+def stop_of_one_robot_stops_all(patch):
     around(
         patch, Core, "_stop",
         lambda right: lambda self, peer, request: right(
@@ -276,7 +276,7 @@ def stop_leaves_the_lease(patch):
     patch.setattr(Leasing, "stop", lambda self, robots, reason: [])
 
 
-def stops_pile_up(patch):
+def stops_accumulate(patch):
     patch.setattr(Stops, "_to_replace", lambda self, robots, cause: None)
 
 
@@ -293,7 +293,7 @@ def replaced_stops_unknown(patch):
     around(patch, Stops, "find", lambda right: lambda self, id_: self._in_force.get(id_))
 
 
-def overtaken_resets_lift(patch):
+def overtaken_resets_accepted(patch):
     def accept(right):
         def wrong(self, payload):
             self._overtaken = 0
@@ -312,11 +312,11 @@ def first_reason_only(patch):
     around(patch, to_protocol, "reasons", lambda right: lambda given: right(given)[:1])
 
 
-def controllers_reset(patch):
+def controllers_may_reset(patch):
     patch.setitem(RIGHTS, m.Reset, frozenset({"observer", "controller", "operator"}))
 
 
-def observers_signal(patch):
+def observers_may_signal(patch):
     patch.setitem(RIGHTS, m.Signal, frozenset({"observer", "controller", "operator"}))
 
 
@@ -325,11 +325,11 @@ def signals_outlive_sessions(patch):
 
 
 def signals_belong_to_all(patch):
-    everybody = Client("all", "all", "operator")
-    around(patch, Signals, "set", lambda right: lambda self, client, *more: right(self, everybody, *more))
+    shared = Client("all", "all", "operator")
+    around(patch, Signals, "set", lambda right: lambda self, client, *more: right(self, shared, *more))
 
 
-def every_ignored(patch):
+def key_every_ignored(patch):
     patch.setattr(Subscription, "wants", lambda self, robot, tick: robot in self.robots)
 
 
@@ -339,9 +339,9 @@ def holder_not_shown(patch):
 
 def faster_than_described(patch):
     def joint(robot, index):
-        told = right(robot, index)
-        update = {"velocity": told.velocity / 3, "acceleration": told.acceleration / 3}
-        return told.model_copy(update=update)
+        described = right(robot, index)
+        update = {"velocity": described.velocity / 3, "acceleration": described.acceleration / 3}
+        return described.model_copy(update=update)
 
     right = description_module._joint
     patch.setattr(description_module, "_joint", joint)
@@ -349,8 +349,8 @@ def faster_than_described(patch):
 
 def brakes_harder_than_described(patch):
     def joint(robot, index):
-        told = right(robot, index)
-        return told.model_copy(update={"deceleration": told.deceleration / 3})
+        described = right(robot, index)
+        return described.model_copy(update={"deceleration": described.deceleration / 3})
 
     right = description_module._joint
     patch.setattr(description_module, "_joint", joint)
@@ -411,7 +411,7 @@ def bye_not_answered(patch):
     patch.setattr(Session, "_process", process)
 
 
-def pong_rounds(patch):
+def pong_time_rounded(patch):
     around(
         patch, to_protocol, "answer",
         lambda right: lambda model, request, **fields: right(
@@ -420,7 +420,7 @@ def pong_rounds(patch):
     )  # fmt: skip
 
 
-def every_start_the_same(patch):
+def start_id_never_changes(patch):
     patch.setattr(daemon_module.secrets, "token_hex", lambda count: "0" * 2 * count)
 
 
@@ -442,7 +442,7 @@ def distances_too_large(patch):
     )  # fmt: skip
 
 
-def states_queue_up(patch):
+def states_accumulate(patch):
     patch.setattr(TcpPeerSocket, "is_read", lambda self: True)
 
 
@@ -503,11 +503,11 @@ def messages_with_hello_dropped(patch):
     patch.setattr(connection.Connection, "push", push)
 
 
-def states_wait_for_messages_ahead(patch):
+def states_delayed_by_messages_ahead(patch):
     patch.setattr(WriterBatch, "flush", lambda self: None)
 
 
-def order_of_participants_shows(patch):
+def signals_depend_on_timing(patch):
     turns = count()
     around(
         patch, Signals, "set",
@@ -530,7 +530,7 @@ def fitted(dq, n):
 
 WRONG = {
     "two verdicts": (two_verdicts, "CMD-1/one", "session"),
-    "no verdict of refusals": (no_verdict_of_refusals, "CMD-2/echo", "session"),
+    "no verdict for refused commands": (no_verdict_for_refused_commands, "CMD-2/echo", "session"),
     "verdicts out of order": (verdicts_out_of_order, "CMD-3/order", "session"),
     "verdicts to all sessions": (verdicts_to_all_sessions, "CMD-1/one", "session"),
     "moves by refused commands": (moves_by_refused_commands, "CMD-20/admitted", "safety"),
@@ -555,19 +555,19 @@ WRONG = {
     "released by any session": (release_by_any_session, "LEA-12/other", "session"),
     "stop ignored": (stop_ignored, "CMD-10/stopped", "safety"),
     "stop sent to the requester only": (stop_sent_to_the_requester_only, "STP-2/everybody", "session"),
-    "stop of one stops all": (stop_of_one_stops_all, "STP-6/others", "session"),
+    "stop of one robot stops all": (stop_of_one_robot_stops_all, "STP-6/others", "session"),
     "stop leaves the lease": (stop_leaves_the_lease, "STP-5/lease", "session"),
-    "stops accumulate": (stops_pile_up, "STP-15/again", "session"),
+    "stops accumulate": (stops_accumulate, "STP-15/again", "session"),
     "more stops than allowed": (more_stops_than_allowed, "STP-16/many", "session"),
     "replaced stops unknown": (replaced_stops_unknown, "STP-17/replaced", "session"),
-    "overtaken resets lift": (overtaken_resets_lift, "MSG-12/overtaken", "session"),
+    "overtaken resets accepted": (overtaken_resets_accepted, "MSG-12/overtaken", "session"),
     "replaced stops lifted": (replaced_stops_lifted, "STP-18/replaced", "session"),
     "the first reason only": (first_reason_only, "CMD-38/joints", "session"),
-    "controllers reset": (controllers_reset, "STP-8/controller", "session"),
-    "observers signal": (observers_signal, "SIG-2/observer", "session"),
+    "controllers may reset stops": (controllers_may_reset, "STP-8/controller", "session"),
+    "observers may set signals": (observers_may_signal, "SIG-2/observer", "session"),
     "signals outlive their sessions": (signals_outlive_sessions, "SIG-4/gone", "session"),
     "signals belong to all": (signals_belong_to_all, "SIG-3/owned", "session"),
-    "every ignored": (every_ignored, "SUB-4/every-3", "session"),
+    "key every ignored": (key_every_ignored, "SUB-4/every-3", "session"),
     "holder not shown": (holder_not_shown, "STA-8/holder", "session"),
     "faster than described": (faster_than_described, "CMD-19/acceleration", "safety"),
     "brakes harder than described": (brakes_harder_than_described, "CMD-37/turn", "safety"),
@@ -580,16 +580,16 @@ WRONG = {
     "deep values accepted": (deep_values_accepted, "PAY-5/too-deep", "session"),
     "garbage skipped": (garbage_skipped, "PAY-2/garbage", "session"),
     "bye not answered": (bye_not_answered, "CON-3/bye", "session"),
-    "pong rounds": (pong_rounds, "PNG-1/bits", "session"),
-    "states accumulate": (states_queue_up, "SUB-11/pause", "session"),
+    "time of a pong rounded": (pong_time_rounded, "PNG-1/bits", "session"),
+    "states accumulate": (states_accumulate, "SUB-11/pause", "session"),
     "stops not named": (stops_not_named, "LEA-23/named", "session"),
     "non-participants wait for the step": (non_participants_wait_for_the_step, "LCK-4/stranger", "session"),
     "done is forgotten": (done_is_forgotten, "LCK-18/done", "session"),
     "states in another order": (states_in_another_order, "LCK-16/instants", "session"),
     "messages with hello dropped": (messages_with_hello_dropped, "HEL-17/packet", "session"),
-    "states wait for messages ahead": (states_wait_for_messages_ahead, "LCK-15/ahead", "session"),
-    "order of participants shows": (order_of_participants_shows, "LCK-12/faster", "session"),
-    "every start the same": (every_start_the_same, "HEL-11/anew", "session"),
+    "states delayed by messages ahead": (states_delayed_by_messages_ahead, "LCK-15/ahead", "session"),
+    "signals depend on timing": (signals_depend_on_timing, "LCK-12/faster", "session"),
+    "start id never changes": (start_id_never_changes, "HEL-11/anew", "session"),
     "unannounced message types": (unannounced_message_types, "EVO-4/unnamed", "session"),
     "distances too large": (distances_too_large, "STA-13/witness", "session"),
 }
@@ -601,7 +601,7 @@ async def test_the_case_for_a_deviation_fails(name, kit, monkeypatch):
     change, case, side = WRONG[name]
     change(monkeypatch)
     lockstep = {"files": LOCKSTEP, "participants": ("kit-a", "kit-b")} if case.startswith("LCK") else {}
-    result = (await kit.results(case, within=PATIENCE, **lockstep))[case]
+    result = (await kit.results(case, within=CASE_TIMEOUT, **lockstep))[case]
     assert getattr(result, side) is Outcome.FAIL, (result.findings, result.wire[-10:])
     assert result.findings
     assert result.wire, "a failure without its wire log"

@@ -14,7 +14,7 @@ RATES = {
     "period": 0.012,
 }
 BOUNDS = IncrementBounds.from_rates(**RATES)
-wishes = st.lists(st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3), min_size=1, max_size=60)
+requests = st.lists(st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3), min_size=1, max_size=60)
 
 
 def _decay(dq, bounds):
@@ -23,11 +23,11 @@ def _decay(dq, bounds):
 
 
 @settings(max_examples=200, deadline=None)
-@given(wishes, st.floats(-0.99, 0.99))
+@given(requests, st.floats(-0.99, 0.99))
 def test_any_sequence_of_requests_stays_within_all_bounds(sequence, start):
     setpoint, last = start * BOUNDS.upper, np.zeros(3)
-    for wish in sequence:
-        dq = BOUNDS.within(np.array(wish), last, setpoint)
+    for request in sequence:
+        dq = BOUNDS.within(np.array(request), last, setpoint)
         assert (np.abs(dq) <= BOUNDS.step + 1e-15).all()
         assert (np.abs(dq - last) <= BOUNDS.change + 1e-15).all()
         end = setpoint + (1.0 + BOUNDS.stop(dq)) * dq
@@ -37,8 +37,8 @@ def test_any_sequence_of_requests_stays_within_all_bounds(sequence, start):
 
 
 def test_a_request_within_the_bounds_is_unchanged():
-    wish = np.array([0.001, -0.0005, 0.003])
-    np.testing.assert_array_equal(BOUNDS.within(wish, np.zeros(3), np.zeros(3)), wish)
+    request = np.array([0.001, -0.0005, 0.003])
+    np.testing.assert_array_equal(BOUNDS.within(request, np.zeros(3), np.zeros(3)), request)
 
 
 def test_stop_equals_the_sum_of_braking_increments():
@@ -70,13 +70,13 @@ def test_invalid_rates_are_refused(wrong):
         IncrementBounds.from_rates(**(RATES | wrong))
 
 
-def test_braking_increment_and_way_are_inverse():
+def test_braking_increment_and_braking_way_are_inverse_functions():
     way = np.geomspace(1e-6, 1.0, 30)
     np.testing.assert_allclose(braking_way(braking_increment(way, 1e-3), 1e-3), way, rtol=1e-9)
 
 
 @pytest.mark.parametrize("way", [1e-4, 0.01, 0.3, 2.0])
-def test_a_joint_that_obeys_neither_overshoots_nor_cycles(way):
+def test_a_joint_that_follows_the_chord_neither_overshoots_nor_oscillates(way):
     step, change = np.array([0.03]), np.array([0.0015])
     q, last, at = 0.0, np.zeros(1), []
     for _ in range(400):
@@ -96,6 +96,6 @@ def test_the_chord_keeps_its_direction():
     assert (np.abs(u) <= braking_increment(np.abs(chord), RESERVE * BOUNDS.change) + 1e-15).all()
 
 
-def test_the_induced_motion_is_not_braked_for():
+def test_the_induced_motion_is_not_reduced_for_braking():
     induced = np.array([0.01, -0.004, 0.02])
     np.testing.assert_allclose(shape_chord(induced, induced, BOUNDS.step, BOUNDS.change), induced)

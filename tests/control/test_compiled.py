@@ -22,7 +22,7 @@ GAINS = {
 
 
 def same(ours, reference):
-    """Return True if equal to 1e-12 of the largest entry: sums in another order differ by rounding."""
+    """Check equality to 1e-12 of the largest entry: sums in another order differ by rounding."""
     ours, reference = np.asarray(ours), np.asarray(reference)
     np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(reference).max()))
 
@@ -123,7 +123,7 @@ def test_a_robot_with_prismatic_joints(cell):
 
 
 @pytest.mark.parametrize("where", ["behind", "in the lens", "beside the antipode"])
-def test_guarded_places(pair, fr, where, q):
+def test_special_positions_of_the_target(pair, fr, where, q):
     at = fr.model.frame(q, "camera")
     aside = 1e-5 * at.R[:, 0]
     p = {"behind": at.t - at.R[:, 2], "in the lens": at.t, "beside the antipode": at.t - at.R[:, 2] + aside}[
@@ -187,7 +187,7 @@ def test_without_numba_the_readable_form_is_used(fr, tmp_path):
     assert done.stdout == "CameraLaw\n", done.stderr
 
 
-def test_kernels_work_where_no_cache_can_be_written(tmp_path):
+def test_kernels_work_if_no_cache_can_be_written(tmp_path):
     """numba refuses `cache=True` when it finds no place for it; a kernel then compiles for its process."""
     nowhere = tmp_path / "file"
     nowhere.write_text("", encoding="utf-8")

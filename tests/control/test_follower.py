@@ -61,7 +61,7 @@ PASSING = [
 
 @pytest.mark.parametrize("start", PASSING)
 def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, start):
-    """With the chord for full speed the angle of these approaches rose again, by 0.24° and 0.12°."""
+    """Check two approaches whose angle rose again by 0.24° and 0.12° with a longer chord, for full speed."""
     tool = leader.robot.model.frame(leader.robot.start, leader.robot.tool).t
     angle, distance = after(loop.run(still(tool), 3.0, start=np.array(start)), 0.0)
     assert (angle - np.minimum.accumulate(angle)).max() < 0.01
@@ -72,7 +72,7 @@ def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, star
 @pytest.mark.parametrize("link", [5, 9, 13, 18])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_view_is_kept_while_evading(loop, fr, leader, law, link, seed):
-    """The leader dashes at a link: bounded accelerations must not bend the path off the task."""
+    """Check dashes of the leader at a link: bounded accelerations must not turn the view."""
     path = dash(law.spheres.centres(fr.start)[link], seed, 0.5)
     trace = loop.run(still(FOCUS), 6.0, obstacles=lambda t: leader.obstacles(path(t)))
     angle, distance = after(trace, 1.5)
@@ -96,7 +96,7 @@ def test_prediction_follows_fast_leaders_and_lagging_robots(loop, leader, speed,
 
 
 def test_starting_from_the_measured_position_overshoots_with_lag(loop, fr):
-    """(17) literally; the reason for starting from the setpoint by default."""
+    """Compare (17) as printed with the default, which starts from the setpoint because of this overshoot."""
     start, rise = approach_starts(fr, 2, FOCUS)[1], {}
     for measured in (True, False):
         angle, _ = after(loop.run(still(FOCUS), 4.0, start=start, lag=0.12, measured=measured), 0.0)
@@ -107,7 +107,7 @@ def test_starting_from_the_measured_position_overshoots_with_lag(loop, fr):
 
 
 def test_in_real_time_the_velocity_term_follows_the_leader(loop, leader):
-    """P ṗ of (4) in a law that integrates real time: without it the view lags by ṗ/(k_p ‖r‖)."""
+    """Check P ṗ of (4): a law that integrates in real time lags by ṗ/(k_p ‖r‖) without this term."""
     path = leader.path(1, 0.25)
     following, trailing = (
         after(loop.run(path, 7.0, real_time=True, predict=predict), SETTLED)[0].max()
@@ -118,7 +118,7 @@ def test_in_real_time_the_velocity_term_follows_the_leader(loop, leader):
 
 
 @pytest.mark.parametrize("where", ["behind", "in the lens", "out of reach"])
-def test_awkward_targets_converge(loop, fr, where):
+def test_the_follower_converges_to_unusual_targets(loop, fr, where):
     at = fr.model.frame(fr.start, "camera")
     p = {"behind": at.t - at.R[:, 2], "in the lens": at.t, "out of reach": np.array([6.0, 1.0, 1.0])}[where]
     trace = loop.run(still(p), 6.0, obstacles=nowhere)
@@ -156,7 +156,7 @@ def test_leaves_a_joint_limit_without_oscillation(loop, fr, joint, limit):
 
 
 def test_the_follower_evades_an_obstacle_and_keeps_the_view(loop, fr, law):
-    """A sphere drifts towards the elbow until its bounding sphere would have been touched."""
+    """Move a sphere towards the elbow; if the arm did not move, the gap would be less than 50 mm."""
     elbow = law.spheres.centres(fr.start)[9]
 
     def approaching(t):
@@ -243,7 +243,7 @@ def test_invalid_parameters_are_refused(follower, fr, wrong):
     st.floats(0.2, 3.0),
 )
 def test_increments_obey_their_bounds_whatever_the_leader_does(fast, bounds, fr, targets, start, wanted):
-    """The target jumps through the cell, from any start; obstacles jump, too."""
+    """Check any start, with a target and an obstacle that jump through the cell."""
     follower = Follower(fast, bounds, period=0.012, ahead=0.024)
     middle, half = 0.5 * (bounds.upper + bounds.lower), 0.5 * (bounds.upper - bounds.lower)
     setpoint, last = middle + half * np.array(start), np.zeros(6)

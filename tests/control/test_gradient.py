@@ -21,7 +21,7 @@ def test_equals_the_printed_law(rng):
     np.testing.assert_allclose(qd, printed, rtol=1e-9, atol=1e-12)
 
 
-def test_bounded_where_all_joints_are_weighted_away(rng):
+def test_joint_speeds_are_bounded_if_the_weights_of_all_joints_are_small(rng):
     M = rng.normal(size=(3, 6))
     for scale in (1e-3, 1e-6, 0.0):
         qd = weighted_gradient(M, (1.0, -1.0), np.full(6, scale), 0.5)

@@ -9,7 +9,7 @@ FAR = np.full(6, 1e3)
 
 
 def test_order_four_in_a_smooth_scene(fr):
-    """Smooth: no repulsion, and limit weights so weak that their switch leaves no kink."""
+    """Check without repulsion and with weak limit weights, so that the law is smooth."""
     law = CameraLaw(fr.model, "camera", Gains(limit=1e-9))
     goal = law.goal([1.9, 0.4, 1.2], 1.0)
 
@@ -33,12 +33,12 @@ def test_integration_converges_and_reports_it():
     assert run.steps < 10
 
 
-def test_rests_at_the_optimum():
+def test_a_start_at_the_optimum_takes_no_step():
     run = integrate(lambda q: -5.0 * q, np.zeros(6), FAR, Scheme())
     assert (run.ended, run.steps) == (Ended.CONVERGED, 0)
 
 
-def test_ends_at_the_bound_and_hardly_beyond():
+def test_the_integration_ends_at_the_bound_or_slightly_beyond_it():
     reach = np.array([0.1, 1.0, 1.0, 1.0, 1.0, 1.0])
     run = integrate(lambda q: np.ones(6), np.zeros(6), reach, Scheme(step=10.0))
     assert run.ended is Ended.BOUND
@@ -47,7 +47,7 @@ def test_ends_at_the_bound_and_hardly_beyond():
 
 @pytest.mark.parametrize("rate", [5.0, 300.0, 30_000.0])
 def test_a_stiff_field_is_approached_without_oscillation(rate):
-    """One direction is stiff where repulsion opposes a pull; steps that are too long would skip over it."""
+    """Check a field with one stiff direction, as if repulsion opposes a pull: long steps would oscillate."""
 
     def f(q):
         return np.array([-rate * q[0], 1.0])
@@ -69,7 +69,7 @@ def test_the_turn_of_a_step_is_that_of_its_field():
     assert rk4_turn(np.ones_like, np.ones(2), 0.1, np.ones(2))[1] == 0.0
 
 
-def test_ends_with_its_budget():
+def test_the_integration_ends_if_its_budget_is_used_up():
     run = integrate(lambda q: np.ones(6), np.zeros(6), FAR, Scheme(step=0.1, budget=7))
     assert (run.ended, run.steps) == (Ended.BUDGET, 7)
     assert run.q[0] == pytest.approx(0.7)

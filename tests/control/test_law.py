@@ -82,7 +82,7 @@ def test_repulsion_is_the_gradient_of_its_potential(fr, q, differences):
     np.testing.assert_allclose(F_rep, numeric, rtol=1e-4, atol=1e-6)
 
 
-def test_repulsion_is_the_same_around_any_position(law, q):
+def test_repulsion_does_not_depend_on_the_position_for_which_its_scene_was_made(law, q):
     obstacles = scene_beside(law, q)
     near, far = law.scene(obstacles, q), law.scene(obstacles, q + 0.5)
     F_rep = [law.terms(q, law.goal(P, 1.0, scene)).F_rep for scene in (near, far)]
@@ -90,7 +90,7 @@ def test_repulsion_is_the_same_around_any_position(law, q):
 
 
 def test_angle_decays_with_its_sine(law, fr, q):
-    """Check θ̇ = −k_p sin θ for every robot and position."""
+    """Check θ̇ = −k_p sin θ at random positions."""
     goal = law.goal(P, 1.0)
     qd = law(q, goal)
     h = 1e-6
@@ -170,7 +170,7 @@ def test_roll_turns_the_picture_upright_for_every_view_direction(fr, frame, turn
     assert roll(q + 0.01 * qd) == pytest.approx(roll(q) * (1.0 - 0.01 * law.gains.roll), rel=1e-6)
 
 
-def test_roll_rests_where_the_camera_looks_straight_down(fr):
+def test_roll_causes_no_motion_if_the_camera_looks_straight_down(fr):
     law = CameraLaw(fr.model, "camera", Gains(distance=0.0))
     q = np.radians([0.0, -90.0, 90.0, 0.0, 90.0, 30.0])
     at = camera(fr, q)

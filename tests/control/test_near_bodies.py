@@ -65,7 +65,7 @@ def test_far_away_nothing_is_limited(fr):
         assert (upper > fr.start + 0.1).all()
 
 
-def test_without_room_joints_only_lead_away(fr):
+def test_without_room_joints_may_only_increase_the_distance(fr):
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 4, np.array([0.0, 0.2, 0.0]))
     rate, lever = opening(fr.model, q, pair)
@@ -73,12 +73,13 @@ def test_without_room_joints_only_lead_away(fr):
     end = q + 0.01
     lower, upper = limits_near_bodies(fr.model, q, q, end, (pair,))
     assert (lower[0], upper[0]) == (q[0], np.inf)
-    assert (lower[1], upper[1]) == (q[1], end[1])  # A2 leads past it: it ends at its current stop
+    # A2 moves the body at a right angle to the distance, so it may move to the end of its current stop.
+    assert (lower[1], upper[1]) == (q[1], end[1])
     assert np.isinf([lower[3:], upper[3:]]).all()  # the wrist does not move the forearm
 
 
-def test_a_body_on_its_axis_stays_within_its_stop(fr):
-    """Motion of A1 moves no point of link 1 nearer: the leader may be at any distance from it."""
+def test_a_joint_that_does_not_change_the_distance_stays_within_its_stop(fr):
+    """Check A1, which turns link 1 about its own axis."""
     q = np.array(fr.start)
     pair = pair_at(fr.model, q, 1, np.array([0.3, 0.0, 0.0]))
     lower, upper = limits_near_bodies(fr.model, q, q, q + 0.02, (pair,))
@@ -105,8 +106,8 @@ def test_the_robots_own_stop_reduces_the_room(fr):
     )
 
 
-def test_the_follower_ends_its_stops_within(law, bounds, fr):
-    """A target to which A1 would turn, and a body beside link 1: the other joints turn to the target."""
+def test_the_follower_ends_its_stops_within_the_limits(law, bounds, fr):
+    """Check a target to which A1 would turn, and a body beside link 1: the other joints turn the view."""
     follower = Follower(law, bounds, period=0.012, ahead=0.024)
     setpoint, last = np.array(fr.start), np.zeros(6)
     angles = []

@@ -23,7 +23,7 @@ def test_constant_acceleration_is_estimated_exactly_with_gamma():
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.03, 0.12])
-def test_ramp_lag_is_what_a_lagging_robot_trails_by(lag):
+def test_ramp_lag_is_the_delay_of_a_first_order_lag_on_a_ramp(lag):
     q, keep = 0.0, np.exp(-T / lag) if lag else 0.0
     for k in range(1000):
         q = k * T + keep * (q - k * T)

@@ -76,7 +76,7 @@ def test_without_near_spheres_there_is_no_force():
 
 
 def test_a_sphere_that_no_joint_moves_is_ignored():
-    """A sphere on the axis of the first joint: an obstacle near it is no emergency, as it cannot evade."""
+    """Check a sphere on the axis of the first joint, which cannot evade: no obstacle causes an emergency."""
     beside = Obstacles(np.array([[0.25, 0.0, 0.0]]), np.array([0.1]))
     assert repulsion([0.1], beside).least_gap(np.zeros((1, 3))) == pytest.approx(0.05)
     still = repulsion([0.1], beside, moves=False)

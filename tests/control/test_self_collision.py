@@ -59,7 +59,7 @@ def test_the_force_is_the_gradient_of_its_potential(law, folded, differences):
 
 
 def test_joints_that_carry_both_spheres_get_no_force(law):
-    """The forearm is along the upper arm: A3 opens them, while A1 and A2 carry both and get no force."""
+    """Check the forearm along the upper arm: A3 moves them apart, while A1 and A2 carry both."""
     F = terms(law, FOLDED["forearm and upper arm"]).F_rep
     assert F[2] < -0.1
     np.testing.assert_array_equal(F[:2], 0.0)
@@ -91,7 +91,7 @@ def test_own_repulsion_opens_the_arm(fr, folded):
 
 
 def test_a_camera_that_turns_around_stays_clear_of_its_arm(loop, fr):
-    """From either limit of A1 the shortest turn of the camera leads through the base."""
+    """Check starts near the limits of A1: the shortest turn of the camera leads through the base."""
     for share in (-0.999, 0.999):
         start = np.array(fr.start)
         start[0] = share * fr.upper[0]

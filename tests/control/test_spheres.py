@@ -43,7 +43,7 @@ def test_cover_is_not_much_thicker_than_a_link():
     assert max(radius for _, radius in cover(Capsule(0.1, 0.68))) < 0.126
 
 
-def test_a_robot_is_covered_but_for_its_base(fr):
+def test_a_robot_is_covered_except_for_its_base(fr):
     spheres = Spheres.of(fr.model)
     moving = {k for k, body in enumerate(fr.model.bodies) if body.joint >= 0}
     assert set(spheres.bodies) == moving

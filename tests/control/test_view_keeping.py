@@ -18,7 +18,7 @@ def test_a_view_vector_is_as_long_as_the_angle():
 
 
 @given(plane, plane, plane)
-def test_drawn_in_is_no_wider_than_the_way_and_points_the_same_way(v, start, end):
+def test_drawn_in_keeps_the_direction_and_is_no_wider_than_the_line_from_start_to_end(v, start, end):
     ours = drawn_in(v, start, end)
     assert np.hypot(*ours) <= max(np.hypot(*start), np.hypot(*end)) + 1e-12
     assert np.hypot(*ours) <= np.hypot(*v) + 1e-12
@@ -38,7 +38,7 @@ def test_a_correction_within_the_bounds_is_exact():
     np.testing.assert_allclose(J @ ours, missing, rtol=1e-5)
 
 
-def test_others_take_over_from_a_joint_at_its_bound():
+def test_other_joints_take_over_from_a_joint_at_its_bound():
     low, high = np.full(4, -1.0), np.array([0.002, 1.0, 1.0, 1.0])
     ours = corrected(np.zeros(4), (0.05, 0.0), J, low, high)
     assert ours[0] == 0.002

@@ -7,7 +7,7 @@ from armgate.control.weights import LimitRule, LimitWeights
 
 
 def test_against_the_printed_formula():
-    """Return (10) and (11) as printed: the strength is two over the range, in the unit of the angle."""
+    """Compare with (10) and (11) as printed: the strength is two over the range, in the unit of the angle."""
     lower, upper = np.radians([-155.0]), np.radians([35.0])
     q = np.linspace(lower[0] + 1e-3, upper[0] - 1e-3, 101)
     span = upper[0] - lower[0]
@@ -48,7 +48,7 @@ def half_ranges(fr, x):
 
 
 def test_the_printed_formula_in_both_units(fr):
-    """The two readings differ: A1, ±185°, at half of its half range has the weight 0.17 or 0.998."""
+    """Check that both readings differ: A1, ±185°, at half of its half range has the weight 0.17 or 0.998."""
     x = np.full(6, 0.5)
     rad, deg = (
         LimitWeights.of(fr.model, rule, 1.0).inverse(x)[0]

@@ -14,10 +14,10 @@ from armgate.apps.view.access import Access, RefusedError, parse_names, url_of
 from armgate.apps.view.serving import Place, page_server
 
 NAMES = parse_names(["robots.example", "lab.example:8443"])
-DOOR = Access("robots.lan", NAMES, secret="s3cret")
+ACCESS = Access("robots.lan", NAMES, secret="s3cret")
 
 
-def check(host, origin=None, path="/?token=s3cret", access=DOOR, local="127.0.0.1", **more):
+def check(host, origin=None, path="/?token=s3cret", access=ACCESS, local="127.0.0.1", **more):
     headers = Headers()
     for value in [host] if isinstance(host, str) else host:
         headers["Host"] = value
@@ -80,7 +80,7 @@ def test_the_page_of_another_origin_is_refused_and_the_text_names_the_option(ori
 
 @pytest.mark.parametrize("path", ["/", "/?token=", "/?token=s3cre", "/?x=s3cret", "/?token=s3cret%20"])
 @pytest.mark.parametrize(
-    "cookie", ["", f"{DOOR.cookie}=", f"{DOOR.cookie}=s3cre", "armgate-view-7480=s3cret", "s3cret"]
+    "cookie", ["", f"{ACCESS.cookie}=", f"{ACCESS.cookie}=s3cre", "armgate-view-7480=s3cret", "s3cret"]
 )
 def test_without_the_secret_nothing_is_served(path, cookie):
     with pytest.raises(RefusedError, match="open the address that armgate view printed"):
@@ -88,7 +88,7 @@ def test_without_the_secret_nothing_is_served(path, cookie):
 
 
 def test_the_secret_may_come_in_a_cookie():
-    check("127.0.0.1:7480", path="/", Cookie=f"a=b; {DOOR.cookie}=s3cret")
+    check("127.0.0.1:7480", path="/", Cookie=f"a=b; {ACCESS.cookie}=s3cret")
 
 
 def test_secrets_differ_from_start_to_start_and_are_not_shown():
@@ -99,13 +99,12 @@ def test_secrets_differ_from_start_to_start_and_are_not_shown():
 
 
 def test_a_ticket_opens_the_page_once(port):
-    path = f"/?{DOOR.query(once=True)}"
-    assert DOOR.secret not in path
-    assert "403" in upgrade(
-        port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}", path
-    )  # it does not use up the ticket
+    path = f"/?{ACCESS.query(once=True)}"
+    assert ACCESS.secret not in path
+    # A refused websocket request does not use up the ticket.
+    assert "403" in upgrade(port, f"127.0.0.1:{port}", f"http://127.0.0.1:{port}", path)
     answer, _ = get(port, path)
-    assert (answer.status, DOOR.secret in answer.headers["Set-Cookie"]) == (302, True)
+    assert (answer.status, ACCESS.secret in answer.headers["Set-Cookie"]) == (302, True)
     assert get(port, path)[0].status == 403
 
 
@@ -120,7 +119,7 @@ def test_a_ticket_opens_the_page_once(port):
     ],
 )
 def test_the_printed_address_can_be_opened(host, url):
-    assert url_of(host, 1, DOOR.query()) == url
+    assert url_of(host, 1, ACCESS.query()) == url
 
 
 @pytest.mark.parametrize("name", ["https://robots.example", "", "a b", "robots.example:port"])
@@ -134,7 +133,7 @@ def test_a_malformed_name_is_refused(name):
 
 @pytest.fixture(scope="module")
 def port():
-    with page_server(Place("127.0.0.1", 0, DOOR)) as server:
+    with page_server(Place("127.0.0.1", 0, ACCESS)) as server:
         yield server.get_port()
 
 
@@ -182,7 +181,7 @@ def test_the_token_moves_from_the_address_into_a_cookie(port):
 
 
 def test_viewers_at_one_address_keep_their_own_cookies(port):
-    """Cookies of a host are sent to all its ports."""
+    """Check two viewers of one host: browsers send the cookies of a host to all its ports."""
     with page_server(Place("127.0.0.1", 0, Access(secret="0ther"))) as other:
         pages = [(port, "s3cret"), (other.get_port(), "0ther")]
         kept = {}
@@ -203,9 +202,9 @@ def jar(cookies):
 
 def test_cookies_of_many_old_viewers_are_removed_and_no_others():
     old = [Access().cookie for _ in range(20)]
-    headers = Headers(Cookie=jar(dict.fromkeys(["a", *old, DOOR.cookie], "x")))
-    first, *ended = DOOR.cookies(headers)
-    assert first.startswith(f"{DOOR.cookie}=s3cret;")
+    headers = Headers(Cookie=jar(dict.fromkeys(["a", *old, ACCESS.cookie], "x")))
+    first, *ended = ACCESS.cookies(headers)
+    assert first.startswith(f"{ACCESS.cookie}=s3cret;")
     assert ended == [f"{name}=; Path=/; Max-Age=0" for name in old[:4]]
 
 

@@ -3,7 +3,7 @@ import pytest
 from armgate.apps.view.frame_timer import FrameTimer
 
 
-def test_late_frames_are_caught_up_and_missed_frames_left_out(clock):
+def test_the_timer_catches_up_after_late_frames_and_skips_missed_frames(clock):
     timer = FrameTimer(10.0, clock)
     assert timer.remaining() == pytest.approx(0.1)
     clock.time += 0.13  # woken late

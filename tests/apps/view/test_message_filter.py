@@ -23,7 +23,7 @@ packed = msgspec.msgpack.encode
 
 
 class Controls:
-    """Run a server with one control of each kind on our page."""
+    """Server with one control of each kind on its page."""
 
     def __init__(self, server, access):
         self.server, self.access, self.pressed = server, access, []
@@ -105,10 +105,12 @@ def test_messages_of_our_page_are_admitted(controls):
 def test_values_that_no_control_can_have_are_ignored(controls):
     inbound = MessageFilter(controls.server)
     gone = controls.value("button", True) | {"uuid": "removed-a-moment-ago"}
-    crooked = [controls.value("slider", value) for value in (0.4, 2.1, 1e300, float("nan"), float("inf"))]
+    wrong_values = [
+        controls.value("slider", value) for value in (0.4, 2.1, 1e300, float("nan"), float("inf"))
+    ]
     places = [moved(position=[0, 0, 1e9]), moved(wxyz=[0, 0, 0, 0]), moved(name="/drive/B")]
     places += [moved(position=[0, 0, float("nan")]), moved(wxyz=[float("nan")] * 4)]
-    for message in [gone, *crooked, *places, CAMERA | {"fov": float("nan")}]:
+    for message in [gone, *wrong_values, *places, CAMERA | {"fov": float("nan")}]:
         assert not inbound.admits(packed(message))
 
 

@@ -31,7 +31,7 @@ def test_no_motion_is_requested_unless_the_pointer_is_held(pointer):
     assert pointer.moving
 
 
-def test_a_release_rests_at_once_and_late_motions_are_ignored(pointer):
+def test_a_release_ends_the_motion_at_once_and_late_motions_are_ignored(pointer):
     pointer.hold()
     pointer.move_to(MOTION)
     pointer.release()

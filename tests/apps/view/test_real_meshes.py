@@ -18,7 +18,7 @@ FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
 def write(file, colour):
-    """Return a Collada tetrahedron of this colour."""
+    """Write a Collada file with a tetrahedron of this colour."""
     made = collada.Collada()
     effect = collada.material.Effect("effect", [], "phong", diffuse=colour)
     paint = collada.material.Material("paint", "paint", effect)

@@ -39,7 +39,7 @@ def test_every_body_is_drawn_in_its_colour(scene):
     assert scene.camera_robot.name == "FR"
 
 
-def test_margins_run_from_red_to_green():
+def test_colours_of_margins_range_from_red_to_green():
     assert colours.margin(0.05, 0.05) == colours.margin(0.0, 0.05) == colours.STATES["stop"]
     assert colours.margin(0.2, 0.05) == colours.margin(9.0, 0.05) == colours.STATES["clear"]
     assert colours.margin(0.125, 0.05) == colours.STATES["near"]

@@ -107,14 +107,14 @@ def case(request: pytest.FixtureRequest, models: dict[str, RobotModel]) -> Case:
 
 @pytest.fixture(params=["planar-xy", "arm-xyz", "gantry-all", "branches-xz"])
 def redundant(request: pytest.FixtureRequest, models: dict[str, RobotModel]) -> Case:
-    """Return tasks with redundant joints."""
+    """Return a task with redundant joints."""
     robot, frame, rows = CASES[request.param]
     return Case(FrameTask(models[robot], frame, rows), np.random.default_rng(17))
 
 
 @pytest.fixture(params=range(12))
 def J(request: pytest.FixtureRequest) -> np.ndarray:
-    """Return random matrices of many shapes; every third is rank-deficient."""
+    """Return a random matrix; the shapes differ, and every third matrix is rank-deficient."""
     rng = np.random.default_rng(request.param)
     m, n = [(2, 3), (3, 6), (6, 6), (6, 9), (1, 4), (6, 3)][request.param % 6]
     whole = rng.normal(size=(m, n))

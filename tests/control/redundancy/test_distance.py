@@ -72,14 +72,14 @@ def test_direction_is_the_gradient(shape, points, differences):
         np.testing.assert_allclose(direction, slope, atol=1e-5)
 
 
-def test_the_gradient_in_the_centre_is_one_of_the_directions(shape):
+def test_the_gradient_in_the_centre_points_to_one_of_the_nearest_surface_points(shape):
     d, n = point_distances(PLACE.t[None], shape, PLACE)
     assert np.linalg.norm(n) == pytest.approx(1.0)
     step, _ = point_distances(PLACE.t[None] + 1e-3 * n, shape, PLACE)
     assert step[0] == pytest.approx(d[0] + 1e-3)
 
 
-def test_cones_and_convex_bodies_count_as_what_is_around_them(points):
+def test_distances_to_cones_and_convex_bodies_are_those_to_an_enclosing_shape(points):
     turn = np.linspace(0.0, 2.0 * np.pi, 50)
     rim = np.stack([0.3 * np.cos(turn), 0.3 * np.sin(turn), np.full(50, -0.25)], axis=1)
     convex, _ = Convex.centred(np.random.default_rng(2).uniform(-0.4, 0.4, (12, 3)).tolist(), 0.05)

@@ -23,14 +23,14 @@ def test_moore_and_penrose(J):
         np.testing.assert_allclose(left, right, atol=1e-10)
 
 
-def test_the_printed_formula_where_it_exists(case):
+def test_the_pseudoinverse_of_full_rank_equals_the_printed_formula(case):
     J = case.task.jacobian(case.q())
     if spaces(J).rank == len(J):
         np.testing.assert_allclose(pseudoinverse(J), J.T @ np.linalg.inv(J @ J.T), atol=1e-8)
 
 
-def test_pseudoinverse_needs_at_most_one_over_the_least_singular_value(case):
-    """Slide 11, and the bound is reached."""
+def test_joint_speeds_by_the_pseudoinverse_are_at_most_one_over_the_least_singular_value(case):
+    """Check the bound of slide 11, and that it is attained."""
     found = spaces(J := case.task.jacobian(case.q()))
     inverse, bound = pseudoinverse(J), 1.0 / found.sigma[found.rank - 1]
     speeds = np.linalg.norm(inverse @ unit_velocities(len(J)), axis=0)
@@ -38,8 +38,8 @@ def test_pseudoinverse_needs_at_most_one_over_the_least_singular_value(case):
     assert np.linalg.norm(inverse @ found.U[:, found.rank - 1]) == pytest.approx(bound)
 
 
-def test_transpose_needs_at_most_the_largest_singular_value(case):
-    """Slide 11, and the bound is reached."""
+def test_joint_speeds_by_the_transpose_are_at_most_the_largest_singular_value(case):
+    """Check the bound of slide 11, and that it is attained."""
     found = spaces(J := case.task.jacobian(case.q()))
     speeds = np.linalg.norm(J.T @ unit_velocities(len(J)), axis=0)
     assert speeds.max() <= found.sigma[0] * (1.0 + 1e-12)
@@ -47,7 +47,7 @@ def test_transpose_needs_at_most_the_largest_singular_value(case):
 
 
 @pytest.mark.parametrize("k", [1e-3, 0.1, 2.0])
-def test_damped_inverse_is_the_printed_one_and_never_faster_than_half_a_damping(J, k):
+def test_damped_inverse_is_the_printed_one_and_its_norm_is_at_most_one_over_twice_the_damping(J, k):
     m = len(J)
     inverse = damped_inverse(J, k)
     np.testing.assert_allclose(inverse, J.T @ np.linalg.inv(J @ J.T + k * k * np.eye(m)), atol=1e-8 / k**2)

@@ -23,7 +23,7 @@ def test_slide_6_and_26_the_jacobian_is_the_printed_one(seed, arm, printed_jacob
     np.testing.assert_allclose(tip(arm(*LINKS)).jacobian(q), printed_jacobian(LINKS, q), atol=1e-14)
 
 
-def test_slides_5_to_7_no_velocity_along_y_where_the_arm_lies_along_y(arm):
+def test_slides_5_to_7_no_velocity_along_y_if_the_arm_lies_along_y(arm):
     l1, l2, l3 = LINKS
     J = tip(arm(*LINKS)).jacobian([np.pi / 2, 0.0, np.pi])
     np.testing.assert_allclose(J, [[-l1 - l2 + l3, -l2 + l3, l3], [0.0, 0.0, 0.0]], atol=1e-15)
@@ -43,7 +43,7 @@ def test_slide_8_the_four_singularities_of_the_three_link_arm(arm):
             assert spaces(task.jacobian([0.7, q2, q3])).singular == (q2 == q3 == 0.0)
 
 
-def test_slide_10_pseudoinverse_blows_up_where_the_transpose_dies(arm):
+def test_slide_10_near_a_singularity_the_pseudoinverse_diverges_and_the_transpose_vanishes(arm):
     task = tip(arm(1.0, 1.0))
     big, small = [], []
     for bend in (1e-1, 1e-2, 1e-3):
@@ -75,11 +75,11 @@ def test_slides_18_to_21_lengths_are_singular_values_whose_squares_are_the_eigen
     assert condition_number(J) == pytest.approx(np.sqrt(squared[0] / squared[1]))
 
 
-def test_slide_22_the_two_link_arm_is_isotropic_at_135_degrees_with_a_root_of_two(arm):
+def test_slide_22_the_two_link_arm_with_lengths_root_of_two_and_one_is_isotropic_at_135_degrees(arm):
     J = tip(arm(np.sqrt(2.0), 1.0)).jacobian([0.4, 0.75 * np.pi])
     assert isotropy(J) == pytest.approx(1.0)
     assert condition_number(J) == pytest.approx(1.0)
-    # With equal links it is isotropic nowhere.
+    # With equal links it is not isotropic at any angle.
     equal = tip(arm(1.0, 1.0))
     assert max(isotropy(equal.jacobian([0.0, bend])) for bend in np.linspace(0.0, np.pi, 500)) < 0.62
 
@@ -103,14 +103,14 @@ def test_slide_26_principal_axes_of_the_two_link_arm(arm):
     np.testing.assert_allclose(signs * axes, printed, atol=5e-5)
 
 
-def test_slides_27_to_33_degrees_of_the_three_link_arm(arm):
+def test_slides_27_to_33_manipulability_and_redundancy_degrees_of_the_three_link_arm(arm):
     task = tip(arm(*LINKS))
     regular, singular = spaces(task.jacobian([0.3, 0.8, -0.5])), spaces(task.jacobian([0.3, 0.0, 0.0]))
     assert (regular.degree_of_manipulability, regular.degree_of_redundancy) == (2, 1)
     assert (singular.degree_of_manipulability, singular.degree_of_redundancy) == (1, 2)
 
 
-def test_slide_9_the_arm_with_a_shoulder_loses_one_direction_a_singularity():
+def test_slide_9_the_arm_with_a_shoulder_loses_one_direction_in_each_singularity():
     from armgate.cell.model import RobotModel
     from armgate.cell.placement import Placement
 

@@ -101,7 +101,7 @@ def test_an_objective_ends_at_a_lower_potential_with_the_task_in_place(task, nam
     assert np.abs(task.error(q, place)).max() < 1e-3
 
 
-def test_away_from_a_singularity_from_within_one(models):
+def test_the_objective_leads_out_of_a_singularity(models):
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     objective = AwayFromSingularities(task)
     q = np.array([0.3, 0.0, 0.0])
@@ -128,7 +128,7 @@ def test_far_obstacles_have_no_effect(models):
     assert AwayFromObstacles(model, [], 0.5).least_distance(np.zeros(3)) == np.inf
 
 
-def test_least_distance_of_a_known_place(models):
+def test_the_least_distance_at_a_known_position(models):
     """The arm lies along x at z = 0.5; its last link ends in a cap of 30 mm at x = 1.17 + 0.03."""
     ball = Obstacle(Sphere(0.1), Placement.from_rpy([2.0, 0.0, 0.5], [0.0, 0.0, 0.0]))
     objective = AwayFromObstacles(models["P"], [ball], 0.5)

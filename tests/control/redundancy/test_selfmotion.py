@@ -14,7 +14,7 @@ def planar_task(arm):
 
 
 def closed_form(tip, heading):
-    """Return both positions with the last link at that heading: two links to its root, elbow either way."""
+    """Yield the two positions, one for each elbow, that reach the tip with the last link at this heading."""
     l1, l2, l3 = LINKS
     wrist = tip - l3 * np.array([np.cos(heading), np.sin(heading)])
     cosine = (wrist @ wrist - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
@@ -53,9 +53,10 @@ def test_the_self_motion_of_the_planar_arm_lies_on_the_known_curve_and_closes(ar
 
 @pytest.mark.parametrize(("start", "elbows"), [((0.3, 0.8, 0.4), (1, -1)), ((0.0, 1.5, 1.5), (1,))])
 def test_the_self_motion_of_the_planar_arm_is_the_whole_curve(arm, start, elbows):
-    """Every heading that the closed form allows is passed, with both elbows where the curve stretches them.
+    """Check that the curve has all headings of the closed form, and both elbows if the arm can stretch.
 
-    With the tip near the base the two links to the wrist never stretch or fold: there are two curves.
+    With the tip near the base, the two links to the wrist cannot be stretched or folded. Then the two elbows
+    are on two separate curves.
     """
     task = planar_task(arm)
     tip = task.place(start).t[:2]
@@ -71,7 +72,7 @@ def test_the_self_motion_of_the_planar_arm_is_the_whole_curve(arm, start, elbows
     assert count > 60
 
 
-def test_tracing_starts_along_a_given_direction_and_back(arm):
+def test_tracing_starts_along_a_given_direction_or_its_opposite(arm):
     task, start = planar_task(arm), np.array([0.3, 0.8, 0.9])
     there = trace_self_motion(task, start, budget=5, along=[1.0, 0.0, 0.0])
     back = trace_self_motion(task, start, budget=5, along=[-1.0, 0.0, 0.0])

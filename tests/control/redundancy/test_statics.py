@@ -6,7 +6,7 @@ from armgate.control.redundancy.statics import balance, torques
 
 
 def test_virtual_work(case):
-    """The power of the torques equals that of the force for every motion."""
+    """Check that the power of the torques equals the power of the force for a random motion."""
     J = case.task.jacobian(case.q())
     F, qd = case.rng.normal(size=len(J)), case.rng.normal(size=J.shape[1])
     assert torques(J, F) @ qd == pytest.approx(F @ (J @ qd))
@@ -19,7 +19,7 @@ def test_no_force_makes_torque_along_a_self_motion(J):
 
 
 def test_a_force_in_a_singular_direction_needs_no_torque(J):
-    """N(Jᵀ) = R(J)⊥, and only these."""
+    """Check N(Jᵀ) = R(J)⊥: forces in R(J) need a torque."""
     found = spaces(J)
     for direction in found.singular_directions.T:
         np.testing.assert_allclose(torques(J, direction), 0.0, atol=1e-12)
