@@ -11,8 +11,8 @@ import pytest
 
 from armgate import events
 from armgate.conformance.case import Outcome
+from armgate.daemon.core import assets, to_protocol
 from armgate.daemon.core import description as description_module
-from armgate.daemon.core import to_protocol
 from armgate.daemon.core.core import Core
 from armgate.daemon.core.interfaces import Client
 from armgate.daemon.core.lease_changes import Leasing
@@ -357,9 +357,7 @@ def brakes_harder_than_described(patch):
 
 
 def another_hash(patch):
-    patch.setattr(
-        description_module, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest()
-    )
+    patch.setattr(assets, "_sha256", lambda text: hashlib.sha256(text.upper().encode()).hexdigest())
 
 
 def versions_not_echoed(patch):
