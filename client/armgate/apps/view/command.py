@@ -34,7 +34,7 @@ Speed = Annotated[
     float, typer.Option(min=0.01, max=1.0, help="Driving: largest share of the robots' speeds.")
 ]
 Meshes = Annotated[
-    bool, typer.Option(help="Draw known arms with their real meshes, if armgate[meshes] is installed.")
+    bool, typer.Option(help="Draw known arms with their real meshes, if the extra `meshes` is installed.")
 ]
 Open = Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")]
 Name = Annotated[str, typer.Option(help="Name of this client.")]
