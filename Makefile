@@ -32,7 +32,7 @@ install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the ce
 demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
-# Two tests run at a time, except those that depend on the time that passes (tests/conftest.py).
+# Two tests run at a time, except those that depend on elapsed time (marked "alone" in tests/conftest.py).
 PYTEST := $(BIN)/python -m pytest
 TWO := -n 2 --dist worksteal
 

@@ -26,7 +26,7 @@ _ALONE = (
     "monitor/test_live",
     "packaging/test_tutorials",
 )
-"""Tests that depend on the time that passes, or use both cores: they run while no other test runs."""
+"""Tests that depend on elapsed time or use both cores. They run one at a time."""
 
 _WITHOUT_GATE = {"cell", "client", "control", "emulator", "protocol", "recording"}
 """Folders of tests that neither use the gate nor start a daemon."""
