@@ -148,7 +148,7 @@ class ReplayGate(Gate):
     def _as_played(self, s: RobotState, plan: Plan) -> Decision:
         """Return the recorded plan as a decision, with the bounds that are known without a query."""
         occupied = occupancy_to(s, end_of(s.setpoint, plan.increments), plan.increments[0])
-        swept = self._clearance.space.sweep(s.index, occupied)
+        swept = self._clearance.sweep(s.index, occupied)
         most = np.full_like(self._clearance.limits_of[s.index], np.inf)
         checked = self._clearance.check(s.index, swept, None, most, Budget(0))
         self._clearance.mark_maybe_below()

@@ -125,7 +125,7 @@ class DecisionMaker:
         """Return the decision for ``u`` if its stop is clear, else the binding pair or joint."""
         increments = stop_increments(u, state.bounds.decel) or (state.zeros,)
         occupied = occupancy_to(state, end_of(state.setpoint, increments), increments[0])
-        swept = self._clearance.space.sweep(state.index, occupied)
+        swept = self._clearance.sweep(state.index, occupied)
         step = self._extension(state, occupied)
         result = self._clearance.check(state.index, swept, step, required.need, budget)
         if result.binding is not None:

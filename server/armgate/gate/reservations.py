@@ -31,7 +31,7 @@ class Reservations:
         if self._clearance.space.ranges[s.index].levers:
             self._clearance.fit(s.index, s.reachable_points, s.reachable_margin)
         occupied = occupancy_to(s, s.end, s.brake)
-        s.main, s.next = Reserved(occupied, self._clearance.space.sweep(s.index, occupied)), None
+        s.main, s.next = Reserved(occupied, self._clearance.sweep(s.index, occupied)), None
         self._hold(s)
 
     def stage(self, s: RobotState, plan: Plan, decision: Decision) -> None:
@@ -74,7 +74,7 @@ class Reservations:
         Every pair must keep its limit, or its kept bound if that is less.
         """
         c = self._clearance
-        swept = c.space.sweep(s.index, occupancy_at(s, setpoint))
+        swept = c.sweep(s.index, occupancy_at(s, setpoint))
         need = np.minimum(c.limits_of[s.index], c.bound.of(s.index))
         result = c.check(s.index, swept, None, need, Budget(_BUDGET))
         if result.binding is not None:

@@ -24,7 +24,10 @@ class Link(Protocol):
         """Number of increments left to play if no other plan comes; 0 at rest."""
 
     def offer(self, plan: Plan) -> PlanAnswer | None:
-        """Replace the held plan by compare-and-swap; return None if the answer arrives later, as an event."""
+        """Replace the held plan by compare-and-swap; return None if the answer arrives later, as an event.
+
+        Links in this process use `PlanPlayer.offer` of `armgate.links.plan_player`.
+        """
 
     def rebase(self, rebase: Rebase) -> None:
         """Drop the plan and take the given setpoint as the commanded position."""

@@ -641,6 +641,15 @@ async def test_a_hello_does_not_wait_for_messages_of_other_clients_at_its_addres
     line.transport.socket.close()
 
 
+async def test_bytes_before_the_hello_count_only_in_the_limit_of_their_connection():
+    allowances = RateLimits(Rates(client=2000.0, identity=1e6, address=1e6, in_all=10.0), lambda: 0.0)
+    line = Wire(limit=RateLimit(allowances, "127.0.0.1"))
+    line.arrive((900_000).to_bytes(4, "big") + bytes(500_000))
+    assert RateLimit(allowances, "127.0.0.2").reserve(own_limit_only=False) == 0.0
+    line.session.connection_lost(None)
+    line.transport.socket.close()
+
+
 @pytest.mark.parametrize("message", [m.Describe(), m.Sessions()])
 async def test_messages_with_large_answers_count_more(line, message):
     line.hello()

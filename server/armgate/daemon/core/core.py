@@ -2,7 +2,7 @@
 
 The core owns the gate, the leases, the signals and the states of one cell. A daemon passes it the requests
 of clients (`join`, `handle`, `leave`) and the reports of robots (`tick`, `receive`). A command takes this
-path: `handle`, `command`, `GateRunner.feed`, the gate, the link. `_report` sends the verdict.
+path: `handle`, `_dispatch`, `command`, `GateRunner.feed`, the gate, the link. `_report` sends the verdict.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -159,7 +159,7 @@ class Core:
         try:
             self.leasing.renew(peer, self._lease_time())
             check_rights(peer.client, request)
-            self._answer(peer, request)
+            self._dispatch(peer, request)
         except ProtocolError as error:
             if error.re is None and isinstance(request, m.Request):
                 error.re = request.id
@@ -183,10 +183,12 @@ class Core:
         self.expire()
         # The gate also checks the holder: a client that guesses a fence does not control the robot.
         holder = self.leasing.is_holder(peer.client.id, command.robot)
-        event = events.Command(command.robot, command.fence, command.seq, command.tick, command.dq, holder)
+        event = events.Command(
+            command.robot, command.fence, command.seq, based_on=command.tick, dq=command.dq, holder=holder
+        )
         self._feed(event, peer)
 
-    def _answer(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case per message)
+    def _dispatch(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case per message)
         match request:
             case m.Command():
                 self.check_robot(request.robot, "command", request.seq)

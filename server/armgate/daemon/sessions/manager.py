@@ -65,7 +65,7 @@ class SessionManager:
         self._settings = settings
         self._keys = keys
         self._holds_robot = core.leasing.holds
-        self._requests = requests
+        self._handler = requests
         self._scheduler = scheduler
         self._greeter = greeter
         self._log = log
@@ -184,8 +184,8 @@ class SessionManager:
         try:
             if not self._accepting:
                 raise RemoteProtocolError(ErrorCode.SHUTTING_DOWN, "the daemon is ending", about="hello")
-            session.identify(self._login.admit(session, hello), self._requests)
-            self._requests.join(session)
+            session.identify(self._login.admit(session, hello), self._handler)
+            self._handler.join(session)
         except RemoteProtocolError as error:
             session.forget()
             error.re = hello.id
@@ -205,7 +205,7 @@ class SessionManager:
             client = session.client
             self._log.info("gone", session=client.id, name=client.name, reason=reason)
             if self._serving:
-                self._requests.leave(session)
+                self._handler.leave(session)
 
     def closed(self, session: Session) -> None:
         """Forget a connection that is closed."""

@@ -96,7 +96,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
         self._connection = connection
         self._scheduler = scheduler
         self._limit = limit
-        self._requests: RequestHandler
+        self._handler: RequestHandler
         self._transport: asyncio.Transport
         self._buffer = memoryview(bytearray(_BUFFER))
         self._bytes = 0
@@ -197,25 +197,28 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
 
     def _request_turn(self, run: Callable[[str, bool, Work], None]) -> None:
         """Read when it is this session's turn and its rate limit permits it."""
-        privileged = self.privileged
-        # Other clients must not delay a hello: before it only the session's own allowance counts.
-        own_limit_only = privileged or not self.greeted
-        wait = 0.0 if self._limit is None else self._limit.reserve(own_limit_only)
+        wait = 0.0 if self._limit is None else self._limit.reserve(self._own_limit_only)
         if wait:
             self._read_ahead()
             self._timer = asyncio.get_running_loop().call_later(wait, self._resume)
         else:
-            run(self.identity, privileged, self._read)
+            run(self.identity, self.privileged, self._read)
+
+    @property
+    def _own_limit_only(self) -> bool:
+        """True if only the connection's own limit counts: before the hello no client may delay another."""
+        return self.privileged or not self.greeted
 
     def _resume(self) -> None:
         self._scheduler.run_now(self.identity, self.privileged, self._read)
 
     def _read(self) -> None:
         """Read as much as one turn allows, and request another turn for the rest."""
+        own_limit_only = self._own_limit_only
         with self.batch():
             cost, more = self._receive_some()
         if self._limit is not None:
-            self._limit.spend(cost - 1.0, self.privileged)
+            self._limit.spend(cost - 1.0, own_limit_only)
         if more:
             self._read_ahead()
             self._request_turn(self._scheduler.run_later)
@@ -261,7 +264,7 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
                 self.close(m.Bye())
             case _ if isinstance(item, ClientRequest):
                 if self._host.serving:
-                    self._requests.handle(self, item)
+                    self._handler.handle(self, item)
             case _:
                 raise AssertionError(f"{item.type}: not a message of clients")
 

@@ -167,7 +167,7 @@ class Session(SessionReader, ConnectionProtocol):
 
     def identify(self, client: Client, requests: RequestHandler) -> None:
         """Accept the hello of a client; ``requests`` handles its requests from now on."""
-        self._client, self._requests = client, requests
+        self._client, self._handler = client, requests
         if self._limit is not None:
             self._limit.identify(client.identity)
 

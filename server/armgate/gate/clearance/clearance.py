@@ -35,6 +35,7 @@ from armgate.gate.clearance.pair_check import (
 from armgate.gate.clearance.pair_groups import ChainGroup, Group, pair_groups_of, with_present_bounds
 from armgate.gate.clearance.prefilter import MARGIN, robot_pairs
 from armgate.gate.clearance.swept import Array, Index, Space, Swept
+from armgate.gate.occupancy import Occupancy
 
 _PROVE_ALL_BUDGET = 64
 _DIRECTIONS = 2
@@ -82,6 +83,10 @@ class Clearance:
             self._place[robot] = _places(self.groups[robot])
             n = self.cell.robots[robot].model.n
             self.prefilter.replace(robot, robot_pairs(self.groups[robot], n))
+
+    def sweep(self, robot: int, occupancy: Occupancy) -> Swept:
+        """Return a robot's occupancy as bodies in space, which `check` takes."""
+        return self.space.sweep(robot, occupancy)
 
     def growth(self, robot: int, step: Array) -> Array:
         """Return the largest decrease of each of a robot's distances if its joints move by ``step``."""
