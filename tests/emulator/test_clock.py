@@ -64,7 +64,7 @@ def test_lateness_counts_halves_and_overruns():
 
 
 async def ticks_of(clock_of, count):
-    """Run a wall clock until ``count`` instants have come."""
+    """Run a wall clock until ``count`` instants have passed."""
     instants, done = [], asyncio.Event()
 
     def tick(instant):

@@ -23,7 +23,7 @@ from armgate.cell.cell import Cell, Robot
 from gate import scenes
 from gate.disturbances import Operator, pushed
 from gate.oracle import Oracle
-from gate.rig import GRID, HARSH, JITTER, KEEPS, LIES, PROMPT, ROUGH, Rig, Tally, Traffic
+from gate.rig import DEVIATING, GRID, HARSH, JITTER, KEEPS, PROMPT, ROUGH, Rig, Tally, Traffic
 
 Vector = np.ndarray
 
@@ -38,35 +38,35 @@ def signs(rng: random.Random, n: int) -> Vector:
     return np.array([rng.choice((-1.0, 1.0)) for _ in range(n)])
 
 
-# Each attack returns an increment for one tick. ``mind`` is its memory per robot, cleared when it changes.
+# Each attack returns an increment for one tick. ``memory`` is its memory per robot, cleared when it changes.
 
 
-def wild(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Return any increment, up to three times the allowed one."""
+def wild(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
+    """Return a random increment, up to three times the largest allowed one."""
     return full(rig, i) * np.array([rng.uniform(-3, 3) for _ in full(rig, i)])
 
 
-def jerky(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+def jerky(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
     """Return a new direction at full speed every tick."""
     return full(rig, i) * signs(rng, len(full(rig, i)))
 
 
-def steady(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+def steady(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
     """Return one direction at full speed."""
     u = full(rig, i)
-    return u * mind.setdefault("d", np.array([rng.uniform(-1, 1) for _ in u]))
+    return u * memory.setdefault("d", np.array([rng.uniform(-1, 1) for _ in u]))
 
 
-def greedy(rig: Rig, i: int, rng: random.Random, mind: dict, sign: float = 1.0) -> Vector:
-    """Return, of some directions, the one that takes the robot's nearest pair closest."""
+def greedy(rig: Rig, i: int, rng: random.Random, memory: dict, sign: float = 1.0) -> Vector:
+    """Return the one of seven directions that brings the robot's nearest pair closest."""
     u = full(rig, i)
     tries = [u * np.array([rng.uniform(-1, 1) for _ in u]) for _ in range(6)]
-    tries.append(mind.get("u", tries[0]))
+    tries.append(memory.get("u", tries[0]))
     qs = [np.tile(p.setpoint, (len(tries), 1)) for p in rig.players]
     qs[i] = qs[i] + 8.0 * np.array(tries)
     nearest = rig.margins(qs)[:, _own(rig, i)].min(axis=1)
-    mind["u"] = tries[int(np.argmin(sign * nearest))]
-    return mind["u"]
+    memory["u"] = tries[int(np.argmin(sign * nearest))]
+    return memory["u"]
 
 
 def _own(rig: Rig, i: int) -> Vector:
@@ -77,63 +77,63 @@ def _own(rig: Rig, i: int) -> Vector:
     return cache[i]
 
 
-def shy(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+def shy(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
     """Move back and forth at the boundary: toward the nearest body, away after a refusal, and again."""
     verdict = rig.last_verdict[i]
     if verdict is not None and verdict.outcome == "refused":
-        mind["away"] = rng.randrange(1, 6)
-    mind["away"] = mind.get("away", 0) - 1
-    return greedy(rig, i, rng, mind, -1.0 if mind["away"] > 0 else 1.0)
+        memory["away"] = rng.randrange(1, 6)
+    memory["away"] = memory.get("away", 0) - 1
+    return greedy(rig, i, rng, memory, -1.0 if memory["away"] > 0 else 1.0)
 
 
-def aimed(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Move at full speed toward the place of another robot or an empty one: two robots meet in the middle."""
+def aimed(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
+    """Move at full speed toward a random goal or a mirrored start, so that two robots meet in the middle."""
     robot, player = rig.cell.robots[i], rig.players[i]
-    if "goal" not in mind:
-        mind["goal"] = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
+    if "goal" not in memory:
+        memory["goal"] = np.array([rng.uniform(a, b) for a, b in zip(robot.lower, robot.upper, strict=True)])
         if rng.random() < 0.5:
-            mind["goal"] = robot.start * np.array([rng.choice((-1, 0, 1)) for _ in robot.start])
-    v = mind["goal"] - np.array(player.setpoint)
+            memory["goal"] = robot.start * np.array([rng.choice((-1, 0, 1)) for _ in robot.start])
+    v = memory["goal"] - np.array(player.setpoint)
     return v if np.all(np.abs(v) < full(rig, i)) else v / np.max(np.abs(v) / full(rig, i))
 
 
-def first_and_last(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Move A1 with A6 at full speed: the fast wrist drags the slow axis through the stop."""
+def first_and_last(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
+    """Move the first and the last joint at full speed: both share one stop."""
     u = np.zeros(len(full(rig, i)))
-    a, b = mind.setdefault("s", signs(rng, 2))
+    a, b = memory.setdefault("s", signs(rng, 2))
     if rng.random() < 0.05:
-        mind["s"] = signs(rng, 2)
+        memory["s"] = signs(rng, 2)
     u[0], u[-1] = a, b
     return full(rig, i) * u
 
 
-def limits(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+def limits(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
     """Move into the nearest limit of every joint, and reverse one joint at random."""
     robot, q = rig.cell.robots[i], np.array(rig.players[i].setpoint)
-    d = mind.setdefault("d", np.where(q - robot.lower < robot.upper - q, -1.0, 1.0))
+    d = memory.setdefault("d", np.where(q - robot.lower < robot.upper - q, -1.0, 1.0))
     if rng.random() < 0.3:
         d[rng.randrange(len(d))] *= -1.0
     return full(rig, i) * d
 
 
-def stretched(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Straighten arm and wrist, then tremble near the singularity."""
+def stretched(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
+    """Straighten arm and wrist, then change direction at full speed near the singularity."""
     v = -np.array(rig.players[i].setpoint)
     v[0] = 0.0
     if np.max(np.abs(v)) < 0.1:
-        return jerky(rig, i, rng, mind)
+        return jerky(rig, i, rng, memory)
     return full(rig, i) * np.clip(v / 0.1, -1, 1)
 
 
-def tremble(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
-    """Return tiny increments: rounding must not add up."""
+def tremble(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
+    """Return tiny increments, whose rounding errors must not accumulate."""
     return full(rig, i) * 10.0 ** rng.uniform(-12, -2) * signs(rng, len(full(rig, i)))
 
 
-def creep(rig: Rig, i: int, rng: random.Random, mind: dict) -> Vector:
+def creep(rig: Rig, i: int, rng: random.Random, memory: dict) -> Vector:
     """Move joints outside their limits back very slowly, and another joint in one direction at full speed."""
     robot, q, u = rig.cell.robots[i], np.array(rig.players[i].setpoint), full(rig, i)
-    j, sign = mind.setdefault("d", (rng.choice((0, 0, rng.randrange(len(u)))), rng.choice((-1.0, 1.0))))
+    j, sign = memory.setdefault("d", (rng.choice((0, 0, rng.randrange(len(u)))), rng.choice((-1.0, 1.0))))
     d = sign * (np.arange(len(u)) == j)
     back = 1e-6 * np.where(q > robot.upper, -1.0, 1.0)
     return np.where((q > robot.upper) | (q < robot.lower), back, u * d)
@@ -155,13 +155,13 @@ class Adversary:
     _mode: dict[int, tuple[str, int, dict]] = field(default_factory=dict)
 
     def __call__(self, rig: Rig, i: int) -> Vector | None:
-        name, left, mind = self._mode.get(i, ("", 0, {}))
+        name, left, memory = self._mode.get(i, ("", 0, {}))
         if left <= 0:
-            name, left, mind = self.rng.choice(list(self.attacks)), self.rng.randrange(3, 120), {}
-        self._mode[i] = name, left - 1, mind
+            name, left, memory = self.rng.choice(list(self.attacks)), self.rng.randrange(3, 120), {}
+        self._mode[i] = name, left - 1, memory
         if self.rng.random() < self.skips:
             return None
-        return ATTACKS[name](rig, i, self.rng, mind)
+        return ATTACKS[name](rig, i, self.rng, memory)
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ SETTINGS = (
     Setting("lever", beyond=0.4, attacks=("creep",), share=0.5),
     Setting("lever_out", beyond=0.7, response="slow", attacks=("creep",), share=0.3),
     Setting("corner", beyond=0.3, lag=0.03, traffic=ROUGH, share=0.3),
-    Setting("duel", lag=0.03, traffic=LIES, share=0.3),
+    Setting("duel", lag=0.03, traffic=DEVIATING, share=0.3),
     Setting("lane", pushes=True, share=0.3),
     Setting("niche", pushes=True, share=0.3),
 )
@@ -260,7 +260,7 @@ def arena(setting: Setting) -> Arena:
 
 
 def start_of(rng: random.Random, robot: Robot, beyond: float) -> Vector:
-    """Return a random start, up to 0.02 beyond the limits; slides at times by more."""
+    """Return a random start, up to 0.02 beyond the limits; some slides start farther beyond."""
     q = np.array([rng.uniform(a - 0.02, b + 0.02) for a, b in zip(robot.lower, robot.upper, strict=True)])
     for j, joint in enumerate(robot.model.joints):
         if beyond and joint.kind == "prismatic" and rng.random() < 0.7:
@@ -272,7 +272,7 @@ def start_of(rng: random.Random, robot: Robot, beyond: float) -> Vector:
 def attack(
     place: Arena, setting: Setting, seed: int, commands: int, attacks: Sequence[str] = tuple(ATTACKS)
 ) -> Tally:
-    """Run an attack on a new gate, at times from a start that violates the stop distance or a limit."""
+    """Run an attack on a new gate, in some runs from a start that violates the stop distance or a limit."""
     if setting.pushes:
         return pushed(place.cell, place.oracle, seed, commands)
     rng = random.Random(seed)
@@ -298,7 +298,7 @@ LENGTH = 400
 
 
 def run_of(seed: int) -> tuple[int, Setting, Tally]:
-    """Run an attack by its number, in any process: the seed determines everything."""
+    """Run the attack with this number; the seed alone determines it, in any process."""
     setting = SETTINGS[seed % len(SETTINGS)]
     place = _ARENAS.setdefault(setting, None) or arena(setting)
     _ARENAS[setting] = place
@@ -309,7 +309,7 @@ _ARENAS: dict[Setting, Arena | None] = {}
 
 
 def main() -> int:
-    """Attack in as many processes as there are cores, until so many commands are decided."""
+    """Run attacks in ``JOBS`` processes (default: one per core) until ``STEPS`` commands are decided."""
     steps, seed = int(os.environ.get("STEPS", "20000")), int(os.environ.get("SEED", "0"))
     jobs = int(os.environ.get("JOBS", "0")) or os.cpu_count() or 1
     shares = [s.share for s in SETTINGS]

@@ -125,7 +125,7 @@ def _least_norm(points, weights):
 
 
 def scene(rng):
-    """Return shapes of all kinds, and the gate's certifier for all pairs of two standing sides."""
+    """Return kinds, shapes, the gate's certifier, and a group of all pairs of shapes, none of which moves."""
     kinds = [kind for kind in KINDS for _ in range(_EACH)]
     shapes = [random_shape(kind, rng) for kind in kinds]
     certifier = Certifier(SimpleNamespace(bodies=[SimpleNamespace(shape=shape) for shape in shapes]))
@@ -147,7 +147,7 @@ def standing(R, t):
 
 
 def compare(pairs, seed):
-    """Return rows (kinds, certified, upper, error, slab) of random pairs; the share with a second engine."""
+    """Return rows (kinds, certified, upper, error, slab) of random pairs, and the share of second queries."""
     rng = np.random.default_rng(seed)
     rows, gaps = [], 0
     while len(rows) < pairs:
@@ -193,7 +193,7 @@ def main():
             f"{' - '.join(kinds):22} {len(rows):6} {np.count_nonzero(apart):6} {worst:17.2e} "
             f"{loose.max(initial=0.0):19.2e}"
         )
-    write_line(f"pairs: {len(found)}, second opinions: {gaps:.4%}")
+    write_line(f"pairs: {len(found)}, second queries: {gaps:.4%}")
     write_line(f"certificates above the truth: {wrong}")
     return 1 if wrong else 0
 

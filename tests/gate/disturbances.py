@@ -13,7 +13,7 @@ _NEAR = 0.05
 """Margin below which a robot is reset more often, m."""
 
 _STANDS = 0.7
-"""Longest time for which a standing robot may not be reset, s."""
+"""Longest time that a robot at rest may wait for its reset to be accepted, s."""
 
 
 class Operator:
@@ -21,7 +21,7 @@ class Operator:
 
     Args:
         rng: Random numbers.
-        rate: Share of grid steps at which a series begins with a robot that is near something.
+        rate: Share of grid steps at which a series of resets begins, mostly with robots near other bodies.
     """
 
     def __init__(self, rng: random.Random, rate: float) -> None:
@@ -107,7 +107,7 @@ def _push(rig: Rig, by: np.ndarray) -> None:
     rig.drives[0].push(by)
     faults = [o for o in rig.held(0) if isinstance(o, Stopped)]
     if not faults:
-        rig.violation(f"a push by {np.max(by):.4f} is no fault")
+        rig.violation(f"a push by {np.max(by):.4f} causes no fault")
         return
     for _ in range(round(_STANDS / rig.cell.robots[0].period)):
         rig.held(0)

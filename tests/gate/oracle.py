@@ -118,7 +118,10 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def segments_apart(p, u, q, v) -> np.ndarray:
-    """Return the distance of segments p ± u and q ± v, (…, 3) each: least of free minimum and ends."""
+    """Return the distance of segments p ± u and q ± v, (…, 3) each.
+
+    It is the smallest of the distances with the first segment's point at the free minimum and at both ends.
+    """
     w = q - p
     a, b, c = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
     d, e = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
@@ -197,9 +200,10 @@ class Oracle:
         return np.concatenate([p[0] for p in parts], 1), np.concatenate([p[1] for p in parts], 1)
 
     def below(self, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return lower bounds of all pairs, (m, pairs): of balls, and for near pairs of containing segments.
+        """Return lower bounds of the distances of all pairs, (m, pairs).
 
-        The segments are exact for two balls or capsules.
+        They are the distances of enclosing balls, and for near pairs of enclosing thick segments, which are
+        exact for spheres and capsules.
         """
         around = np.linalg.norm(self._half, axis=1) + self._thick
         v = t[:, self._b] - t[:, self._a]
@@ -260,7 +264,7 @@ class Oracle:
         return self._deep(a, b, R, t, ends)
 
     def _deep(self, a, b, R, t, ends) -> Apart:
-        """Return the best plane of many: in penetration two points prove nothing."""
+        """Return the best of many planes; for bodies that overlap, two points prove no upper bound."""
         depth, normal = self._coal_distance(a, b, R, t, ends)
         if depth > 0:
             return Apart(self._plane(a, b, R, t, normal), depth, normal)
@@ -282,7 +286,7 @@ class Oracle:
         return d - self.solids[a].round - self.solids[b].round
 
     def _thickened(self, a, b, p, q) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points of two bodies on the line between the points of the engine's forms."""
+        """Move the engine's two points toward each other by the radii that the engine's shapes lack."""
         n = (q - p) / max(float(np.linalg.norm(q - p)), 1e-12)
         return p + self.solids[a].round * n, q - self.solids[b].round * n
 
@@ -295,13 +299,13 @@ class Oracle:
         return float(d) - self.solids[a].round - self.solids[b].round, np.array(result.normal)
 
     def _inside(self, a, b, R, t, p, q) -> bool:
-        """Return the distance of two points if both are in their bodies: a true upper bound."""
+        """Return True if both points lie in their bodies, so that their distance is an upper bound."""
         return self.solids[a].holds(R[a].T @ (p - t[a]), TINY / 4) and self.solids[b].holds(
             R[b].T @ (q - t[b]), TINY / 4
         )
 
     def _plane(self, a, b, R, t, v) -> float:
-        """Return the distance between two planes across v: never more than the signed distance."""
+        """Return the width of the gap between the bodies along v: at most their signed distance."""
         length = np.linalg.norm(v)
         if not np.isfinite(length) or length < 1e-12:
             return -np.inf
@@ -311,7 +315,7 @@ class Oracle:
         )
 
     def _room(self, pair: int, R, t, n) -> np.ndarray:
-        """Return the same for one plane and many positions, R (m, nb, 3, 3) and t (m, nb, 3)."""
+        """Return the same gap for one normal and many positions, R (m, nb, 3, 3) and t (m, nb, 3)."""
         a, b = self.pairs[pair]
         n = n / max(np.linalg.norm(n), 1e-12)
         near = self.solids[a].reaches(n @ R[:, a])

@@ -1,4 +1,4 @@
-"""Test bench around the gate in virtual time: drives that lag, links with plans, messages that get lost.
+"""Test bench around the gate in virtual time: drives that lag, links with plans, lost messages.
 
 Everything happens on a grid of time. The bench feeds the gate, records the true positions of the robots, also
 between the ticks, and has the oracle check them all. It is written from the description of plans, not from
@@ -40,7 +40,7 @@ GRID = 0.002
 
 
 class Drive:
-    """True position of a robot: first order behind its setpoint, or on a ramp to it, after a delay.
+    """True position of a robot: it follows the delayed setpoint with a first-order lag, or on a ramp.
 
     Joint j lags by ``lag`` plus ``apart[j]``.
     """
@@ -82,13 +82,13 @@ class Drive:
         self._steps.extend([(-1e9, self.q.copy()), (-1e8, self.q.copy())])
 
     def distance_left(self, time: float) -> float:
-        """Return the largest distance, in any joint, of the setpoints that still count from the position."""
+        """Return the largest distance, in any joint, from the position to a setpoint that can still act."""
         seen = time - self._delay
         held = [k for k, (t, _) in enumerate(self._steps) if t <= seen + 1e-9][-1]
         return max(float(np.max(np.abs(s - self.q))) for _, s in list(self._steps)[held:])
 
     def resting(self) -> bool:
-        """Return True if all setpoints that still count are the same, and the robot is there."""
+        """Return True if all setpoints that can still act are the same, and the robot is there."""
         target = self._steps[-1][1]
         return all(np.all(abs(s - target) < 1e-7) for s in (self.q, *(s for _, s in self._steps)))
 
@@ -103,13 +103,13 @@ class Player:
             controller that accepts no other setpoint does.
 
     Attributes:
-        lie: Factor by which the played increment differs from the plan's.
-        lied: True if the last increment differed from the plan by more than rounding.
+        factor: Factor by which the played increment differs from the plan's.
+        deviates: True if the last increment differed from the plan by more than rounding.
     """
 
     def __init__(self, robot: str, q: Sequence[float], keeps: bool = False) -> None:
         self.robot, self.setpoint, self.keeps = robot, tuple(map(float, q)), keeps
-        self.lie, self.lied, self._rebased = 1.0, False, False
+        self.factor, self.deviates, self._rebased = 1.0, False, False
         self.tick, self.resets = -1, 0
         self.plan: Plan | None = None
         self.next: Plan | None = None
@@ -149,9 +149,9 @@ class Player:
 
     def _played(self, planned: Sequence[float]) -> tuple[float, ...]:
         """Return the increment to play: the plan's if the difference is not distinguishable from rounding."""
-        played = tuple(self.lie * u for u in planned)
-        self.lied = max(abs(a - b) for a, b in zip(played, planned, strict=True)) > 1e-8
-        return played if self.lied else tuple(planned)
+        played = tuple(self.factor * u for u in planned)
+        self.deviates = max(abs(a - b) for a, b in zip(played, planned, strict=True)) > 1e-8
+        return played if self.deviates else tuple(planned)
 
     def rebase(self, order: Rebase) -> None:
         self.plan = self.next = None
@@ -171,8 +171,8 @@ class Player:
 class Traffic:
     """Disturbances of messages and measurements; times in periods, the rest as shares.
 
-    ``jitter`` is the largest lateness of a time stamp; for ``keeps`` see `Player`; ``lies`` is the share of
-    ticks at which a link does not play its plan.
+    ``jitter`` is the largest lateness of a time stamp; for ``keeps`` see `Player`; ``deviations`` is
+    the share of ticks at which a link does not play its plan.
     """
 
     plan_late: float = 0.0
@@ -183,7 +183,7 @@ class Traffic:
     noise: bool = False
     jitter: float = 0.0
     keeps: bool = False
-    lies: float = 0.0
+    deviations: float = 0.0
 
 
 PROMPT = Traffic()
@@ -191,7 +191,7 @@ ROUGH = Traffic(plan_late=1.4, answer_late=3.0, plan_lost=0.05, answer_lost=0.2)
 HARSH = Traffic(plan_late=0.9, answer_late=2.0, plan_lost=0.05, answer_lost=0.3, missed=0.01, noise=True)
 
 KEEPS = Traffic(plan_late=1.4, answer_late=3.0, answer_lost=0.2, noise=True, keeps=True)
-LIES = Traffic(lies=0.01)
+DEVIATING = Traffic(deviations=0.01)
 JITTER = Traffic(plan_late=0.9, answer_late=2.0, jitter=0.95)
 
 Controller = Callable[["Rig", int], Sequence[float] | None]
@@ -222,7 +222,7 @@ class Tally:
 
 
 class Rig:
-    """Gate with its robots. ``need`` is the distance of every pair to keep, m; less for starts in violation.
+    """Gate with its robots. ``need`` is each pair's required distance, m; less if it starts in violation.
 
     ``lag_spread`` is the difference between the lags of two joints of a robot, as a share of its lag.
     """
@@ -267,7 +267,7 @@ class Rig:
         self.silent: set[int] = set()
         """Indices of robots that are not commanded."""
         self.noise: list[np.ndarray | None] = [None] * n
-        """Measurement error of each robot; None: by ``traffic``."""
+        """Measurement error of each robot; None if ``traffic`` determines it."""
         self.flying: list[list[Plan]] = [[] for _ in range(n)]
         """Plans under way to each link."""
         self.over = False
@@ -279,7 +279,7 @@ class Rig:
             self.feed(LeaseChange(robot.name, 1))
 
     def _apart(self, joints: int, difference: float) -> list[float]:
-        """Return each joint's distance from the middle lag: half the difference, to both sides, for two."""
+        """Return the joints' differences from the middle lag; two random joints have ±``difference``/2."""
         if difference == 0.0 or joints < 2:
             return []
         ends = [0.5 * difference, -0.5 * difference]
@@ -290,7 +290,7 @@ class Rig:
     # --- time ---------------------------------------------------------------------------------------------
 
     def run(self, controller: Controller, commands: int, limit: int = 1_000_000) -> Tally:
-        """Run until so many commands are decided; ``controller(rig, robot)`` returns the next one or None."""
+        """Run until ``commands`` commands are decided; ``controller(rig, robot)`` returns one or None."""
         goal = self.tally.commands + commands
         for _ in range(limit):
             if self.tally.commands >= goal or self.over:
@@ -411,12 +411,12 @@ class Rig:
         elif self.traffic.noise:
             q = q + np.array([self.rng.uniform(-1, 1) * robot.q_tolerance for _ in q])
         late = self.traffic.jitter * robot.period * self.rng.random() if self.traffic.jitter else 0.0
-        lies = player.moves and self.rng.random() < self.traffic.lies
-        player.lie = self.rng.choice((16.0, 0.5, -1.0)) if lies else 1.0
-        player.lied = False
+        deviates = player.moves and self.rng.random() < self.traffic.deviations
+        player.factor = self.rng.choice((16.0, 0.5, -1.0)) if deviates else 1.0
+        player.deviates = False
         tick = player.play(self.now + late, [float(x) for x in q], miss)
-        if player.lied:
-            self._lie(tick)
+        if player.deviates:
+            self._expect_fault(tick)
             return
         if not miss and not tick.rebased:
             for fault in step_faults(robot, last, tick.increment, tick.setpoint, self.outside[i]):
@@ -424,8 +424,8 @@ class Rig:
         drive.command(self.now, tick.setpoint)
         self.feed(tick)
 
-    def _lie(self, tick: Tick) -> None:
-        """Send a tick that differs from the plan: it must be a fault at once, and the run ends."""
+    def _expect_fault(self, tick: Tick) -> None:
+        """Send a tick that differs from the plan: the gate must report a fault at once; the run ends."""
         self.over = self.expect_faults = True
         out = self.feed(tick)
         if not any(isinstance(one, Stopped) and tick.robot in one.robots for one in out):
@@ -518,7 +518,7 @@ class Rig:
         return worst + 1e-4 if worst > 0 else 0.0
 
     def needs(self) -> np.ndarray:
-        """Return limits; for pairs that start in violation the start's distance, less slack and tolerance."""
+        """Return the limits; for a pair that starts in violation, its distance less slack and tolerance."""
         need = self.oracle.limits.copy()
         R, t = self.oracle.place([d.q[None, :] for d in self.drives])
         for p in np.flatnonzero(self.oracle.below(R, t)[0] < need):

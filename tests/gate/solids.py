@@ -29,7 +29,7 @@ class Solid:
 
     @property
     def round(self) -> float:
-        """Radius that is missing around the engines' form of the body, m."""
+        """Radius that the engines' shape of the body lacks, m."""
         return self.size[0] if self.kind == "convex" else 0.0
 
     def hull(self) -> tuple[np.ndarray, float]:
@@ -62,7 +62,7 @@ class Solid:
         return float(np.abs(v) @ np.array(s)) / 2
 
     def reaches(self, v: np.ndarray) -> np.ndarray:
-        """Return the same for many v of length one, (m, 3)."""
+        """Return `reach` for many v of length one, (m, 3)."""
         s, x = self.size, np.abs(v)
         if self.kind == "sphere":
             return np.full(len(v), s[0])
@@ -107,7 +107,7 @@ class Solid:
         return kinds[self.kind](*self.size)
 
     def for_coal(self):
-        """Return the same for coal."""
+        """Return the body without its radius, for coal."""
         if self.kind == "convex":
             points = coal.StdVec_Vec3s()
             points.extend(list(self.corners))

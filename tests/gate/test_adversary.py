@@ -37,7 +37,7 @@ def test_no_single_attack_breaks_the_invariant(name):
 
 @pytest.mark.parametrize("periods", [(0.004, 0.012), (0.012, 0.004), (0.004, 0.004)])
 def test_two_robots_at_full_speed_toward_each_other_stop_at_the_stop_distance(periods):
-    """Check every position by hand; the robot that is not refused first continues to the end of its stop."""
+    """Check every position by hand. One robot is refused first; the other continues until its stop ends."""
     rig = Rig(scenes.head_on(periods=periods), stops=0.0)
     fastest, promised, gaps = [0.0, 0.0], None, []
     for _ in range(700):
@@ -61,7 +61,7 @@ def test_two_robots_at_full_speed_toward_each_other_stop_at_the_stop_distance(pe
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("answered", [True, False])
 def test_if_there_is_room_for_one_robot_the_one_commanded_first_moves(first, answered):
-    """Both would end 1.5 increments nearer; the links' plan answers may still be missing."""
+    """There is room for 1.5 increments, not for one of each robot; plan answers may be missing."""
     step = 5e-5
     cell = scenes.head_on(0.12 + 1.5 * step)
     traffic = Traffic() if answered else Traffic(answer_lost=1.0)
@@ -135,12 +135,12 @@ class Machine(RuleBasedStateMachine):
         self.standing = []
 
     @rule(i=st.integers(0, 1), u=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
-    def want(self, i, u):
+    def set_increment(self, i, u):
         robot = self.rig.cell.robots[i]
         self.increments[i] = robot.velocity * robot.period * u
 
     @rule(i=st.integers(0, 1))
-    def fall_silent(self, i):
+    def stop_commanding(self, i):
         self.increments[i] = None
 
     @rule(grids=st.integers(1, 40))
@@ -157,11 +157,11 @@ class Machine(RuleBasedStateMachine):
         self.standing = [s for s in self.standing if not self.rig.reset(s)[0].accepted]
 
     @rule()
-    def look_at_a_stop(self):
+    def check_a_stop(self):
         self.rig.check_stop()
 
     @invariant()
-    def unbroken(self):
+    def no_violation(self):
         if hasattr(self, "rig"):
             self.rig.check()
             assert self.rig.tally.violations == []

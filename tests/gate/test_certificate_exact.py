@@ -62,7 +62,7 @@ def test_a_budget_gives_as_many_evaluations_as_it_has():
     assert not Budget(0).take()
 
 
-def test_a_proof_is_for_the_requested_nodes(monkeypatch):
+def test_a_bound_is_computed_for_the_requested_nodes(monkeypatch):
     certifier, group = balls(monkeypatch, FixedEngine(0.0), FixedEngine(0.0), 0.5, 0.25)
     mine = standing([(1, 2, 3), (0, 0, 0)], [(2, 2, 3), (0, 0, 0)], [(3, 2, 3), (0, 0, 0)])
     theirs = standing([(0, 0, 0), (9, 2, 3)], [(0, 0, 0), (8, 2, 3)], [(0, 0, 0), (6, 2, 3)])

@@ -74,7 +74,7 @@ def test_balls_are_proven_from_centre_to_centre_without_an_engine_query():
 
 
 def test_the_directions_with_the_best_proofs_are_kept():
-    """For a wall, whose centre is far aside, the kept direction; for a ball that between the centres."""
+    """For the wall, whose centre is far aside: the kept direction. For the ball: the line of centres."""
     around = {"wall": {"shape": {"box": [0.2, 4.0, 4.0]}, "xyz": [0.5, 1.5, 1.0]}, "b": sphere(-0.3, -0.4)}
     clearance = ball(around)
     clearance._n[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -144,7 +144,7 @@ def test_directions_of_a_chain_are_in_the_frame_of_the_nearer_body():
         assert R[a] @ n[k] == pytest.approx(v / np.linalg.norm(v), abs=1e-12)
 
 
-def test_of_several_held_paths_the_worst_counts():
+def test_the_smallest_bound_over_several_held_paths_is_kept():
     clearance = ball({"b": sphere(1.0)})
     for order in ((0.0, 0.5), (0.5, 0.0)):
         clearance.hold(0, [path(clearance, 0, (x, 0.0, 0.0)) for x in order])
@@ -152,7 +152,7 @@ def test_of_several_held_paths_the_worst_counts():
         assert clearance.bound[0] == pytest.approx(0.4, abs=1e-8)
 
 
-def test_pairs_that_were_far_are_compared_again_after_proving_all_anew():
+def test_all_pairs_are_compared_with_their_limits_again_after_a_new_proof():
     clearance = ball({"b": sphere(1.0)})
     clearance.prove_all(0)
     assert clearance.below(0) == []
@@ -176,7 +176,7 @@ def test_positions_of_a_pair_are_known_if_those_of_both_robots_are():
     assert ball({"b": sphere(1.0)}).positions_known(0)
 
 
-def test_a_point_bound_counts_against_everything_that_the_other_robot_may_pass():
+def test_a_point_bound_holds_for_all_held_paths_of_the_other_robot():
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     clearance.hold(1, [path(clearance, 1, (0.5, 0.0), (0.0, 0.0)), path(clearance, 1, (0.5, 0.5))])
@@ -357,8 +357,8 @@ def test_of_two_rotating_bars_the_longer_path_is_halved(gap, free, paths, budget
 # --- cells --------------------------------------------------------------------------------------------------
 
 
-def test_the_distance_that_the_tubes_cost_is_not_regained():
-    """The loss is each side's tube times its motion bounds; no subdivision regains it."""
+def test_no_subdivision_recovers_the_distance_lost_to_the_tubes():
+    """The loss is the sum of each side's tube times its motion bounds."""
     clearance = two()
     hold(clearance, 0, (-0.5, 0.0))
     hold(clearance, 1, (0.5, 0.0))
@@ -386,7 +386,7 @@ def test_two_arms_of_one_robot_are_checked_at_their_new_position():
         assert (found.binding is None) == clear
 
 
-def test_no_side_of_a_chain_moves_at_its_own_time():
+def test_both_bodies_of_a_chain_are_checked_at_the_same_time():
     clearance = Clearance(scenes.tree(), False)
     chain, apart = clearance.groups[0][0], clearance.groups[0][1]
     mine = clearance.space.still(0, (0.0,) * 5)

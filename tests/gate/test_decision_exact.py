@@ -1,4 +1,4 @@
-"""Reduction of an increment before an obstacle: one budget, few trials, and every number reported."""
+"""Reduction of an increment near a body: one budget, few trials, and the reported numbers."""
 
 import math
 from dataclasses import replace
@@ -73,7 +73,7 @@ def test_the_blends_of_limits_and_clearance_are_multiplied():
     assert verdict.beta == pytest.approx(verdict.dq[0] / (4 * 0.012**2))
 
 
-def test_a_request_for_less_than_the_braking_gives_the_braking():
+def test_a_request_below_the_braking_increment_gets_the_braking_increment():
     scripted = ScriptedGate(scenes.head_on(1.1, (0.004, 0.004)))
     scripted.command((STEP,))
     scripted.play()
@@ -108,7 +108,7 @@ def test_a_joint_outside_its_limits_must_move_back_also_with_slow_while_another_
     assert verdict.beta == 0.0
 
 
-def test_the_proof_of_one_step_is_enough_for_the_next():
+def test_a_kept_bound_suffices_for_the_next_step_without_an_engine_query():
     """Far from the wall no engine is queried, and the kept bound falls by the length of the step."""
     scripted = lane_scripted(-1.0)
     before = queries(scripted)
@@ -122,7 +122,7 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def bound_by(scripted, margin):
-    """Return a binding of the first pair, whose kept bound exceeds its limit by ``held``."""
+    """Return a maker of bindings of the first pair, whose kept bound exceeds its limit by ``margin``."""
     clearance = scripted.gate._clearance
     clearance.bound[0] = clearance.limits[0] + margin
     return lambda lb: Binding(0, clearance.limits[0] + lb, clearance.limits[0], POINTS)
@@ -147,7 +147,7 @@ def test_a_smaller_blend_is_tried_at_the_point_where_the_margin_would_be_used_up
 
 
 @pytest.mark.parametrize(("response", "trials"), [("stop", 1), ("slow", 3)])
-def test_an_unproven_increment_is_tried_three_times(response, trials):
+def test_an_unproven_increment_is_tried_once_with_stop_and_three_times_with_slow(response, trials):
     scripted = lane_scripted(-1.0, response)
     binding, tried = bound_by(scripted, 0.5)(-0.5), []
 
@@ -165,8 +165,10 @@ def test_an_unproven_increment_is_tried_three_times(response, trials):
 
 @pytest.mark.parametrize(("upper", "outcome"), [(1.2, 0.75), (1.15, 0.0)])
 def test_a_smaller_blend_that_would_leave_the_limits_is_not_tried(upper, outcome, monkeypatch):
-    """Both ends of a blend stay inside, but an increment between them need not: it stops later than the one,
-    and is faster than the other."""
+    """Both ends of a blend stay inside the limits, but an increment between them may leave the limits.
+
+    It stops later than the first end, and is faster than the second.
+    """
     scripted = lane_scripted(0.0, "slow")
     maker, s = scripted.gate._decisions, scripted.gate._robots[0]
     s.bounds = replace(s.bounds, upper=(upper, 9.0), decel=(np.inf, 1.0))

@@ -1,4 +1,4 @@
-"""The adversary and its oracle find each fault of the gate whose fix is removed, and no others."""
+"""The adversary and its oracle find former faults of the gate if their fixes are removed."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ from armgate.gate.robot import RobotState
 from gate import scenes
 from gate.adversary import SETTINGS, arena, attack
 from gate.disturbances import worst_noise
-from gate.rig import LIES, Player, Rig
+from gate.rig import DEVIATING, Player, Rig
 
 
 def found(scene, tries=6, **given):
-    """Return the first violations found in this scene within so many runs; empty if there are none."""
+    """Return the violations of the first run of ``tries`` that has any; empty if none has."""
     (setting,) = [
         s for s in SETTINGS if s.scene == scene and all(getattr(s, key) == x for key, x in given.items())
     ]
@@ -58,11 +58,11 @@ def test_floors_that_every_command_clears_are_found(monkeypatch):
     """A controller then gets nearer by the slack each time."""
     demand = Retreat.requirements
 
-    def forgetful(self, state, states):
+    def clear_floors_first(self, state, states):
         self._floor.clear()
         return demand(self, state, states)
 
-    monkeypatch.setattr(Retreat, "requirements", forgetful)
+    monkeypatch.setattr(Retreat, "requirements", clear_floors_first)
     monkeypatch.setattr(Retreat, "widens", lambda *given: True)
     assert found("lane") != []
 
@@ -94,7 +94,7 @@ def test_a_moving_robot_that_is_reset_is_found(monkeypatch):
 
 def test_a_link_that_does_not_play_its_plan_is_found(monkeypatch):
     monkeypatch.setattr("armgate.gate.gate.contradiction", lambda *given: None)
-    assert any("not its plan" in text for text in found("duel", traffic=LIES))
+    assert any("not its plan" in text for text in found("duel", traffic=DEVIATING))
 
 
 def test_the_worst_noise_points_toward_the_nearest_body():

@@ -50,7 +50,7 @@ def test_a_reset_before_a_delayed_robot_moves_keeps_its_path_reserved():
     far = rig.players[0].setpoint[0]
     assert far > -0.36
     assert rig.drives[0].q[0] == -0.5
-    rig.reset(stop)  # a refusal while the window still contains motion would be right too
+    rig.reset(stop)  # a refusal while the lag window still contains motion would also be correct
     for _ in range(700):
         rig.step(toward({1: (far, 0.0)}))
     rig.check()
@@ -79,7 +79,7 @@ def off_by(rig, i, dq):
 
 
 def approach_after_fault(acknowledge_late: bool) -> float:
-    """Find the fast cart 0.1 m off; the slow one then tries to reach it. Return the least distance."""
+    """Measure the fast cart 0.1 m off its path; command the slow one to it. Return the least distance."""
     cell = scenes.crossing(window=0.0)
     gate = Gate(cell, "s")
     q = {"fast": (-0.5, 0.0), "slow": (0.0, 0.5)}
@@ -153,7 +153,7 @@ def test_after_a_fault_and_its_reset_the_robot_continues_from_its_position():
 
 @pytest.mark.parametrize("late", [0.0, 0.02, 0.1])
 def test_a_delayed_robot_out_and_back_keeps_the_turning_point_reserved(late):
-    """Its setpoint is back before the robot has gone out: the slow one must not enter meanwhile."""
+    """The setpoint returns before the robot has reached the turning point, which must stay reserved."""
     rig = Rig(scenes.crossing(window=0.12), delay=(0.12, 0.0), stops=0.05)
 
     def controller(rig, i):
@@ -185,7 +185,7 @@ def test_a_tree_robot_keeps_its_own_arms_apart():
     goal = np.array([0.0, -1.0, -1.5, 1.0, 1.5])
     rig.run(toward({0: goal}), 400)
     assert rig.tally.violations == []
-    assert rig.tally.least < 0.01  # they did come near
+    assert rig.tally.least < 0.01  # the arms came near each other
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -159,7 +159,7 @@ def test_after_a_plan_played_out_of_order_the_rest_of_the_held_plan_stays_reserv
     assert scripted.view().stop_end[0] > before + u
 
 
-def test_a_fault_at_the_first_tick_widens_nothing():
+def test_a_fault_at_the_first_tick_does_not_widen_the_tube():
     cell = scenes.head_on(1.0, (T, T))
     gate = Gate(cell, "s")
     stopped = gate.step(Tick("left", 0, 0.0, (-0.5,), (-0.5,), (STEP,)))[0]
@@ -218,7 +218,7 @@ def test_the_distances_off_the_path_are_added_up_and_reported():
 
 def test_braking_that_exceeds_a_lowered_speed_bound_is_admitted_without_reasons():
     scripted = ScriptedGate(scenes.head_on(3.0, (T, T)))
-    for _ in range(2):  # to twice the deceleration per tick: then the braking is exact
+    for _ in range(2):  # to twice the deceleration per tick, so that the braking has no rounding
         assert scripted.command((T,)).outcome is Outcome.LIMITED
         scripted.play()
     scripted.gate.step(LeaseChange("left", 1, 0.01))
@@ -228,7 +228,7 @@ def test_braking_that_exceeds_a_lowered_speed_bound_is_admitted_without_reasons(
     assert (verdict.outcome, verdict.dq, verdict.reasons) == (Outcome.ADMITTED, state.brake, ())
 
 
-def test_a_contradiction_of_the_plan_alone_is_no_distance_off_the_path():
+def test_a_tick_that_only_contradicts_the_plan_adds_no_distance_off_the_path():
     scripted = ScriptedGate(scenes.head_on(1.2, (T, T), tolerance=0.01))
     (x,) = scripted.q[0]
     (stopped,) = scripted.gate.step(Tick("left", 1, T, (x + 0.005,), (x + 1e-6,), (0.0,)))
@@ -299,7 +299,7 @@ def test_a_robot_whose_link_was_lost_does_not_count_as_resting_until_its_next_ti
     assert scripted.gate.step(LinkChange("right", LinkState.WAITING)) == []
 
 
-def test_a_robot_without_a_tick_keeps_all_others_waiting():
+def test_no_robot_moves_before_every_robot_has_sent_a_tick():
     cell = scenes.head_on(1.0, (T, T))
     gate = Gate(cell, "s")
     gate.step(Tick("left", 0, 0.0, (-0.5,), (-0.5,), (0.0,)))
@@ -326,7 +326,7 @@ def test_more_than_one_gap_in_a_thousand_queries_is_reported(gaps, queries, warn
     assert all(f"{gaps} of {queries}" in text for text in scripted.gate.warnings())
 
 
-def test_the_least_clearance_is_the_least_of_all_ticks_to_others():
+def test_the_least_clearance_is_the_smallest_distance_to_other_bodies_over_all_ticks():
     scripted = pair(0.1)
     scripted.rest()
     first = scripted.view().least_clearance

@@ -56,7 +56,7 @@ class Bare:
         return verdict
 
 
-# Each entry breaks one check; entries are merged from the back, so that the earlier one counts.
+# Each entry violates one check. Entries are merged in reverse, so that an earlier one overrides a later one.
 SPOILED = {
     Cause.LEASE: ({"lease": False}, {}),
     Cause.FENCE: ({}, {"fence": 6}),

@@ -1,4 +1,4 @@
-"""Reservations, held space and kept bounds stay in step through answers, drops, rebases and faults."""
+"""Reservations, held space and kept bounds remain consistent after answers, drops, rebases and faults."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from armgate.gate.occupancy import occupancy_to
 from gate.scripted_gate import STEP, T, pair
 
 
-def in_step(scripted, count):
+def consistent(scripted, count):
     """Check that clearance holds the state's reservations, ``count`` of them; return the state."""
     s = scripted.gate._robots[0]
     assert len(s.reserved) == count
@@ -33,9 +33,9 @@ def stopped_behind(scripted):
 def test_an_accepting_answer_frees_the_old_path():
     scripted = pair()
     scripted.command((STEP,), answer=None)
-    new = in_step(scripted, 2).next
+    new = consistent(scripted, 2).next
     scripted.gate.step(PlanAnswer("left", scripted.held[0].key, True))
-    s = in_step(scripted, 1)
+    s = consistent(scripted, 1)
     assert s.main is new
     assert (s.held, s.pending) == (scripted.held[0], None)
 
@@ -44,15 +44,15 @@ def test_a_tick_that_plays_the_plan_counts_as_its_answer():
     scripted = pair()
     scripted.command((STEP,), answer=None)
     assert scripted.play() == []
-    s = in_step(scripted, 1)
+    s = consistent(scripted, 1)
     assert (s.held, s.pending, s.played) == (scripted.held[0], None, 0)
 
 
-def test_a_refused_plan_leaves_the_old_path_and_nothing_staged():
+def test_after_a_refused_plan_only_the_old_path_is_reserved_and_no_bounds_are_staged():
     scripted = pair()
-    old = in_step(scripted, 1).main
+    old = consistent(scripted, 1).main
     scripted.command((STEP,), answer=False)
-    assert in_step(scripted, 1).main is old
+    assert consistent(scripted, 1).main is old
     assert scripted.gate._reservations._staged == {}
 
 
@@ -60,9 +60,9 @@ def test_each_tick_reserves_from_the_measured_position():
     scripted = pair()
     scripted.command((STEP,))
     scripted.play()
-    before = in_step(scripted, 1).main
+    before = consistent(scripted, 1).main
     scripted.rest()
-    s = in_step(scripted, 1)
+    s = consistent(scripted, 1)
     assert s.main is not before
     assert repr(s.main.occupied) == repr(occupancy_to(s, s.end, s.brake))
 
@@ -96,10 +96,10 @@ def test_a_robot_rebased_nearer_is_proven_at_that_position():
 def test_a_rebase_reserves_both_setpoints_until_the_link_has_it():
     scripted = pair()
     x = stopped_behind(scripted)
-    s = in_step(scripted, 1)
+    s = consistent(scripted, 1)
     assert s.main.occupied.nodes == ((x + STEP,), (x,))
     scripted.rest()
-    assert in_step(scripted, 1).main.occupied.nodes == ((x,),)
+    assert consistent(scripted, 1).main.occupied.nodes == ((x,),)
 
 
 def test_the_old_setpoint_counts_for_the_proof_too():
@@ -109,7 +109,7 @@ def test_the_old_setpoint_counts_for_the_proof_too():
     assert before - STEP - 1e-8 <= scripted.lowest_bound() <= before - STEP + 1e-8
     scripted.rest(0, (x + STEP / 2,))  # it was still moving
     scripted.command((-STEP,))
-    in_step(scripted, 1)
+    consistent(scripted, 1)
     assert scripted.lowest_bound() <= before - STEP / 2 + 1e-8
 
 
@@ -124,7 +124,7 @@ def test_repeated_rebases_hold_one_path_only(count):
         scripted.tick[0] += 1
         now, moving = scripted.tick[0] * T, (x - STEP * 0.9**k,)
         scripted.gate.step(Tick("left", scripted.tick[0], now, moving, (x,), (0.0,), rebased=True))
-        in_step(scripted, 1)
+        consistent(scripted, 1)
     assert scripted.lowest_bound() == pytest.approx(before, abs=1e-8)
 
 
@@ -141,7 +141,7 @@ def test_a_reset_after_a_fault_proves_anew_and_the_next_fault_stops_again():
     (stop,) = scripted.rest(0, (x + 0.03,))
     scripted.rest(0, (x + 0.03,))
     assert scripted.gate.step(Reset(stop.id, "x"))[0] == ResetAnswer(stop.id, True)
-    in_step(scripted, 1)
+    consistent(scripted, 1)
     assert scripted.lowest_bound() == pytest.approx(before - 0.03, abs=1e-6)
     scripted.q[0] = (x + 0.03,)
     (again,) = scripted.rest(0, (x + 0.09,))

@@ -179,7 +179,7 @@ def test_a_joint_that_shares_a_stop_gets_the_room_that_the_stop_leaves(sign, q):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_joint_beyond_its_limit_gets_nothing_more_toward_it(sign):
+def test_a_joint_beyond_its_limit_may_not_move_farther_out(sign):
     b = StepBounds(("a", "b"), (-1.0, -9.0), (1.0, 9.0), (1.0,) * 2, (9.0,) * 2, (0.5, 0.02))
     shaped = limit_increment((0.06 * sign, 0.22), (0.0, 0.0), (0.0, 0.0), (1.2 * sign, 0.0), b, 1.0)
     assert shaped.u == (0.0, 0.22)

@@ -110,8 +110,8 @@ def violated(cell, oracle, q):
     return out
 
 
-def test_a_retreat_admits_increments_that_truly_widen():
-    """From starts up to some cm too deep, all violated margins grow and no new violation appears."""
+def test_a_retreat_admits_increments_that_widen_all_violated_margins():
+    """The starts violate clearances by up to an overlap of 3 cm; the increments cause no new violation."""
     cell = scenes.planar()
     oracle, rng = Oracle(cell), random.Random(5)
     robot = cell.robots[0]
@@ -135,7 +135,7 @@ def test_a_retreat_admits_increments_that_truly_widen():
 
 @pytest.mark.parametrize("scene", ["planar", "wire"])
 def test_a_retreat_leaves_the_violation(scene):
-    """Most starts in violation come clear by moving in the direction that widens most."""
+    """From most starts in violation, moving in the direction that widens most ends the violation."""
     cell = scenes.SCENES[scene]()
     oracle, rng, robot = Oracle(cell), random.Random(2), cell.robots[0]
     tried = out = 0

@@ -46,7 +46,7 @@ def test_no_joint_brakes_harder_than_its_deceleration_allows(move):
 
 @settings(deadline=None)
 @given(moves())
-def test_the_rest_of_a_stop_is_the_stop_of_its_next_increment(move):
+def test_the_remainder_of_a_stop_is_the_stop_from_its_next_increment(move):
     u, d = move
     steps = stop_increments(u, d)
     for k in range(1, len(steps)):

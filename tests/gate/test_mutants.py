@@ -61,7 +61,7 @@ def test_mutants_of_the_gate_compile():
 
 
 def test_every_listed_equivalent_mutant_exists():
-    """If a line of the gate changes, its reason must be removed or changed too."""
+    """If a line of the gate changes, its entry in the list must be removed or changed too."""
     given = tomllib.loads((ROOT / "tools" / "mutants" / "reasons.toml").read_text())["equivalent"]
     listed = [key for group in given for key in group["mutants"]]
     assert len(set(listed)) == len(listed)

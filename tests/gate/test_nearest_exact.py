@@ -11,8 +11,8 @@ from gate.oracle import Oracle
 
 @pytest.mark.parametrize("name", ["duel", "tree", "mesh"])
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_the_lowest_bounds_are_reported_and_both_nearest_are_true(name, count):
-    """In small steps and in leaps. Others are bodies that are neither the robot itself nor its base."""
+def test_the_lowest_bounds_are_reported_and_the_nearest_pairs_have_true_distances(name, count):
+    """In small steps and in leaps: the nearest pair of all, and the nearest pair with another body."""
     cell, rng = scenes.SCENES[name](), np.random.default_rng(count)
     oracle = Oracle(cell)
     nearest = NearestPairs(Clearance(cell, False))
@@ -67,7 +67,7 @@ def test_a_robot_that_stands_still_is_placed_once():
     assert clearance.certifier.queries <= queries + 1
 
 
-def test_the_lowest_few_are_in_order_and_of_equal_values_the_first_count():
+def test_the_lowest_few_are_in_order_and_equal_values_in_the_order_of_their_places():
     margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
     for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
         assert _first(margin, count).tolist() == expected
@@ -79,7 +79,7 @@ def test_the_lowest_few_are_in_order_and_of_equal_values_the_first_count():
             assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
 
 
-def test_found_directions_are_kept_for_all_users():
+def test_found_directions_are_kept_for_later_checks():
     clearance = Clearance(scenes.lane(), False)
     NearestPairs(clearance).find(0, [(0.0, 1.5)], 1)
     assert clearance._n == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-4)
@@ -93,7 +93,7 @@ def test_distances_to_static_bodies_are_reported_though_a_robot_is_unknown():
 
 
 def test_a_leap_among_many_bodies_costs_few_queries():
-    """All bounds are used up at once: one slab for all selects the few pairs that are worth a query."""
+    """All kept bounds are used up at once: slabs of all pairs select the few pairs to query."""
     rng = np.random.default_rng(5)
     around = {
         f"b{k}": {"shape": {"box": [0.02, 0.03, 0.04]}, "xyz": [float(x) for x in rng.uniform(-2, 2, 3)]}

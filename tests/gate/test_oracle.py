@@ -85,7 +85,7 @@ def test_faces_of_a_hull_close_around_it():
 
 
 def test_the_parts_of_the_mesh_scene_contain_the_meshes():
-    """A robot clear of the parts is then clear of the meshes, which no engine gets."""
+    """A robot clear of the parts is then clear of the meshes; the engines query only the parts."""
     cell, rng = scenes.mesh(), np.random.default_rng(4)
     oracle = Oracle(cell)
     bodies = {b.name: (np.array(b.placement.R), np.array(b.placement.t)) for b in cell.bodies}

@@ -42,7 +42,7 @@ def test_lowering_keeps_the_lower_bound_in_the_rows_of_all_robots():
     assert bounds.of(1).tolist() == [0.5, 5.0, 3.0, 2.0]
 
 
-def test_shared_lists_the_places_of_shared_pairs():
+def test_shared_returns_the_indices_of_shared_pairs_in_both_rows():
     bounds = three()
     ids = ([0, 3, 1], [1, 5, 3, 2], [5, 6], [])
     seen = {}

@@ -1,4 +1,4 @@
-"""Slabs written out in plain sums, with the oracle's kinematics and bodies, against those of the groups."""
+"""Slabs of the groups, compared with the documented formula on the oracle's kinematics and bodies."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from gate.oracle import Oracle
 CELLS = ("corner", "tree", "duel", "mesh")
 
 
-class Written:
+class FormulaSlab:
     """Slab of one pair by the documented formula, body by body and node by node."""
 
     def __init__(self, cell):
@@ -69,7 +69,7 @@ def some_occupancy(robot, rng, nodes):
 @pytest.mark.parametrize("name", CELLS)
 def test_a_slab_equals_the_documented_formula(name, nodes):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(nodes)
-    clearance, written = Clearance(cell, False), Written(cell)
+    clearance, written = Clearance(cell, False), FormulaSlab(cell)
     space = clearance.space
     occupied = [some_occupancy(r, rng, nodes if i == 0 else 2) for i, r in enumerate(cell.robots)]
     swept = [space.sweep(i, o) for i, o in enumerate(occupied)]

@@ -70,7 +70,7 @@ def searched(a, b, rng):
     return best
 
 
-def test_bounds_of_overlapping_pairs_are_within_some_millimetres():
+def test_bounds_of_overlapping_pairs_are_within_two_millimetres():
     rng, off, engine_off = np.random.default_rng(11), [], []
     while len(off) < PAIRS:
         shapes, a, b = overlapping(rng)
@@ -80,18 +80,18 @@ def test_bounds_of_overlapping_pairs_are_within_some_millimetres():
         if truth > -1e-3:
             continue
         n, found = _overlap(a, b, said.normal, lb, said.distance)
-        assert found == pytest.approx(_slab(a, b, n), abs=1e-12)  # its own proof
+        assert found == pytest.approx(_slab(a, b, n), abs=1e-12)  # the bound of the direction found
         assert found >= lb
         off.append(truth - found)
         engine_off.append(truth - lb)
     assert max(off) < 2e-3
     assert np.mean(off) < 1e-4
-    assert max(engine_off) > 0.05  # without the search some are far too low
+    assert max(engine_off) > 0.05  # without the search some bounds are far too low
 
 
 @pytest.mark.parametrize("angle", [0.2, 1.0, np.pi / 2, 2.5])
 @pytest.mark.parametrize("off", [0.0, 0.05])
-def test_crossing_capsules_come_apart_across_both_axes(angle, off):
+def test_crossing_capsules_separate_perpendicular_to_both_axes(angle, off):
     """The depth is the sum of the radii less ``off``, the distance of the axes' planes."""
     rows = support_table((Capsule(0.06, 0.8), Capsule(0.04, 0.8)))
     c, s = np.cos(angle), np.sin(angle)
@@ -110,7 +110,7 @@ SECOND = np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]) / 7
 
 
 @pytest.mark.parametrize("shift", [np.zeros(3), SHIFT])
-def test_balls_come_apart_along_the_line_of_their_centres_anywhere(shift):
+def test_balls_separate_along_the_line_of_their_centres_anywhere(shift):
     rows = support_table((Sphere(0.3), Sphere(0.2)))
     a, b = (rows[0], np.eye(3), shift), (rows[1], np.eye(3), shift + np.array([0.03, 0.0, -0.04]))
     assert separations(a, b, np.array([UP, -UP])) == pytest.approx([-0.54, -0.46])
@@ -162,7 +162,7 @@ def test_turning_finds_the_side_of_a_cone_to_hundredths_of_a_millimetre(cone, ba
     assert best_candidate_direction(a, b, cone @ UP)[1] < truth - 5e-3
 
 
-def test_turning_finds_directions_that_are_no_axis():
+def test_turning_finds_directions_that_are_not_axes():
     """Two hulls whose face normals are not their axes."""
     rng = np.random.default_rng(3)
     corners = [tuple(map(tuple, (rng.normal(size=(9, 3)) * 0.1).tolist())) for _ in range(2)]

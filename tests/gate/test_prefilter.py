@@ -17,7 +17,7 @@ numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None 
 FORMS = [False] if numba is None else [False, True]
 CELLS = {name: make() for name, make in scenes.SCENES.items()}
 TOLERANCE = 1e-12
-"""Tolerance for sums in another order, m; each bound is lowered by a thousand times more."""
+"""Tolerance for sums in another order, m; each bound is lowered by a thousand times this."""
 
 
 def random_occupancy(robot, rng, nodes=3):
@@ -163,8 +163,8 @@ def test_without_numba_the_gate_uses_numpy():
 
 
 @pytest.mark.parametrize("compiled", FORMS)
-def test_pairs_that_will_be_open_soon_are_tried_with_open_pairs_of_their_side_only(compiled):
-    """Eight steps ahead; if no pair is open, no pair is tried."""
+def test_a_pair_that_will_be_open_within_eight_steps_is_tried_with_an_open_pair_of_its_side(compiled):
+    """If no pair is open, no pair is tried."""
     cell = CELLS["duel"]
     clearance = Clearance(cell, compiled)
     for i, r in enumerate(cell.robots):

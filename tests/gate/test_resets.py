@@ -88,10 +88,10 @@ def test_a_reset_off_the_setpoint_proves_all_pairs_anew():
     scripted.rest(0, count=2)
     (stop,) = scripted.gate.step(Stop(("left",), "x", "y"))
     assert scripted.gate.step(Reset(stop.id, "x"))[1].setpoint == (x,)
-    assert proven == []  # it stands at its setpoint: nothing to prove
+    assert proven == []  # it stands at its setpoint: no pair is proven
 
 
-def test_a_setpoint_stays_if_the_other_one_cannot_be_proven(monkeypatch):
+def test_a_reset_keeps_the_setpoint_if_the_measured_position_cannot_be_proven(monkeypatch):
     scripted = pair()
     (x,) = scripted.q[0]
     scripted.command((STEP,))
@@ -107,7 +107,7 @@ def test_a_setpoint_stays_if_the_other_one_cannot_be_proven(monkeypatch):
     assert scripted.lowest_bound() == bounds
 
 
-def test_a_setpoint_may_be_as_near_as_a_robot_that_is_too_near():
+def test_a_reset_moves_the_setpoint_to_a_robot_that_is_too_near_and_did_not_retreat():
     """The robot does not follow its retreat: at its position the proven bound is no higher than before."""
     scripted = pair(0.015)
     (x,) = scripted.q[0]
@@ -190,7 +190,7 @@ def push(rig, i, q):
 
 @pytest.mark.parametrize("deeper", [0.46, 0.4999, 0.52])
 def test_a_robot_pushed_deeper_after_a_retreat_may_retreat_again(deeper):
-    """A cart with a ball of 5 cm before a wall at 0.5 m, 5 cm to be kept; it had come out to 0.42 before."""
+    """A cart with a ball of 5 cm before a wall at 0.5 m, 5 cm to be kept; it had retreated to 0.42 before."""
     rig = Rig(scenes.lane(), stops=0.0, start=[np.array([0.44, 0.0])])
     for _ in range(200):
         rig.step(lambda rig, i: (-1e-4, 0.0))
@@ -272,7 +272,7 @@ def test_motion_bounds_are_widened_for_a_robot_pushed_out_and_narrowed_when_it_i
     assert scripted.gate._clearance.prefilter.pairs[0].growth[:, 0].max() >= pairs.growth[:, 0].max() + 0.4
     assert scripted.gate._robots[0].main.swept.motion is wide
     scripted.rest(0, (0.0, 1.31, 0.0), count=2)
-    assert space.motion[0] is wide  # there is more room
+    assert space.motion[0] is wide  # the range was widened by more than was needed
     _, rebase = scripted.gate.step(Reset(stop.id, "x"))
     scripted.q[0] = rebase.setpoint
     scripted.rest(0)

@@ -29,10 +29,10 @@ def test_of_two_robots_the_first_in_the_configuration_goes_first_in_any_order_of
     (early,) = ask(rig, 1)
     assert early.outcome is not Outcome.REFUSED  # no other robot is commanded
     (waiting,) = ask(rig, 0)
-    assert waiting.outcome is Outcome.REFUSED  # the other one is moving
+    assert waiting.outcome is Outcome.REFUSED  # the other robot is moving
     assert waiting.reasons[-1].cause is Cause.CLEARANCE
     (yielding,) = ask(rig, 1)
-    assert yielding.outcome is Outcome.REFUSED  # gives way
+    assert yielding.outcome is Outcome.REFUSED  # the first robot in the configuration has the turn
     for _ in range(12):
         rig.step()
     first, second = ask(rig, 0, 1)
@@ -43,7 +43,7 @@ def test_of_two_robots_the_first_in_the_configuration_goes_first_in_any_order_of
     assert second.outcome is Outcome.REFUSED
 
 
-def test_both_robots_come_clear_and_then_move_at_once():
+def test_both_robots_end_their_violation_and_then_move_at_the_same_time():
     rig = near()
     for _ in range(30):
         ask(rig, 1, 0)
@@ -112,7 +112,7 @@ def test_no_violation_may_get_worse_and_one_must_get_better(u, way):
 
 
 def test_a_floor_only_rises():
-    """Some millimetres out, then back: the robot does not get as near as it began."""
+    """After some millimetres of retreat, the robot cannot return to the distance at which it began."""
     rig = corner()
     for _ in range(60):
         rig.step(lambda rig, i: (-2e-4, -2e-4, -2e-4))
@@ -159,8 +159,8 @@ def test_a_violated_pair_may_lose_a_fifth_of_a_millimetre_while_another_widens(d
     assert (verdict.outcome is not Outcome.REFUSED) == way
 
 
-def test_the_slack_counts_in_all_and_not_per_command():
-    """Many small steps toward the third wall end where one would."""
+def test_the_slack_is_for_the_whole_retreat_and_not_per_command():
+    """Many small steps toward the third wall end where one large step would end."""
     rig = corner()
     for _ in range(60):
         rig.step(lambda rig, i: (-2e-5, -2e-5, 2e-5))

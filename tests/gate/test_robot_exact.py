@@ -140,7 +140,7 @@ def test_a_rebase_to_the_same_setpoint_leaves_nothing_to_reserve():
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.01])
-def test_a_joint_keeps_its_setpoint_unless_it_stands_off_by_more_than_the_tolerance(tolerance):
+def test_a_joint_keeps_its_setpoint_unless_its_position_differs_by_more_than_the_tolerance(tolerance):
     state = cart(tolerance=tolerance)
     tick(state, (0.5, 0.25), (0.5 + 0.5 * tolerance, 0.5))
     assert state.setpoint_after_reset() == (0.5, 0.5)
@@ -180,7 +180,7 @@ def test_a_robot_that_faulted_is_reset_at_its_measured_position():
 
 
 def test_a_setpoint_counts_until_the_window_has_passed_since_it_was_replaced():
-    """To the rounding of times, and no longer: a clock may be faster than its configured period."""
+    """The edge is exact to the rounding of times. A clock may be faster than its configured period."""
     state = cart(window=0.012)
     tick(state, (1.0, 0.0))
     edge = 1.0 - 0.012 - 1e-9
@@ -246,7 +246,7 @@ def test_a_setpoint_that_changes_at_the_second_tick_has_changed():
     ("faulted", "lag_tube", "stands"), [(True, 0.0, 0.75), (False, 0.5, 0.75), (False, 0.0, 0.5)]
 )
 def test_the_setpoint_after_a_reset_is_the_measured_or_the_settled_position(faulted, lag_tube, stands):
-    """After a fault nothing explains the difference; axes that lag differently start from a companion."""
+    """The measured one after a fault, and if the axes lag differently; the settled one in all other cases."""
     cell = scenes.crossing()
     robot = (scenes.lagging(cell, 0.03, lag_tube) if lag_tube else cell).robots[0]
     state = RobotState.of(robot, 0)
@@ -284,7 +284,7 @@ def test_a_rebase_counts_as_an_increment_for_axes_that_lag_differently():
 
 
 @pytest.mark.parametrize("wrong", [1e9, -1e9])
-def test_after_a_wrong_time_stamp_a_change_ends_neither_never_nor_at_once(wrong):
+def test_a_wrong_time_stamp_neither_ends_the_lag_window_at_once_nor_keeps_it_forever(wrong):
     """The lag window is 24 ms, the period 12 ms; the setpoint changes at the tick with the wrong stamp."""
     state = cart(window=0.024)
     tick(state, NOT)

@@ -60,7 +60,7 @@ def test_support_is_the_reach_of_the_farthest_point(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_support_of_one_body_equals_its_entry_of_the_table(kind):
-    """Certificates query one body at a time; in a cell of primitives only, its row is enough."""
+    """Certificates query one body at a time; for a primitive, its row of the table contains all data."""
     rng = np.random.default_rng(KINDS.index(kind))
     shapes = [random_shape(kind, rng) for _ in range(20)]
     table, v = support_table(shapes), rng.normal(size=(20, 3))
@@ -71,7 +71,7 @@ def test_support_of_one_body_equals_its_entry_of_the_table(kind):
     assert [support_of_one(table[k], v[k]) for k in range(20)] == support(table, v).tolist()
 
 
-def test_mixed_tables_support_selections_and_single_bodies():
+def test_tables_with_hulls_give_equal_values_for_selections_and_single_bodies():
     rng = np.random.default_rng(1)
     shapes = [random_shape(kind, rng) for kind in KINDS for _ in range(3)]
     table = support_table(shapes)
@@ -88,7 +88,7 @@ def test_mixed_tables_support_selections_and_single_bodies():
     assert support(table[np.array([], dtype=np.intp)], v[:0]).shape == (0,)
 
 
-def test_cells_of_primitives_need_only_rows():
+def test_the_support_table_of_primitives_is_an_array():
     assert isinstance(support_table([Sphere(1.0), Box(1, 1, 1), Cylinder(1, 1), Capsule(1, 1)]), np.ndarray)
 
 

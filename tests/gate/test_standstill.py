@@ -10,7 +10,7 @@ T = 0.004
 
 
 def noted(tolerance, places, period=T):
-    """Return, after each of some measured positions, True if standstill is reached."""
+    """Return one flag per measured position: True if standstill is reached after it."""
     stillness, reached = StandstillDetector(tolerance, period), []
     for q in places:
         stillness.add(q)

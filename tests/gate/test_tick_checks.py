@@ -292,12 +292,12 @@ def test_an_unusable_tick_stops_its_robot_and_changes_nothing_else(change):
     before = scripted.view()
     wrong = replace(scripted.honest(index=1), **change)
     assert len(scripted.send(wrong)) == 1
-    assert scripted.send(wrong) == []  # once
+    assert scripted.send(wrong) == []  # the stop is reported once
     after = scripted.view()
     assert (after.q, after.setpoint, after.tick) == (before.q, before.setpoint, before.tick)
     assert scripted.command((STEP,)).outcome == "refused"
     reset = scripted.gate.step(Reset(after.stops[0], "x"))
-    assert not reset[0].accepted  # it is not known to rest
+    assert not reset[0].accepted  # the gate does not know that the robot is at rest
 
 
 @pytest.mark.parametrize("field", ["q", "setpoint", "increment"])

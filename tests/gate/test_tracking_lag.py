@@ -86,7 +86,7 @@ def deviations(rng, lag, difference, period, share, ticks=120):
     [(0.03, 0.0015, 0.012), (0.03, 0.03, 0.012), (0.12, 0.06, 0.012),
      (0.03, 0.003, 0.004), (0.001, 0.0005, 0.012), (0.004, 0.008, 0.012)],
 )  # fmt: skip
-def test_no_position_deviates_by_more_than_the_tube_and_some_by_most_of_it(lag, difference, period):
+def test_positions_deviate_by_at_most_the_tube_and_by_at_least_a_third_of_it(lag, difference, period):
     deviation = hull_deviation_of(lagging_demo(difference, lag=lag, period=period).robot("FR"))
     rng = np.random.default_rng(int(1e6 * (lag + difference)))
     at_ticks, between = np.max(
@@ -150,14 +150,14 @@ def test_lasting_increments_still_count_at_the_next_tick(ticks):
 
 
 @pytest.mark.parametrize("us", [(5.0, 4.0, 3.0, 2.0), (1.0, 2.0, 3.0, 4.0)])
-def test_every_part_lasts_until_the_next_tick_removes_one(us):
+def test_no_increment_expires_at_the_next_tick_while_the_memory_is_not_full(us):
     most = LargestIncrements(4, 1)
     for count, u in enumerate(us, 1):
         most.add((u,))
         assert most.largest == most.lasting == (max(us[:count]),)
 
 
-def test_all_parts_last_except_the_one_removed_next():
+def test_lasting_increments_exclude_the_one_that_expires_at_the_next_tick():
     most = LargestIncrements(4, 1)
     for u in (5.0, 4.0, 3.0, 2.0, 1.0):
         most.add((u,))
@@ -176,7 +176,7 @@ def test_the_middle_lag_is_between_the_shortest_and_the_longest():
 
 
 def full_speed(rig, i):
-    """Return increments forth and back at full speed, for all joints and at times for some of them."""
+    """Return increments toward random goals, with at least one joint at full speed."""
     robot, player = rig.cell.robots[i], rig.players[i]
     goal = robot.start + 0.4 * np.array(rig.goals[i])
     v = goal - np.array(player.setpoint)

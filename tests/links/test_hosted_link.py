@@ -106,7 +106,7 @@ def test_a_rebase_arms_the_link_and_earlier_plans_are_refused():
     assert bench.offer("d2", 1, target).accepted
 
 
-def test_a_daemon_that_reconnects_goes_on_with_its_numbers_after_a_rebased_tick():
+def test_after_a_reconnection_ticks_continue_the_numbers_and_the_first_is_rebased():
     bench = Bench()
     bench.daemon("d1")
     bench.tick(5)

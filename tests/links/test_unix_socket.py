@@ -29,7 +29,7 @@ def test_the_folder_is_made_for_this_user_only(runtime):
     assert path.parent.parent == runtime
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    closed(listen(path))  # and used again
+    closed(listen(path))  # an existing folder is used again
 
 
 @pytest.mark.parametrize("mode", [0o755, 0o777, 0o770, 0o701])

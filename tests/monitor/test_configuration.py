@@ -132,7 +132,7 @@ def test_a_file_that_grows_by_aliases_is_rejected(tmp_path):
         read_files([written(tmp_path, "\n".join(lines))])
 
 
-def test_unknown_keys_beside_the_geometry_are_noted(tmp_path):
+def test_unknown_keys_outside_the_geometry_are_noted(tmp_path):
     text = arms_yaml().replace("    period:", "    later: 1\n    period:", 1) + "someday: 2\n"
     notes = build(read_files([written(tmp_path, text)])).notes
     assert len(notes) == 2

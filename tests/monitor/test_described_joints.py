@@ -164,7 +164,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("said", FAULTS)
-def test_a_recording_of_a_daemon_with_another_urdf_is_violated_at_rest(tmp_path, said):
+def test_another_urdf_in_a_recording_is_found_though_the_robot_never_moves(tmp_path, said):
     def wrong(tree):
         tree["folder"] = str(tmp_path)
         FAULTS[said](tree)
@@ -208,7 +208,7 @@ def other_urdf(header: dict, *, honest: bool) -> dict:
         (lambda h: h | {"assets": {}}, "the recording does not hold the described URDF"),
     ],
 )
-def test_a_recording_whose_description_was_changed_is_violated(run, tmp_path, change, said):
+def test_a_changed_description_in_a_recording_is_found(run, tmp_path, change, said):
     changed = rewritten(run, tmp_path / "run", lambda topic, v: change(v) if topic == "/run" else v)
     _, summary = check_recording(changed, (), 1.0)
     assert any(said in found.text for found in summary.findings if found.kind == "cell"), summary.findings

@@ -161,7 +161,7 @@ def test_a_convex_piece_becomes_its_hull_and_any_other_its_triangles():
     assert _inside(block, [0.1, 0.1, 0.1]) < 0.0
     (hollow,) = solids_of(Mesh(*RING), (1.0, 1.0, 1.0), "parts")
     (whole,) = solids_of(Mesh(*RING), (1.0, 1.0, 1.0), "hull")
-    inner = 0.2 * np.cos(np.pi / 16)  # of the polygon that the ring's hole is
+    inner = 0.2 * np.cos(np.pi / 16)  # apothem of the hole, a polygon of 16 sides
     assert _inside(hollow, [0.0, 0.0, 0.05]) == pytest.approx(inner - 1e-3, abs=1e-5)
     assert _inside(whole, [0.0, 0.0, 0.05]) < 0.0
     assert _inside(whole, [0.0, 0.0, 0.3]) == pytest.approx(0.2 - 1e-3, abs=1e-6)

@@ -115,14 +115,14 @@ def test_a_retreat_from_beyond_a_limit_raises_no_alarm(tmp_path, distance):
 # --- a link that plays other increments than the plan has -------------------------------------------------
 
 
-def test_a_link_that_plays_other_increments_with_the_right_key_is_found(tmp_path, monkeypatch):
+def test_a_link_that_plays_other_increments_under_the_key_of_its_plan_is_found(tmp_path, monkeypatch):
     told = Gate._follow_plan
 
-    def trusting(self, *args):
+    def without_increment_check(self, *args):
         fault = told(self, *args)
         return None if fault is not None and "increment" in fault else fault
 
-    monkeypatch.setattr(Gate, "_follow_plan", trusting)
+    monkeypatch.setattr(Gate, "_follow_plan", without_increment_check)
 
     def other(plan):
         return replace(plan, increments=tuple(tuple(16.0 * x for x in u) for u in plan.increments))
@@ -135,5 +135,5 @@ def test_a_link_that_plays_other_increments_with_the_right_key_is_found(tmp_path
             break
     assert watched.findings
     assert watched.tick <= 4, "at the first increment"
-    assert watched.runner.view(ARM).stops == (), "the gate has noticed nothing"
+    assert watched.runner.view(ARM).stops == (), "the gate has raised no stop"
     assert np.max(np.abs(watched.cell.robot(ARM).velocity * 0.012)) > 16e-4  # slow enough for every bound

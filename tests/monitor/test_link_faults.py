@@ -14,7 +14,7 @@ from armgate.daemon.recording.recorder import Recorder
 from armgate.events import LinkState
 from armgate.monitor.findings import Summary
 from armgate.monitor.offline import check_recording
-from monitor.test_planted_faults import DOWN, LIES, MODEL_FAULTS, SCENARIOS, TOGETHER, moved_by
+from monitor.test_planted_faults import DOWN, MODEL_FAULTS, SCENARIOS, TOGETHER, WRONG_ENTRIES, moved_by
 from monitor.watched import ARM, GANTRY, Watched, demo
 
 ENDED = [LinkState.FAULTED, LinkState.LOST]
@@ -80,7 +80,7 @@ def test_a_setpoint_that_a_reset_moves_between_two_ticks_is_no_violation(tmp_pat
 
 def test_a_reset_that_moves_the_setpoint_elsewhere_between_two_ticks_is_found(tmp_path):
     watched = pushed_and_reset(tmp_path)
-    watched.lie = lambda s: changed(setpoint=lambda q: moved_by(q, 0.05))(s) if s.robot == ARM else s
+    watched.falsify = lambda s: changed(setpoint=lambda q: moved_by(q, 0.05))(s) if s.robot == ARM else s
     watched.change_link(GANTRY, LinkState.LOST)
     assert [(f.kind, f.robot) for f in checked(watched).findings][:1] == [("speed", ARM)]
 
@@ -94,8 +94,8 @@ def changed(**changes):
     )
 
 
-LIES_AT_A_FAULT = {
-    "the end of the stop is the setpoint": (LIES["the end of the stop is the setpoint"], "stop_end"),
+WRONG_ENTRIES_AT_A_FAULT = {
+    "the end of the stop is the setpoint": (WRONG_ENTRIES["the end of the stop is the setpoint"], "stop_end"),
     "the end of the stop is off": (changed(stop_end=lambda end: moved_by(end, 0.05)), "stop_end"),
     "the stop ends beyond a limit": (changed(stop_end=lambda end: moved_by(end, 7.0)), "limit"),
     "the stop ends in the floor": (changed(stop_end=lambda _: DOWN[ARM].tolist()), "clearance"),
@@ -109,11 +109,11 @@ LIES_AT_A_FAULT = {
 
 @pytest.mark.daily(6)
 @pytest.mark.parametrize("state", ENDED)
-@pytest.mark.parametrize("name", LIES_AT_A_FAULT)
+@pytest.mark.parametrize("name", WRONG_ENTRIES_AT_A_FAULT)
 def test_a_wrong_second_state_of_a_tick_is_found(tmp_path, name, state):
     watched = recorded(tmp_path, ARM)
     assert watched.toward(DOWN, 30) == []
-    watched.lie, kind = LIES_AT_A_FAULT[name]
+    watched.falsify, kind = WRONG_ENTRIES_AT_A_FAULT[name]
     watched.change_link(ARM, state)
     assert kind in {finding.kind for finding in checked(watched).findings}
 
@@ -158,7 +158,7 @@ def test_a_setpoint_that_jumps_at_the_tick_after_a_fault_is_found(tmp_path):
     watched = recorded(tmp_path, ARM)
     watched.toward(DOWN, 20)
     watched.change_link(ARM, LinkState.FAULTED)
-    watched.lie = changed(setpoint=lambda q: moved_by(q, 0.1))
+    watched.falsify = changed(setpoint=lambda q: moved_by(q, 0.1))
     watched.rest(1)
     assert "speed" in {finding.kind for finding in checked(watched).findings}
 
@@ -166,7 +166,9 @@ def test_a_setpoint_that_jumps_at_the_tick_after_a_fault_is_found(tmp_path):
 def test_a_violation_that_lasts_is_reported_once_although_its_tick_is_recorded_again(tmp_path):
     watched = recorded(tmp_path, ARM, GANTRY)
     watched.rest(3)
-    watched.lie = lambda s: s.model_copy(update={"q": moved_by(s.q, s.tick * 1e-3)}) if s.robot == ARM else s
+    watched.falsify = lambda s: (
+        s.model_copy(update={"q": moved_by(s.q, s.tick * 1e-3)}) if s.robot == ARM else s
+    )
     watched.rest(3)
     watched.change_link(GANTRY, LinkState.LOST)
     watched.rest(3)
@@ -177,7 +179,7 @@ def test_a_collision_with_another_robot_in_a_second_state_is_found(tmp_path):
     watched = recorded(tmp_path, ARM, GANTRY)
     watched.toward(TOGETHER, 120)
     near = np.array(watched.runner.view(GANTRY).setpoint)
-    watched.lie = changed(stop_end=lambda end: TOGETHER[ARM].tolist() if len(end) < len(near) else end)
+    watched.falsify = changed(stop_end=lambda end: TOGETHER[ARM].tolist() if len(end) < len(near) else end)
     watched.change_link(ARM, LinkState.FAULTED)
     pairs = [finding.pair for finding in checked(watched).findings if finding.kind == "clearance"]
     assert {name.partition("/")[0] for pair in pairs for name in pair} == {ARM, GANTRY}
@@ -193,11 +195,11 @@ def test_stop_ends_of_two_robots_from_different_moments_are_not_compared(tmp_pat
     def stopping(*robots):
         return lambda s: s.model_copy(update={"stop_end": tuple(ends[s.robot])}) if s.robot in robots else s
 
-    watched.lie = stopping(GANTRY)
+    watched.falsify = stopping(GANTRY)
     watched.rest(1)
-    watched.lie = stopping(ARM)
+    watched.falsify = stopping(ARM)
     watched.change_link(ARM, LinkState.FAULTED)
-    watched.lie = stopping(ARM, GANTRY)
+    watched.falsify = stopping(ARM, GANTRY)
     watched.rest(1)
     clearances = [finding for finding in checked(watched).findings if finding.kind == "clearance"]
     assert {finding.tick for finding in clearances} == {4}, "at the tick at which both have these plans"

@@ -44,9 +44,9 @@ class Line:
                 self.now += self._script.popleft()
                 raise TimedOut("no state")
             else:
-                self.come()
+                self.receive()
 
-    def come(self) -> None:
+    def receive(self) -> None:
         state = self._script.popleft()
         self.now = max(self.now, 100.0 + state.time)
         self._kept.append(state)
@@ -64,7 +64,7 @@ class Line:
             error, seconds, arriving = self.fails.pop(0)
             self.now += seconds
             for _ in range(arriving):
-                self.come()
+                self.receive()
             if error is not None:
                 raise error
         return SimpleNamespace(stop=len(self.reasons))
@@ -124,7 +124,7 @@ def test_a_finding_causes_no_stop_while_the_last_one_is_in_force(watched):
     assert len(watched(script)[0].reasons) == 1
 
 
-def test_no_kept_state_is_skipped_if_more_came_than_are_kept(watched, monkeypatch):
+def test_all_kept_states_are_checked_after_others_were_dropped(watched, monkeypatch):
     """A stop takes so long that the last checked state is no longer kept."""
     monkeypatch.setattr(live, "BACKLOG", 20)
     many = [state(t) for t in range(5, 65)]

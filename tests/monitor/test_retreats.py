@@ -30,12 +30,12 @@ def test_a_retreat_raises_no_alarm(tmp_path, start):
     assert watched.monitor.summary.retreats >= 1
     assert watched.toward(UP, 200) == []
     assert np.allclose(watched.runner.view(ARM).setpoint, UP[ARM], atol=0.2)
-    assert watched.monitor._floors == {}  # a margin that was left is held like any other
+    assert watched.monitor._floors == {}  # after the retreat the pair has its normal limit again
 
 
 @pytest.mark.parametrize("start", [NEAR_FLOOR, IN_FLOOR], ids=["near the floor", "in the floor"])
 def test_motion_deeper_into_a_violation_is_found(tmp_path, start):
-    """The gate has so small a required distance that it sees no violation, or a lower floor."""
+    """The floor of the gate's model is lower than the true one, so that the gate sees no violation."""
     watched = started(tmp_path, start, wrong=lambda t: t["surroundings"]["floor"].update(xyz=[1.5, 0, -0.5]))
     found = watched.toward({ARM: start + np.radians([0, 0, 3, 0, 0, 0])}, 60)
     assert {f.kind for f in found} == {"clearance"}

@@ -29,7 +29,7 @@ def found_at(rate: TickRate, ticks: Iterator[tuple[int, float]]) -> float | None
 def late(
     delays: Iterator[float], period: float, ticks: int, drift: float = 0.0
 ) -> Iterator[tuple[int, float]]:
-    """Yield ticks of a clock on time, each stamped after its delay, in their order."""
+    """Yield ticks of a clock on time, each stamped after its delay, in increasing order."""
     stamp = 0.0
     for tick, delay in zip(range(ticks), delays, strict=False):
         stamp = max(tick * period * (1.0 - drift) + delay, stamp + 1e-5)
@@ -137,7 +137,7 @@ def test_a_link_that_ticks_twice_as_fast_is_found_with_numbers(tmp_path):
     assert "early by 0." in first.text
 
 
-def test_a_recording_of_a_link_that_ticks_twice_as_fast_is_violated(tmp_path):
+def test_a_link_that_ticks_twice_as_fast_is_found_in_a_recording(tmp_path):
     recorder = Recorder(tmp_path / "run", limit=1 << 30)
     watched = Watched(demo(ARM), tmp_path, recorder=recorder)
     watched.beat = 0.006
@@ -151,7 +151,7 @@ def test_a_recording_of_a_link_that_ticks_twice_as_fast_is_violated(tmp_path):
 def test_a_time_that_does_not_increase_is_found(tmp_path, back):
     watched = Watched(demo(ARM), tmp_path)
     watched.rest(50)
-    watched.lie = lambda s: s.model_copy(update={"time": 49 * 0.012 - back})
+    watched.falsify = lambda s: s.model_copy(update={"time": 49 * 0.012 - back})
     (found,) = watched.rest(1)
     assert (found.kind, found.tick) == ("form", 50)
     assert "previous tick, 0.588" in found.text
@@ -160,7 +160,7 @@ def test_a_time_that_does_not_increase_is_found(tmp_path, back):
 def test_ticks_of_a_link_that_is_not_ready_do_not_count(tmp_path):
     watched = Watched(demo(ARM), tmp_path)
     watched.beat = 0.006
-    watched.lie = lambda s: s.model_copy(update={"link": "lost"})
+    watched.falsify = lambda s: s.model_copy(update={"link": "lost"})
     assert watched.rest(400) == []
 
 
@@ -181,7 +181,7 @@ def test_exact_times_in_lock_step_raise_no_alarm(tmp_path, period, ns):
     """Times are whole nanoseconds, even after a long time."""
     watched = exactly(tmp_path, period)
     for start in (0, 10**7):
-        watched.lie = lambda s, start=start: s.model_copy(
+        watched.falsify = lambda s, start=start: s.model_copy(
             update={"tick": start + s.tick, "time": (start + s.tick) * ns / 1e9}
         )
         assert watched.rest(30) == []
@@ -191,7 +191,7 @@ def test_exact_times_in_lock_step_raise_no_alarm(tmp_path, period, ns):
 def test_a_tick_at_another_time_is_found_at_once_in_lock_step(tmp_path, wrong):
     watched = exactly(tmp_path)
     watched.rest(20)
-    watched.lie = lambda s: s.model_copy(update={"time": s.time + wrong})
+    watched.falsify = lambda s: s.model_copy(update={"time": s.time + wrong})
     (found,) = watched.rest(1)
     assert (found.kind, found.tick) == ("pace", 20)
     assert "0.012000000 s are expected in lock-step" in found.text

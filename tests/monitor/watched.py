@@ -101,7 +101,7 @@ class Watched:
             recorder.begin(header_of(gate_cell, "x", False, 0.0, compiled=False), lambda: self.time)
         self.runner = GateRunner(self.gate, carriers, recorder.tap if recorder is not None else None)
         self.noise: Callable[[str, e.Joints], e.Joints] | None = None
-        self.lie: Callable[[m.Entry], m.Entry] | None = None
+        self.falsify: Callable[[m.Entry], m.Entry] | None = None
         self.verdicts: list[e.Verdict] = []
         for fence, name in enumerate(self.links, start=1):
             self.runner.feed(e.LinkChange(name, e.LinkState.READY))
@@ -129,8 +129,8 @@ class Watched:
     def _record(self, ticks: Sequence[e.Tick]) -> tuple[m.Entry, ...]:
         """Record the robots as they are now, and return their entries."""
         entries = tuple(to_protocol.entry(name, self.runner.view(name), None) for name in self.links)
-        if self.lie is not None:
-            entries = tuple(map(self.lie, entries))
+        if self.falsify is not None:
+            entries = tuple(map(self.falsify, entries))
         self.shown = Snapshot(ticks, entries, {}, ())
         if self.recorder is not None:
             self.recorder.show(self.shown)

@@ -85,7 +85,7 @@ def test_a_command_for_an_unknown_robot_is_an_error_with_its_seq(bench):
 
 
 @pytest.mark.parametrize("role", ["observer", "controller", "operator"])
-def test_a_guessed_fence_gives_no_client_a_robot(bench, role):
+def test_a_client_cannot_command_a_robot_with_a_guessed_fence(bench, role):
     _, fence = bench.holder("wave", "A")
     thief = bench.client("thief", role)
     (verdict,) = bench.command(thief, "A", fence, 1)
@@ -428,14 +428,14 @@ def test_the_state_holds_holder_stops_verdict_and_signals(bench):
 
 
 def test_a_wrong_distance_engine_is_reported_in_the_state(config, monkeypatch):
-    """All of its answers fall short of their proofs: the state has a warning, and the robots stay safe."""
+    """The engine overstates every distance: the state has a warning, and the proven bounds are unaffected."""
     honest = CoalEngine.suggest
 
-    def boastful(self, *asked):
+    def overstated(self, *asked):
         said = honest(self, *asked)
         return replace(said, distance=said.distance + 1.0)
 
-    monkeypatch.setattr(CoalEngine, "suggest", boastful)
+    monkeypatch.setattr(CoalEngine, "suggest", overstated)
     bench = Bench(config).start()
     eye = bench.client("eye", "observer")
     bench.tick()
@@ -469,7 +469,7 @@ def test_a_request_without_the_right_is_forbidden(bench, role, message):
     assert (found.re, found.about) == (1, message.type)
 
 
-def test_a_pass_by_the_wall_clock_is_an_error(bench):
+def test_a_pass_message_outside_lock_step_is_an_error(bench):
     peer = bench.client("p")
     bench.core.handle(peer, m.Pass(step=0))
     error(peer, "no_lockstep")
@@ -483,7 +483,7 @@ def test_a_ping_is_answered_with_the_daemons_time(bench):
     assert (pong.re, pong.time, pong.received, pong.sent) == (7, 99.0, 2.5, 2.5)
 
 
-def test_description_and_assets_fit_together(bench):
+def test_the_described_urdf_is_sent_in_pieces_and_unknown_assets_are_refused(bench):
     peer = bench.client("p")
     bench.core.handle(peer, m.Describe(id=1))
     description = peer.last(m.Description)
@@ -523,7 +523,7 @@ def test_bodies_are_described_in_their_links_frame(bench):
 
 
 class Turns:
-    """Turns of the clients, given one by one."""
+    """Scheduler that runs the waiting clients only when the test calls `next`."""
 
     def __init__(self):
         self.waiting = []
@@ -551,7 +551,7 @@ def crowd(config):
 
 
 def shown(peers):
-    """Return how many clients were sent one instant, each robot's state once and in order."""
+    """Return the number of clients that were sent states: of one instant, one per robot, in order."""
     count = 0
     for peer in peers:
         states = peer.take(m.State)

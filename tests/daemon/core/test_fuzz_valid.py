@@ -67,7 +67,7 @@ def test_the_command_reports_its_messages_and_refuses_wrong_arguments(capsys):
 # --- defects that it must find ----------------------------------------------------------------------------
 
 
-def stops_pile_up(patch):
+def stops_are_never_replaced(patch):
     patch.setattr(Stops, "_to_replace", lambda self, robots, cause: None)
     patch.setattr(to_protocol, "stops", tuple)
 
@@ -76,7 +76,7 @@ def reasons_without_bound(patch):
     patch.setattr(to_protocol, "reasons", lambda given: tuple(map(to_protocol._reason, given)))
 
 
-def done_no_longer(patch):
+def done_is_reset(patch):
     right = Barrier.done
 
     def done(self, name):
@@ -86,7 +86,7 @@ def done_no_longer(patch):
     patch.setattr(Barrier, "done", done)
 
 
-def an_answer_too_many(patch):
+def subscribe_answers_twice(patch):
     right = States.subscribe
 
     def subscribe(self, peer, request):
@@ -108,10 +108,10 @@ def replaced_stops_unannounced(patch):
 @pytest.mark.parametrize(
     ("plant", "how"),
     [
-        (stops_pile_up, {"only": (m.Stop, m.Ping)}),
+        (stops_are_never_replaced, {"only": (m.Stop, m.Ping)}),
         (reasons_without_bound, {"joints": 40, "robots": 1, "only": (m.Acquire, m.Command)}),
-        (done_no_longer, {"lockstep": True, "robots": 4, "messages": 3000}),
-        (an_answer_too_many, {}),
+        (done_is_reset, {"lockstep": True, "robots": 4, "messages": 3000}),
+        (subscribe_answers_twice, {}),
         (replaced_stops_unannounced, {}),
     ],
 )

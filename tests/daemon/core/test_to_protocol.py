@@ -27,7 +27,7 @@ def test_of_too_many_reasons_each_cause_is_sent_and_the_others_are_counted():
     assert len(told) == m.MAX_REASONS
     assert {one.cause for one in told} == {"increment", "acceleration", "joint_limit", "clearance"}
     assert told[0].text == "why 0"
-    assert told[-1].cause == "clearance"  # the counts of the state name the last one
+    assert told[-1].cause == "clearance"  # the state counts a verdict under the cause of its last reason
     assert told[-1].text == f"why 0 (and {len(given) - m.MAX_REASONS} more reasons)"
 
 

@@ -1,4 +1,4 @@
-"""``armgate check``, and warnings of ``armgate serve``: no pairs, true distances, violations."""
+"""``armgate check`` and warnings of ``armgate serve``: cells without pairs, distances, violations."""
 
 import io
 import json
@@ -57,7 +57,7 @@ TWO = {"near": box([0.1, 0.1, 0.1], [0.2, 0, 0]), "diag": box([0.1, 0.4, 0.1], [
 
 @pytest.mark.parametrize("self_distance", [0.001, 0.2])
 @pytest.mark.parametrize("stop_distance", [0.001, 0.05, 0.3])
-def test_distances_are_true_for_any_distance_to_keep(tmp_path, stop_distance, self_distance):
+def test_printed_distances_are_correct_for_any_required_distance(tmp_path, stop_distance, self_distance):
     cell = cell_of(tmp_path, TWO, stop_distance=stop_distance, self_distance=self_distance)
     status, text = printed(cell)
     assert "100.0 mm" in text
@@ -65,7 +65,7 @@ def test_distances_are_true_for_any_distance_to_keep(tmp_path, stop_distance, se
     assert status == (stop_distance == 0.3)
 
 
-def test_the_nearest_of_many_pairs_are_true(tmp_path):
+def test_the_distances_of_the_nearest_of_many_pairs_are_true(tmp_path):
     rng = np.random.default_rng(0)
     places = rng.uniform(0.4, 2.0, (60, 3)) * rng.choice([-1, 1], (60, 3))
     around = {f"s{i}": {"shape": {"sphere": 0.05}, "xyz": xyz} for i, xyz in enumerate(places.tolist())}

@@ -23,7 +23,7 @@ from support.clients import PATIENCE, Mover, Raw
 
 
 class Broken:
-    """A gate that fails at one kind of event, once the test wants it."""
+    """A gate that fails at one kind of event after the test has set ``at``."""
 
     def __init__(self, cell, start):
         self.gate = Gate(cell, start)
@@ -47,7 +47,7 @@ class Broken:
 
 
 class Running:
-    """A daemon that serves."""
+    """A running daemon with its log."""
 
     def __init__(self, config, make=Gate, keys=None):
         self.log = io.StringIO()
@@ -95,7 +95,7 @@ def config_of(tmp_path, **more):
     return arms_config(tmp_path, server=f"{{{body}}}", **more)
 
 
-def test_a_daemon_that_is_over_stays_over_and_every_other_phase_can_end():
+def test_over_is_the_last_phase_and_every_other_phase_can_end():
     for phase in Phase:
         events = {event for event in PhaseEvent if (phase, event) in TRANSITIONS}
         assert (PhaseEvent.END in events) == (phase is not Phase.OVER)
@@ -107,7 +107,7 @@ def test_a_daemon_that_is_over_stays_over_and_every_other_phase_can_end():
     assert (life.phase, life.advance(PhaseEvent.END)) == (Phase.OVER, False)
 
 
-async def test_a_signal_stops_the_robots_and_ends_the_daemon_with_bye_once_they_rest(tmp_path):
+async def test_a_signal_stops_the_robots_and_ends_the_daemon_with_bye_when_they_are_at_rest(tmp_path):
     async with Running(config_of(tmp_path, lag=0.03)) as running:
         mover = await Mover.start(running.port, "A")
         await mover.moves_on(10)
@@ -135,7 +135,7 @@ async def test_a_second_signal_ends_the_daemon_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("event", [events.Command, events.Tick, events.LeaseChange, events.PlanAnswer])
-async def test_if_the_gate_fails_the_robots_rest_and_it_is_no_longer_asked(tmp_path, event):
+async def test_if_the_gate_fails_the_robots_come_to_rest_and_it_gets_no_further_event(tmp_path, event):
     async with Running(config_of(tmp_path), Broken) as running:
         mover = await Mover.start(running.port, "A")
         eye = await Raw.hello(running.port, "eye", "observer")
@@ -168,7 +168,7 @@ async def test_a_gate_that_fails_at_the_first_tick_ends_the_daemon(tmp_path):
         assert await running.status() == 1
 
 
-async def test_a_failing_gate_in_lockstep_lets_the_robots_rest_too(tmp_path):
+async def test_the_robots_come_to_rest_after_the_gate_fails_in_lockstep_too(tmp_path):
     config = config_of(tmp_path, clock="{kind: lockstep, participants: [mover]}")
     async with Running(config, Broken) as running:
         mover = await Mover.start(running.port, "A")

@@ -23,14 +23,14 @@ def port(monkeypatch):
     assert not served._thread.is_alive()
 
 
-def asked(port, request):
+def response_to(port, request):
     """Return the whole answer to a request."""
     with socket.create_connection(("127.0.0.1", port), PATIENCE) as sock:
         sock.sendall(request)
         return b"".join(iter(lambda: sock.recv(65536), b""))
 
 
-def got(port):
+def metrics_or_nothing(port):
     """Return the answer to a request; empty if newer connections have closed this one."""
     try:
         return get(port)
@@ -39,7 +39,7 @@ def got(port):
 
 
 def get(port, path="/metrics", host="localhost:7412"):
-    return asked(port, f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    return response_to(port, f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
 
 
 @pytest.mark.parametrize("path", ["/", "/metrics", "/metrics?x=1"])
@@ -64,7 +64,7 @@ def test_the_page(port, path, host):
     ],
 )
 def test_other_requests(port, request_, status):
-    assert asked(port, request_).split()[1] == status
+    assert response_to(port, request_).split()[1] == status
 
 
 def test_a_thousand_idle_connections_block_no_request_and_cost_no_threads_or_descriptors(port):
@@ -78,7 +78,8 @@ def test_a_thousand_idle_connections_block_no_request_and_cost_no_threads_or_des
             sock.setblocking(False)
             sock.connect_ex(("127.0.0.1", port))
             idle.append(sock)
-        assert any(b"200 OK" in got(port) for _ in range(8))  # a busy machine may need longer than 40 ms
+        # A busy machine may need longer than 40 ms.
+        assert any(b"200 OK" in metrics_or_nothing(port) for _ in range(8))
         assert threading.active_count() == before
         open_ = len(list(Path("/proc/self/fd").iterdir())) - len(idle)
         assert open_ < 200

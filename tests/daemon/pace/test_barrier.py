@@ -6,7 +6,7 @@ from armgate.daemon.pace.barrier import Barrier, Presence
 from armgate.protocol import RemoteProtocolError
 
 
-class Leased:
+class LeasedBarrier:
     """A barrier of two participants, with leases that the test sets."""
 
     def __init__(self, **held):
@@ -18,7 +18,7 @@ class Leased:
 
 
 def test_a_step_needs_the_commands_of_all_participants():
-    leased = Leased(a={"A"}, b={"B"})
+    leased = LeasedBarrier(a={"A"}, b={"B"})
     leased.barrier.command("a", "A")
     assert leased.barrier.done("a")
     assert not leased.barrier.complete
@@ -29,7 +29,7 @@ def test_a_step_needs_the_commands_of_all_participants():
 
 
 def test_a_holder_of_two_robots_commands_both_or_passes():
-    leased = Leased(a={"A", "B"})
+    leased = LeasedBarrier(a={"A", "B"})
     leased.barrier.command("a", "A")
     assert not leased.barrier.done("a")
     leased.barrier.pass_("a", 0)
@@ -37,7 +37,7 @@ def test_a_holder_of_two_robots_commands_both_or_passes():
 
 
 def test_a_participant_without_a_robot_must_pass():
-    leased = Leased(a={"A"})
+    leased = LeasedBarrier(a={"A"})
     leased.barrier.command("a", "A")
     assert not leased.barrier.done("b")
     leased.barrier.pass_("b", 0)
@@ -45,7 +45,7 @@ def test_a_participant_without_a_robot_must_pass():
 
 
 def test_a_holder_of_robots_that_did_not_tick_is_done_at_once():
-    leased = Leased(a={"A"}, b={"B"})
+    leased = LeasedBarrier(a={"A"}, b={"B"})
     leased.barrier.begin(1, ["A"], 0.0)
     assert leased.barrier.done("b")
     leased.barrier.command("a", "A")
@@ -82,7 +82,7 @@ def test_without_participants_no_step_is_complete():
 
 @pytest.mark.parametrize("step", [1, 3])
 def test_a_pass_for_another_step_is_refused(step):
-    leased = Leased()
+    leased = LeasedBarrier()
     leased.barrier.begin(2, ["A"], 0.0)
     with pytest.raises(RemoteProtocolError, match="the current one is 2") as caught:
         leased.barrier.pass_("a", step)
@@ -90,7 +90,7 @@ def test_a_pass_for_another_step_is_refused(step):
 
 
 def test_the_grace_counts_from_the_last_message_while_a_step_waits():
-    leased = Leased()
+    leased = LeasedBarrier()
     leased.barrier.pass_("a", 0)
     assert leased.barrier.silent(9.9) == []
     assert leased.barrier.silent(10.0) == ["b"]

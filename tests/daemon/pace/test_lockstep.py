@@ -85,7 +85,7 @@ async def test_a_participant_that_is_done_is_woken_only_by_the_next_state(stage)
     stage.command(b, "B")
     assert (a.batches, b.batches) == (0, 0)
     stage.command(a, "A")
-    stage.run.handle(a, m.Signal(name="y", value=(1.0,)))  # ahead: it counts in the next step
+    stage.run.handle(a, m.Signal(name="y", value=(1.0,)))  # sent in advance: it counts in the next step
     stage.run.handle(a, m.Pass(step=stage.step + 1))
     stage.command(b, "B")
     assert (stage.step, a.batches, b.batches) == (2, 1, 0)
@@ -126,14 +126,14 @@ async def test_messages_of_a_participant_that_is_done_count_in_the_next_step(sta
     assert b.last(m.State).signals["x"].time == 0.012
 
 
-async def test_a_ping_alone_is_answered_while_waiting(stage):
+async def test_a_ping_is_answered_while_the_step_waits(stage):
     a = stage.client("a")
     stage.run.handle(a, m.Pass(step=0))
     stage.run.handle(a, m.Ping(time=1.0))
     assert a.last(m.Pong).sent == 0.0
 
 
-async def test_a_pass_sent_ahead_ends_the_next_step_too(stage):
+async def test_a_pass_message_sent_in_advance_counts_for_its_step(stage):
     a, b = stage.client("a"), stage.client("b")
     for step in range(3):
         stage.run.handle(a, m.Pass(step=step))
@@ -144,7 +144,7 @@ async def test_a_pass_sent_ahead_ends_the_next_step_too(stage):
     assert b.last(m.Error).code == "wrong_step"
 
 
-async def test_endless_messages_ahead_end_the_connection(stage):
+async def test_too_many_messages_in_advance_end_the_connection(stage):
     a = stage.client("a")
     for step in range(300):
         stage.run.handle(a, m.Pass(step=step))
@@ -152,7 +152,7 @@ async def test_endless_messages_ahead_end_the_connection(stage):
     assert a.take(m.Error)[0].code == "too_many"
 
 
-async def test_no_step_waits_for_a_client_that_left_and_one_that_was_done_leaves_after_the_step(stage):
+async def test_a_participant_that_disconnects_when_done_keeps_its_lease_until_the_step_ends(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")
     stage.run.leave(a)
@@ -200,7 +200,7 @@ async def test_a_silent_participant_is_dropped_and_the_run_has_failed(stage):
     assert stage.step == 3
 
 
-async def test_a_second_client_of_a_participants_name_is_refused_and_does_no_harm(stage):
+async def test_a_second_client_with_the_name_of_a_participant_is_refused_without_effect(stage):
     a = stage.holder("a", "A")
     with pytest.raises(RemoteProtocolError, match="connected already") as caught:
         stage.client("a")
@@ -243,7 +243,7 @@ async def test_with_mixed_periods_a_step_waits_only_for_holders_of_robots_that_t
     stage.run.close()
 
 
-async def test_resting_waits_for_no_participant(stage):
+async def test_after_a_stop_the_robots_come_to_rest_without_waiting_for_participants(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     for _ in range(10):
         stage.command(a, "A", (0.01, 0.0, 0.0))
@@ -264,7 +264,7 @@ async def test_resting_waits_for_no_participant(stage):
 
 
 class Script:
-    """Return the messages of a participant, each with the step in which it is sent."""
+    """Messages of a participant, step by step."""
 
     def __init__(self, name, robot, steps, extra):
         self.name, self.robot, self.steps, self.extra = name, robot, steps, extra
@@ -283,7 +283,7 @@ class Script:
 
 
 def transcript(config, seed):
-    """Return the bytes sent to each client if a random one of them is always the faster one."""
+    """Return the bytes sent to each client if a random client sends the next message each time."""
     choose = random.Random(seed)
     stage = Stage(config)
     scripts = {"a": Script("a", "A", 12, {2, 5}), "b": Script("b", "B", 12, {3, 5})}

@@ -69,7 +69,7 @@ async def test_files_rotate_by_size_and_each_is_complete(tmp_path):
 
 
 class Full(RecordFile):
-    """A disk that is full after the beginning."""
+    """A disk that is full after 12 kB."""
 
     @classmethod
     def create(cls, path, header, _signer):

@@ -51,7 +51,7 @@ def test_files_rotate_by_size_and_each_is_complete(tmp_path):
 
 
 class Clock:
-    """Clock of the thread: time passes while the thread waits, and records that are due then are fed."""
+    """Clock of the writer thread: it advances while the thread waits, then feeds the records that are due."""
 
     def __init__(self, due):
         self.time, self.due, self.fed = 0.0, due, {}
@@ -68,7 +68,7 @@ class Clock:
 
 @pytest.mark.parametrize("period", [0.004, 0.012, 0.15, 1.0])
 def test_a_record_is_flushed_within_a_fifth_of_a_second(tmp_path, period):
-    """If the daemon is killed at any moment, no longer time of the run is lost."""
+    """If the daemon is killed at any moment, at most the last 0.2 s of the run are lost."""
     clock = Clock([period * k for k in range(round(3.0 / period))])
     flushed = {}
 
@@ -94,7 +94,7 @@ def test_a_record_is_flushed_within_a_fifth_of_a_second(tmp_path, period):
 
 
 class Blocked(RecordFile):
-    """A disk that takes nothing until it is released."""
+    """A disk on which every write waits until ``gate`` is set."""
 
     gate = threading.Event()
     reached = threading.Event()

@@ -1,4 +1,4 @@
-"""Connections that are accepted: which, how many, how fast."""
+"""Acceptance of connections: limits, rate, TLS, and refusals."""
 
 import asyncio
 import io
@@ -20,38 +20,40 @@ from support.certificates import Authority, encrypted
 from support.clients import PATIENCE, until
 
 
-class Seat(asyncio.Protocol, ConnectionProtocol):
-    """A connection that counts when it is made, lost and evicted."""
+class CountedConnection(asyncio.Protocol, ConnectionProtocol):
+    """A connection that records when it is made, lost and evicted."""
 
-    def __init__(self, house, guest):
-        self.house, self.guest = house, guest
+    def __init__(self, bench, slot):
+        self.bench, self.slot = bench, slot
 
     def connection_made(self, transport):
         self.transport = transport
-        self.house.places.append(self)
+        self.bench.connections.append(self)
 
     def evict(self):
-        self.house.evicted += 1
+        self.bench.evicted += 1
         self.transport.close()
 
     def serve(self, work):
         work()
 
     def connection_lost(self, exc):
-        self.house.listener.left(self.guest)
-        self.house.lost += 1
+        self.bench.listener.left(self.slot)
+        self.bench.lost += 1
 
 
-class House:
+class ListenerBench:
     """A listener, its connections, and clients."""
 
     def __init__(self, **more):
-        self.places, self.clients, self.lost, self.evicted = [], [], 0, 0
+        self.connections, self.clients, self.lost, self.evicted = [], [], 0, 0
         self.log = io.StringIO()
         self.writer = Log(self.log)
         given = {"rate": 1e6, "tls": None, "handshake": 5.0, "refused": FailureLog(1e6, 1e6, 0.0)}
-        self.room = ConnectionLimits(more.pop("in_all", 100), more.pop("per_origin", 100))
-        self.listener = Listener(lambda guest: Seat(self, guest), self.room, log=self.writer, **given | more)
+        self.limits = ConnectionLimits(more.pop("in_all", 100), more.pop("per_origin", 100))
+        self.listener = Listener(
+            lambda slot: CountedConnection(self, slot), self.limits, log=self.writer, **given | more
+        )
 
     async def __aenter__(self):
         self.port = await self.listener.open("127.0.0.1", 0)
@@ -61,7 +63,7 @@ class House:
         for client in self.clients:
             client.close()
         self.listener.close()
-        await until(lambda: self.lost == len(self.places))
+        await until(lambda: self.lost == len(self.connections))
         self.writer.close()
 
     async def connect(self, count):
@@ -73,157 +75,163 @@ class House:
             self.clients.append(sock)
             await loop.sock_connect(sock, ("127.0.0.1", self.port))
 
-    async def seated(self, count):
-        await until(lambda: len(self.places) >= count, turns=10**7)
+    async def accepted(self, count):
+        await until(lambda: len(self.connections) >= count, turns=10**7)
 
     def admit(self, count, role="controller"):
         """Make sessions of the first connections."""
-        for place in self.places[:count]:
-            assert self.room.admit(place.guest, role, "") == ""
+        for connection in self.connections[:count]:
+            assert self.limits.admit(connection.slot, role, "") == ""
 
     @property
     def refusals(self):
-        return [place.guest.refusal for place in self.places if place.guest.refusal]
+        return [connection.slot.refusal for connection in self.connections if connection.slot.refusal]
 
 
 async def test_nagles_algorithm_is_off():
-    async with House() as house:
-        await house.connect(1)
-        await house.seated(1)
-        sock = house.places[0].transport.get_extra_info("socket")
+    async with ListenerBench() as bench:
+        await bench.connect(1)
+        await bench.accepted(1)
+        sock = bench.connections[0].transport.get_extra_info("socket")
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
-async def test_connections_in_all_are_bounded_and_a_closed_one_frees_its_place():
-    async with House(in_all=3) as house:
-        await house.connect(3)
-        await house.seated(3)
-        house.admit(3)
-        await house.connect(1)
-        await house.seated(4)
-        assert ["all 3 places for connections are taken" in text for text in house.refusals] == [True]
-        house.clients[0].close()
-        await until(lambda: house.lost == 1)
-        await house.connect(1)
-        await house.seated(5)
-        assert len(house.refusals) == 1
+async def test_the_total_number_of_connections_is_bounded_and_a_closed_one_frees_its_place():
+    async with ListenerBench(in_all=3) as bench:
+        await bench.connect(3)
+        await bench.accepted(3)
+        bench.admit(3)
+        await bench.connect(1)
+        await bench.accepted(4)
+        assert ["all 3 places for connections are taken" in text for text in bench.refusals] == [True]
+        bench.clients[0].close()
+        await until(lambda: bench.lost == 1)
+        await bench.connect(1)
+        await bench.accepted(5)
+        assert len(bench.refusals) == 1
 
 
 async def test_connections_from_one_address_are_bounded():
-    async with House(per_origin=2) as house:
-        await house.connect(2)
-        await house.seated(2)
-        house.admit(2)
-        await house.connect(1)
-        await house.seated(3)
-        (text,) = house.refusals
+    async with ListenerBench(per_origin=2) as bench:
+        await bench.connect(2)
+        await bench.accepted(2)
+        bench.admit(2)
+        await bench.connect(1)
+        await bench.accepted(3)
+        (text,) = bench.refusals
         assert "from your address" in text
 
 
 async def test_the_oldest_connection_without_a_hello_makes_room_for_a_new_one():
-    async with House(per_origin=3) as house:
-        await house.connect(3)
-        await house.seated(3)
-        house.admit(1)
-        await house.connect(2)
-        await house.seated(5)
-        await until(lambda: house.lost == 2)
-        assert (house.evicted, house.refusals) == (2, [])
-        assert [place.transport.is_closing() for place in house.places] == [False, True, True, False, False]
+    async with ListenerBench(per_origin=3) as bench:
+        await bench.connect(3)
+        await bench.accepted(3)
+        bench.admit(1)
+        await bench.connect(2)
+        await bench.accepted(5)
+        await until(lambda: bench.lost == 2)
+        assert (bench.evicted, bench.refusals) == (2, [])
+        assert [connection.transport.is_closing() for connection in bench.connections] == [
+            False,
+            True,
+            True,
+            False,
+            False,
+        ]
 
 
 async def test_a_connection_in_its_tls_handshake_makes_room_too(tmp_path):
     context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
-    async with House(tls=context, in_all=2, handshake=60.0) as house:
-        await house.connect(5)
+    async with ListenerBench(tls=context, in_all=2, handshake=60.0) as bench:
+        await bench.connect(5)
         loop = asyncio.get_running_loop()
-        for client in house.clients[:3]:
+        for client in bench.clients[:3]:
             assert await asyncio.wait_for(loop.sock_recv(client, 1), PATIENCE) == b""
-        assert len(house.room._waiting) == 2
-    await until(lambda: house.room.empty)
+        assert len(bench.limits._waiting) == 2
+    await until(lambda: bench.limits.empty)
 
 
 async def test_refused_connections_that_still_get_a_reason_are_bounded(monkeypatch):
     monkeypatch.setattr(module, "_LEAVING", 2)
-    async with House(in_all=2) as house:
-        await house.connect(2)
-        await house.seated(2)
-        house.admit(2)
-        await house.connect(8)
-        await house.seated(4)
+    async with ListenerBench(in_all=2) as bench:
+        await bench.connect(2)
+        await bench.accepted(2)
+        bench.admit(2)
+        await bench.connect(8)
+        await bench.accepted(4)
         loop = asyncio.get_running_loop()
-        for client in house.clients[4:]:
+        for client in bench.clients[4:]:
             assert await asyncio.wait_for(loop.sock_recv(client, 1), PATIENCE) == b""
-        assert len(house.places) == 4
+        assert len(bench.connections) == 4
 
 
 async def test_connections_that_arrive_too_fast_wait_and_are_accepted_later():
-    async with House(rate=50.0) as house:
-        await house.connect(40)
-        await house.seated(32)
+    async with ListenerBench(rate=50.0) as bench:
+        await bench.connect(40)
+        await bench.accepted(32)
         for _ in range(20):
             await asyncio.sleep(0)
-        assert len(house.places) < 40
-        await house.seated(40)
+        assert len(bench.connections) < 40
+        await bench.accepted(40)
 
 
 async def test_a_few_connections_are_accepted_in_each_turn():
-    async with House() as house:
-        accept, turns = house.listener._accept, []
-        monkey = lambda sock: (accept(sock), turns.append(len(house.listener._handshakes)))  # noqa: E731
+    async with ListenerBench() as bench:
+        accept, turns = bench.listener._accept, []
+        accept_and_count = lambda sock: (accept(sock), turns.append(len(bench.listener._handshakes)))  # noqa: E731
         loop = asyncio.get_running_loop()
-        sock = house.listener._sockets[0]
+        sock = bench.listener._sockets[0]
         loop.remove_reader(sock)
-        await house.connect(12)
-        loop.add_reader(sock, monkey, sock)
-        await house.seated(12)
+        await bench.connect(12)
+        loop.add_reader(sock, accept_and_count, sock)
+        await bench.accepted(12)
         assert turns[0] == 4
 
 
 async def test_a_port_in_use_is_an_error_and_nothing_stays_open():
-    async with House() as house:
-        other = House()
+    async with ListenerBench() as bench:
+        other = ListenerBench()
         with pytest.raises(OSError, match="in use"):
-            await other.listener.open("127.0.0.1", house.port)
+            await other.listener.open("127.0.0.1", bench.port)
         assert other.listener._sockets == []
         other.writer.close()
 
 
 async def test_localhost_listens_on_every_loopback_address_with_one_port():
-    house = House()
-    port = await house.listener.open("localhost", 0)
-    assert {sock.getsockname()[1] for sock in house.listener._sockets} == {port}
-    house.listener.close()
-    house.writer.close()
+    bench = ListenerBench()
+    port = await bench.listener.open("localhost", 0)
+    assert {sock.getsockname()[1] for sock in bench.listener._sockets} == {port}
+    bench.listener.close()
+    bench.writer.close()
 
 
 async def test_a_half_open_tls_handshake_ends_in_time_and_frees_its_place(tmp_path):
     context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
-    async with House(tls=context, in_all=1, handshake=0.1) as house:
-        await house.connect(1)
+    async with ListenerBench(tls=context, in_all=1, handshake=0.1) as bench:
+        await bench.connect(1)
         loop = asyncio.get_running_loop()
-        assert await asyncio.wait_for(loop.sock_recv(house.clients[0], 1), PATIENCE) == b""
-        await until(lambda: house.room.empty)
-        await house.connect(1)
-        await loop.sock_sendall(house.clients[1], b"GET / HTTP/1.1\r\n\r\n")
-        assert await asyncio.wait_for(loop.sock_recv(house.clients[1], 4096), PATIENCE) is not None
-        await until(lambda: house.room.empty)
-        assert house.lost == 0
-    assert house.log.getvalue().count("tls.failed") == 2
+        assert await asyncio.wait_for(loop.sock_recv(bench.clients[0], 1), PATIENCE) == b""
+        await until(lambda: bench.limits.empty)
+        await bench.connect(1)
+        await loop.sock_sendall(bench.clients[1], b"GET / HTTP/1.1\r\n\r\n")
+        assert await asyncio.wait_for(loop.sock_recv(bench.clients[1], 4096), PATIENCE) is not None
+        await until(lambda: bench.limits.empty)
+        assert bench.lost == 0
+    assert bench.log.getvalue().count("tls.failed") == 2
 
 
 async def test_failed_tls_is_logged_up_to_a_bound(tmp_path):
     context = server_context(*Authority(tmp_path).issue("cell", "127.0.0.1"), None)
-    async with House(tls=context, refused=FailureLog(2.0, 2.0, monotonic())) as house:
-        await house.connect(6)
+    async with ListenerBench(tls=context, refused=FailureLog(2.0, 2.0, monotonic())) as bench:
+        await bench.connect(6)
         loop = asyncio.get_running_loop()
-        for client in house.clients:
+        for client in bench.clients:
             await loop.sock_sendall(client, b"GET / HTTP/1.1\r\n\r\n")
-        for client in house.clients:
+        for client in bench.clients:
             while await asyncio.wait_for(loop.sock_recv(client, 4096), PATIENCE):
                 pass
-        await until(lambda: house.room.empty)
-    assert house.log.getvalue().count("tls.failed") == 2
+        await until(lambda: bench.limits.empty)
+    assert bench.log.getvalue().count("tls.failed") == 2
 
 
 # --- files ------------------------------------------------------------------------------------------------

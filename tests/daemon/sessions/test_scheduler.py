@@ -49,7 +49,7 @@ def test_a_lane_does_no_more_in_a_turn_than_its_slice():
     assert lane.waiting
 
 
-def test_work_within_work_counts_once():
+def test_the_time_of_nested_work_counts_once():
     works = Works()
     lane = Lane(1e-3, works.clock, share=0.5)
 
@@ -61,7 +61,7 @@ def test_work_within_work_counts_once():
     assert lane._used == pytest.approx(4e-4)
 
 
-def test_work_waits_until_all_that_was_queued_up_to_it_is_done():
+def test_a_queue_number_waits_until_all_work_up_to_it_is_done():
     works = Works()
     lane = Lane(1.5e-4, works.clock)
     for name in "aab":

@@ -186,7 +186,7 @@ async def test_messages_may_arrive_byte_by_byte(line):
     assert line.host.received[-1].time == 1.0
 
 
-async def test_a_message_that_cannot_be_read_is_answered_and_the_next_one_counts(line):
+async def test_an_unreadable_message_is_answered_and_the_next_one_is_handled(line):
     line.hello()
     line.arrive(encode(m.Ping.model_construct(type="ping", time="late", id=3)))
     error = line.received()[0]
@@ -223,7 +223,7 @@ async def test_no_hello_in_time_ends_the_connection(line):
     assert line.received()[0].code == "handshake_timeout"
 
 
-async def test_hello_in_time_is_in_time(line):
+async def test_a_hello_in_time_keeps_the_connection_open(line):
     line.session.allow(0.0, RemoteProtocolError(ErrorCode.HANDSHAKE_TIMEOUT, "no hello"))
     line.hello()
     for _ in range(5):
@@ -241,7 +241,7 @@ async def test_bye_is_answered(line):
     assert line.received() == []
 
 
-async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowly(line):
+async def test_data_for_a_closing_connection_are_read_slowly(line):
     line.hello().session.close(m.Bye())
     assert line.transport.reading
     line.arrive(bytes(1000))
@@ -253,7 +253,7 @@ async def test_what_a_client_sends_to_a_connection_that_is_closing_is_read_slowl
     assert not line.transport.reading
 
 
-async def test_a_transport_that_is_closed_meanwhile_is_not_read_again(line, monkeypatch):
+async def test_a_transport_that_closes_during_the_pause_is_not_read_again(line, monkeypatch):
     monkeypatch.setattr("armgate.daemon.sessions.reading._DISCARD", 0.01)
     line.session.close(m.Bye())
     line.arrive(b"x" * 100)
@@ -540,7 +540,9 @@ async def test_after_the_end_of_a_tls_stream_the_rest_is_read_in_turns_too(line,
     assert line.host.received[-2:] == ["left: closed by the client", "closed"]
 
 
-async def test_a_client_aborted_while_the_rest_of_its_stream_is_read_has_left(line, monkeypatch):
+async def test_leaving_is_reported_if_a_client_is_aborted_while_the_rest_of_its_stream_is_read(
+    line, monkeypatch
+):
     monkeypatch.setattr(line.transport, "can_write_eof", lambda: False)
     line.hello()
     line.arrive(pings(line, 30))
@@ -581,7 +583,7 @@ async def test_more_messages_than_the_rate_allows_wait():
     line.arrive(pings(line, 30))
     for _ in range(3):
         await asyncio.sleep(0)
-    assert len(pings_received(line)) in (8, 16)  # the burst of 10, and what was begun
+    assert len(pings_received(line)) in (8, 16)  # the burst of 10, in pieces of 8
     await until(lambda: len(pings_received(line)) == 30, turns=10**7)
     assert pings_received(line) == [*range(30)]
     line.session.connection_lost(None)
@@ -651,7 +653,7 @@ async def test_bytes_before_the_hello_count_only_in_the_limit_of_their_connectio
 
 
 @pytest.mark.parametrize("message", [m.Describe(), m.Sessions()])
-async def test_messages_with_large_answers_count_more(line, message):
+async def test_messages_with_large_answers_use_more_of_the_rate_limit(line, message):
     line.hello()
     line.session._connection.push(line.client.send(message))
     cost, _ = line.session._receive_some()

@@ -20,7 +20,7 @@ PAUSE = float(os.environ.get("ARMGATE_PAUSE", "1.5"))
 """Time for which clients pause, s; the long form takes 30."""
 
 FEW = 64
-"""States of 1.5 KB that a client may find: what fits into the receive window of its own system."""
+"""Largest number of states that a client receives after a pause: its kernel has buffered the old ones."""
 
 
 class Host:
@@ -78,7 +78,7 @@ class Server:
         self.session = Session(self.host, 1, Slot("127.0.0.1"), 1 << 20, FairScheduler())
         return self.session
 
-    async def show(self, seconds):
+    async def send_states(self, seconds):
         """Send states for some seconds."""
         for _ in range(round(seconds / PERIOD)):
             self.tick += 1
@@ -113,7 +113,7 @@ class Reader:
 
 @pytest.fixture
 async def paused(request):
-    """A server and a client of it that has read up to now."""
+    """A server and a connected client that reads only on request."""
     size, buffer = request.param
     server = Server(size)
     await server.open()
@@ -129,36 +129,36 @@ async def paused(request):
 @pytest.mark.parametrize("paused", [(1500, None), (1500, 4096), (9000, None)], indirect=True)
 async def test_a_client_that_paused_gets_the_latest_state_and_few_old_ones(paused):
     server, reader = paused
-    await server.show(0.1)
+    await server.send_states(0.1)
     await reader.read(server.tick)
     reader.ticks.clear()
-    await server.show(PAUSE)
+    await server.send_states(PAUSE)
     newest = server.tick
     ticks = await reader.read(newest)
     assert len(ticks) <= FEW
     assert ticks == sorted(set(ticks))
     reader.ticks.clear()
-    await asyncio.gather(reader.read(newest + 50), server.show(50 * PERIOD))
-    assert len(reader.ticks) > 25, "it reads again, and gets the states of the ticks"
+    await asyncio.gather(reader.read(newest + 50), server.send_states(50 * PERIOD))
+    assert len(reader.ticks) > 25, "the client reads again, and receives most of the new states"
 
 
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("paused", [(1500, None), (140_000, None), (140_000, 4096)], indirect=True)
 async def test_a_client_that_reads_nothing_is_not_aborted_for_unread_states(paused, monkeypatch):
-    """States of 140 kB do not fit into the window of the client: it is closed, and probes are answered."""
+    """States of 140 kB do not fit into the client's TCP window: the window is closed; probes are answered."""
     monkeypatch.setattr(peer_socket_module, "_GIVE_UP", min(0.5, PAUSE / 3))
     monkeypatch.setattr(peer_socket_module, "_WATCH", 0.1)
     server, reader = paused
-    await server.show(PAUSE)
+    await server.send_states(PAUSE)
     assert server.host.reasons == []
     newest = server.tick
-    await asyncio.gather(reader.read(newest + 10), server.show(0.5))
+    await asyncio.gather(reader.read(newest + 10), server.send_states(0.5))
 
 
 @pytest.mark.parametrize("paused", [(1500, None)], indirect=True)
 async def test_a_client_that_reads_gets_every_state(paused):
     server, reader = paused
-    await asyncio.gather(reader.read(100), server.show(100 * PERIOD))
+    await asyncio.gather(reader.read(100), server.send_states(100 * PERIOD))
     assert reader.ticks == list(range(1, 101))
 
 
@@ -188,7 +188,7 @@ async def test_an_unreachable_client_is_distinguished_from_one_that_does_not_rea
     Socket.head[peer_socket_module._UNACKED] = 1
     assert [line.is_unreachable() for _ in range(3)] == [
         False
-    ] * 3  # answered, and no probe was due for so long
+    ] * 3  # the last data were answered, and no probe is outstanding
     Socket.head[peer_socket_module._PROBES] = 1
     assert [line.is_unreachable() for _ in range(2)] == [False, True]
     Socket.head[peer_socket_module._PROBES] = 0

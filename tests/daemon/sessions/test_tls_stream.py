@@ -19,11 +19,11 @@ from support.clients import PATIENCE, until
 
 RECORDS = 3000
 FEW = 2048 // 22
-"""Records that a piece may hold: each is 22 bytes longer than what it carries."""
+"""Upper bound of the number of records in a piece of 2048 bytes: a record has at least 22 bytes."""
 
 
-class Seat(asyncio.Protocol, ConnectionProtocol):
-    """A connection whose turns the test gives; it notes the bytes that arrive in each."""
+class SteppedConnection(asyncio.Protocol, ConnectionProtocol):
+    """A connection that works only in turns that the test starts, and counts the bytes of each turn."""
 
     def __init__(self):
         self.turns, self.got, self.transport, self.paused = [], [], None, False
@@ -73,10 +73,10 @@ class Client:
 @contextlib.asynccontextmanager
 async def connection(folder):
     """Connect a client to a listener with TLS."""
-    authority, seat, room = Authority(folder), Seat(), ConnectionLimits(10, 10)
+    authority, stepped, room = Authority(folder), SteppedConnection(), ConnectionLimits(10, 10)
     log = Log(io.StringIO())
     listener = Listener(
-        lambda guest: seat, room, rate=1e6, tls=server_context(*authority.issue("cell", "127.0.0.1"), None),
+        lambda slot: stepped, room, rate=1e6, tls=server_context(*authority.issue("cell", "127.0.0.1"), None),
         handshake=PATIENCE, log=log, refused=FailureLog(1e6, 1e6, monotonic()),
     )  # fmt: skip
     port = await listener.open("127.0.0.1", 0)
@@ -84,37 +84,37 @@ async def connection(folder):
     sock.setblocking(False)
     await asyncio.get_running_loop().sock_connect(sock, ("127.0.0.1", port))
     try:
-        yield seat, Client(sock, ssl.create_default_context(cafile=authority.file))
+        yield stepped, Client(sock, ssl.create_default_context(cafile=authority.file))
     finally:
-        if seat.transport is not None:
-            seat.transport.abort()
+        if stepped.transport is not None:
+            stepped.transport.abort()
         sock.close()
         listener.close()
         await asyncio.sleep(0)
         log.close()
 
 
-async def giving_turns(seat, task):
+async def giving_turns(stepped, task):
     while not task.done():
-        seat.give_turns()
+        stepped.give_turns()
         await asyncio.sleep(0)
 
 
-async def connected(seat, client):
+async def connected(stepped, client):
     shaking = asyncio.create_task(client.shake_hands())
-    await asyncio.wait_for(giving_turns(seat, shaking), PATIENCE)
-    await until(lambda: seat.give_turns() or seat.transport is not None)
+    await asyncio.wait_for(giving_turns(stepped, shaking), PATIENCE)
+    await until(lambda: stepped.give_turns() or stepped.transport is not None)
 
 
 async def test_a_handshake_waits_for_its_turn(tmp_path):
-    async with connection(tmp_path) as (seat, client):
+    async with connection(tmp_path) as (stepped, client):
         shaking = asyncio.create_task(client.shake_hands())
-        await until(lambda: seat.turns)
+        await until(lambda: stepped.turns)
         for _ in range(20):
             await asyncio.sleep(0)
-        assert len(seat.turns) == 1
+        assert len(stepped.turns) == 1
         assert not shaking.done()
-        await asyncio.wait_for(giving_turns(seat, shaking), PATIENCE)
+        await asyncio.wait_for(giving_turns(stepped, shaking), PATIENCE)
 
 
 async def send_records(client):
@@ -125,56 +125,56 @@ async def send_records(client):
 
 
 async def test_a_turn_decrypts_only_a_few_records(tmp_path):
-    async with connection(tmp_path) as (seat, client):
-        await connected(seat, client)
-        seat.got.clear()
+    async with connection(tmp_path) as (stepped, client):
+        await connected(stepped, client)
+        stepped.got.clear()
         sending = asyncio.create_task(send_records(client))
-        await until(lambda: seat.give_turns() or sum(seat.got) == RECORDS)
+        await until(lambda: stepped.give_turns() or sum(stepped.got) == RECORDS)
         await sending
-        assert max(seat.got) <= FEW
+        assert max(stepped.got) <= FEW
 
 
 @pytest.mark.parametrize("turns", [True, False])
-async def test_a_session_that_is_not_read_keeps_few_records_that_wait(tmp_path, turns):
-    async with connection(tmp_path) as (seat, client):
-        await connected(seat, client)
-        seat.got.clear()
+async def test_a_session_that_is_not_read_holds_few_waiting_records(tmp_path, turns):
+    async with connection(tmp_path) as (stepped, client):
+        await connected(stepped, client)
+        stepped.got.clear()
         if turns:
-            seat.transport.pause_reading()
+            stepped.transport.pause_reading()
         sending = asyncio.create_task(send_records(client))
         for _ in range(1000):
             if turns:
-                seat.give_turns()
+                stepped.give_turns()
             await asyncio.sleep(0)
-        assert sum(seat.got) == 0
+        assert sum(stepped.got) == 0
         if turns:
-            seat.got[:] = [0]
-            seat.transport.resume_reading()
-            await until(lambda: seat.got[0])
-            assert seat.got[0] <= 2 * FEW
-        await until(lambda: seat.give_turns() or sum(seat.got) == RECORDS)
+            stepped.got[:] = [0]
+            stepped.transport.resume_reading()
+            await until(lambda: stepped.got[0])
+            assert stepped.got[0] <= 2 * FEW
+        await until(lambda: stepped.give_turns() or sum(stepped.got) == RECORDS)
         await sending
 
 
 async def test_a_piece_that_waits_for_its_turn_is_dropped_with_its_connection(tmp_path):
-    async with connection(tmp_path) as (seat, client):
-        await connected(seat, client)
-        seat.got.clear()
+    async with connection(tmp_path) as (stepped, client):
+        await connected(stepped, client)
+        stepped.got.clear()
         client.tls.write(b"x")
         await client.send()
-        await until(lambda: seat.turns)
-        seat.transport.abort()
+        await until(lambda: stepped.turns)
+        stepped.transport.abort()
         for _ in range(5):
             await asyncio.sleep(0)
-        seat.give_turns()
-        assert seat.got == [0]
+        stepped.give_turns()
+        assert stepped.got == [0]
 
 
 async def test_data_that_a_client_does_not_read_wait_in_the_session(tmp_path):
-    async with connection(tmp_path) as (seat, client):
-        await connected(seat, client)
-        seat.transport.set_write_buffer_limits(high=1, low=0)
-        while not seat.paused:
-            seat.transport.write(b"x" * 1000)
-        under = seat.transport._ssl_protocol._transport
-        assert under.get_write_buffer_size() + seat.transport.get_write_buffer_size() < 3000
+    async with connection(tmp_path) as (stepped, client):
+        await connected(stepped, client)
+        stepped.transport.set_write_buffer_limits(high=1, low=0)
+        while not stepped.paused:
+            stepped.transport.write(b"x" * 1000)
+        under = stepped.transport._ssl_protocol._transport
+        assert under.get_write_buffer_size() + stepped.transport.get_write_buffer_size() < 3000

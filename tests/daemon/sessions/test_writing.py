@@ -9,7 +9,7 @@ from support.clients import until
 
 
 class Pipe:
-    """A transport with its socket, which takes some frames, then none until it is drained."""
+    """A transport with its socket, which accepts some frames, then none until it is drained."""
 
     def __init__(self, room=10**9, limit=100):
         self.taken = []
@@ -93,7 +93,7 @@ def test_too_many_unread_answers_are_an_overflow_and_states_are_not():
         pipe.send(b"1")
 
 
-def test_an_open_batch_holds_back_what_may_be_delayed_until_the_last_one_closes():
+def test_delayable_messages_wait_until_the_last_open_batch_closes():
     pipe = Pipe()
     first, second = pipe.writer.batch(), pipe.writer.batch()
     pipe.writer.send(b"v1", delayable=True)
@@ -105,7 +105,7 @@ def test_an_open_batch_holds_back_what_may_be_delayed_until_the_last_one_closes(
     assert pipe.taken == [b"v1a1"]
 
 
-def test_a_message_that_may_not_be_delayed_takes_what_a_batch_held_back_along():
+def test_a_message_that_may_not_be_delayed_is_written_after_the_messages_that_a_batch_holds():
     pipe = Pipe()
     with pipe.writer.batch():
         pipe.writer.send(b"v1", delayable=True)

@@ -25,7 +25,7 @@ KR16 = read_urdf((CONFIGS / "robots" / "kr16.urdf").read_text())
     ],
 )
 @pytest.mark.parametrize("arm", [kr16(), arm_of_urdf(KR16, "tool0")], ids=["built-in", "urdf"])
-def test_the_flange_position_agrees_with_public_figures(arm, angles, place):
+def test_the_flange_position_agrees_with_published_positions(arm, angles, place):
     assert arm.chain.pose(angles)[:3] == pytest.approx(place, abs=1e-3)
 
 

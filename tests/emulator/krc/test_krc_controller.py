@@ -1,4 +1,4 @@
-"""Tests of the virtual KRC as a whole, cycle by cycle, without time and sockets."""
+"""Tests of the whole virtual KRC, cycle by cycle, without real time and sockets."""
 
 import dataclasses
 import math
@@ -147,7 +147,7 @@ def test_datagrams_of_other_senders_are_rejected():
     assert (rig.state, rig.delay) == ("waiting", 1)
 
 
-def test_of_two_answers_the_first_counts():
+def test_the_first_of_two_replies_is_used():
     rig = ControllerRig()
     rig.get(sen(100, STEP), sen(100, (0.01, 0, 0, 0, 0, 0)), sen(100, STEP))
     assert rig.setpoint[0] == 0.05
@@ -180,7 +180,7 @@ def test_random_datagrams_neither_move_the_robot_nor_stop_the_controller(datagra
 # --- late replies ------------------------------------------------------------------------------------------
 
 
-def test_one_lost_reply_is_held_and_counted():
+def test_after_one_lost_reply_the_setpoint_is_held_and_the_cycle_is_counted_as_late():
     rig = ControllerRig()
     rig.answer(STEP, cycles=2)
     rig.silent()
@@ -310,7 +310,7 @@ SIX_AND_TWO = (*(f"AK.A{n}" for n in range(1, 7)), "EK.E1", "EK.E2")
 @pytest.mark.parametrize(
     ("name", "shown"), [("krc4-rsi3", 101.0), ("krc5-rsi5", 101.0), ("krc2-rsi2", 101.0 * 180 / math.pi)]
 )
-def test_external_axes_are_mm_to_the_krc_and_the_profiles_unit_from_it(name, shown):
+def test_external_axes_are_received_in_mm_and_sent_in_the_unit_of_the_profile(name, shown):
     rig = ControllerRig(name, arm=on_a_gantry(), received=SIX_AND_TWO, sent=("DEF_EIPos", "DEF_ESPos"))
     rig.silent()
     for number in range(1, 41):

@@ -91,7 +91,7 @@ def test_rsi_2_files_with_units_and_protocol_are_read():
         ("<RECEIVE>", "<RECEIVED>", "not well-formed"),
     ],
 )  # fmt: skip
-def test_errors_name_the_element_and_the_expectation(old, new, reason):
+def test_errors_name_the_element_and_what_was_expected(old, new, reason):
     text = krc_file()
     assert old in text
     with pytest.raises(KrcError) as caught:

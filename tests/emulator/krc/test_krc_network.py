@@ -12,7 +12,7 @@ MS = 1_000_000
 
 
 def through(channel, count=1000, gap=4 * MS):
-    """Return the numbers that come out, in order, if one goes in every ``gap``."""
+    """Send ``count`` numbers through the channel, one per ``gap``; return those received, in order."""
     out = []
     for number in range(count):
         channel.put(number, number * gap)

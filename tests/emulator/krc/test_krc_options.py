@@ -1,4 +1,4 @@
-"""Tests of the options of a virtual KRC, as texts of the command line."""
+"""Tests of the command-line options of a virtual KRC."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_the_file_is_named_in_errors(tmp_path):
         options.load_ethernet(bad)
 
 
-def test_profiles_are_selected_with_other_cycles_and_lags():
+def test_a_profile_can_be_selected_with_another_cycle_and_other_lags():
     assert options.select_profile("krc4-rsi3", None).cycle == 0.004
     assert options.select_profile("krc4-rsi3", 12.0).ipoc_step == 12
     other = options.select_profile("krc4-rsi3", None, "A=33,A2=27")

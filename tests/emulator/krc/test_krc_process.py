@@ -164,7 +164,7 @@ async def test_answers_to_delayed_telegrams_are_rejected_as_late(tmp_path):
         assert status["state"] == "waiting"
 
 
-async def test_after_a_break_off_only_a_reset_leads_on(tmp_path):
+async def test_a_broken_off_krc_leaves_this_state_only_by_a_reset(tmp_path):
     async with Krc.running(tmp_path, "--timeout", "3") as krc:
         krc.driver.answering = False
         async with asyncio.timeout(PATIENCE):
@@ -200,7 +200,7 @@ async def test_the_log_may_go_to_a_file_and_stdin_may_end(tmp_path):
         (("--config", "none.xml"), "none.xml: No such file"),
     ],
 )
-async def test_wrong_options_give_one_line_of_error(tmp_path, options, text):
+async def test_wrong_options_are_usage_errors(tmp_path, options, text):
     config = tmp_path / "krc.xml"
     config.write_text(krc_file())
     given = {"--profile": "krc4-rsi3", "--config": str(config), options[0]: options[1]}

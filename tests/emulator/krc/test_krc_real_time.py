@@ -76,8 +76,9 @@ async def test_the_age_of_a_reply_is_from_the_kernel_and_other_senders_are_marke
         stranger.bind(("127.0.0.1", 0))
         pc.sendto(b"reply", source)
         stranger.sendto(b"x" * 65_000, source)
-        assert select.select([port._socket], [], [], PATIENCE)[0]  # the kernel has stamped its arrival
-        await asyncio.sleep(0.02)  # the passing time is measured here
+        # The reply has arrived, with a time stamp of the kernel.
+        assert select.select([port._socket], [], [], PATIENCE)[0]
+        await asyncio.sleep(0.02)  # this time is part of the measured age
         (one, age), (other, _) = port.receive()
         assert (one.data, one.stranger) == (b"reply", None)
         assert age >= 20_000_000

@@ -46,7 +46,7 @@ def test_every_pair_of_state_and_event_has_the_expected_result(state, event):
 
 
 def test_only_the_pendant_leads_from_a_fault_to_motion():
-    """Check that only a reset and a start, or a restart, lead on: all are events at the pendant."""
+    """Check that only a restart, or a reset and a start, end a fault; all are events at the pendant."""
     for state, event in itertools.product(FAULTS, Event):
         assert next_state(state, event) not in ACTIVE or event is Event.RESTART
 
@@ -91,7 +91,7 @@ def test_krc2_tolerates_ten_late_cycles_in_a_row():
     assert delay.add(True) == "11 late cycles in a row exceed the limit of this controller, 10"
 
 
-def test_krc2_tolerates_a_quarter_of_late_cycles():
+def test_krc2_tolerates_up_to_a_quarter_of_late_cycles():
     delay = DelayCounter(1000, 10, 0.25)
     found = [delay.add(number % 3 == 0) for number in range(100)]
     assert found[:99] == [None] * 99
@@ -178,7 +178,7 @@ def moved(index, by, at=ARM.start):
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @given(data=st.data())
-def test_motion_within_the_axes_figures_never_faults(name, data):
+def test_motion_within_speed_and_acceleration_of_the_axes_never_faults(name, data):
     """Draw any acceleration and speed up to the axis's own in each cycle."""
     profile = PROFILES[name]
     index = data.draw(st.integers(0, 5))
@@ -195,7 +195,7 @@ def test_motion_within_the_axes_figures_never_faults(name, data):
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @pytest.mark.parametrize("index", range(6))
-def test_a_step_beyond_the_speed_is_a_command_velocity_fault(name, index):
+def test_a_step_beyond_the_velocity_tolerance_is_a_command_velocity_fault(name, index):
     profile, axis = PROFILES[name], ARM.axes[index]
     largest = profile.tolerance.velocity * axis.speed * profile.cycle
     arm = drives(profile)
@@ -206,7 +206,7 @@ def test_a_step_beyond_the_speed_is_a_command_velocity_fault(name, index):
 
 @pytest.mark.parametrize("name", PROFILE_NAMES)
 @pytest.mark.parametrize(("share", "faults"), [(0.99, False), (1.01, True)])
-def test_a_robot_held_for_one_cycle_tolerates_the_step_of_its_profile(name, share, faults):
+def test_a_hold_of_one_cycle_is_tolerated_up_to_the_step_of_the_profile(name, share, faults):
     profile, axis = PROFILES[name], ARM.axes[0]
     speed = share * profile.tolerance.step(axis.acceleration, profile.cycle)
     assert speed < axis.speed

@@ -36,7 +36,7 @@ def test_six_axes_are_sent_for_any_robot():
     ]
 
 
-def test_own_elements_are_grouped_and_typed():
+def test_elements_of_the_user_are_grouped_and_typed():
     own = (
         element("Torque.A1", 1)
         + element("On", 2, "BOOL")

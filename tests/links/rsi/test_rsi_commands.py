@@ -49,7 +49,7 @@ def test_link_and_krc_accept_the_files_that_config_writes(tmp_path, generation, 
     assert ran("config", file, *options, "--force").exit_code == 0
 
 
-def test_wrong_calls_of_config_are_usage_errors(tmp_path):
+def test_config_with_wrong_options_is_a_usage_error(tmp_path):
     file = cell_text(tmp_path)
     for options, expected in (
         (("--robot", "X"), "there is no robot"),

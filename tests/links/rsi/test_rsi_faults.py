@@ -1,7 +1,7 @@
 """Fault matrix of the RSI link: each fault, and the state in which link, KRC and robot end.
 
-The tests step the link, the gate and a virtual KRC cycle by cycle. The robot moves at most of its speed when
-a fault happens.
+The tests step the link, the gate and a virtual KRC cycle by cycle. The robot moves at about a tenth
+of its full speed when a fault happens.
 """
 
 import re
@@ -46,7 +46,7 @@ class TestOneDatagram:
         assert moving.state == "ready"
         assert moving.quiet
 
-    def test_never_catches_up(self, moving):
+    def test_after_a_lost_reply_the_robot_does_not_catch_up_the_lost_motion(self, moving):
         tick = moving.ticks[-1]
         moving.drive(1, *SLOW, to_krc=False)
         moving.cycle()
@@ -172,7 +172,7 @@ class TestTheKrc:
         moving.cycles(200)
         assert moving.state == "lost"
         assert "no telegram" in moving.stops[0].reason
-        assert not moving.reset()  # the robot is not known to rest
+        assert not moving.reset()  # the gate does not know that the robot is at rest
         moving.operate("reset")
         assert moving.krc.jog("A1", -20.0) is None
         moving.operate("start")

@@ -284,7 +284,7 @@ class TestValuesThatAreNeverSent:
         assert warnings_of(setup_of(cell, cell.robots[0])) == []
 
 
-def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_path):
+def test_an_ip_number_that_is_not_an_address_is_named_unless_listen_is_given(tmp_path):
     text = krc_file(SEND, SIX).replace("127.0.0.1", "ip.address.of.rospc")
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
     with pytest.raises(
@@ -299,7 +299,7 @@ def test_an_ip_number_that_is_no_address_is_named_unless_listen_is_given(tmp_pat
 
 
 @pytest.mark.parametrize("host", ["ip.of.pc", "0.0.0.0", "255.255.255.255", "224.0.0.1", "127.000.000.001"])
-def test_an_ip_number_of_no_pc_is_refused_and_a_warning_if_the_cell_listens_elsewhere(tmp_path, host):
+def test_an_unusable_ip_number_is_refused_or_causes_a_warning_if_the_cell_sets_listen(tmp_path, host):
     text = krc_file(SEND, SIX).replace("127.0.0.1", host)
     cell = build_cell(load_config([cell_text(tmp_path, file=text)]))
     with pytest.raises(
@@ -313,7 +313,7 @@ def test_an_ip_number_of_no_pc_is_refused_and_a_warning_if_the_cell_listens_else
     assert warning.startswith(f"IP_NUMBER '{host}' in the KRC's file is not the address of a PC")
 
 
-def test_a_value_called_dat_is_no_telegram_of_erx():
+def test_an_element_named_dat_is_not_mistaken_for_the_erx_form():
     axes = axes_of([(f"A{number}", False) for number in range(1, 7)], {})
     positions = " ".join(f'A{number}="0.0"' for number in range(1, 7))
     body = f"<AIPos {positions}/><ASPos {positions}/><Delay D='0'/><Dat>5</Dat><IPOC>7</IPOC>"

@@ -251,7 +251,7 @@ def test_a_new_run_in_another_mode_is_proven_anew(tmp_path):
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("share", [0.04, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("before", [0, 40, 200])
-def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, before):
+def test_a_krc_that_begins_to_accumulate_corrections_is_stopped_by_zeros(tmp_path, hold, share, before):
     """Second line of defence: the mode changes during a run that has proven the other mode."""
     rig = rig_of(tmp_path, cell="absolute", krc="absolute", hold=hold).begin()
     dq = tuple(share * u for u in SLOW)
@@ -276,7 +276,7 @@ def test_a_krc_that_begins_to_add_up_is_stopped_by_zeros(tmp_path, hold, share, 
 @pytest.mark.parametrize(("speed", "missed", "outwards"), [(5.0, 0, 1.0), (60.0, 0, -1.0), (20.0, 5, 1.0)])
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
 def test_an_absolute_krc_whose_robot_is_pushed_keeps_its_total(tmp_path, profile, speed, missed, outwards):
-    """Zeros would command a step of the whole total, 20° here, to a robot that did not run away."""
+    """Zeros would command a step of the whole total, here 20°, although only a push moved the robot."""
     rig = Rig(tmp_path, profile, lag="120 ms" if profile == "krc2-rsi2" else "30 ms").begin()
     start = rig.krc_setpoint[0]
     rig.drive(round(0.7 / rig.period), *(outwards * 0.6 * rig.period if j == 0 else 0.0 for j in range(6)))
@@ -312,7 +312,7 @@ def test_a_run_that_is_proven_is_not_probed_again(tmp_path):
     assert rig.state == "ready"
 
 
-def test_axes_have_digits_of_their_own():
+def test_each_axis_has_a_distinct_code_of_digits():
     codes = {digits_of(number, 3) for number in range(-13, 14)}
     assert len(codes) == 27
     for code in codes:

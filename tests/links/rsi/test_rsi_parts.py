@@ -127,7 +127,7 @@ class TestNumbers:
     def test_a_step_learnt_over_a_gap_is_corrected(self):
         assert [one.missed for one in self.placed(0, 8, 12, 20)] == [0, 0, 1]
 
-    def test_numbers_that_cannot_follow_are_a_jump(self):
+    def test_ipocs_that_cannot_follow_are_a_jump(self):
         run = TelegramCounter(0, 5)
         assert run.place(4, 5).order is Order.NEXT
         run.learning = False
@@ -143,7 +143,7 @@ def test_only_an_operators_reset_leaves_lost_and_faulted():
 
 class TestTheFile:
     @pytest.mark.parametrize("name", ["axis-correction.xml", "gantry-correction.xml"])
-    def test_both_sides_read_the_same(self, name):
+    def test_link_and_krc_read_the_same(self, name):
         data = (FILES / name).read_bytes()
         own, other = read_ethernet(data), krc_reads(data)
         assert (own.host, own.port, own.sentype, own.only_send) == (

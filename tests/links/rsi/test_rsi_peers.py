@@ -56,7 +56,7 @@ class TestTheSameIpocAgain:
         assert rig.ticks[-1].rebased
         assert not any(rig.ticks[-1].increment)
 
-    def test_the_same_without_a_larger_delay_is_a_copy(self, tmp_path):
+    def test_a_repeated_telegram_with_the_same_delay_is_rejected_as_a_duplicate(self, tmp_path):
         rig = Rig(tmp_path).begin()
         rig.drive(5, *SLOW)
         assert rig.deliver(rig.telegram) is None

@@ -29,7 +29,7 @@ STEP = (4e-4, -2e-4, 2e-4, 0.0, 0.0, 0.0)
 
 
 class Daemon:
-    """Daemon of the link, which offers a plan at each tick while ``moving``."""
+    """Substitute for the daemon: it offers the link a plan at each tick while ``moving``."""
 
     def __init__(self, link):
         self.link, self.events, self.news = link, [], asyncio.Event()
@@ -69,7 +69,7 @@ class Station:
         self.krc, self.link, self.daemon = krc, link, daemon
 
     async def rests(self):
-        """Command nothing; return the status once the KRC's setpoint is the link's."""
+        """Send no commands; return the KRC's status when its setpoint equals the setpoint of the link."""
         self.daemon.moving = False
         async with asyncio.timeout(PATIENCE):
             while True:
