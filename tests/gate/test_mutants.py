@@ -55,6 +55,10 @@ def test_each_mutant_is_one_change_with_a_key_of_its_own():
         assert sum(a != b for a, b in zip(original, changed, strict=True)) == 1
 
 
+def test_unreachable_statements_are_not_changed():
+    assert mutants_of("m", "assert_never(x)") == []
+
+
 def test_mutants_of_the_gate_compile():
     for mutant in mutants_of("braking", Path(braking.__file__).read_text()):
         compile(mutant.tree, "braking", "exec")
