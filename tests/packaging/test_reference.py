@@ -45,6 +45,13 @@ def test_a_default_in_words_is_shown() -> None:
     assert row.split("|")[3].strip() == "never"
 
 
+def test_the_usage_shows_which_arguments_are_optional_or_repeatable() -> None:
+    text = PAGES[ROOT / "docs" / "cli.md"]
+    assert "\narmgate check [OPTIONS] CONFIG...\n" in text
+    assert "\narmgate demo [OPTIONS] [CONFIG]\n" in text
+    assert "\narmgate status [OPTIONS] [HOST:PORT]\n" in text
+
+
 def test_every_key_of_the_configuration_has_a_meaning() -> None:
     text = PAGES[ROOT / "docs" / "configuration-reference.md"]
     rows = re.findall(r"^\| (`\w+`) \|.*\| ([^|]*) \|$", text, re.MULTILINE)

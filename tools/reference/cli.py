@@ -59,9 +59,9 @@ def _first(command: Command) -> str:
 
 
 def _section(name: str, command: Command) -> Iterator[str]:
-    rows = [_row(*parameter) for parameter in _parameters(command)]
-    arguments = [row for row in rows if not row[0].startswith("`-")]
-    usage = " ".join(row[0].strip("`") for row in arguments)
+    parameters = list(_parameters(command))
+    rows = [_row(*parameter) for parameter in parameters]
+    usage = " ".join(_usage(*parameter) for parameter in parameters if isinstance(parameter[2], ArgumentInfo))
     yield from (f"## armgate {name}", "", "```text", f"armgate {name} [OPTIONS] {usage}".rstrip(), "```", "")
     yield prose(inspect.getdoc(command) or "")
     if rows:
@@ -95,6 +95,13 @@ def _row(name: str, kind: Any, info: ArgumentInfo | OptionInfo, default: Any) ->
         usual = f"`{shown[0]}`" if flag and default is True else "" if flag else _default(default)
     names = ", ".join(f"`{each}`" for each in shown)
     return names, value, usual, re.sub(r"\s+", " ", info.help or "")
+
+
+def _usage(name: str, kind: Any, info: ArgumentInfo | OptionInfo, default: Any) -> str:
+    """Return an argument for the usage line: an optional one in brackets, a repeatable one with dots."""
+    shown = info.metavar or name.upper()
+    shown = shown if _default(default) == "required" else f"[{shown}]"
+    return f"{shown}..." if _plain(kind)[1] else shown
 
 
 def _plain(kind: Any) -> tuple[Any, bool]:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-Address = Annotated[str | None, typer.Argument(metavar="[HOST:PORT]", help="Address of the server to test.")]
+Address = Annotated[str | None, typer.Argument(metavar="HOST:PORT", help="Address of the server to test.")]
 Start = Annotated[
     str | None,
     typer.Option(

@@ -55,7 +55,8 @@ def explain(
     refused: Annotated[
         bool,
         typer.Option(
-            "--refused", help="Explain refused commands; of consecutive ones with the same reason, the first."
+            "--refused",
+            help="Explain refused commands; if consecutive ones have the same reason, only the first.",
         ),
     ] = False,
     robot: Annotated[str | None, typer.Option(help="Explain only the commands of this robot.")] = None,

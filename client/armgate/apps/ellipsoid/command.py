@@ -10,7 +10,7 @@ def ellipsoid(
     configs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="CONFIG…",
+            metavar="CONFIG",
             help="Configuration of the cell; later files overlay earlier ones (default: the planar arm).",
             show_default=False,
         ),

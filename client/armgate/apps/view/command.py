@@ -22,7 +22,7 @@ Role = Annotated[
     ),
 ]
 Host = Annotated[str, typer.Option(help="Address on which the page is served.")]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 for any free port.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 selects a free port.")]
 HostName = Annotated[
     list[str] | None,
     typer.Option(

@@ -94,7 +94,7 @@ async def serve(device: Device, host: str, port: int) -> None:
 
 
 def linebot(
-    configs: Annotated[list[Path], typer.Argument(metavar="CONFIG...", help="Files of the cell.")],
+    configs: Annotated[list[Path], typer.Argument(metavar="CONFIG", help="Files of the cell.")],
     robot: Annotated[str, typer.Option(metavar="NAME", help="Robot of the cell.")],
 ) -> None:
     """Simulate a robot whose link is of kind linebot."""

@@ -25,12 +25,14 @@ _EXTRA = ("pinocchio", "coal", "fcl", "mcap", "prometheus_client")
 
 Configs = Annotated[
     list[Path],
-    typer.Argument(metavar="CONFIG...", help="Configuration files; later ones overlay earlier ones."),
+    typer.Argument(metavar="CONFIG", help="Configuration files; later ones overlay earlier ones."),
 ]
 _Host = Annotated[
     str | None, typer.Option(help="Address to listen on; beyond loopback only with TLS and tokens.")
 ]
-_Port = Annotated[int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0: any free port.")]
+_Port = Annotated[
+    int | None, typer.Option(min=0, max=65535, help="Port to listen on; 0 selects a free port.")
+]
 _Lockstep = Annotated[
     str | None, typer.Option(metavar="NAMES", help="Run in lock-step with the participants A,B,…")
 ]

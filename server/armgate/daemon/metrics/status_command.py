@@ -33,7 +33,7 @@ def status(
     address: Annotated[
         str,
         typer.Argument(
-            metavar="[HOST:PORT]", help="Address at which the daemon serves its metrics (metrics.port)."
+            metavar="HOST:PORT", help="Address at which the daemon serves its metrics (metrics.port)."
         ),
     ] = _DEFAULT,
     port: Annotated[

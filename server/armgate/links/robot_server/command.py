@@ -21,7 +21,7 @@ class StartError(Exception):
 def robot_server(
     configs: Annotated[
         list[Path],
-        typer.Argument(metavar="CONFIG...", help="Configuration files; later ones overlay earlier ones."),
+        typer.Argument(metavar="CONFIG", help="Configuration files; later ones overlay earlier ones."),
     ],
     socket: Annotated[
         Path | None,

@@ -34,7 +34,8 @@ Aspos = Annotated[
 Precision = Annotated[int, typer.Option(min=0, max=9, help="Decimals in telegrams.")]
 Timeout = Annotated[int, typer.Option(min=0, help="Tolerated number of late cycles.")]
 Axiscorr = Annotated[
-    str, typer.Option(help="Largest correction, deg or mm; larger ones are limited: 5, or A=170,E=2000.")
+    str,
+    typer.Option(help="Limit of corrections, deg or mm: one number, or one for each group (A=170,E=2000)."),
 ]
 Axiscorrmon = Annotated[str, typer.Option(help="Correction beyond which RSI stops, deg or mm.")]
 FirstIpoc = Annotated[int | None, typer.Option(min=0, help="First IPOC.", show_default="random, by the seed")]

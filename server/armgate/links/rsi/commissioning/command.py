@@ -23,7 +23,7 @@ rsi = typer.Typer(
 
 Configs = Annotated[
     list[Path],
-    typer.Argument(metavar="CONFIG...", help="Configuration files; later ones overlay earlier ones."),
+    typer.Argument(metavar="CONFIG", help="Configuration files; later ones overlay earlier ones."),
 ]
 RobotName = Annotated[str, typer.Option(metavar="NAME", help="Robot of the cell, with a link of kind rsi.")]
 Generation = Literal["rsi2", "rsi3"]
