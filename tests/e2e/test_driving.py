@@ -279,7 +279,7 @@ async def test_a_wrong_token_moves_no_robot_and_is_reported(tmp_path):
         ((), "expected exactly one of --path FILE, --input NAME and --pursue ROBOT/BODY"),
         (("--input", "wheel"), "no input 'wheel'; there are gamepad, keyboard"),
         (("--input", "keyboard"), "needs a terminal"),
-        (("--input", "keyboard", "--robot", "Z"), "no robot 'Z'; it has A, B"),
+        (("--input", "keyboard", "--robot", "Z"), "has no robot 'Z'; expected one of A, B"),
     ],
 )
 async def test_wrong_options_are_reported(daemon, arguments, told):
