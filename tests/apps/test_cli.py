@@ -133,7 +133,7 @@ def test_version() -> None:
 PAIR = ("--robot", "FR", "--leader", "GR")
 
 
-@pytest.mark.daily(5)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -166,6 +166,7 @@ def test_wrong_usage_is_status_2_with_a_reason(tmp_path: Path, arguments: tuple[
     assert text in done.stderr
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "options",
     [
@@ -201,6 +202,7 @@ def test_no_option_accepts_a_non_finite_or_huge_number() -> None:
                 parameter.callback(None, parameter, value)
 
 
+@pytest.mark.slow
 def test_a_refused_connection_is_status_1() -> None:
     done = armgate("follow", "127.0.0.1:9", "--robot", "FR", "--leader", "GR")
     assert done.returncode == 1

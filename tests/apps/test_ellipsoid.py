@@ -78,6 +78,7 @@ def test_skeletons_lead_from_the_base_to_the_frame(planar: Cell, demo: Cell) -> 
     np.testing.assert_allclose(hung[-1], gantry.model.frame(gantry.q[0], "tool0").t)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 @pytest.mark.parametrize("name", ["FR", "GR"])
 def test_spatial_robots_are_drawn_in_three_views(demo: Cell, tmp_path: Path, suffix: str, name: str) -> None:

@@ -48,6 +48,7 @@ def test_an_error_in_a_file_names_its_line(tmp_path: Path) -> None:
         load_experiment(file)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("name", "runs"), [("approach", 3 + 6), ("tracking", 9 * 3), ("zoom", 3), ("collision", 4 * 3)]
 )
@@ -96,6 +97,7 @@ def test_a_leader_without_prismatic_axes_is_refused(tmp_path: Path) -> None:
 # --- paths ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("speed", [0.25, 1.0])
 def test_the_joystick_moves_the_tool_smoothly_within_its_box(speed: float) -> None:
     for seed in range(5):

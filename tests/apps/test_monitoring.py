@@ -84,6 +84,7 @@ def test_an_interrupted_audit_ends(tmp_path, monkeypatch):
     assert monitoring.read_report(tmp_path) is None
 
 
+@pytest.mark.slow
 def test_output_does_not_extend_the_timeout_of_an_audit(tmp_path, monkeypatch):
     monkeypatch.setattr(monitoring, "AUDIT_TIME", 1.0)
     code = "import time\nfor _ in range(300): print('on', flush=True); time.sleep(0.1)"

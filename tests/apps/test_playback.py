@@ -113,6 +113,7 @@ def test_the_path_waits_while_the_gate_refuses_and_then_continues() -> None:
     np.testing.assert_allclose(robot.setpoint, path.at(path.duration), atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(st.tuples(st.floats(-2, 2), st.floats(-2, 2)), st.floats(0.2, 1.0))
 def test_an_approach_arrives_without_overshoot(distance: tuple[float, float], share: float) -> None:

@@ -135,6 +135,7 @@ class SlowEnds(queue.SimpleQueue[Event]):
         super().put(item)
 
 
+@pytest.mark.slow
 def test_a_failure_counts_if_its_event_follows_the_childs_end(children: Children) -> None:
     children.events = SlowEnds()
     for name in NAMES:
@@ -150,6 +151,7 @@ def test_a_participant_that_is_stopped_ends_the_run(children: Children) -> None:
         course._until_done(children, NAMES, lambda: None)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["robots", "krc-FR"])
 def test_a_robot_server_or_virtual_robot_that_ends_by_itself_ends_the_run(
     children: Children, name: str
@@ -176,6 +178,7 @@ def test_the_first_failure_is_the_one_that_is_reported(children: Children) -> No
     assert course._rest(children, plan(), first) is first
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("code", "expected"),
     [
@@ -190,6 +193,7 @@ def test_a_failed_controller_ends_the_run_and_is_named(children: Children, code:
         course._until_done(children, NAMES, lambda: None)
 
 
+@pytest.mark.slow
 def test_a_daemon_that_ends_by_itself_ends_the_run(children: Children) -> None:
     children.start("leader", POLITE)
     children.start("daemon", GOOD)

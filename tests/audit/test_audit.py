@@ -67,6 +67,7 @@ async def test_audit_and_replay_report_a_changed_run(tmp_path):
     assert "broken: " in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
 async def test_a_signature_is_verified_against_the_key(tmp_path):
     private, public = keys(tmp_path, "recorder")
     _, other = keys(tmp_path, "other")
@@ -97,6 +98,7 @@ async def test_a_removed_or_changed_signature_is_an_error(tmp_path):
     assert (status, "is not signed" in err) == (1, True)
 
 
+@pytest.mark.slow
 async def test_a_signed_run_without_its_last_or_first_part_fails(tmp_path):
     private, public = keys(tmp_path, "recorder")
     recorder = Recorder(tmp_path / "run", rotate=20_000, flush=0.0, signer=load_signer(private))
@@ -121,6 +123,7 @@ async def recorded_beside(folder):
     return await recorded(folder / "plain")
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("make", "text"),
     [

@@ -84,6 +84,7 @@ def test_an_outline_encloses_its_body(opened):
     assert np.allclose(corners.min(axis=0), [0.85, 0.0], atol=1e-3)
 
 
+@pytest.mark.slow
 async def test_the_command_writes_pictures_beside_the_recording(clash, tmp_path):
     status, out, err = await run("explain", clash, "--tick", 41, "--robot", "B", "--out", tmp_path)
     assert (status, err) == (0, "")
@@ -91,6 +92,7 @@ async def test_the_command_writes_pictures_beside_the_recording(clash, tmp_path)
     assert str(picture) in out
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("options", "status", "text"),
     [

@@ -82,7 +82,7 @@ def bomb(file, stated, size=1 << 32, form="zstd"):
     writer.finish()
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("stated", [1 << 32, 1000, 0, (1 << 64) - 1])
 def test_a_decompression_bomb_is_rejected_within_bounded_memory(tmp_path, stated):
     with (tmp_path / NAME).open("wb") as file:

@@ -92,6 +92,7 @@ def recorded(folder, lag, **robot):
     record_run(build_cell(config), folder / "run", 200, swing, lag=lag)
 
 
+@pytest.mark.slow
 async def test_the_command_proposes_values(tmp_path):
     recorded(tmp_path, 0.03)
     status, text, err = await run("lag", tmp_path / "run")
@@ -103,6 +104,7 @@ async def test_the_command_proposes_values(tmp_path):
     assert (status, "the recording has A, B" in err) == (2, True)
 
 
+@pytest.mark.slow
 async def test_the_command_fails_if_the_declared_difference_is_too_small(tmp_path):
     recorded(tmp_path, (0.03, 0.0285, 0.0315), lag_difference=0.0029)
     status, text, err = await run("lag", tmp_path / "run", "--robot", "A")

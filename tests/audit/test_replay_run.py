@@ -40,7 +40,7 @@ async def test_a_replay_is_identical_and_differs_with_other_values(tmp_path):
     assert series.description.hash == recording.header.hash
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("setting", "text"),
     [

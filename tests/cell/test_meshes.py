@@ -131,6 +131,7 @@ def hull_volume(body):
     return float(np.abs(np.einsum("fi,fi->f", a, np.cross(b, c))).sum() / 6)
 
 
+@pytest.mark.slow
 def test_the_parts_of_a_ring_leave_its_hole_open():
     vertices, faces = meshes.ring(0.3, 0.4, 0.1, 10)
     mesh, rng = mesh_of(vertices, faces), np.random.default_rng(3)

@@ -52,6 +52,7 @@ def test_aliases_are_allowed(write):
 BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 9))
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

@@ -5,6 +5,8 @@ import re
 import sys
 from pathlib import Path
 
+import pytest
+
 from armgate.protocol import encode
 from armgate.protocol import messages as m
 from support.clients import PATIENCE, Process
@@ -61,6 +63,7 @@ async def test_the_client_of_the_page_moves_a_robot_without_armgate(tmp_path):
         assert (await daemon.end())[0] == 0
 
 
+@pytest.mark.slow
 async def test_the_client_of_the_page_reports_an_error_of_the_server(tmp_path):
     file = tmp_path / "first_client.py"
     file.write_text(block("python"), encoding="utf-8")

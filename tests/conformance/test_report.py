@@ -106,6 +106,7 @@ async def test_a_nonconforming_server_gives_status_1(monkeypatch):
     assert out.splitlines()[-1] == "1 cases, 0 passed, 1 failed, 0 skipped"
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -593,7 +593,7 @@ WRONG = {
 }
 
 
-@pytest.mark.daily(16)
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("name", WRONG)
 async def test_the_case_for_a_deviation_fails(name, kit, monkeypatch):
     change, case, side = WRONG[name]

@@ -48,7 +48,7 @@ def goals(pair, q, p, distance, around, **more):
     return [(law, law.goal(p, distance, law.scene(around, q), **more)) for law in pair]
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("emergency", [False, True])
 def test_f_equals_the_numpy_form(pair, fr, emergency):
     pushed = 0
@@ -122,6 +122,7 @@ def test_a_robot_with_prismatic_joints(cell):
         same(fast(q, packed), law(q, goal))
 
 
+@pytest.mark.daily(34)
 @pytest.mark.parametrize("where", ["behind", "in the lens", "beside the antipode"])
 def test_special_positions_of_the_target(pair, fr, where, q):
     at = fr.model.frame(q, "camera")

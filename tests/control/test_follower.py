@@ -22,6 +22,7 @@ def nowhere(_):
     return NONE
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("lag", [0.0, 0.03])
 @pytest.mark.parametrize("seed", range(3))
 def test_tracks_a_leader_at_a_quarter_metre_per_second(loop, leader, seed, lag):
@@ -42,6 +43,7 @@ def test_tracks_within_the_papers_figures_without_prediction(loop, leader, lag):
 FOCUS = np.array([2.0, 0.0, 1.0])
 
 
+@pytest.mark.daily(9)
 @pytest.mark.parametrize("case", range(20))
 def test_approach_is_monotone_and_settles(loop, fr, case):
     trace = loop.run(still(FOCUS), 3.2, start=approach_starts(fr, 20, FOCUS)[case])
@@ -69,6 +71,7 @@ def test_a_long_null_space_motion_does_not_turn_the_view_back(loop, leader, star
     assert distance[-80:].max() < 2e-3
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("link", [5, 9, 13, 18])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_view_is_kept_while_evading(loop, fr, leader, law, link, seed):
@@ -82,6 +85,7 @@ def test_the_view_is_kept_while_evading(loop, fr, leader, law, link, seed):
     assert angle.max() < 0.1
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("speed", "lag", "worst", "off"),
     [(0.5, 0.0, 0.2, 5e-3), (1.0, 0.0, 0.5, 10e-3), (0.25, 0.12, 0.3, 20e-3)],
@@ -143,6 +147,7 @@ def test_starts_at_a_singularity(loop, start):
     assert (whole - np.minimum.accumulate(whole)).max() < 0.05
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("limit", ["lower", "upper"])
 @pytest.mark.parametrize("joint", range(6))
 def test_leaves_a_joint_limit_without_oscillation(loop, fr, joint, limit):

@@ -48,6 +48,7 @@ UNREADABLE = {
 }
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("case", UNREADABLE)
 async def test_a_command_that_cannot_be_read_is_an_error_with_its_seq(served, case):
     daemon, mover = served

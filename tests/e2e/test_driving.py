@@ -258,6 +258,7 @@ async def test_a_leader_that_loses_its_lease_reports_the_reason(daemon, eye):
     await eye.free()
 
 
+@pytest.mark.slow
 async def test_a_wrong_token_moves_no_robot_and_is_reported(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     status, _, err = await run("token", "--role", "controller", "--file", file)
@@ -327,6 +328,7 @@ async def test_a_key_moves_the_robot_while_it_repeats(daemon, eye):
     assert (status, "ended by the keyboard, at rest" in said) == (0, True), said
 
 
+@pytest.mark.slow
 async def test_a_closed_terminal_leaves_the_robot_at_rest(daemon, eye):
     async with terminal(daemon) as (leader, ours):
         await eye.entry(lambda entry: entry.holder == "leader")

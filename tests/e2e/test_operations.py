@@ -44,6 +44,7 @@ async def test_metrics_are_served_and_printed(tmp_path):
         assert "metrics.port" in err
 
 
+@pytest.mark.slow
 async def test_status_takes_an_address_and_reports_its_errors(tmp_path):
     file = tmp_path / "arms.yaml"
     file.write_text(arms_yaml(metrics="{port: 0}"))
@@ -120,6 +121,7 @@ async def test_robots_rest_if_a_required_recording_fails(tmp_path):
     assert all(entry.stops for entry in after.entries)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("required", ["true", "false"])
 async def test_a_disk_that_fills_exactly_at_the_end_is_reported(tmp_path, required):
     file, out = tmp_path / "arms.yaml", tmp_path / "run"

@@ -84,6 +84,7 @@ def test_a_refused_command_ends_reach_with_the_reason(daemon: str) -> None:
     assert "post_left" in done.stderr
 
 
+@pytest.mark.slow
 def test_wrong_options_move_no_robot(daemon: str) -> None:
     for wrong in (["--rows", "x,w"], ["--frame", "nose"], ["--robot", "XR"], ["--method", "magic"]):
         done = reach(daemon, *wrong)

@@ -199,6 +199,7 @@ async def test_a_token_is_never_sent_over_a_network_without_tls():
         check_token("secret", None, ("192.0.2.1", 1))
 
 
+@pytest.mark.daily(1)
 async def test_half_open_tls_disturbs_no_other_client(secured, connect):
     silent = [await asyncio.open_connection("127.0.0.1", secured.daemon.port) for _ in range(20)]
     cell = await connect(
@@ -229,6 +230,7 @@ async def test_a_certificate_for_servers_and_clients_is_for_clients(mutual, conn
     await done(cell.close())
 
 
+@pytest.mark.slow
 async def test_certificates_are_reloaded_at_sighup(tmp_path):
     authority = Authority(tmp_path)
     _, key = authority.issue("cell", "127.0.0.1")
@@ -294,6 +296,7 @@ async def test_an_operator_takes_over_and_resets(secured):
         await boss.reset(stopped.stop)
 
 
+@pytest.mark.slow
 async def test_configured_tokens_are_required_on_loopback_too(tmp_path):
     secret, _ = await token(tmp_path / "tokens", "--role", "observer")
     config = tmp_path / "arms.yaml"
@@ -408,6 +411,7 @@ async def test_a_revoked_token_ends_its_sessions_and_no_others(tmp_path):
         assert (await daemon.end())[0] == 0
 
 
+@pytest.mark.slow
 async def test_without_tokens_sighup_ends_the_daemon_in_order(tmp_path):
     config = tmp_path / "arms.yaml"
     config.write_text(arms_yaml())
@@ -441,6 +445,7 @@ async def test_a_token_is_printed_once_and_stored_as_a_hash(tmp_path):
     assert "two words" in err
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("server", "told"),
     [
@@ -490,6 +495,7 @@ async def test_programs_take_tokens_from_a_file_or_the_environment(secured):
     assert inside in err, err
 
 
+@pytest.mark.slow
 async def test_programs_report_the_error_of_a_login(secured):
     empty = secured.folder / "empty"
     empty.write_text("")
@@ -642,6 +648,7 @@ async def test_a_service_refuses_to_start_without_login(tmp_path):
 # --- other sessions ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 async def test_an_operator_lists_sessions_and_ends_one_from_the_command_line(tmp_path):
     file, config = tmp_path / "tokens", tmp_path / "arms.yaml"
     lab, _ = await token(file, "--role", "controller", "--name", "lab")

@@ -48,6 +48,7 @@ async def test_a_missing_file_is_a_usage_error(tmp_path):
     assert "none.yaml" in err
 
 
+@pytest.mark.slow
 async def test_a_port_in_use_is_named(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -58,6 +59,7 @@ async def test_a_port_in_use_is_named(tmp_path):
     assert "Traceback" not in err
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.7.5", "cell.example"])
 async def test_listening_beyond_this_machine_is_refused_with_the_reason(tmp_path, host):
     status, out, err = await run("serve", config(tmp_path), "--host", host)

@@ -14,7 +14,7 @@ from gate.oracle import Oracle
 from gate.rig import HARSH, ROUGH, Rig, Tally, Traffic
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("number", range(len(SETTINGS)))
 def test_no_adversary_breaks_the_invariant(number):
     setting = SETTINGS[number]
@@ -26,7 +26,7 @@ def test_no_adversary_breaks_the_invariant(number):
     assert total.accepted > 0.1
 
 
-@pytest.mark.daily(4)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", sorted(ATTACKS))
 def test_no_single_attack_breaks_the_invariant(name):
     cell = scenes.duel(gap=1.2)
@@ -78,6 +78,7 @@ def test_if_there_is_room_for_one_robot_the_one_commanded_first_moves(first, ans
     assert rig.tally.violations == []
 
 
+@pytest.mark.slow
 def test_two_arms_at_full_speed_toward_each_other_on_clocks_of_their_own():
     """Both move and come near each other, and neither comes too near."""
     cell = scenes.duel(gap=1.2)

@@ -26,6 +26,7 @@ def found(scene, tries=6, **given):
     return []
 
 
+@pytest.mark.slow
 def test_resets_to_the_noisy_measurement_are_found(monkeypatch):
     monkeypatch.setattr(RobotState, "setpoint_after_reset", lambda self: self.measured)
     monkeypatch.setattr(Reservations, "prove_setpoint", lambda *given: True)
@@ -43,6 +44,7 @@ def test_resets_that_move_the_setpoint_out_of_its_limits_are_found(monkeypatch):
     assert any("J0: setpoint" in text for text in rig.tally.violations)
 
 
+@pytest.mark.slow
 def test_motion_bounds_that_hold_only_inside_the_limits_are_found(monkeypatch):
     monkeypatch.setattr(MotionBoundsRange, "fitted", lambda self, *given: self)
     assert any("ball" in text for text in found("lever", tries=12))
@@ -54,6 +56,7 @@ def test_floors_that_survive_a_fault_are_found(monkeypatch, scene):
     assert any("too near" in text for text in found(scene))
 
 
+@pytest.mark.slow
 def test_floors_that_every_command_clears_are_found(monkeypatch):
     """A controller then gets nearer by the slack each time."""
     demand = Retreat.requirements

@@ -117,6 +117,7 @@ def approach_after_fault(acknowledge_late: bool) -> float:
     return nearest
 
 
+@pytest.mark.slow
 def test_a_plan_answer_after_a_fault_does_not_restore_bounds_proven_before_it():
     late = approach_after_fault(True)
     assert late == pytest.approx(approach_after_fault(False), abs=1e-3)
@@ -151,6 +152,7 @@ def test_after_a_fault_and_its_reset_the_robot_continues_from_its_position():
     assert rig.command(0, (0.0005, 0.0)).outcome == "admitted"
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("late", [0.0, 0.02, 0.1])
 def test_a_delayed_robot_out_and_back_keeps_the_turning_point_reserved(late):
     """The setpoint returns before the robot has reached the turning point, which must stay reserved."""

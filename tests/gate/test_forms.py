@@ -26,7 +26,7 @@ def session(cell, seed):
     return rig
 
 
-@pytest.mark.daily(4)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("response", ["slow", "stop"])
 def test_both_forms_return_the_same_outputs_for_every_event(scene, response):

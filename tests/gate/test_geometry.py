@@ -70,6 +70,7 @@ def test_the_slab_is_below_the_distance_for_every_timing(name):
                     assert lb[0] <= apart.high + 1e-6
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_pairs_that_are_proven_clear_are_clear(name):
     """All four stages together: without a binding pair no sampled timing is closer than needed."""
@@ -97,6 +98,7 @@ def test_pairs_that_are_proven_clear_are_clear(name):
     assert cleared > 0
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_growth_bounds_the_decrease_of_distance_by_a_step(name):
     cell, rng = CELLS[name], np.random.default_rng(3)
@@ -116,7 +118,7 @@ def test_growth_bounds_the_decrease_of_distance_by_a_step(name):
                     assert lost <= float(group.growth[k] @ np.abs(step)) + 1e-5
 
 
-@pytest.mark.daily(3)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_the_nearest_pair_is_the_nearest_of_all(name):
     cell, rng = CELLS[name], np.random.default_rng(4)
@@ -154,6 +156,7 @@ def test_the_start_clearances_are_in_order_and_at_most_the_true_distances():
         assert near.distance <= oracle.apart(names.index(near.pair), R[0], t[0]).high + 1e-6
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 10**6))
 def test_every_proof_is_below_the_true_distance(seed):

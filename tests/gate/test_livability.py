@@ -54,6 +54,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.daily(5)
 @pytest.mark.parametrize(
     ("period", "response", "reach"),
     [(0.012, "stop", 2.5e-3), (0.004, "stop", 0.5e-3), (0.012, "slow", 0.2e-3), (0.004, "slow", 0.2e-3)],
@@ -70,6 +71,7 @@ def test_a_straight_approach_at_full_speed_ends_near_the_stop_distance(period, r
     assert rig.tally.violations == []
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.8])
 def test_two_robots_working_apart_are_never_refused(share):
     """They are at least 0.3 m apart: each turns and bends on its own side."""
@@ -133,6 +135,7 @@ def test_a_retreat_admits_increments_that_widen_all_violated_margins():
     assert admitted >= 0.95 * commands
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("scene", ["planar", "wire"])
 def test_a_retreat_leaves_the_violation(scene):
     """From most starts in violation, moving in the direction that widens most ends the violation."""

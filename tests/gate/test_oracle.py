@@ -35,6 +35,7 @@ def test_segments_are_as_far_apart_as_their_nearest_points():
     assert np.all(d >= brute - 0.03)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", ["duel", "corner", "wire", "tree", "mesh"])
 def test_brackets_are_tight_and_lower_bounds_hold(name):
     cell, rng = scenes.SCENES[name](), np.random.default_rng(2)

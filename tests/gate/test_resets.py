@@ -35,6 +35,7 @@ def toward(rig, sign):
     rig.rest()
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-4, 1e-3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_resets_under_noise_never_go_below_the_stop_distance(tolerance, side):
@@ -243,7 +244,7 @@ def creep(rig, i):
     return (0.03, -1e-6, 0.0)
 
 
-@pytest.mark.daily(8)
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("turned", [-1.8, -0.6, 0.0, 1.1])
 @pytest.mark.parametrize("beyond", [0.05, 0.2, 0.5])
 @pytest.mark.parametrize("configured", [True, False])

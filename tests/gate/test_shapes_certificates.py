@@ -21,6 +21,7 @@ from gate.certificates import (
 )
 
 
+@pytest.mark.slow
 def test_no_certificate_is_above_the_true_distance_and_all_are_close_to_it():
     rows, gaps = compare(2500, seed=5)
     assert {frozenset(kinds) for kinds, *_ in rows} == {frozenset((a, b)) for a in KINDS for b in KINDS}

@@ -193,6 +193,7 @@ def runs(cell, lag_spread, seconds, seed=1, lag=0.03):
     return rig
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("share", [0.01, 0.05])
 def test_a_robot_whose_lags_differ_is_faulted_unless_the_difference_is_declared(share):
     assert any("off its stop path" in text for text in runs(lagging_demo(0.0), share, 1.0).tally.violations)
@@ -201,6 +202,7 @@ def test_a_robot_whose_lags_differ_is_faulted_unless_the_difference_is_declared(
     assert tally.accepted > 0.9
 
 
+@pytest.mark.slow
 def test_the_lag_tube_does_not_stop_a_robot_at_full_speed():
     """With 5 % declared, only a few more commands are refused than without a difference."""
     without, declared = (runs(lagging_demo(d), 0.0, 3.0).tally for d in (0.0, 0.0015))
@@ -252,6 +254,7 @@ def test_a_robot_that_creeps_off_its_path_while_all_its_joints_move_is_detected(
 # --- time stamps ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_late_time_stamps_fault_no_robot_with_a_declared_delay(seed):
     """The delay is 15 ms, the period 12 ms, stamps are up to 0.8 periods late, and paths have corners."""

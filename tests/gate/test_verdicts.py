@@ -12,6 +12,7 @@ from gate.oracle import Oracle
 from gate.rig import ROUGH, Rig
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("scene", "response"), [("duel", "stop"), ("corner", "slow"), ("wire", "stop")])
 def test_every_reason_of_an_attack_is_complete_and_true(scene, response):
     cell = scenes.SCENES[scene](response=response, **({"gap": 1.1} if scene == "duel" else {}))

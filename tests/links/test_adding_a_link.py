@@ -105,12 +105,14 @@ async def mover_of(daemon, name):
     return mover
 
 
+@pytest.mark.slow
 async def test_check_reports_the_link(installed):
     status, out, err = await run("check", CELL)
     assert (status, err) == (0, "")
     assert "head: lines of text over TCP, robot at 127.0.0.1:7450" in out
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("packages", "error"),
     [

@@ -132,6 +132,7 @@ def test_a_described_urdf_that_is_not_text_is_a_difference(tmp_path):
 # --- live -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 async def test_a_daemon_with_another_urdf_is_stopped_at_connect(tmp_path):
     """One link is 1 mm shorter in the daemon's URDF; all bodies are the same in the frames of their links."""
     file, wrong = config(tmp_path), tmp_path / "wrong.yaml"

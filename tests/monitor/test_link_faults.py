@@ -30,6 +30,7 @@ def checked(watched: Watched, *configs: Path) -> Summary:
     return check_recording(watched.recorder.folder, configs, 1.0)[1]
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("state", ENDED)
 @pytest.mark.parametrize("name", [ARM, GANTRY])
 def test_a_link_that_ends_while_robots_move_is_no_violation(tmp_path, name, state):
@@ -107,7 +108,7 @@ WRONG_ENTRIES_AT_A_FAULT = {
 }  # fmt: skip
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(3)
 @pytest.mark.parametrize("state", ENDED)
 @pytest.mark.parametrize("name", WRONG_ENTRIES_AT_A_FAULT)
 def test_a_wrong_second_state_of_a_tick_is_found(tmp_path, name, state):
@@ -118,7 +119,7 @@ def test_a_wrong_second_state_of_a_tick_is_found(tmp_path, name, state):
     assert kind in {finding.kind for finding in checked(watched).findings}
 
 
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     "name",
     [

@@ -114,6 +114,7 @@ def test_a_robot_without_a_state_is_a_violation_if_its_link_was_ready(pair, tmp_
     assert ("violated: GR" in out) == ready
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("told", [True, False])
 def test_silence_after_a_link_was_lost_is_no_violation(tmp_path, told):
     recorder = Recorder(tmp_path / "run", limit=1 << 30)
@@ -178,7 +179,7 @@ def with_file(name, text):
     return lambda files: files | {name: base64.b64encode(text.encode()).decode()}
 
 
-@pytest.mark.daily(6)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("change", "status"),
     [
@@ -216,6 +217,7 @@ def test_the_error_of_an_incomplete_recording_names_recover(run, tmp_path):
     assert "armgate recover" in err
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

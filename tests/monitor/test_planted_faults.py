@@ -56,6 +56,7 @@ def driven(scenario: Scenario, folder: Path, **fault) -> Watched:
     return watched
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_no_scenario_raises_an_alarm_without_a_fault(name, tmp_path):
     watched = driven(SCENARIOS[name], tmp_path)
@@ -145,6 +146,7 @@ MODEL_FAULTS: dict[str, tuple[str, Change]] = {
 }  # fmt: skip
 
 
+@pytest.mark.daily(6)
 @pytest.mark.parametrize("name", MODEL_FAULTS)
 def test_a_wrong_model_of_the_gate_is_found(name, tmp_path):
     scenario, change = MODEL_FAULTS[name]

@@ -94,6 +94,7 @@ def too_near(tmp_path):
     return again, start
 
 
+@pytest.mark.slow
 def test_two_robots_that_are_too_close_may_move_apart(too_near):
     """The gate admits one at a time."""
     watched, start = too_near

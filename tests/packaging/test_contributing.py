@@ -65,6 +65,7 @@ def armgate(site: Path, address: str, command: str) -> subprocess.CompletedProce
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_example_of_an_input_drives_a_robot(tmp_path: Path, address: str) -> None:
     done = armgate(installed("swing", tmp_path), address, "lead")
     assert done.returncode == 0, done.stderr
@@ -82,6 +83,7 @@ def test_the_example_of_a_control_law_moves_a_robot(tmp_path: Path, address: str
     assert max(map(abs, state.entries[0].setpoint)) < 1e-4
 
 
+@pytest.mark.slow
 def test_the_example_of_a_link_is_checked(tmp_path: Path) -> None:
     copy = shutil.copytree(ROOT / "examples" / "linebot", tmp_path / "linebot")
     done = armgate(installed(copy.name, tmp_path), "", "check")

@@ -30,6 +30,7 @@ def test_the_blocker_blocks() -> None:
     assert "blocked" in done.stderr
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(
     "module",
     [
@@ -58,6 +59,7 @@ def test_help_needs_no_heavy_library() -> None:
         assert command in done.stdout
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "command", ["serve", "check", "demo", "lead", "follow", "krc", "reach", "ellipsoid", "conformance"]
 )

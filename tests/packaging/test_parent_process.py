@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PROBE = (
     "import signal; print(*(signal.getsignal(s) is signal.SIG_IGN for s in (signal.SIGHUP, signal.SIGINT)))"
@@ -18,6 +20,7 @@ def test_children_of_tests_ignore_no_signal() -> None:
     assert probe.stdout == "False False\n"
 
 
+@pytest.mark.slow
 def test_children_of_tests_ignore_no_signal_if_the_parent_ignores_hangup_and_interrupt() -> None:
     def ignore() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -31,6 +31,7 @@ def fields_given(model):
     return repr({"type": model.type, **model.model_dump(exclude_unset=True)})
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize(("model", "catalogue", "strategy"), EVERY, ids=lambda x: getattr(x, "__name__", ""))
 def test_every_message_survives_a_round_trip_with_exactly_its_set_fields(model, catalogue, strategy):
     @settings(

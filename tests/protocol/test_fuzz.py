@@ -92,6 +92,7 @@ def test_a_buffer_beyond_the_limit_is_found(monkeypatch):
 # --- memory -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "chunk",
     [

@@ -315,6 +315,7 @@ def test_many_stops_of_one_client_are_one_stop(bench):
     assert boss.last(m.Lease).state == "held"
 
 
+@pytest.mark.slow
 def test_clients_of_many_names_cannot_raise_more_stops_than_a_state_may_hold(bench):
     eye = bench.client("eye", "observer")
     for number in range(300):

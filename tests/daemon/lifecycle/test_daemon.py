@@ -180,6 +180,7 @@ async def test_the_robots_come_to_rest_after_the_gate_fails_in_lockstep_too(tmp_
         assert running.link.remaining == 0
 
 
+@pytest.mark.slow
 async def test_in_lockstep_the_daemon_ends_without_waiting_for_participants(tmp_path):
     config = config_of(tmp_path, clock="{kind: lockstep, participants: [mover, other]}")
     async with Running(config) as running:
@@ -189,6 +190,7 @@ async def test_in_lockstep_the_daemon_ends_without_waiting_for_participants(tmp_
         assert isinstance((await other.rest())[-1], m.Bye)
 
 
+@pytest.mark.slow
 async def test_a_dropped_participant_fails_the_run(tmp_path):
     config = config_of(tmp_path, clock="{kind: lockstep, participants: [a, b], grace: 0.2}")
     async with Running(config) as running:
@@ -266,6 +268,7 @@ async def test_a_client_that_never_reads_delays_no_other_client(tmp_path):
         await mover.stop()
 
 
+@pytest.mark.slow
 async def test_a_signal_stops_the_robots_even_if_listening_cannot_be_stopped(tmp_path, monkeypatch):
     async with Running(config_of(tmp_path)) as running:
         eye = await Raw.hello(running.port, "eye", "observer")

@@ -120,6 +120,7 @@ async def checked(folder, *krc, start="15,-80,85,20,35,40", **link):
     return checking.returncode, out.decode()
 
 
+@pytest.mark.slow
 async def test_check_of_a_krc_that_fits(tmp_path):
     status, out = await checked(tmp_path, "--precision", "6")
     assert status == 0, out
@@ -134,6 +135,7 @@ async def test_check_of_a_krc_that_fits(tmp_path):
         assert text in out
 
 
+@pytest.mark.slow
 async def test_check_names_every_mismatch(tmp_path):
     own = "{A1: {joint: A1, received: -1.0, sent: -1.0}}"
     status, out = await checked(tmp_path, "--precision", "1", axes=own)
@@ -162,6 +164,7 @@ def rist(pose):
     return f"<RIst {values}/>".encode()
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("hold", "status", "expected"), [(1, 0, "by RSI with the KRC at"), (0, 2, "would command a jump back")]
 )

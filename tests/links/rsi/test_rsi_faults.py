@@ -189,7 +189,7 @@ class TestTheKrc:
         assert moving.krc_state == "running"
         rearm(moving)
 
-    @pytest.mark.daily(4)
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     @pytest.mark.parametrize("silent", [5, 200])
     @pytest.mark.parametrize("jog", [0.0, -2.0, None], ids=["stays", "jogged", "led-back"])
@@ -215,6 +215,7 @@ class TestTheKrc:
         nothing_moves(rig)
         rearm(rig)
 
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     def test_restarts_at_rest_on_the_same_port(self, tmp_path, profile):
         rig = Rig(tmp_path, profile).begin()
@@ -238,6 +239,7 @@ class TestTheKrc:
         assert not moving.reset() or moving.state != "ready"
         start_anew(moving)
 
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
     def test_pauses_while_moving_so_it_has_to_start_anew(self, tmp_path, profile):
         rig = Rig(tmp_path, profile).begin()

@@ -106,6 +106,7 @@ class TestConfigurations:
 class TestBadInput:
     """Bad input is rejected, counted and logged once; the robot moves on unaffected."""
 
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize(
         ("data", "kind"),
         [
@@ -142,6 +143,7 @@ class TestBadInput:
         assert moving.link.rejected["sender"] == 5
         assert len(moving.notes) == 1
 
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize("text", [b"nan", b"1e999", b"", b"1,5", b"0x10"])
     def test_a_value_that_is_no_number_contradicts_the_configuration(self, moving, text):
         at_rest(moving)

@@ -51,7 +51,7 @@ def rig_of(folder, *, cell, krc, hold=1, aspos="stands", limits=WIDE, **how):
     )  # fmt: skip
 
 
-@pytest.mark.daily(8)
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("cell", "krc", "hold", "aspos", "limits"),
     [
@@ -111,7 +111,7 @@ def farther(shape, lost):
     return [far + lost * amplitude for far, amplitude in zip(shape.farthest, shape.amplitude, strict=True)]
 
 
-@pytest.mark.daily(8)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(("cell", "krc"), list(product(MODES, MODES)))
 @pytest.mark.parametrize("hold", [0, 1])
 @pytest.mark.parametrize("lost", ["to_krc", "to_pc"])
@@ -166,6 +166,7 @@ def test_frozen_feedback_is_detected_and_the_robot_returns_to_its_start(tmp_path
     assert rig.krc_setpoint == pytest.approx(travel.start, abs=1e-7)
 
 
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(("one", "other"), [("A1", "A2"), ("A4", "A5"), ("A1", "A6"), ("A3", "A4")])
 @pytest.mark.parametrize("mode", MODES)
 def test_axes_in_another_order_are_named(tmp_path, one, other, mode):
@@ -214,7 +215,7 @@ def test_an_axis_that_turns_the_other_way_is_named(tmp_path, axis):
     assert f"{axis} is measured to move against its correction" in rig.changes[-1].reason
 
 
-@pytest.mark.daily(4)
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
 @pytest.mark.parametrize("precision", [3, 4, 6])
 @pytest.mark.parametrize("mode", MODES)
@@ -273,6 +274,7 @@ def test_a_krc_that_begins_to_accumulate_corrections_is_stopped_by_zeros(tmp_pat
     assert rig.krc_setpoint == stands
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(("speed", "missed", "outwards"), [(5.0, 0, 1.0), (60.0, 0, -1.0), (20.0, 5, 1.0)])
 @pytest.mark.parametrize("profile", ["krc2-rsi2", "krc4-rsi3"])
 def test_an_absolute_krc_whose_robot_is_pushed_keeps_its_total(tmp_path, profile, speed, missed, outwards):

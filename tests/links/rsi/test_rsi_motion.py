@@ -35,6 +35,7 @@ class Bounds:
         self.last, self.step = now, step
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("profile", "gantry", "mode"),
     [
@@ -68,6 +69,7 @@ def test_full_speed_in_changing_directions_never_faults_a_drive(tmp_path, profil
     assert max(abs(a - b) for a, b in gaps) < 1e-7
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.lists(

@@ -86,6 +86,7 @@ class TestTheSameIpocAgain:
 class TestAGap:
     """The KRC sends nothing for a while, like a process that is stopped and continued."""
 
+    @pytest.mark.daily(1)
     @pytest.mark.parametrize("cycles", [10, 25, 80])
     def test_a_moving_robot_stops_with_a_reason_and_a_new_run_works(self, tmp_path, cycles):
         rig = Rig(tmp_path, cycle=0.012).begin()
