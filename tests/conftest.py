@@ -17,7 +17,6 @@ _ALONE = (
     "e2e/test_abuse",
     "e2e/test_robot_server",
     "e2e/test_rsi_faults",
-    "e2e_demo",
     "e2e_view",
     "emulator/krc/test_krc_process",
     "emulator/krc/test_krc_real_time",

@@ -37,15 +37,18 @@ def page(browser, recording):
 
 
 def drag_time(page, share):
-    """Drag the knob of the time slider to this share of its track."""
+    """Drag the knob of the time slider until the page shows this share of the run."""
     x, y, width = page.slider("Time [s]")
-    left = x - page.time / page.length * width
     page.point(x, y, press=True)
+    x += (share - page.time / page.length) * width
     steps = count()
 
     def there():
-        page.point(left + share * width + next(steps) % 2, y)  # a busy browser skips movements
-        return abs(page.time / page.length - share) < 0.05
+        nonlocal x
+        page.point(x + next(steps) % 2, y)  # a busy browser skips movements
+        error = share - page.time / page.length
+        x += 0.3 * error * width
+        return abs(error) < 0.05
 
     page.until(there, "the requested time")
     page.release_pointer()
