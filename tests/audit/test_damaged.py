@@ -14,7 +14,7 @@ def content(tmp_path_factory):
     return Content(whole(tmp_path_factory.mktemp("whole")))
 
 
-@pytest.mark.daily(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("share", range(4))
 def test_every_tool_reads_or_rejects_damaged_recordings(content, share):
     for seed in range(share, COUNT, 4):

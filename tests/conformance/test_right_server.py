@@ -31,7 +31,11 @@ def cases(file):
 
 
 @pytest.mark.parametrize(
-    ("more", "least"), [((), 298), (("configs/conformance-lockstep.yaml",), 18)], ids=["wall", "lock-step"]
+    ("more", "least"),
+    [
+        pytest.param((), 298, id="wall", marks=pytest.mark.slow),
+        pytest.param(("configs/conformance-lockstep.yaml",), 18, id="lock-step"),
+    ],
 )
 async def test_the_daemon_passes_all_cases(tmp_path, more, least):
     start = " ".join((SERVE, *more, "--port 0"))

@@ -61,6 +61,7 @@ async def nothing_moves(daemon):
     assert later.entries[0].setpoint == state.entries[0].setpoint
 
 
+@pytest.mark.slow
 async def test_daemon_and_robot_server_end_with_the_robots_at_rest(cell, socket):
     async with RobotServer.running(cell, socket=socket) as robots, serving(cell, socket) as daemon:
         assert os.stat(socket).st_mode & 0o777 == 0o600

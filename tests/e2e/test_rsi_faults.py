@@ -36,6 +36,7 @@ async def test_the_robot_of_a_killed_controller_comes_to_rest_and_needs_no_reset
     stack.within_bounds()
 
 
+@pytest.mark.slow
 async def test_the_robot_of_a_killed_daemon_rests_and_its_krc_is_still_answered(stack):
     mover = await stack.begin()
     stack.daemon.signal(signal.SIGKILL)

@@ -125,6 +125,7 @@ def test_the_gizmo_moves_the_robot_while_it_is_held(page, operator):
     assert operator.resting() == pytest.approx(end)
 
 
+@pytest.mark.slow
 def test_a_slider_moves_its_joint_while_it_is_held(page, operator):
     acquire(page)
     start = operator.resting()

@@ -94,6 +94,7 @@ def test_a_recording_is_played_to_its_end_and_paused(page):
     assert "STOP" not in page.text  # a recording has no robot to stop
 
 
+@pytest.mark.slow
 def test_an_incomplete_recording_is_refused(recording, tmp_path):
     broken = tmp_path / "recording-0001.mcap"
     shutil.copy(recording / broken.name, broken)
