@@ -32,20 +32,21 @@ install: $(VENV)/.installed  ## make .venv with armgate in it (editable), the ce
 demo: $(VENV)/.viewed  ## run the demo: daemon, leader, follower and a web page, about a minute
 	@$(BIN)/armgate demo $(ARGS)
 
-# Two tests run at a time, except those that depend on elapsed time (marked "alone" in tests/conftest.py).
+# Three tests run at a time, because many wait for processes. Tests that depend on elapsed time run one at a time
+# (marked "alone" in tests/conftest.py).
 PYTEST := $(BIN)/python -m pytest
-TWO := -n 2 --dist worksteal
+THREE := -n 3 --dist worksteal
 
 test: $(VENV)/.system $(VENV)/.tested  ## run the daily tests, some minutes; a browser is installed if there is none
 ifeq ($(strip $(ARGS)),)
-	@$(PYTEST) -m "not slow and not alone" $(TWO)
+	@$(PYTEST) -m "not slow and not alone" $(THREE)
 	@$(PYTEST) -m "not slow and alone"
 else
 	@$(PYTEST) $(ARGS)
 endif
 
 test-all: test  ## run the daily tests and then the slow ones, a quarter of an hour
-	@$(PYTEST) -m "slow and not alone" $(TWO)
+	@$(PYTEST) -m "slow and not alone" $(THREE)
 	@$(PYTEST) -m "slow and alone"
 
 lint: $(VENV)/.linted  ## check style, types, import rules and English

@@ -42,12 +42,24 @@ for _signal in (signal.SIGHUP, signal.SIGINT):
         signal.signal(_signal, _ignore)
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Read only the files with tests that run alone if `-m` selects no others: reading all takes seconds."""
+    others = config.option.markexpr.split()[-2:] != ["and", "alone"]
+    if others or not collection_path.name.startswith("test_"):
+        return None
+    return not _runs_alone(collection_path) or None
+
+
+def _runs_alone(path):
+    return path.relative_to(_TESTS).as_posix().startswith(_ALONE)
+
+
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses by marks
 def pytest_collection_modifyitems(items):
     """Mark tests that run alone, and, as slow, all but n parameter sets of a test marked ``daily(n)``."""
     families = defaultdict(list)
     for item in items:
-        if item.path.relative_to(_TESTS).as_posix().startswith(_ALONE):
+        if _runs_alone(item.path):
             item.add_marker("alone")
         if item.get_closest_marker("daily"):
             families[item.path, item.originalname].append(item)
