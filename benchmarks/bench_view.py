@@ -21,7 +21,7 @@ import numpy as np
 from report import Row, report
 
 from armgate.apps.stack.child import end_with, set_priority
-from armgate.apps.stack.plan import PRIORITIES
+from armgate.apps.stack.plan import ORDINARY, PRIORITIES
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.client import connect
@@ -100,8 +100,8 @@ def child(*command: str):
         process.wait(30)
 
 
-def armgate(pace: str, *arguments: str) -> list[str]:
-    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), pace, *arguments]
+def armgate(priority: int, *arguments: str) -> list[str]:
+    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), str(priority), *arguments]
 
 
 @contextlib.contextmanager
@@ -154,19 +154,21 @@ def run(out: Path) -> list[tuple[bool, int, int, float, dict]]:
     blocks = []
     with (
         child(sys.executable, __file__, "serve", str(os.getpid()), str(out)) as address,
-        child(*armgate("lockstep", "view", address, "--port", "0", "--no-meshes")) as url,
+        child(*armgate(ORDINARY, "view", address, "--port", "0", "--no-meshes")) as url,
         browser() as page,
     ):
         page.open(url)
         sleep(LOADING)
         follow = subprocess.Popen(
-            armgate("clock", "follow", address, "--robot", "FR", "--leader", "GR"),
+            armgate(PRIORITIES["controller"], "follow", address, "--robot", "FR", "--leader", "GR"),
             stdout=subprocess.DEVNULL,
             cwd=ROOT,
         )
         for _ in range(PATHS):
             path = ("lead", address, "--path", "configs/paths/inspection.csv")
-            lead = subprocess.Popen(armgate("clock", *path), stdout=subprocess.DEVNULL, cwd=ROOT)
+            lead = subprocess.Popen(
+                armgate(PRIORITIES["controller"], *path), stdout=subprocess.DEVNULL, cwd=ROOT
+            )
             wait_for_work(address)
             blocks += measure(page)
             lead.send_signal(signal.SIGINT)
