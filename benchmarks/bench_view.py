@@ -159,22 +159,21 @@ def run(out: Path) -> list[tuple[bool, int, int, float, dict]]:
     ):
         page.open(url)
         sleep(LOADING)
-        follow = subprocess.Popen(
-            armgate(PRIORITIES["controller"], "follow", address, "--robot", "FR", "--leader", "GR"),
-            stdout=subprocess.DEVNULL,
-            cwd=ROOT,
-        )
         for _ in range(PATHS):
-            path = ("lead", address, "--path", "configs/paths/inspection.csv")
-            lead = subprocess.Popen(
-                armgate(PRIORITIES["controller"], *path), stdout=subprocess.DEVNULL, cwd=ROOT
-            )
+            programs = [
+                subprocess.Popen(
+                    armgate(PRIORITIES["controller"], *command), stdout=subprocess.DEVNULL, cwd=ROOT
+                )
+                for command in (
+                    ("follow", address, "--robot", "FR", "--leader", "GR"),
+                    ("lead", address, "--path", "configs/paths/inspection.csv"),
+                )
+            ]
             wait_for_work(address)
             blocks += measure(page)
-            lead.send_signal(signal.SIGINT)
-            lead.wait(30)
-        follow.send_signal(signal.SIGINT)
-        follow.wait(30)
+            for program in programs:
+                program.send_signal(signal.SIGINT)
+                program.wait(30)
     return blocks
 
 
