@@ -386,6 +386,17 @@ def test_two_arms_of_one_robot_are_checked_at_their_new_position():
         assert (found.binding is None) == clear
 
 
+def test_parts_of_a_chain_are_proven_with_both_bodies_at_the_same_position():
+    """The first and the third link of the elbow keep 1 cm on the way; no single direction proves that."""
+    clearance = Clearance(scenes.build({"A": {"urdf": scenes.elbow(), "start": [0.0] * 4}}), False)
+    clearance._n[:] = [0.0, 0.0, 1.0]
+    chain, budget = clearance.groups[0][0], Budget(PLENTY)
+    k = [clearance.names(int(pair)) for pair in chain.ids].index(("A/L0", "A/L2"))
+    way = path(clearance, 0, [0.0, 0.55, 2.2, 0.0], [0.0, 0.25, 1.84, 0.0])
+    assert clearance._prove(PairCheck(chain, k, 0, way, 0.01), budget).lb == 0.01
+    assert PLENTY - budget.left <= 9
+
+
 def test_both_bodies_of_a_chain_are_checked_at_the_same_time():
     clearance = Clearance(scenes.tree(), False)
     chain, apart = clearance.groups[0][0], clearance.groups[0][1]

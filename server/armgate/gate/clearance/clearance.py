@@ -248,8 +248,10 @@ class Clearance:
         return True
 
     def _part(self, check: PairCheck, side: Swept, a: Array, b: Array) -> tuple[Swept, Swept]:
-        """Return both sides over the nodes ``a`` and ``b`` only."""
+        """Return both sides over the nodes ``a`` and ``b`` only; for one chain both are this robot's part."""
         mine = self.space.sweep_nodes(check.robot, a, check.new.tube)
+        if isinstance(check.group, ChainGroup):
+            return mine, mine
         if check.moving is None:
             return mine, side
         return mine, self.space.sweep_nodes(check.moving, b, side.tube)
