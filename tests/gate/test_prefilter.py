@@ -1,5 +1,6 @@
 """The compiled prefilter against the numpy prefilter and the slabs of the groups, over random states."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,8 +14,8 @@ from armgate.gate.clearance.prefilter import MARGIN, Prefilter, robot_pairs
 from armgate.gate.occupancy import Occupancy, occupancy
 from gate import scenes
 
-numba = pytest.importorskip("numba") if sys.modules.get("numba", 0) is not None else None
-FORMS = [False] if numba is None else [False, True]
+NUMPY_ONLY = bool(os.environ.get("ARMGATE_NUMPY"))  # see conftest.py
+FORMS = [False] if NUMPY_ONLY else [False, True]
 CELLS = {name: make() for name, make in scenes.SCENES.items()}
 TOLERANCE = 1e-12
 """Tolerance for sums in another order, m; each bound is lowered by a thousand times this."""
@@ -125,7 +126,7 @@ def test_a_bound_that_is_not_a_number_leaves_its_pair_open(what, compiled, name)
         assert len(left) == len(ids)
 
 
-@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+@pytest.mark.skipif(NUMPY_ONLY, reason="compares with the compiled form")
 @pytest.mark.parametrize("name", sorted(CELLS))
 def test_compiled_placements_equal_those_of_pinocchio(name):
     cell, rng = CELLS[name], np.random.default_rng(1)
@@ -138,7 +139,7 @@ def test_compiled_placements_equal_those_of_pinocchio(name):
             np.testing.assert_allclose(other.t, one.t, rtol=0.0, atol=TOLERANCE)
 
 
-@pytest.mark.skipif(numba is None, reason="compares with the compiled form")
+@pytest.mark.skipif(NUMPY_ONLY, reason="compares with the compiled form")
 def test_no_tick_compiles_anything():
     """Arguments of another type would start the compiler: they are an error instead."""
     clearance = Clearance(CELLS["demo"], True)
