@@ -21,7 +21,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
 	@echo
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo
 	@echo "ARGS are passed on:  make demo ARGS=\"--duration 10\"   make test ARGS=\"tests/protocol -x\""
 	@echo "PYTHON names the interpreter (3.11 or newer):  make install PYTHON=python3.12"
