@@ -22,10 +22,6 @@ from gate.oracle import Oracle
 from gate.rig import Rig
 
 
-def centre_gap(rig, a=0, b=1):
-    return float(np.linalg.norm(rig.drives[a].q - rig.drives[b].q)) - 0.1
-
-
 def toward(goal):
     def controller(rig, i):
         if i not in goal:

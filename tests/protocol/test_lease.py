@@ -82,14 +82,14 @@ def test_a_lease_expires_exactly_at_its_time_to_live(leases):
 def test_messages_of_the_holder_renew_its_leases(leases):
     acquire(leases, "FR")
     acquire(leases, "GR", now=0.5)
-    assert leases.next_expiry() == 1.0
     leases.renew("b", 0.8)
-    assert leases.next_expiry() == 1.0
+    assert not leases.holds("FR", "a", 1, 1.0)
     leases.renew("a", 0.8)
-    assert leases.next_expiry() == 1.8
+    assert leases.holds("FR", "a", 1, 1.799)
+    assert leases.holds("GR", "a", 1, 1.799)
     leases.renew("a", 1.8)
     assert len(leases.expire(1.8)) == 2, "a message after the expiry renews nothing"
-    assert leases.next_expiry() is None
+    assert leases.expire(10.0) == []
 
 
 def test_an_acquire_after_the_expiry_reports_the_displaced_lease(leases):

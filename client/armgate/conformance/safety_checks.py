@@ -167,12 +167,12 @@ def _applied(robot: str, samples: Sequence[Sample], commands: CommandLog) -> Ite
         elif why := commands.forbidden.get((robot, seq)):
             yield f"{robot}: at tick {after.tick} seq {seq} is applied, which is forbidden: {why}"
         elif verdict is not None:
-            yield from _against_verdict(robot, before, after, verdict)
+            yield from _against_verdict(robot, after, verdict)
         if before.stops and before.stops == after.stops:
             yield f"{robot}: at tick {after.tick} seq {seq} is applied, although the robot is stopped"
 
 
-def _against_verdict(robot: str, before: Sample, after: Sample, verdict: Fields) -> Iterator[str]:
+def _against_verdict(robot: str, after: Sample, verdict: Fields) -> Iterator[str]:
     seq = verdict["seq"]
     if verdict["outcome"] == "refused":
         yield f"{robot}: at tick {after.tick} seq {seq} is applied, which was refused"

@@ -144,10 +144,6 @@ class Leases:
         grant = self._grants.get(robot)
         return grant is not None and (grant.session, grant.fence) == (session, fence) and now < grant.expires
 
-    def next_expiry(self) -> float | None:
-        """Return the time at which the next lease ends unless it is renewed; None if no robot is held."""
-        return min((grant.expires for grant in self._grants.values()), default=None)
-
     def acquire(
         self,
         robot: str,

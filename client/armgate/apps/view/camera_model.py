@@ -59,12 +59,6 @@ class CameraModel:
             ]
         )
 
-    def pixel(self, camera: Placement, point: Array) -> tuple[float, float]:
-        """Return the pixel of a world point: column from the left, row from the top."""
-        clip = self.projection() @ self.view(camera) @ np.append(point, 1.0)
-        x, y = clip[:2] / clip[3]
-        return self.width * (1 + x) / 2, self.height * (1 - y) / 2
-
 
 def drawn_frustum(camera: Placement) -> Placement:
     """Return the camera's frame in the convention of computer graphics: z ahead, x right, y down."""

@@ -85,11 +85,10 @@ class Recorder:
         self._create, self._signer = create, signer
         self._clock, self._pause = clock, pause
         self._queue: deque[_Queued] = deque()
-        self._lost = self._lost_steps = 0
+        self._lost = 0
         self._pending = Gap(0, 0)
         self._failure: str | None = None
         self._now: Callable[[], float] = lambda: 0.0
-        self._header: Header
         self._part: RecordFile
         self._begun = self._ended = False
         self.seal: Seal | None = None
@@ -106,7 +105,7 @@ class Recorder:
             OSError: The folder or the file cannot be created.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._header, self._now = header, now
+        self._now = now
         self._part = self._open(header)
         self._begun = True
         self._start()
