@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from struct import pack
 from typing import Any
 
-from armgate.events import GateOutput
+from armgate.events import GateOutput, Stopped
 
 TOLERANCE = 1e-6
 """Tolerance for numbers that another kind of machine computed, rad or m."""
@@ -43,8 +43,8 @@ def _differences(where: str, a: Any, b: Any, tolerance: float | None) -> Iterato
         yield f"{where}: {b!r}, was {a!r}"
     elif is_dataclass(a) and not isinstance(a, type):
         for field in fields(a):
-            # With a tolerance, rounded numbers in a text may differ; the numbers themselves are compared.
-            if tolerance is None or field.name != "text":
+            # With a tolerance, words and rounded numbers of a text may differ; the numbers are compared.
+            if tolerance is None or not _is_text(a, field.name):
                 yield from _differences(
                     f"{where}.{field.name}", getattr(a, field.name), getattr(b, field.name), tolerance
                 )
@@ -56,6 +56,10 @@ def _differences(where: str, a: Any, b: Any, tolerance: float | None) -> Iterato
             yield from _differences(f"{where}[{number}]", x, y, tolerance)
     elif a != b:
         yield f"{where}: {b!r}, was {a!r}"
+
+
+def _is_text(output: object, field: str) -> bool:
+    return field == "text" or (isinstance(output, Stopped) and field == "reason")
 
 
 def _equal(a: float, b: float, tolerance: float | None) -> bool:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from armgate.audit.event_check import event_error
 from armgate.audit.output_differences import TOLERANCE, differences
@@ -139,10 +139,15 @@ def replay_recording(
         if isinstance(event, Command):
             result.verdicts += 1
             _note_change(result, time, then, now)
-        result.stops += [(time, o) for o in now if isinstance(o, Stopped) and o not in then]
+        result.stops += [(time, o) for o in now if isinstance(o, Stopped) and not _recorded(o, then)]
         if progress is not None and result.events % 1000 == 0:
             progress(result.events)
     return result
+
+
+def _recorded(stop: Stopped, then: Sequence[GateOutput]) -> bool:
+    """Return True if a stop is among recorded outputs, also with a reason in other words."""
+    return any(isinstance(one, Stopped) and replace(one, reason=stop.reason) == stop for one in then)
 
 
 def _note_change(
