@@ -220,6 +220,18 @@ async def test_the_viewer_shows_the_robot(installed, cell, tmp_path):
         assert state.entries[0].q
 
 
+async def test_the_virtual_robot_ends_without_a_message_if_a_link_is_connected(installed, cell):
+    async with virtual_robot(cell) as robot:
+        (port,) = re.findall(r"port: (\d+)", cell[1].read_text())
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(port))
+        assert (await reader.readline()).startswith(b"POS ")
+        robot.send_signal(signal.SIGINT)
+        async with asyncio.timeout(PATIENCE):
+            _, err = await robot.communicate()
+        writer.close()
+    assert (robot.returncode, err) == (0, b"")
+
+
 def test_a_command_that_starts_the_whole_cell_starts_the_virtual_robot(installed, tmp_path):
     code = (
         "from pathlib import Path; from armgate.cell.config import load_config\n"

@@ -91,6 +91,9 @@ async def serve(device: Device, host: str, port: int) -> None:
                 writer.write(line.encode())
             due += device.period
             await asyncio.sleep(max(0.0, due - loop.time()))
+        for writer in writers:
+            writer.close()
+        await asyncio.gather(*(writer.wait_closed() for writer in writers), return_exceptions=True)
 
 
 def linebot(
