@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from armgate.apps.cli import commands
+from armgate.apps.cli import GROUP, commands
+from armgate.cell.config.link_kinds import _registered, installed_kinds
 from tools import packages
 from tools.reference.__main__ import pages
+from tools.reference.own import own_entry_points
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = pages()
@@ -18,6 +20,20 @@ def test_a_reference_page_is_up_to_date(path: Path) -> None:
     assert path.read_text(encoding="utf-8") == PAGES[path], "run: make reference"
 
 
+def test_the_pages_leave_out_installed_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "plugin-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plugin\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(
+        "[armgate.links]\nplug = plug:KIND\n[armgate.commands]\nplug = plug:main\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    _registered.cache_clear()
+    assert {"plug"} <= set(commands()) & set(installed_kinds())
+    assert pages() == PAGES
+    _registered.cache_clear()
+
+
 def test_the_map_of_packages_is_up_to_date() -> None:
     assert packages.main(["--check"]) == 0, "run: make reference"
 
@@ -25,7 +41,7 @@ def test_the_map_of_packages_is_up_to_date() -> None:
 def test_every_command_has_a_section() -> None:
     text = PAGES[ROOT / "docs" / "cli.md"]
     sections = set(re.findall(r"^## armgate ([\w-]+)", text, re.MULTILINE))
-    assert sections == set(commands())
+    assert sections == {entry.name for entry in own_entry_points(GROUP)}
 
 
 def test_every_option_has_a_meaning() -> None:

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
-from armgate.apps.cli import commands
+from armgate.apps.cli import GROUP
+from tools.reference.own import own_entry_points
 from tools.reference.table import prose, table
 
 HEAD = """\
@@ -40,8 +41,8 @@ def command_line() -> str:
 
 def _commands() -> Iterator[tuple[str, Command]]:
     """Yield every command with its full name; the commands of a group one by one."""
-    for name, entry in commands().items():
-        registered = entry.load()
+    for entry in own_entry_points(GROUP):
+        name, registered = entry.name, entry.load()
         if not isinstance(registered, typer.Typer):
             yield name, registered
             continue

@@ -14,8 +14,9 @@ from pydantic_core import PydanticUndefined
 
 from armgate.cell.config import CellConfig
 from armgate.cell.config.link import LinkConfig
-from armgate.cell.config.link_kinds import installed_kinds, load_kind
+from armgate.cell.config.link_kinds import GROUP, load_kind
 from armgate.cell.config.units import Quantity
+from tools.reference.own import own_entry_points
 from tools.reference.table import prose, table
 
 HEAD = """\
@@ -86,9 +87,9 @@ def _models(annotation: Any, below: str = "") -> Iterator[tuple[Model, str]]:
 
 
 def _of_kinds(model: Model) -> list[Model]:
-    """Return the models of all installed kinds in place of the base of link sections."""
+    """Return the models of all kinds of armgate in place of the base of link sections."""
     if model is LinkConfig:
-        return [load_kind(kind).config for kind in installed_kinds()]
+        return [load_kind(entry.name).config for entry in own_entry_points(GROUP)]
     return [model]
 
 
