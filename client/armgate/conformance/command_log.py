@@ -27,6 +27,10 @@ class CommandLog:
     verdicts: dict[Key, Fields] = field(default_factory=dict)
     forbidden: dict[Key, str] = field(default_factory=dict)
 
+    def number_after(self, seq: int) -> None:
+        """Give the next command a larger seq than ``seq`` and than all commands of the run."""
+        self.seqs = count(max(seq, next(self.seqs)) + 1)
+
     def forbid(self, command: Fields, why: str) -> Fields:
         """Note that no robot may execute this command, and return it."""
         self.forbidden[command["robot"], command["seq"]] = why

@@ -4,6 +4,7 @@ import shlex
 import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 
 from armgate.conformance import report
 from armgate.conformance.case import Case, Outcome
@@ -55,13 +56,12 @@ async def connected(options: Options) -> AsyncIterator[tuple[Target, ServerInfo]
             host, port = options.address
         else:
             host, port = await stack.enter_async_context(running_server(options.start or ""))
-        target = Target(host, port, options.tokens, options.tls, options.faults)
-        if (command := options.start) is not None:
-            target.start_another = lambda: running_server(command)
-        server = await query_server(target, options.robot, options.participants)
+        proxy = None
         if options.faults != Faults():
-            target.proxy = await stack.enter_async_context(Proxy(host, port, options.faults, options.seed))
-        yield target, server
+            proxy = await stack.enter_async_context(Proxy(host, port, options.faults, options.seed))
+        another = None if options.start is None else partial(running_server, options.start)
+        target = Target(host, port, options.tokens, options.tls, options.faults, proxy, start_another=another)
+        yield target, await query_server(target, options.robot, options.participants)
 
 
 def list_cases(cases: Sequence[Case]) -> str:

@@ -200,5 +200,5 @@ class Runner:
             if not self._server.lockstep:  # the checks compare each motion with the previous one
                 await self._observer.ticks(self._server.robot["name"], 3)
             applied = [e["applied_seq"] or 0 for e in self._observer.entries.values()]
-            self._commands.seqs = count(max([*applied, next(self._commands.seqs)]) + 1)
+            self._commands.number_after(max(applied, default=0))
         return self._observer

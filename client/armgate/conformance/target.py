@@ -24,7 +24,7 @@ class Unreachable(Exception):  # noqa: N818 (the name is printed)
     exit_code = 2
 
 
-@dataclass
+@dataclass(frozen=True)
 class Target:
     """Address of the server under test, and how to connect.
 

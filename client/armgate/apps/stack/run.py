@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import assert_never
 
 import typer
@@ -71,6 +72,11 @@ class Watch:
         except ClientError as error:
             self.error = error
 
+    def complete(self, recording: Path, lockstep: bool) -> None:
+        """Use the observation from the recording if states were missed, and always in lock-step."""
+        with self.lock:
+            self.seen = completed(self.seen, recording, lockstep)
+
     @property
     def wall(self) -> float:
         """Wall-clock time from the first state to the newest, s."""
@@ -121,8 +127,7 @@ def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
         complete, failure = _watched(children, plan, watch, show)
         reader.join(REST_TIME)
     if plan.record is not None:
-        with watch.lock:
-            watch.seen = completed(watch.seen, plan.record, plan.lockstep)
+        watch.complete(plan.record, plan.lockstep)
     if plan.monitor and plan.lockstep and plan.record is not None and complete:
         complete, failure = audit(children, plan.record)
     return Ended(watch, complete and failure is None, failure)
