@@ -25,6 +25,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the page with links that work on the site, and with its diagrams drawn."""
+    page.meta["search"] = {"boost": _boost(page.file.src_uri)}
     source = _source(page.file.src_uri)
     if source.startswith("files/"):
         return markdown
@@ -39,6 +40,13 @@ def on_post_build(config: Any) -> None:
 
 
 on_post_build.mkdocs_priority = -100  # type: ignore[attr-defined]  # after the search plugin
+
+
+def _boost(page: str) -> float:
+    """Return the weight of a page in the search: pages that explain come before files and release notes."""
+    if page == "changelog.md" or page.startswith("files/"):
+        return 0.1
+    return 3.0 if page == "configuration-reference.md" else 1.0
 
 
 def _source(page: str) -> str:
