@@ -9,7 +9,9 @@ import typer
 def demo(
     config: Annotated[
         Path | None,
-        typer.Argument(help="Configuration of the cell (default: the demo cell).", show_default=False),
+        typer.Argument(
+            metavar="CONFIG", help="Configuration of the cell (default: the demo cell).", show_default=False
+        ),
     ] = None,
     *,
     links: Annotated[

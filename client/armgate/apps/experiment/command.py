@@ -23,7 +23,14 @@ class Which(StrEnum):
 
 
 def experiment(
-    which: Annotated[Which, typer.Argument(help="Experiment to run.", show_default=False)],
+    which: Annotated[
+        Which,
+        typer.Argument(
+            metavar="EXPERIMENT",
+            help="Experiment to run.",
+            show_default=False,
+        ),
+    ],
     *,
     file: Annotated[
         Path | None,
