@@ -42,7 +42,8 @@ def report(cell: Cell, console: Console | None = None) -> int:
     def write(text: str, style: str = "") -> None:
         console.print(Text(printable(text), style=style), soft_wrap=True)
 
-    write(f"cell {cell.name}: {len(cell.robots)} robots, hash {cell.hash[:12]}…")
+    robots = "robot" if len(cell.robots) == 1 else "robots"
+    write(f"cell {cell.name}: {len(cell.robots)} {robots}, hash {cell.hash[:12]}…")
     for robot in cell.robots:
         console.print(_joints(robot))
         write(_lags(robot))
