@@ -27,7 +27,7 @@ _ALONE = (
 )
 """Tests that depend on elapsed time or use both cores. They run one at a time."""
 
-_WITHOUT_GATE = {"cell", "client", "control", "emulator", "protocol", "recording"}
+_WITHOUT_GATE = {"cell", "control", "emulator", "recording"}
 """Folders of tests that neither use the gate nor start a daemon."""
 
 

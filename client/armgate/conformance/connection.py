@@ -194,7 +194,7 @@ class Connection(asyncio.Protocol):
         except TimeoutError:
             raise Violation(f"{self.name}: expected {what}, but nothing came within {seconds:g} s") from None
 
-    async def expect(self, *kinds: str, within: float | None = None, **fields: Any) -> Fields:
+    async def expect(self, *kinds: str, **fields: Any) -> Fields:
         """Return the next message that is not a broadcast; it must have one of these types and these fields.
 
         Raises:
@@ -205,7 +205,7 @@ class Connection(asyncio.Protocol):
         def counts(message: Fields) -> bool:
             return message["type"] in kinds or (message["type"] in MESSAGES and not _is_broadcast(message))
 
-        message = await self.receive(counts, what, within)
+        message = await self.receive(counts, what)
         differing = {key: message.get(key) for key, value in fields.items() if message.get(key) != value}
         if message["type"] not in kinds or differing:
             raise Violation(f"{self.name}: expected {what}, got {_brief(message)}")

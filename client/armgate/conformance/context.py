@@ -131,20 +131,20 @@ class CaseContext:
         """Return True if the link of a robot is not ready; this includes robots that have never ticked."""
         return self.observer.entries.get(robot, {}).get("link") != "ready"
 
-    async def wait_free(self, robot: str | None = None, within: float | None = None) -> None:
+    async def wait_free(self, within: float | None = None) -> None:
         """Wait until the observer receives a state in which no client holds the robot."""
-        name = robot or self.robot
-        await self.observer.until(lambda: self.entry(name)["holder"] is None, f"{name} to be free", within)
+        free = f"{self.robot} to be free"
+        await self.observer.until(lambda: self.entry()["holder"] is None, free, within)
 
     async def reset_stop(self, client: Connection, stop: int) -> Fields:
         """Reset a stop, and return the answer."""
         return await reset_stop(client, stop, self.observer)
 
-    async def wait_at_rest(self, robot: str | None = None) -> None:
+    async def wait_at_rest(self) -> None:
         """Wait until the observer receives states in which the robot is at rest."""
-        name = robot or self.robot
-        await self.observer.ticks(name, 2)
-        await self.observer.until(lambda: self.observer.is_at_rest(name), f"{name} to be at rest")
+        await self.observer.ticks(self.robot, 2)
+        at_rest = f"{self.robot} to be at rest"
+        await self.observer.until(lambda: self.observer.is_at_rest(self.robot), at_rest)
 
     def entry(self, robot: str | None = None) -> dict[str, object]:
         """Return the entry of a robot in the newest state that the observer received."""

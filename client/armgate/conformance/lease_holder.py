@@ -53,11 +53,11 @@ class LeaseHolder:
         self.connection.inbox.extendleft(reversed(kept))
         return newest
 
-    def small_increment(self, share: float = 1.0, joint: int | None = None) -> list[float]:
-        """Return a small increment of ``joint`` (default: with most room), away from its nearer limit."""
+    def small_increment(self, share: float = 1.0) -> list[float]:
+        """Return a small increment of the joint with most room, away from its nearer limit."""
         setpoint = self._observer.entries[self.robot]["setpoint"]
         rooms = [max(j["upper"] - q, q - j["lower"]) for j, q in zip(self._joints, setpoint, strict=True)]
-        chosen = rooms.index(max(rooms)) if joint is None else joint
+        chosen = rooms.index(max(rooms))
         bounds, q = self._joints[chosen], setpoint[chosen]
         able = min(bounds["velocity"] * self._period, bounds["acceleration"] * self._period**2)
         sign = 1.0 if bounds["upper"] - q > q - bounds["lower"] else -1.0

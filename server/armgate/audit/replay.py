@@ -1,7 +1,7 @@
 """Replay of a recording: its events are fed to a new gate, and the outputs are compared."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from armgate.audit.event_check import event_error
@@ -12,8 +12,6 @@ from armgate.cell.errors import install_hint
 from armgate.events import Command, GateEvent, GateOutput, Stopped, Verdict
 from armgate.gate.clearance.compiled import available
 from armgate.recording import DamagedError, Header, Recording, Step, machine, software
-
-Progress = Callable[[int], None]
 
 _KEPT = 20
 """Number of differing events that are kept."""
@@ -113,16 +111,13 @@ def gate_outputs(
         raise DamagedError(recording.path, f"{text}: {error!r:.200}") from error
 
 
-def replay_recording(
-    recording: Recording, cell: Cell, *, other_rules: bool = False, progress: Progress | None = None
-) -> ReplayResult:
+def replay_recording(recording: Recording, cell: Cell, *, other_rules: bool = False) -> ReplayResult:
     """Replay every event of a recording.
 
     Args:
         recording: The recording.
         cell: Its cell, or the cell with changed values.
         other_rules: True if values are changed; each command is then decided at the recorded positions.
-        progress: Called after every thousand events with the number of events so far.
 
     Raises:
         RecordingError: The recording is damaged or has a gap.
@@ -140,8 +135,6 @@ def replay_recording(
             result.verdicts += 1
             _note_change(result, time, then, now)
         result.stops += [(time, o) for o in now if isinstance(o, Stopped) and not _recorded(o, then)]
-        if progress is not None and result.events % 1000 == 0:
-            progress(result.events)
     return result
 
 

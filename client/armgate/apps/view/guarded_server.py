@@ -1,7 +1,7 @@
 """Access rules and message filter in front of viser's server, which has no settings for either."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from time import monotonic
@@ -32,11 +32,10 @@ class ServerGuard:
 
     Args:
         access: Rules of access to the page.
-        now: Monotonic clock, s.
     """
 
-    def __init__(self, access: Access, now: Callable[[], float] = monotonic) -> None:
-        self.access, self.now = access, now
+    def __init__(self, access: Access) -> None:
+        self.access = access
         self.filter: MessageFilter | None = None
         self._waiting: list[ServerConnection] = []
 
@@ -83,7 +82,7 @@ class _Filtered(ServerConnection):
     def __init__(self, guard: ServerGuard, *how: Any, **more: Any) -> None:
         super().__init__(*how, **more)
         self._guard, self._refused = guard, False
-        self._left, self._filled = BURST, guard.now()
+        self._left, self._filled = BURST, monotonic()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Close the oldest waiting connection if too many wait for their request."""
@@ -113,7 +112,7 @@ class _Filtered(ServerConnection):
             return False
 
     async def _pace(self) -> None:
-        now = self._guard.now()
+        now = monotonic()
         self._left = min(BURST, self._left + RATE * (now - self._filled)) - 1.0
         self._filled = now
         if self._left < 0.0:

@@ -1,6 +1,5 @@
 """Play, pause, speed and a time slider for a recording."""
 
-from collections.abc import Callable
 from time import monotonic
 from typing import Any
 
@@ -18,11 +17,10 @@ class PlaybackControls:
     Args:
         gui: The GUI of viser's server.
         player: The player that they control.
-        now: Monotonic clock, s.
     """
 
-    def __init__(self, gui: Any, player: Player, now: Callable[[], float] = monotonic) -> None:
-        self._player, self._now, self._touched = player, now, -LEFT_ALONE
+    def __init__(self, gui: Any, player: Player) -> None:
+        self._player, self._touched = player, -LEFT_ALONE
         self._button = gui.add_button(PLAY, icon="player-play", order=1)
         self._slider = gui.add_slider("Time [s]", 0.0, max(round(player.length, 2), 0.01), 0.01, 0.0, order=2)
         speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1 ×", order=3)
@@ -33,7 +31,7 @@ class PlaybackControls:
 
         async def moved(event: Any) -> None:
             if event.client is not None:  # otherwise this process set it
-                self._touched = self._now()
+                self._touched = monotonic()
                 player.seek(float(self._slider.value))
 
         async def chosen(_event: Any) -> None:
@@ -49,5 +47,5 @@ class PlaybackControls:
         if self._button.label != label:
             self._button.label = label
             self._button.icon = "player-pause" if label == PAUSE else "player-play"
-        if self._now() - self._touched > LEFT_ALONE:
+        if monotonic() - self._touched > LEFT_ALONE:
             self._slider.value = min(round(self._player.time, 2), self._slider.max)

@@ -3,7 +3,7 @@
 import csv
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TextIO
 
 
@@ -19,16 +19,14 @@ class JsonLog:
 
     Args:
         stream: Stream for the lines.
-        now: Time of day, s since 1970.
     """
 
-    def __init__(self, stream: TextIO, now: Callable[[], float] = time.time) -> None:
+    def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._now = now
 
     def __call__(self, level: str, event: str, text: str, **fields: object) -> None:
         """Write one record."""
-        record = {"time": round(self._now(), 6), "level": level, "event": event, "text": text, **fields}
+        record = {"time": round(time.time(), 6), "level": level, "event": event, "text": text, **fields}
         self._stream.write(json.dumps(record) + "\n")
         self._stream.flush()
 
