@@ -118,6 +118,12 @@ async def test_a_signed_run_without_its_last_or_first_part_fails(tmp_path):
     assert (status, "part 1 is missing" in text) == (1, True)
 
 
+async def test_a_missing_public_key_is_wrong_use(tmp_path):
+    missing = tmp_path / "missing.pem"
+    status, _, err = await run("audit", tmp_path, "--key", missing)
+    assert (status, f"{missing}: No such file or directory; expected an Ed25519" in err) == (2, True)
+
+
 async def recorded_beside(folder):
     (folder / "plain").mkdir()
     return await recorded(folder / "plain")

@@ -44,17 +44,27 @@ class Options:
         """Set the files of the reports: those given, otherwise those in the folder ``out`` if it is given.
 
         Raises:
-            UsageError: The folder of a file does not exist.
+            UsageError: The folder of a file does not exist or cannot be created, or a file is a folder.
         """
         self.junit, self.html = junit, html
         if out is not None:
-            (out / "wire").mkdir(parents=True, exist_ok=True)
             self.junit = junit or out / "junit.xml"
             self.html = html or out / "report.html"
-            self.wire_logs = out / "wire"
+            self.wire_logs = _make_folder(out / "wire")
         for file in filter(None, (self.junit, self.html)):
             if not file.resolve().parent.is_dir():
                 raise UsageError(f"{file}: there is no folder {file.resolve().parent}")
+            if file.is_dir():
+                raise UsageError(f"{file}: is a folder; expected the name of a file")
+
+
+def _make_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        text = f"cannot be created ({error.strerror}); choose another folder with --out"
+        raise UsageError(f"{folder}: {text}") from error
+    return folder
 
 
 def chosen_cases(only: list[str]) -> Sequence[Case]:
@@ -73,10 +83,12 @@ def server_address(text: str | None, start: str | None) -> tuple[str, int] | Non
     """Return host and port of ``HOST:PORT``; None if the server is started by a command.
 
     Raises:
-        UsageError: The text is not an address, or not exactly one of address and command is given.
+        UsageError: The text is not an address, the command is empty, or not exactly one of them is given.
     """
     if (text is None) == (start is None):
         raise UsageError("give either HOST:PORT or --start COMMAND")
+    if start is not None and not start.strip():
+        raise UsageError("--start: the command is empty; expected a command that starts a server")
     if text is None:
         return None
     host, _, port = text.rpartition(":")

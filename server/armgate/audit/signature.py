@@ -13,7 +13,7 @@ def public_key(file: Path) -> bytes:
     """Return the 32 bytes of an Ed25519 public key in PEM.
 
     Raises:
-        UseError: The file does not hold such a key.
+        UseError: The file cannot be read, or does not hold such a key.
     """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -22,6 +22,8 @@ def public_key(file: Path) -> bytes:
     try:
         with file.open("rb") as stream:
             key = load_pem_public_key(stream.read(_LONGEST_KEY))
+    except OSError as error:
+        raise UseError(f"{file}: {error.strerror}; expected an Ed25519 public key in PEM") from error
     except (ValueError, UnsupportedAlgorithm) as error:
         raise UseError(f"{file}: expected an Ed25519 public key in PEM") from error
     if not isinstance(key, Ed25519PublicKey):
