@@ -22,7 +22,7 @@ _ALONE = (
     "emulator/krc/test_krc_real_time",
     "links/rsi/test_rsi_udp",
     "links/test_unread_ticks",
-    "monitor/test_live",
+    "monitor/test_live.py",
     "packaging/test_tutorials",
 )
 """Tests that depend on elapsed time or use both cores. They run one at a time."""
