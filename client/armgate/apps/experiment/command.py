@@ -10,6 +10,7 @@ from armgate.apps.default_files import default_file
 
 if TYPE_CHECKING:
     from armgate.apps.experiment.campaign import Campaign
+    from armgate.apps.experiment.experiment_file import Experiment
 
 
 class Which(StrEnum):
@@ -25,11 +26,7 @@ class Which(StrEnum):
 def experiment(
     which: Annotated[
         Which,
-        typer.Argument(
-            metavar="EXPERIMENT",
-            help="Experiment to run.",
-            show_default=False,
-        ),
+        typer.Argument(metavar="EXPERIMENT", help="Experiment to run.", show_default=False),
     ],
     *,
     file: Annotated[
@@ -57,11 +54,28 @@ def experiment(
     ] = None,
 ) -> None:
     """Run the paper's experiments through the whole stack."""
-    from armgate.apps.errors import AppError, UsageError
+    from armgate.apps.errors import AppError
     from armgate.apps.experiment.campaign import Campaign, Options
-    from armgate.apps.experiment.experiment_file import load_experiment
     from armgate.apps.experiment.scene import build_scene
     from armgate.apps.stack.run_folder import make_folder
+
+    setups = _setups(which, file)
+    scene = build_scene((config or default_file("demo.yaml"),))
+    campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
+    ended = campaign.run(setups)
+    _report(campaign)
+    if ended:
+        raise AppError(f"incomplete, the finished runs are in {campaign.folder}: {ended}")
+
+
+def _setups(which: Which, file: Path | None) -> dict[str, "Experiment"]:
+    """Return the experiments to run, by name.
+
+    Raises:
+        UsageError: The file does not describe the chosen experiment.
+    """
+    from armgate.apps.errors import UsageError
+    from armgate.apps.experiment.experiment_file import load_experiment
 
     names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
     if file is not None and len(names) > 1:
@@ -69,12 +83,7 @@ def experiment(
     setups = {name: load_experiment(file or default_file(f"experiments/{name}.yaml")) for name in names}
     if wrong := [name for name, setup in setups.items() if setup.experiment != name]:
         raise UsageError(f"{file} describes {setups[wrong[0]].experiment}; expected {wrong[0]}")
-    scene = build_scene((config or default_file("demo.yaml"),))
-    campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
-    ended = campaign.run(setups)
-    _report(campaign)
-    if ended:
-        raise AppError(f"incomplete, the finished runs are in {campaign.folder}: {ended}")
+    return setups
 
 
 def _report(campaign: "Campaign") -> None:
