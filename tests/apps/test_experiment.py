@@ -272,7 +272,7 @@ def test_figures_have_three_digits(value: float | None, unit: str, text: str) ->
     assert Claim("it", "", value, unit, None).text == text
 
 
-def test_the_initial_angle_does_not_hide_the_later_one(tmp_path: Path) -> None:
+def test_the_initial_angle_does_not_hide_the_later_one() -> None:
     time = np.arange(0.0, 8.0, T)
     run = {name: np.zeros(len(time)) for name in COLUMNS} | {"time_s": time}
     angle = np.radians(np.where(time < 0.5, 7.0, 0.03 * np.sin(time)))

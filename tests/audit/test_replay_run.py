@@ -52,7 +52,7 @@ async def test_a_replay_is_identical_and_differs_with_other_values(tmp_path):
         ("robots.A.joints.joint_9.velocity=1", "joint_9"),
     ],
 )
-async def test_an_invalid_setting_is_an_error(tmp_path, setting, text, one_run):
+async def test_an_invalid_setting_is_an_error(setting, text, one_run):
     status, out, err = await run("replay", one_run, "--set", setting)
     assert (status, out) == (2, "")
     assert text in err

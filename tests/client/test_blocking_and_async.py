@@ -127,7 +127,7 @@ async def test_states_yield_the_newest_state_of_any_robot(connect, server):
         assert cell.state == newest
 
 
-async def test_verdicts_on_posted_commands_are_kept_in_order(connect, server):
+async def test_verdicts_on_posted_commands_are_kept_in_order(connect):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         sent = [await robot.post([0.0, 0.0]) for _ in range(20)]
@@ -145,7 +145,7 @@ async def test_a_command_is_based_on_the_tick_yielded_last(connect, server):
         assert (await server.received(m.Command)).tick == 0
 
 
-async def test_a_command_before_the_first_tick_is_an_error(connect, server):
+async def test_a_command_before_the_first_tick_is_an_error(connect):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         with pytest.raises(BadArgument, match=r"robot\.ticks\(\)"):
             await robot.send([0.0, 0.0])
@@ -173,7 +173,7 @@ async def test_an_increment_that_is_not_finite_is_sent_and_refused_by_the_server
 
 
 @pytest.mark.parametrize(("value", "shown"), [(True, "a bool True"), ("x", "a text 'x'"), (None, "nil")])
-async def test_an_unreadable_command_is_refused_without_a_verdict(connect, server, value, shown):
+async def test_an_unreadable_command_is_refused_without_a_verdict(connect, value, shown):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         with pytest.raises(Refused, match=rf"command\.dq\[1\].*{shown}") as caught:
@@ -183,7 +183,7 @@ async def test_an_unreadable_command_is_refused_without_a_verdict(connect, serve
         assert (await robot.send([0.0, 0.0])).outcome == "admitted"
 
 
-async def test_an_unreadable_posted_command_is_reported_at_the_next_tick(connect, server):
+async def test_an_unreadable_posted_command_is_reported_at_the_next_tick(connect):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         seq = await robot.post([True])
@@ -193,7 +193,7 @@ async def test_an_unreadable_posted_command_is_reported_at_the_next_tick(connect
         assert caught.value.seq == seq
 
 
-async def test_a_single_number_is_not_an_increment(connect, server):
+async def test_a_single_number_is_not_an_increment(connect):
     async with await connect() as cell, await cell.acquire("FR") as robot:
         await first(robot.ticks())
         with pytest.raises(BadArgument, match="expected a sequence of numbers, got float"):
@@ -255,7 +255,7 @@ async def test_a_stop_ends_only_the_loops_of_its_robots(connect, server):
         assert list(cell.stops) == []
 
 
-async def test_an_operator_stops_and_resets(connect, server):
+async def test_an_operator_stops_and_resets(connect):
     async with await connect(role="operator") as cell:
         stopped = await cell.stop("FR", reason="test")
         assert (stopped.stop, stopped.robots, stopped.reason) == (7, ("FR",), "test")

@@ -185,7 +185,7 @@ def test_an_obstacle_too_near_starts_the_emergency_mode(loop, fr, law):
     assert trace.steps[-1].gap > trace.steps[0].gap
 
 
-def test_zoom(loop, fr):
+def test_zoom(loop):
     for wanted in (0.8, 1.2):
         trace = loop.run(still([1.95, 0.2, 1.0]), 4.0, wanted=wanted)
         angle, distance = after(trace, 3.0)
@@ -247,7 +247,7 @@ def test_invalid_parameters_are_refused(follower, fr, wrong):
     st.tuples(*[st.floats(-0.99, 0.99)] * 6),
     st.floats(0.2, 3.0),
 )
-def test_increments_obey_their_bounds_whatever_the_leader_does(fast, bounds, fr, targets, start, wanted):
+def test_increments_obey_their_bounds_whatever_the_leader_does(fast, bounds, targets, start, wanted):
     """Check any start, with a target and an obstacle that jump through the cell."""
     follower = Follower(fast, bounds, period=0.012, ahead=0.024)
     middle, half = 0.5 * (bounds.upper + bounds.lower), 0.5 * (bounds.upper - bounds.lower)

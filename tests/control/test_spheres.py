@@ -61,7 +61,7 @@ def test_centres_follow_the_bodies(fr, law, q):
     np.testing.assert_allclose(law._arm.centres(), expected)
 
 
-def test_lever_bounds_the_motion_of_the_centres(fr, law, q):
+def test_lever_bounds_the_motion_of_the_centres(law, q):
     rng = np.random.default_rng(0)
     for _ in range(20):
         dq = rng.normal(scale=0.3, size=6)

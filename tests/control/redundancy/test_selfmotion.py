@@ -80,7 +80,7 @@ def test_tracing_starts_along_a_given_direction_or_its_opposite(arm):
     assert (there.q[-1] - start)[0] > 0.0 > (back.q[-1] - start)[0]
 
 
-def test_joint_limits_end_the_curve(arm, models):
+def test_joint_limits_end_the_curve(models):
     task = FrameTask(models["P"], "tool0", ("x", "y"))
     low, high = models["P"].lower, models["P"].upper
     start = np.array([0.3, 0.8, 2.0])

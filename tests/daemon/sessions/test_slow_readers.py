@@ -173,7 +173,7 @@ async def test_unread_answers_are_bounded(paused):
     assert server.host.reasons[0].startswith("overflow")
 
 
-async def test_an_unreachable_client_is_distinguished_from_one_that_does_not_read(monkeypatch):
+async def test_an_unreachable_client_is_distinguished_from_one_that_does_not_read():
     class Socket:
         head = [0] * 32
 
