@@ -391,21 +391,13 @@ async def test_an_asset_is_downloaded_once_in_pieces(connect, server):
             await cell.urdf("XX")
 
 
-async def test_an_asset_with_another_hash_is_refused(connect, server):
+@pytest.mark.parametrize(("data", "error"), [(b"abc", "another hash"), (b"", "not requested")])
+async def test_an_asset_with_another_hash_and_an_empty_piece_are_refused(connect, server, data, error):
     server.on[m.Asset] = lambda connection, request: connection.send(
-        m.Chunk(re=request.id, hash=request.hash, offset=0, total=3, data=b"abc")
+        m.Chunk(re=request.id, hash=request.hash, offset=0, total=3, data=data)
     )
     async with await connect() as cell:
-        with pytest.raises(ConnectionLost, match="another hash"):
-            await cell.asset(URDF_HASH)
-
-
-async def test_an_empty_piece_of_an_asset_is_refused(connect, server):
-    server.on[m.Asset] = lambda connection, request: connection.send(
-        m.Chunk(re=request.id, hash=request.hash, offset=0, total=3, data=b"")
-    )
-    async with await connect() as cell:
-        with pytest.raises(ConnectionLost, match="not requested"):
+        with pytest.raises(ConnectionLost, match=error):
             await cell.asset(URDF_HASH)
 
 

@@ -157,7 +157,7 @@ class _Value:
 
     @property
     def received(self) -> Received:
-        """The same element as a value that the KRC reads."""
+        """Element as a value that the KRC reads."""
         tag, _, attribute = self.name.partition(".")
         return Received(tag, attribute, self.type, self.hold, self.internal)
 
