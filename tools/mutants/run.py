@@ -53,7 +53,7 @@ ABOUT = {
     "retreat": ("retreat", "gate_exact", "resets"),
     "robot": ("robot_exact", "gate_exact", "retreat", "faults", "gate_order", "motion_bounds_range"),
     "standstill": ("standstill", "robot_exact"),
-    "step_bounds": ("joint_limits_exact", "robot_exact", "verdicts"),
+    "step_bounds": ("verdict_wording", "joint_limits_exact", "robot_exact", "verdicts"),
     "stops": ("stops", "gate_exact", "gate_order"),
     "support": ("pair_groups_exact", "shapes_certificates"),
     "swept": ("pair_groups_exact", "prefilter", "motion_bounds_range", "resets"),
