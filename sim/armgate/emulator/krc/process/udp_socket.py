@@ -60,7 +60,8 @@ class UdpSocket:
     """Socket of one RSI run.
 
     The kernel stamps each datagram on arrival, so a reply does not count as late if this process reads it
-    late.
+    late. Linux begins to do so a moment after the first socket of the machine asks for it. A datagram that
+    arrives before that is as old as its reading.
 
     Args:
         peer: Address of the PC.
