@@ -57,7 +57,8 @@ async def test_the_client_of_the_page_moves_a_robot_without_armgate(tmp_path):
         )  # fmt: skip
         out, err = await client.communicate()
         assert (client.returncode, err) == (0, b"")
-        (printed,) = out.decode().splitlines()
+        *refused, printed = out.decode().splitlines()
+        assert all(line.startswith("refused: based on tick") for line in refused)  # late on a busy machine
         assert f"prints `{printed}`" in PAGE
         daemon.signal()
         assert (await daemon.end())[0] == 0

@@ -33,8 +33,11 @@ async def watching(port, *configs, **options):
 
 
 async def line_of(process):
+    """Return the next line that is not a note on how busy the machine is."""
     async with asyncio.timeout(PATIENCE):
-        return (await process.stdout.readline()).decode()
+        while "note: states are checked" in (line := (await process.stdout.readline()).decode()):
+            pass
+    return line
 
 
 async def ended(process, by=signal.SIGINT):
