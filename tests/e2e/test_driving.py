@@ -60,7 +60,9 @@ class Eye:
         await self.entry(lambda entry: entry.setpoint != before)
 
     async def resting(self):
-        """Wait until the setpoint stays the same; return it."""
+        """Wait until the setpoint stays the same once the daemon has read what was sent so far; return it."""
+        self.raw.send(m.Ping(time=0.0))
+        await self.raw.get(m.Pong)
         before = await self.entry()
         while True:
             now = await self.entry()
@@ -138,7 +140,8 @@ async def test_the_robot_moves_while_the_deadman_switch_is_held_and_rests_when_i
         assert held.setpoint == start
         leader.do("button LEFTSHOULDER 1")
         await eye.moving()
-        leader.do("button LEFTSHOULDER 0")
+        leader.do("button LEFTSHOULDER 0", "button DPAD_UP 1")
+        await leader.prints("100% of the speed")  # so it has noticed the release
         there = await eye.resting()
         assert there[0] > start[0]
         assert there[1:] == start[1:]
@@ -147,7 +150,8 @@ async def test_the_robot_moves_while_the_deadman_switch_is_held_and_rests_when_i
         assert await eye.resting() == there  # inside the dead zone
         leader.do("axis LEFTY 1")
         await eye.moving()
-        leader.do("button LEFTSHOULDER 0")
+        leader.do("button LEFTSHOULDER 0", "button DPAD_DOWN 1")
+        await leader.prints("50% of the speed")
         assert (await eye.resting())[1] < there[1]
         leader.do("button START 1")
         status, said = await leader.ends()
