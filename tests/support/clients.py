@@ -144,14 +144,10 @@ class Mover:
             while self.accepted < goal:
                 self.moving.clear()
                 await self.moving.wait()
-        since = next(k for k, verdict in enumerate(self.verdicts) if verdict.outcome != "refused")
-        early, later = (
-            {verdict.reasons[0].cause for verdict in verdicts if verdict.outcome == "refused"}
-            for verdicts in (self.verdicts[:since], self.verdicts[since:])
-        )
+        first = next(k for k, verdict in enumerate(self.verdicts) if verdict.outcome != "refused")
         busy = {"stale", "occupied"}  # causes of a busy machine
-        assert early <= busy | {"link"}, early
-        assert later <= busy, later
+        assert _causes(self.verdicts[:first]) <= busy | {"link"}
+        assert _causes(self.verdicts[first:]) <= busy
 
     @property
     def accepted(self):
@@ -167,6 +163,11 @@ class Mover:
         """Stop sending commands, but stay connected."""
         self.task.cancel()
         await asyncio.wait([self.task])
+
+
+def _causes(verdicts):
+    """Return the causes of the refusals among verdicts."""
+    return {verdict.reasons[0].cause for verdict in verdicts if verdict.outcome == "refused"}
 
 
 class Process:
