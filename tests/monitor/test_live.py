@@ -50,6 +50,13 @@ async def ended(process, by=signal.SIGINT):
     return process.returncode, out.decode().splitlines(), err.decode()
 
 
+async def ticks_pass(eye):
+    """Let a robot tick often enough that a monitor checks states."""
+    eye.send(m.Subscribe(robots=("A",), fields=()))
+    first = await eye.get(m.State)
+    await eye.get(m.State, lambda state: state.tick > first.tick + 40)
+
+
 async def reset(operator, stop):
     """Reset a stop as soon as the robots are at rest."""
     async with asyncio.timeout(PATIENCE):
@@ -98,7 +105,10 @@ async def test_a_daemon_on_a_unix_socket_is_monitored(tmp_path):
     async with Process.serving(file, "--require-login", host="unix"):
         process = await launch("monitor", f"unix:{tmp_path / 'cell.sock'}", str(file))
         assert "watching" in await line_of(process)
-        await asyncio.sleep(0.3)
+        eye = Raw(*await asyncio.open_unix_connection(tmp_path / "cell.sock"))
+        eye.send(m.Hello(versions=(1,), name="eye", role="observer"))
+        await eye.get(m.Welcome)
+        await ticks_pass(eye)
         status, lines, err = await ended(process)
     assert status == 0, err
     assert "no violations" in lines[-1]
@@ -141,14 +151,15 @@ async def test_a_violated_clearance_stops_the_cell_and_reports_numbers_and_pair(
 async def test_missing_states_are_reported_and_a_lost_daemon_ends_the_monitor(tmp_path):
     file = config(tmp_path)
     async with Process.serving(file) as daemon, watching(daemon.port, file, silence=0.3) as monitor:
-        await asyncio.sleep(0.5)  # states come
+        eye = await Raw.hello(daemon.port, "eye", "observer")
+        await ticks_pass(eye)
         daemon.signal(signal.SIGSTOP)
         try:
             assert "violated: A, tick" in (first := await line_of(monitor))
             assert "no state for 0." in first
         finally:
             daemon.signal(signal.SIGCONT)
-        await asyncio.sleep(0.3)
+        await ticks_pass(eye)
         os.kill(daemon.process.pid, signal.SIGKILL)
         status, _, err = await ended(monitor, by=None)
     assert status == 1
